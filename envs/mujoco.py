@@ -1,0 +1,51 @@
+"""MuJoCo tasks as TorchRL environments.
+
+    env = MujocoEnv(Hopper(), num_envs=256, effects=tasks.effects)
+    env = TransformedEnv(env, RandomizeParams(tasks))
+    collector = Collector(env, policy, frames_per_batch=8192, total_frames=1_000_000)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+
+from envs.effects.base import Effect
+from envs.simulation import Simulation
+from envs.tasks.base import Task
+from envs.torch_env import RowsEnv
+
+
+class MujocoEnv(RowsEnv):
+    """num_envs simulations of a task, batch size (num_envs,), each with parameters of its own.
+
+    Args:
+        task: what is simulated.
+        num_envs: N.
+        effects: what may differ per row; the values travel under ("params", name).
+        threads: CPU threads of the physics; 0 for all cores.
+        device: where tensors go.
+        dtype: of observations, actions and rewards.
+        seed: of the episodes.
+
+    Raises:
+        EffectError: an effect that the robot cannot have.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        num_envs: int = 1,
+        effects: Sequence[Effect] = (),
+        threads: int = 0,
+        device: torch.device | str = "cpu",
+        dtype: torch.dtype = torch.float32,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(Simulation(task, num_envs, effects, threads), device, dtype, seed)
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation under the environment."""
+        return self.rows  # type: ignore[return-value]

@@ -1,0 +1,143 @@
+"""Task distributions: which robots the training sees.
+
+    draws = [Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0),
+             Draw(make("ground_friction"), low=1.5, high=2.5)]
+    tasks = Randomization(draws)
+    simulation = Simulation(Hopper(), num_rows=256, effects=tasks.effects)
+    tasks.check(simulation.space)                       # before any work starts
+    values = tasks.sample(np.random.default_rng(0), 256)    # (256, 2)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from scipy.stats import truncnorm
+
+from envs.effects.base import Effect
+from envs.errors import ParameterError
+from envs.params import ParamSpace
+
+Distribution = Literal["uniform", "normal", "truncated_normal"]
+FARTHEST = 6.0  # standard deviations of a normal draw that must stay within what the parameter means
+
+
+class Tasks(Protocol):
+    """A distribution over points of a parameter space."""
+
+    effects: tuple[Effect, ...]
+
+    def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        """Draw n points, (n, P)."""
+        ...
+
+    def check(self, space: ParamSpace) -> None:
+        """Raise ParameterError if a draw could leave the space, or the space has other parameters."""
+        ...
+
+
+@dataclass(frozen=True)
+class Draw:
+    """How the parameters of one effect are drawn, each by itself.
+
+    Args:
+        effect: what is randomized.
+        distribution: "uniform" in [low, high]; "normal" (mean, std); "truncated_normal" (all four).
+        low: smallest value, in the parameter's unit and way (set, add or scale).
+        high: largest value.
+        mean: of the normal law before truncation.
+        std: standard deviation of the normal law before truncation.
+
+    Raises:
+        ParameterError: numbers missing for the law, low above high, or a std that is not positive.
+    """
+
+    effect: Effect
+    distribution: Distribution = "uniform"
+    low: float | None = None
+    high: float | None = None
+    mean: float | None = None
+    std: float | None = None
+
+    def __post_init__(self) -> None:
+        name = self.effect.label()
+        needs = {"uniform": ("low", "high"), "normal": ("mean", "std")}
+        needs["truncated_normal"] = needs["uniform"] + needs["normal"]
+        if self.distribution not in needs:
+            raise ParameterError(
+                f"{name}: distribution={self.distribution!r} is unknown; it can be: {', '.join(needs)}"
+            )
+        missing = [key for key in needs[self.distribution] if getattr(self, key) is None]
+        if missing:
+            raise ParameterError(f"{name}: {self.distribution} also needs {', '.join(missing)}")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ParameterError(f"{name}: low={self.low:g} is above high={self.high:g}; swap them")
+        if self.std is not None and not self.std > 0:
+            raise ParameterError(f"{name}: std={self.std:g} must be positive; for one value use uniform with low = high")
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The smallest and largest value that a draw can have (a normal law: 6 standard deviations)."""
+        if self.distribution == "normal":
+            return self.mean - FARTHEST * self.std, self.mean + FARTHEST * self.std  # type: ignore[operator]
+        return self.low, self.high  # type: ignore[return-value]
+
+    def sample(self, rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+        """Draw values of the given shape."""
+        if self.distribution == "uniform":
+            return rng.uniform(self.low, self.high, shape)  # type: ignore[arg-type]
+        low, high = self.reach
+        a, b = (low - self.mean) / self.std, (high - self.mean) / self.std  # type: ignore[operator]
+        return truncnorm.rvs(a, b, loc=self.mean, scale=self.std, size=shape, random_state=rng)
+
+
+class Randomization:
+    """Independent draws of several effects' parameters.
+
+    Args:
+        draws: one for each effect.
+        per: "reset" draws anew for each episode; "row" once for each row of an environment, which keeps its robot.
+
+    Raises:
+        ParameterError: an unknown `per`.
+    """
+
+    def __init__(self, draws: Sequence[Draw] = (), per: Literal["reset", "row"] = "reset") -> None:
+        if per not in ("reset", "row"):
+            raise ParameterError(f"per={per!r} is unknown; parameters are drawn per: reset, row")
+        self.draws, self.per = tuple(draws), per
+        self.effects = tuple(draw.effect for draw in self.draws)
+        self._columns: list[int] | None = None
+
+    def check(self, space: ParamSpace) -> None:
+        """Bind to the space of a simulation that was made with these effects; see `Tasks.check`."""
+        columns = []
+        for draw in self.draws:
+            own = [p for p in space.parameters if (p.effect, p.where, p.side) == _place(draw.effect)]
+            if not own:
+                raise ParameterError(f"{draw.effect.label()} is drawn, but the simulation was made without that effect")
+            low, high = draw.reach
+            for p in own:
+                if low < p.low or high > p.high:
+                    raise ParameterError(
+                        f"{p.name}: draws reach [{low:g}, {high:g}] {p.unit}, outside [{p.low:g}, {p.high:g}] ({p.how});"
+                        " narrow the range"
+                    )
+            columns.append(len(own))
+        if sum(columns) != space.size:
+            raise ParameterError(f"the simulation has {space.size} parameters, the draws make {sum(columns)}")
+        self._columns = columns
+
+    def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        """Draw n points, (n, P), in the order of the draws; call `check` first."""
+        if self._columns is None:
+            raise ParameterError("check(space) the randomization against a simulation before drawing from it")
+        parts = [draw.sample(rng, (n, k)) for draw, k in zip(self.draws, self._columns, strict=True)]
+        return np.concatenate([np.zeros((n, 0)), *parts], axis=1)
+
+
+def _place(effect: Effect) -> tuple[str, str | None, str | None]:
+    return effect.name, effect.where, effect.side

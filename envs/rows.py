@@ -1,0 +1,59 @@
+"""Rows: many independent episodes side by side, the interface that every simulated world offers.
+
+    observation = rows.reset(ids, values, seeds)      # start episodes in these rows
+    step = rows.step(ids, action)                     # advance them by one control step
+
+Contracts:
+
+* A row is one episode at a time. Nothing restarts by itself: whoever steps the rows resets those that ended.
+* An episode is a pure function of the actions it is given, of its parameter values and of its seed. Which row it runs
+  in, what the other rows do, and the number of threads change no bit of it. Resuming a run, spreading it over machines
+  and comparing two policies under the same luck all rest on that.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from envs.params import ParamSpace
+
+
+class Step(NamedTuple):
+    """What one control step of n rows returned."""
+
+    observation: np.ndarray  # (n, O) float64
+    reward: np.ndarray  # (n,) float64
+    terminated: np.ndarray  # (n,) bool: the task ended the episode
+    truncated: np.ndarray  # (n,) bool: the time limit ended it
+    failed: np.ndarray  # (n,) bool: the simulation broke (also terminated); its reward is 0
+
+
+class Rows(Protocol):
+    """N rows of episodes of one task; see the module's docstring."""
+
+    num_rows: int
+    observation_size: int
+    action_size: int
+    max_steps: int
+    action_low: np.ndarray  # (A,)
+    action_high: np.ndarray  # (A,)
+    space: ParamSpace
+
+    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        """Start an episode in each of the rows ids.
+
+        Args:
+            ids: sorted, unique row numbers, (n,).
+            values: one value for each parameter of the space, (n, P).
+            seeds: uint64, (n,): all the randomness of the episode.
+
+        Returns:
+            The first observations, (n, O) float64.
+        """
+        ...
+
+    def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
+        """Advance the rows ids (None: all of them) by one control step of action (n, A)."""
+        ...

@@ -1,0 +1,83 @@
+"""A task: what the robot sees, what it is paid for, and when an episode ends. Pure functions of (N, ·) arrays.
+
+A task knows its model and its numbers, and holds no state of an episode: one object serves any number of rows.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from importlib.util import find_spec
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import mujoco
+import numpy as np
+
+from envs.errors import TaskError
+from envs.noise import normal, uniform
+
+
+class State(NamedTuple):
+    """The state of n simulations, and what a task asked to have derived from it."""
+
+    qpos: np.ndarray  # (n, nq) [m, rad]
+    qvel: np.ndarray  # (n, nv) [m/s, rad/s]
+    extra: np.ndarray | None = None  # (n, ...): the task's `extra_field` of MjData
+
+
+class Task(ABC):
+    """One task on one robot.
+
+    Attributes:
+        frame_skip: physics substeps a control step.
+        max_steps: control steps an episode.
+        camera: name of the model's camera that shows the task, or None for a free one.
+        extra_field: a further MjData field that `reward` or `observe` needs, one substep old as after mj_step.
+    """
+
+    frame_skip: ClassVar[int]
+    max_steps: int = 1000
+    camera: ClassVar[str | None] = None
+    extra_field: ClassVar[str | None] = None
+    reset_noise: ClassVar[float]
+    velocity_noise: ClassVar[str] = "uniform"  # law of the noise on the starting velocities
+
+    @abstractmethod
+    def spec(self) -> mujoco.MjSpec:
+        """Return the robot's model."""
+
+    def setup(self, model: mujoco.MjModel) -> None:
+        """Read off the nominal model what the task's functions need."""
+        self.dt = model.opt.timestep * self.frame_skip
+        self.start = model.qpos0.copy()
+        self.nv = model.nv
+
+    def initial(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the states in which episodes of these seeds (n,) start: qpos (n, nq), qvel (n, nv)."""
+        n = len(seeds)
+        noise = self.reset_noise * (2.0 * uniform(seeds, 0, len(self.start)) - 1.0)
+        if self.velocity_noise == "normal":
+            qvel = self.reset_noise * normal(seeds, 1, self.nv)
+        else:
+            qvel = self.reset_noise * (2.0 * uniform(seeds, 1, self.nv) - 1.0)
+        return np.tile(self.start, (n, 1)) + noise, qvel
+
+    @abstractmethod
+    def observe(self, state: State) -> np.ndarray:
+        """Return the observations, (n, O) float64."""
+
+    @abstractmethod
+    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+        """Return the rewards of one control step, (n,); action (n, A) as the policy gave it."""
+
+    def terminated(self, state: State) -> np.ndarray:
+        """Return which episodes the task ends here, (n,) bool; none by default."""
+        return np.zeros(len(state.qpos), dtype=bool)
+
+
+def gymnasium_model(name: str) -> mujoco.MjSpec:
+    """Return the spec of one of Gymnasium's own models, so that the task has its physics to the last digit."""
+    package = find_spec("gymnasium")
+    if package is None or not package.submodule_search_locations:
+        raise TaskError(f"the model {name} comes with Gymnasium: pip install 'gymnasium[mujoco]'")
+    return mujoco.MjSpec.from_file(str(Path(package.submodule_search_locations[0], "envs/mujoco/assets", name)))

@@ -1,0 +1,109 @@
+"""Hopper: one leg that is paid for moving forward and staying upright.
+
+`Hopper` is Gymnasium's Hopper-v5. `HopperPolito` is the 500-step template of the sim-to-real studies: velocities are
+not clipped, the step on which it falls is paid too, and the source robot's torso is one kilogram lighter.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import mujoco
+import numpy as np
+
+from envs.errors import TaskError, did_you_mean
+from envs.tasks.base import State, Task, gymnasium_model
+
+
+class Hopper(Task):
+    """Gymnasium 1.4 Hopper-v5: observation (11,), action (3,) torques in [-1, 1] times 200 N·m.
+
+    Args:
+        max_steps: control steps an episode (8 ms each).
+    """
+
+    frame_skip = 4
+    camera = "track"
+    reset_noise = 5e-3
+    healthy_height = 0.7  # m, of the torso
+    healthy_angle = 0.2  # rad, of the torso
+    healthy_state = 100.0  # largest magnitude of any other state
+    velocity_clip: ClassVar[float | None] = 10.0
+    control_cost = 1e-3
+
+    def __init__(self, max_steps: int = 1000) -> None:
+        self.max_steps = max_steps
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return Gymnasium's hopper.xml."""
+        return gymnasium_model("hopper.xml")
+
+    def observe(self, state: State) -> np.ndarray:
+        """Return (height, angles, velocities) without the horizontal position, (n, 11)."""
+        qvel = state.qvel if self.velocity_clip is None else np.clip(state.qvel, -self.velocity_clip, self.velocity_clip)
+        return np.concatenate([state.qpos[:, 1:], qvel], axis=1)
+
+    def terminated(self, state: State) -> np.ndarray:
+        """Return whether the hopper fell or left the healthy range, (n,)."""
+        q = state.qpos
+        upright = (q[:, 1] > self.healthy_height) & (np.abs(q[:, 2]) < self.healthy_angle)
+        sane = (np.abs(q[:, 2:]) < self.healthy_state).all(1) & (np.abs(state.qvel) < self.healthy_state).all(1)
+        return ~(upright & sane)
+
+    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+        """Return forward velocity + 1 while healthy - control cost, (n,)."""
+        velocity = (after.qpos[:, 0] - before.qpos[:, 0]) / self.dt
+        return velocity + ~terminated - self.control_cost * np.square(action).sum(1)
+
+
+POLITO_MASSES = {  # kg: torso, thigh, leg, foot of the target; legacy is what mujoco-py computed for the same capsules
+    "legacy": {"torso": 3.53429174, "thigh": 3.92699082, "leg": 2.71433605, "foot": 5.0893801},
+    "native": {},
+}
+
+
+class HopperPolito(Hopper):
+    """The 500-step Hopper of the transfer studies.
+
+    Args:
+        domain: "source" (torso 1 kg lighter) or "target".
+        masses: "legacy" (those of the old engine) or "native" (what this engine computes from the shapes).
+        max_steps: control steps an episode.
+    """
+
+    velocity_clip = None
+
+    def __init__(
+        self,
+        domain: Literal["source", "target"] = "source",
+        masses: Literal["legacy", "native"] = "native",
+        max_steps: int = 500,
+    ) -> None:
+        super().__init__(max_steps)
+        for name, value, allowed in (("domain", domain, ("source", "target")), ("masses", masses, POLITO_MASSES)):
+            if value not in allowed:
+                raise TaskError(f"{name}={value!r} is unknown{did_you_mean(value, allowed)}; it can be: {', '.join(allowed)}")
+        self.domain, self.masses = domain, masses
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return the Hopper with the study's masses."""
+        spec = super().spec()
+        model = spec.compile()
+        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO  # else masses are ignored
+        for body in ("torso", "thigh", "leg", "foot"):
+            mass = POLITO_MASSES[self.masses].get(body, float(model.body(body).mass[0]))
+            if body == "torso" and self.domain == "source":
+                mass -= 1.0
+            _set_mass(spec, model, body, mass)
+        return spec
+
+    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+        """Return forward velocity + 1 - control cost, (n,); the falling step is paid like any other."""
+        return super().reward(before, after, action, np.zeros_like(terminated))
+
+
+def _set_mass(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str, mass: float) -> None:
+    """Give a body an explicit mass, its inertia tensor kept, as writing body_mass at run time does."""
+    body, compiled = spec.body(name), model.body(name)
+    body.explicitinertial = True
+    body.mass, body.ipos, body.iquat, body.inertia = mass, compiled.ipos, compiled.iquat, compiled.inertia
