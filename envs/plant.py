@@ -25,6 +25,7 @@ from mujoco.batch import Batch, SimulationError
 from envs.effects.base import Effect, Measurement, SubstepRule
 from envs.errors import TaskError
 from envs.params import ParamSpace
+from envs.quiet import quiet_engine
 
 
 class Plant:
@@ -70,8 +71,7 @@ class Plant:
         self._measurements = [b for b in self._bound if isinstance(b, Measurement)]
         self.measures = bool(self._measurements)  # whether `measured` differs from the true state
         self._constants = any(effect.constants for effect in effects)
-        self._warnings = self.batch.warning[..., 1]  # (N, kinds), how often each was raised since the last reset
-        self._warned = self._warnings.sum(axis=1)  # (N,)
+        self._warnings = self.batch.warning[..., 1]  # (N, kinds), how often each was raised in the running step
         self.params = self.space.points(num_rows)  # (N, P), the values in force
         every = np.arange(num_rows)
         self.set_params(every, self.params)
@@ -101,8 +101,9 @@ class Plant:
         self.qvel[ids] = qvel
         for bound in self._bound:
             bound.reset(ids, seeds)
-        self.batch.forward(ids)
-        self._warned[ids] = self._warnings[ids].sum(axis=1)
+        with quiet_engine():
+            self.batch.forward(ids)
+        self._warnings[ids] = 0
 
     def step(self, ids: np.ndarray | None, ctrl: np.ndarray, nstep: int) -> np.ndarray:
         """Advance by nstep substeps under constant controls.
@@ -125,14 +126,15 @@ class Plant:
                 self._advance(ids, 1, broken)
         else:
             self._advance(ids, nstep, broken)
-        warned = self._warnings[rows].sum(axis=1)  # (n,)
-        failed = broken[rows] | (warned != self._warned[rows])
-        self._warned[rows] = warned
-        return failed
+        warned = self._warnings[rows].any(axis=1)  # (n,)
+        if warned.any():
+            self._warnings[rows] = 0  # the engine's own reset clears counts: only what rose from 0 can be told
+        return broken[rows] | warned
 
     def _advance(self, ids: np.ndarray | None, nstep: int, broken: np.ndarray) -> None:
         try:
-            self.batch.step(ids, nstep)
+            with quiet_engine():
+                self.batch.step(ids, nstep)
         except SimulationError as error:
             broken[error.ids] = True
 
