@@ -5,6 +5,11 @@
     step = sim.step(None, action)
 
 It is `Rows` (see `envs.rows` for the contract): a row's episode depends on its actions, parameters and seed alone.
+
+A row fails when the engine raises an error or a warning in it (a diverged state, which the engine would silently
+replace by its default one), when its state is not finite afterwards, or when its action is not. Its step then has
+failed and terminated set, reward 0 and an observation of zeros; the other rows do not notice. Reset it before it goes
+on, as after any other end.
 """
 
 from __future__ import annotations
@@ -13,6 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from envs.contact_forces import ContactForces
 from envs.effects.base import Effect
 from envs.errors import TaskError
 from envs.plant import Plant
@@ -35,7 +41,7 @@ class Simulation:
 
     def __init__(self, task: Task, num_rows: int = 1, effects: Sequence[Effect] = (), threads: int = 0) -> None:
         self.task = task
-        self.plant = Plant(task.spec(), effects, num_rows, threads)
+        self.plant = Plant(task.spec(), effects, num_rows, threads, persistent=task.contact_forces)
         self.num_rows = num_rows
         self.max_steps = task.max_steps
         self.space = self.plant.space
@@ -44,15 +50,48 @@ class Simulation:
         self.action_low, self.action_high = low.copy(), high.copy()  # (A,)
         self.action_size = len(low)
         self._extra = None if task.extra_field is None else self.plant.batch.bind(task.extra_field)
+        self._forces = ContactForces(self.plant) if task.contact_forces else None
         self._steps = np.zeros(num_rows, dtype=np.int64)  # (N,)
+        self._seeds = np.zeros(num_rows, dtype=np.uint64)  # (N,)
         self.observation_size = task.observe(self._state(None)).shape[1]
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        """Start episodes in the rows ids (n,) with parameters (n, P) and seeds (n,); return observations (n, O)."""
+        """Start episodes in the rows ids (n,) with parameters (n, P) and seeds (n,); return observations (n, O).
+
+        Raises:
+            ParameterError: a value outside its parameter's range; nothing was written then.
+        """
+        ids = np.asarray(ids)
         self.plant.set_params(ids, values)
-        self.plant.reset(ids, *self.task.initial(seeds), seeds)
         self._steps[ids] = 0
-        return self._observe(ids)
+        self._seeds[ids] = seeds
+        return self.set_state(ids, *self.task.initial(self._seeds[ids]))
+
+    def set_state(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """Put rows into a state as if their episodes had started there.
+
+        Parameters, seed and the time that counts towards `max_steps` stay.
+
+        Args:
+            ids: sorted, unique rows, (n,).
+            qpos: positions [m, rad], (n, nq).
+            qvel: velocities [m/s, rad/s], (n, nv).
+
+        Returns:
+            The observations, (n, O).
+
+        Raises:
+            TaskError: a wrong shape, or a state that is not finite.
+        """
+        for name, given, size in (("qpos", qpos, self.task.start.size), ("qvel", qvel, self.task.nv)):
+            if np.shape(given) != (len(ids), size):
+                raise TaskError(f"{name} must have shape ({len(ids)}, {size}), got {np.shape(given)}")
+            if not np.isfinite(given).all():
+                raise TaskError(f"{name} holds NaN or infinity; give finite numbers")
+        self.plant.reset(ids, qpos, qvel, self._seeds[ids])
+        if self._forces:
+            self._forces.clear(ids)
+        return self._observe(ids, self._state(ids))
 
     def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
         """Advance the rows ids (None: all) by one control step of action (n, A).
@@ -62,28 +101,53 @@ class Simulation:
         """
         rows = slice(None) if ids is None else ids
         n = self.num_rows if ids is None else len(ids)
-        if action.shape != (n, self.action_size):
-            raise TaskError(f"action must have shape ({n}, {self.action_size}), got {action.shape}")
+        action, refused = self._checked(action, n)
         before = self._state(ids)
-        before = before._replace(qpos=before.qpos.copy() if ids is None else before.qpos)
-        if before.extra is not None and ids is None:
-            before = before._replace(extra=before.extra.copy())
+        if ids is None:  # these are views of what the step changes
+            before = State(before.qpos.copy(), before.qvel.copy(), None if before.extra is None else before.extra.copy())
         failed = self.plant.step(ids, action, self.task.frame_skip)
+        if self._forces:
+            self._forces.compute(ids)
         after = self._state(ids)
-        terminated = self.task.terminated(after)
-        reward = self.task.reward(before, after, action, terminated)
+        with np.errstate(invalid="ignore", over="ignore"):  # a failed row's numbers are replaced below
+            terminated = self.task.terminated(after)
+            reward = self.task.reward(before, after, action, terminated)
+            observation = self._observe(ids, after)
+            failed |= _not_finite(observation)
+        if refused is not None:
+            failed |= refused
         if failed.any():
-            reward = np.where(failed, 0.0, reward)
+            reward[failed] = 0.0
+            observation[failed] = 0.0
+            terminated = terminated | failed
         self._steps[rows] += 1
         truncated = self._steps[rows] >= self.max_steps
-        return Step(self._observe(ids, after), reward, terminated | failed, truncated, failed)
+        return Step(observation, reward, terminated, truncated, failed)
+
+    def _checked(self, action: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return the action with 0 in rows that are not finite, and which those are if there are any."""
+        if action.shape != (n, self.action_size):
+            raise TaskError(f"action must have shape ({n}, {self.action_size}), got {action.shape}")
+        finite = np.isfinite(action)
+        if finite.all():
+            return action, None
+        refused = ~finite.all(1)
+        return np.where(refused[:, None], 0.0, action), refused
 
     def _state(self, ids: np.ndarray | None) -> State:
         rows = slice(None) if ids is None else ids
         extra = None if self._extra is None else self._extra[rows]
-        return State(self.plant.qpos[rows], self.plant.qvel[rows], extra)
+        forces = None if self._forces is None else self._forces.values[rows]
+        return State(self.plant.qpos[rows], self.plant.qvel[rows], extra, forces)
 
-    def _observe(self, ids: np.ndarray | None, state: State | None = None) -> np.ndarray:
-        state = state or self._state(ids)
-        qpos, qvel = self.plant.measured(ids) if self.plant.measures else (state.qpos, state.qvel)
-        return self.task.observe(State(qpos, qvel, state.extra))
+    def _observe(self, ids: np.ndarray | None, state: State) -> np.ndarray:
+        if self.plant.measures:
+            qpos, qvel = self.plant.measured(ids)
+            state = state._replace(qpos=qpos, qvel=qvel)
+        return self.task.observe(state)
+
+
+def _not_finite(x: np.ndarray) -> np.ndarray:
+    """Return which rows of x (n, k) hold NaN or infinity, (n,)."""
+    finite = np.isfinite(x)
+    return np.zeros(len(x), dtype=bool) if finite.all() else ~finite.all(1)

@@ -1,6 +1,21 @@
 """The tasks: each names a robot, what it observes, its reward and its end."""
 
+from envs.tasks.ant import Ant
 from envs.tasks.base import State, Task
+from envs.tasks.half_cheetah import HalfCheetah
 from envs.tasks.hopper import Hopper, HopperPolito
+from envs.tasks.inverted_pendulum import InvertedPendulum
+from envs.tasks.swimmer import Swimmer
+from envs.tasks.walker2d import Walker2d
 
-__all__ = ["Hopper", "HopperPolito", "State", "Task"]
+__all__ = [
+    "Ant",
+    "HalfCheetah",
+    "Hopper",
+    "HopperPolito",
+    "InvertedPendulum",
+    "State",
+    "Swimmer",
+    "Task",
+    "Walker2d",
+]

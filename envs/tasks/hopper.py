@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from envs.errors import TaskError, did_you_mean
-from envs.tasks.base import State, Task, gymnasium_model
+from envs.tasks.base import State, Task, effort, forward_velocity, gymnasium_model
 
 
 class Hopper(Task):
@@ -52,8 +52,8 @@ class Hopper(Task):
 
     def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
         """Return forward velocity + 1 while healthy - control cost, (n,)."""
-        velocity = (after.qpos[:, 0] - before.qpos[:, 0]) / self.dt
-        return velocity + ~terminated - self.control_cost * np.square(action).sum(1)
+        velocity = forward_velocity(before.qpos, after.qpos, self.dt)
+        return velocity + ~terminated - self.control_cost * effort(action)
 
 
 POLITO_MASSES = {  # kg: torso, thigh, leg, foot of the target; legacy is what mujoco-py computed for the same capsules

@@ -1,0 +1,79 @@
+"""Ant: four legs in three dimensions that are paid for moving along x and staying off the ground."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import mujoco
+import numpy as np
+
+from envs.errors import TaskError, did_you_mean
+from envs.tasks.base import State, Task, effort, gymnasium_model
+
+Forces = Literal["off", "exact"]
+
+
+class Ant(Task):
+    """Gymnasium 1.4 Ant-v5: action (8,) torques in [-1, 1] times 150 N·m.
+
+    The engine's batch does not compute the contact forces that Gymnasium shows the ant and charges for. "off" leaves
+    them out, as Gymnasium does with include_cfrc_ext_in_observation=False and contact_cost_weight=0: observation
+    (27,). "exact" computes them row by row, several times slower: observation (105,), equal to Gymnasium's default.
+
+    Args:
+        contact_forces: "off" or "exact".
+        max_steps: control steps an episode (50 ms each).
+
+    Raises:
+        TaskError: another value of contact_forces.
+    """
+
+    frame_skip = 5
+    camera = "track"
+    extra_field = "xpos"  # Gymnasium's velocity comes from the torso's position, one substep behind qpos
+    reset_noise = 0.1
+    velocity_noise = "normal"
+    torso = 1  # body
+    healthy_height = (0.2, 1.0)  # m, of the torso
+    control_cost = 0.5
+    contact_cost = 5e-4
+    contact_clip = 1.0  # N and N·m
+
+    def __init__(self, contact_forces: Forces = "off", max_steps: int = 1000) -> None:
+        if contact_forces not in get_args(Forces):
+            allowed = get_args(Forces)
+            hint = did_you_mean(str(contact_forces), allowed)
+            raise TaskError(f"contact_forces={contact_forces!r} is unknown{hint}; it can be: {', '.join(allowed)}")
+        self.contact_forces = contact_forces == "exact"
+        self.max_steps = max_steps
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return Gymnasium's ant.xml."""
+        return gymnasium_model("ant.xml")
+
+    def observe(self, state: State) -> np.ndarray:
+        """Return (height, orientation, angles, velocities[, clipped forces on each body]), (n, 27 or 105)."""
+        seen = [state.qpos[:, 2:], state.qvel]
+        if state.forces is not None:
+            seen.append(self._clipped(state.forces)[:, 1:].reshape(len(state.qpos), -1))  # without the world
+        return np.concatenate(seen, axis=1)
+
+    def terminated(self, state: State) -> np.ndarray:
+        """Return whether the torso is too low or too high, or the state is not finite, (n,)."""
+        low, high = self.healthy_height
+        height = state.qpos[:, 2]
+        finite = np.isfinite(state.qpos).all(1) & np.isfinite(state.qvel).all(1)
+        return ~(finite & (low <= height) & (height <= high))
+
+    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+        """Return forward velocity + 1 while healthy - control cost [- contact cost], (n,)."""
+        if before.extra is None or after.extra is None:
+            raise TaskError("Ant's reward needs the bodies' positions: give State.extra = xpos, (n, bodies, 3)")
+        velocity = (after.extra[:, self.torso, 0] - before.extra[:, self.torso, 0]) / self.dt
+        cost = self.control_cost * effort(action)
+        if after.forces is not None:
+            cost = cost + self.contact_cost * np.square(self._clipped(after.forces)).reshape(len(action), -1).sum(1)
+        return velocity + ~terminated - cost
+
+    def _clipped(self, forces: np.ndarray) -> np.ndarray:
+        return np.clip(forces, -self.contact_clip, self.contact_clip)  # (n, bodies, 6)

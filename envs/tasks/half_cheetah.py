@@ -1,0 +1,38 @@
+"""HalfCheetah: a planar runner that is paid for speed and never falls."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from envs.tasks.base import State, Task, effort, forward_velocity, gymnasium_model
+
+
+class HalfCheetah(Task):
+    """Gymnasium 1.4 HalfCheetah-v5: observation (17,), action (6,) torques in [-1, 1] times 30 to 120 N·m.
+
+    Args:
+        max_steps: control steps an episode (50 ms each).
+    """
+
+    frame_skip = 5
+    camera = "track"
+    reset_noise = 0.1
+    velocity_noise = "normal"
+    control_cost = 0.1
+
+    def __init__(self, max_steps: int = 1000) -> None:
+        self.max_steps = max_steps
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return Gymnasium's half_cheetah.xml."""
+        return gymnasium_model("half_cheetah.xml")
+
+    def observe(self, state: State) -> np.ndarray:
+        """Return (height, angles, velocities) without the horizontal position, (n, 17)."""
+        return np.concatenate([state.qpos[:, 1:], state.qvel], axis=1)
+
+    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+        """Return forward velocity - control cost, (n,)."""
+        velocity = forward_velocity(before.qpos, after.qpos, self.dt)
+        return velocity - self.control_cost * effort(action)

@@ -1,0 +1,37 @@
+"""Swimmer: three links in a viscous fluid that are paid for swimming forward."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from envs.tasks.base import State, Task, effort, forward_velocity, gymnasium_model
+
+
+class Swimmer(Task):
+    """Gymnasium 1.4 Swimmer-v5: observation (8,), action (2,) torques in [-1, 1] times 150 N·m.
+
+    Args:
+        max_steps: control steps an episode (40 ms each).
+    """
+
+    frame_skip = 4
+    camera = "track"
+    reset_noise = 0.1
+    control_cost = 1e-4
+
+    def __init__(self, max_steps: int = 1000) -> None:
+        self.max_steps = max_steps
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return Gymnasium's swimmer.xml."""
+        return gymnasium_model("swimmer.xml")
+
+    def observe(self, state: State) -> np.ndarray:
+        """Return (angles, velocities) without the position in the plane, (n, 8)."""
+        return np.concatenate([state.qpos[:, 2:], state.qvel], axis=1)
+
+    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+        """Return forward velocity - control cost, (n,)."""
+        velocity = forward_velocity(before.qpos, after.qpos, self.dt)
+        return velocity - self.control_cost * effort(action)

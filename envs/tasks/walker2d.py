@@ -1,0 +1,47 @@
+"""Walker2d: two legs that are paid for walking forward and staying upright."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from envs.tasks.base import State, Task, effort, forward_velocity, gymnasium_model
+
+
+class Walker2d(Task):
+    """Gymnasium 1.4 Walker2d-v5: observation (17,), action (6,) torques in [-1, 1] times 100 N·m.
+
+    Args:
+        max_steps: control steps an episode (8 ms each).
+    """
+
+    frame_skip = 4
+    camera = "track"
+    reset_noise = 5e-3
+    healthy_height = (0.8, 2.0)  # m, of the torso
+    healthy_angle = 1.0  # rad, of the torso
+    velocity_clip = 10.0
+    control_cost = 1e-3
+
+    def __init__(self, max_steps: int = 1000) -> None:
+        self.max_steps = max_steps
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return Gymnasium's walker2d_v5.xml."""
+        return gymnasium_model("walker2d_v5.xml")
+
+    def observe(self, state: State) -> np.ndarray:
+        """Return (height, angles, clipped velocities) without the horizontal position, (n, 17)."""
+        qvel = np.clip(state.qvel, -self.velocity_clip, self.velocity_clip)
+        return np.concatenate([state.qpos[:, 1:], qvel], axis=1)
+
+    def terminated(self, state: State) -> np.ndarray:
+        """Return whether the walker fell or jumped out of the healthy range, (n,)."""
+        height, angle = state.qpos[:, 1], state.qpos[:, 2]
+        low, high = self.healthy_height
+        return ~((low < height) & (height < high) & (np.abs(angle) < self.healthy_angle))
+
+    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+        """Return forward velocity + 1 while healthy - control cost, (n,)."""
+        velocity = forward_velocity(before.qpos, after.qpos, self.dt)
+        return velocity + ~terminated - self.control_cost * effort(action)
