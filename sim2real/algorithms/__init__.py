@@ -1,0 +1,1 @@
+"""Training algorithms, each an `Algorithm` that iterates and can be resumed."""

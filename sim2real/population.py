@@ -1,0 +1,380 @@
+"""A population: many members, each adapting to its own task and then scored, as rows of batched environments.
+
+    population = Population([env(num_rows=32) for _ in range(2)], policy)      # one thread per shard
+    results = population.run(Members(thetas, cohort, values, values, seeds), normalizer)
+    results.final.mean(axis=1)                                                  # (J,) scores after adaptation
+
+A member's episodes are those of its adaptation, then those that score the result. Episodes wait in one queue; a
+row whose episode ended takes the next at once, so the batches stay full whatever the episodes' lengths, and the
+shards share what is left at the end. Nothing a member gets depends on rows, shards or order, to the last bit.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.rows import Rows
+from sim2real.adapt import Adaptation, Cohort, NoAdaptation
+from sim2real.normalizer import Normalizer
+from sim2real.policy import MLPPolicy
+
+
+@dataclass(frozen=True)
+class Members:
+    """What a population runs: J members with A adaptation and F final episodes each.
+
+    Attributes:
+        cohort: their adaptations, J members.
+        values: task parameters during adaptation, (J, P).
+        final_values: task parameters of the final episodes, (J, P); usually the same.
+        seeds: a seed for each episode, (J, A + F) uint64.
+    """
+
+    cohort: Cohort
+    values: np.ndarray
+    final_values: np.ndarray
+    seeds: np.ndarray
+
+    @property
+    def adaptation_episodes(self) -> int:
+        """A."""
+        return sum(self.cohort.stages)
+
+    def __post_init__(self) -> None:
+        """Check that the shapes agree."""
+        count = len(self.cohort.results)
+        episodes = self.seeds.shape[1]
+        shapes = (len(self.values), len(self.final_values), len(self.seeds))
+        if shapes != (count,) * 3 or episodes < max(self.adaptation_episodes, 1):
+            raise ValueError(
+                f"population: {count} members with {self.adaptation_episodes} adaptation episodes need "
+                f"as many values and seeds, got {shapes} rows and {episodes} seeds each"
+            )
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a population returned, E = A + F episodes a member, in their order.
+
+    Attributes:
+        returns: undiscounted returns, (J, E).
+        lengths: control steps, (J, E).
+        failed: episodes that a simulation error ended, (J, E) bool; their returns are up to there.
+        thetas: adapted parameters, (J, P) float32.
+        adaptation_episodes: A.
+        sums: sum of (observation - frozen mean) over all steps, (O,).
+        squares: sum of (observation - frozen mean)^2, (O,).
+    """
+
+    returns: np.ndarray
+    lengths: np.ndarray
+    failed: np.ndarray
+    thetas: np.ndarray
+    adaptation_episodes: int
+    sums: np.ndarray
+    squares: np.ndarray
+
+    @property
+    def final(self) -> np.ndarray:
+        """Returns of the final episodes, (J, F)."""
+        return self.returns[:, self.adaptation_episodes :]
+
+    @property
+    def frames(self) -> int:
+        """Environment steps of all episodes."""
+        return int(self.lengths.sum())
+
+
+class Population:
+    """Runs members over shards, each a batched environment with a thread of its own.
+
+    Args:
+        shards: environments of the same task. One shard runs in the calling thread.
+        policy: the network that all members have.
+        refill: rows of a shard that must be free before the queue fills them; more than 1 pays where a step of the
+            whole batch costs little more than a step of one row, as in the toy tasks.
+    """
+
+    def __init__(self, shards: Sequence[Rows], policy: MLPPolicy, refill: int = 1) -> None:
+        if not shards or refill < 1:
+            raise ValueError(f"population: {len(shards)} shards and refill={refill}; both must be at least 1")
+        self.policy = policy
+        self.space = shards[0].space
+        self._shards = [_Shard(rows, policy, min(refill, rows.num_rows)) for rows in shards]
+
+    @property
+    def num_rows(self) -> int:
+        """Rows of all shards."""
+        return sum(shard.num_rows for shard in self._shards)
+
+    def run(self, members: Members, normalizer: Normalizer | None) -> Results:
+        """Run all episodes of all members.
+
+        Args:
+            members: what to run. Its cohort is used up.
+            normalizer: mean and std of the observations, frozen meanwhile; None feeds them raw.
+        """
+        job = _Job(members, self.policy.observation_size, len(self._shards))
+        job.normalize(normalizer)
+        threads = [
+            threading.Thread(target=_guard, args=(shard, job), daemon=True) for shard in self._shards[1:]
+        ]
+        for thread in threads:
+            thread.start()
+        try:
+            self._shards[0].run(job)
+        finally:
+            job.stop()
+            for thread in threads:
+                thread.join()
+        if job.error is not None:
+            raise job.error
+        return job.results()
+
+
+def _guard(shard: _Shard, job: _Job) -> None:
+    """Run a shard in a thread and hand its error to the one that waits."""
+    try:
+        shard.run(job)
+    except BaseException as error:  # noqa: BLE001 - raised again by the calling thread
+        job.error = error
+        job.stop()
+
+
+class _Job:
+    """One run of a population: the queue of episodes and where their outcomes go. Shards share it."""
+
+    def __init__(self, members: Members, observation_size: int, num_shards: int) -> None:
+        count, episodes = members.seeds.shape
+        self.members, self.cohort = members, members.cohort
+        self.error: BaseException | None = None
+        self.finals = range(members.adaptation_episodes, episodes)
+        self.returns = np.zeros((count, episodes))
+        self.lengths = np.zeros((count, episodes), np.int64)
+        self.failed = np.zeros((count, episodes), bool)
+        self.sums = np.zeros((count, episodes, observation_size))
+        self.squares = np.zeros((count, episodes, observation_size))
+        self.collect = False
+        self.mean = self.scale = np.zeros(0)
+        self._num_shards = num_shards
+        self._changed = threading.Condition()
+        self._queue: deque[tuple[int, int]] = deque()
+        self._running = 0
+        self._left = count * episodes
+        for member in range(count):
+            self._enqueue(member)
+
+    def normalize(self, normalizer: Normalizer | None) -> None:
+        """Freeze the observations' mean and scale for this run."""
+        if normalizer is not None:
+            self.collect = True
+            self.mean, self.scale = normalizer.mean.copy(), 1 / normalizer.std
+
+    def _enqueue(self, member: int) -> None:
+        episodes = self.cohort.available(member) or self.finals
+        self._queue.extend((member, episode) for episode in episodes)
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to run."""
+        return self._left <= 0
+
+    def stop(self) -> None:
+        """Make all shards return."""
+        with self._changed:
+            self._left = 0
+            self._changed.notify_all()
+
+    def wait(self) -> None:
+        """Wait until there may be something to take."""
+        with self._changed:
+            while not self.done and not self._queue:
+                self._changed.wait()
+
+    def take(self, active: int, free: int) -> tuple[np.ndarray, np.ndarray]:
+        """Take episodes off the queue: a fair share of all that is left, for a shard that runs `active`.
+
+        Returns:
+            Members and episodes, each (k,), k <= free.
+        """
+        with self._changed:
+            share = -(-(self._running + len(self._queue)) // self._num_shards)
+            count = max(0, min(free, share - active, len(self._queue)))
+            self._running += count
+            taken = [self._queue.popleft() for _ in range(count)]
+        members, episodes = np.array(taken, np.int64).reshape(-1, 2).T
+        return members, episodes
+
+    def complete(self, members: np.ndarray, episodes: np.ndarray) -> None:
+        """Report episodes as over; their outcomes are written."""
+        adapting = episodes < self.finals.start
+        with self._changed:
+            self._running -= len(members)
+            self._left -= len(members)
+            if adapting.any():
+                who, which = members[adapting], episodes[adapting]
+                for member in self.cohort.tell(who, which, self.returns[who, which]).tolist():
+                    self._enqueue(member)
+            self._changed.notify_all()
+
+    def results(self) -> Results:
+        """Gather everything; sums run over members and episodes in their order."""
+        return Results(
+            self.returns,
+            self.lengths,
+            self.failed,
+            self.cohort.results,
+            self.finals.start,
+            self.sums.reshape(-1, self.sums.shape[-1]).sum(axis=0),
+            self.squares.reshape(-1, self.squares.shape[-1]).sum(axis=0),
+        )
+
+
+class _Shard:
+    """One batched environment, its policies and the books of the episodes in its rows."""
+
+    def __init__(self, rows: Rows, policy: MLPPolicy, refill: int) -> None:
+        count, size = rows.num_rows, policy.observation_size
+        self.num_rows, self._refill = count, refill
+        self._rows, self._slots = rows, policy.slots(count)
+        self._observation = np.zeros((count, size))
+        self._sums, self._squares = np.zeros((count, size)), np.zeros((count, size))
+        self._returns, self._lengths = np.zeros(count), np.zeros(count, np.int64)
+        self._member, self._episode = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        self._active = np.zeros(count, bool)
+        self._ids = np.flatnonzero(self._active)  # (n,) rows with an episode in them
+
+    def run(self, job: _Job) -> None:
+        """Work until the job is done."""
+        self._active[:] = False
+        self._ids = np.flatnonzero(self._active)
+        while not job.done:
+            self._fill(job)
+            if len(self._ids):
+                self._step(job)
+            else:
+                job.wait()
+
+    def _fill(self, job: _Job) -> None:
+        """Start queued episodes in free rows."""
+        active = len(self._ids)
+        free = self.num_rows - active
+        if free == 0 or (active and free < self._refill):
+            return
+        members, episodes = job.take(active, free)
+        if not len(members):
+            return
+        ids = np.flatnonzero(~self._active)[: len(members)]
+        self._member[ids], self._episode[ids] = members, episodes
+        self._slots.load(ids, self._candidates(job, members, episodes))
+        finals = episodes >= job.finals.start
+        values = np.where(
+            finals[:, None], job.members.final_values[members], job.members.values[members]
+        )
+        seeds = job.members.seeds[members, episodes]
+        self._observation[ids] = self._rows.reset(ids, values, seeds)
+        for book in (self._sums, self._squares, self._returns, self._lengths):
+            book[ids] = 0
+        self._active[ids] = True
+        self._ids = np.flatnonzero(self._active)
+
+    @staticmethod
+    def _candidates(job: _Job, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
+        finals = episodes >= job.finals.start
+        thetas = job.cohort.results[members]
+        if not finals.all():
+            adapting = ~finals
+            thetas[adapting] = job.cohort.candidates(members[adapting], episodes[adapting])
+        return thetas
+
+    def _step(self, job: _Job) -> None:
+        """Advance every running episode by one control step."""
+        full = len(self._ids) == self.num_rows
+        ids, view = (None, slice(None)) if full else (self._ids, self._ids)
+        observation = self._observation[view]
+        if job.collect:
+            observation = observation - job.mean  # (n, O)
+            self._sums[view] += observation
+            self._squares[view] += observation**2
+            observation = observation * job.scale
+        step = self._rows.step(ids, self._slots.act(ids, observation))
+        self._observation[view] = step.observation
+        self._returns[view] += step.reward
+        self._lengths[view] += 1
+        over = step.terminated | step.truncated
+        if over.any():
+            self._finish(job, self._ids[over], step.failed[over])
+
+    def _finish(self, job: _Job, ids: np.ndarray, failed: np.ndarray) -> None:
+        """Write down the outcomes of episodes that are over and free their rows."""
+        members, episodes = self._member[ids], self._episode[ids]
+        job.returns[members, episodes] = self._returns[ids]
+        job.lengths[members, episodes] = self._lengths[ids]
+        job.failed[members, episodes] = failed
+        if job.collect:
+            job.sums[members, episodes] = self._sums[ids]
+            job.squares[members, episodes] = self._squares[ids]
+        self._active[ids] = False
+        self._ids = np.flatnonzero(self._active)
+        job.complete(members, episodes)
+
+
+@dataclass(frozen=True)
+class AdaptationScores:
+    """Returns of n tasks before and after adaptation, (n, episodes) each, and the environment steps spent."""
+
+    before: np.ndarray
+    after: np.ndarray
+    steps: int
+
+
+def evaluate_adaptation(
+    population: Population,
+    theta: np.ndarray,
+    normalizer: Normalizer | None,
+    adapt: Adaptation,
+    values: np.ndarray,
+    seeds: np.ndarray,
+    episodes: int,
+    final_values: np.ndarray | None = None,
+) -> AdaptationScores:
+    """Score a policy on given tasks before and after it adapts to each, on episodes that adaptation has not seen.
+
+    Before and after run under the same seeds, so their difference carries no luck of the starts.
+
+    Args:
+        population: where to run.
+        theta: the policy's parameters, (P,).
+        normalizer: its observation normalizer, unchanged by this; None for raw observations.
+        adapt: the operator. With `NoAdaptation` after equals before.
+        values: the tasks, (n, P).
+        seeds: one per task, (n,) uint64: all randomness of its perturbations and episodes.
+        episodes: scoring episodes of each kind and task.
+        final_values: the tasks in scoring episodes, (n, P); None: as `values`.
+    """
+    final_values = values if final_values is None else final_values
+    rngs = [np.random.default_rng(int(seed)) for seed in seeds]
+    thetas = np.tile(np.asarray(theta, np.float32), (len(values), 1))
+    cohort = adapt.start_many(thetas, rngs)
+    fresh = [draw_seeds(rng, adapt.episodes + episodes) for rng in rngs]
+    seeds_after = np.stack(fresh)  # (n, A + F)
+    adapted = population.run(Members(cohort, values, final_values, seeds_after), normalizer)
+    unadapted = Members(
+        _unchanged(thetas), final_values, final_values, seeds_after[:, adapt.episodes :]
+    )
+    before = population.run(unadapted, normalizer)
+    return AdaptationScores(before.returns, adapted.final, adapted.frames + before.frames)
+
+
+def draw_seeds(rng: np.random.Generator, size: int | tuple[int, ...]) -> np.ndarray:
+    """Draw episode seeds, uint64 of the given shape."""
+    return rng.integers(0, 2**63, size=size, dtype=np.uint64)
+
+
+def _unchanged(thetas: np.ndarray) -> Cohort:
+    return NoAdaptation().cohort(thetas, np.empty((len(thetas), 0, thetas.shape[1]), np.float32))
