@@ -83,6 +83,9 @@ class ESMAML(Algorithm):
             episode seeds; false draws each member's own, as the reference does.
         tasks_per_member: tasks that a candidate's fitness averages over.
         final_episodes: episodes that score an adapted policy.
+        step_cost: subtracted from the fitness for each control step of the final episodes. The task's bonus for
+            being upright, taken out again, no longer rewards standing still (Mania et al. 2018, section 4.1);
+            returns that are logged and seen by adaptation keep it.
         normalize_observations: whether the policy sees observations with the running mean and std taken out,
             frozen within an iteration.
         meta_estimator: "zeroth_order" perturbs the meta-parameters and scores what they adapt to; "first_order"
@@ -117,6 +120,7 @@ class ESMAML(Algorithm):
         paired_tasks: bool,
         tasks_per_member: int,
         final_episodes: int,
+        step_cost: float,
         normalize_observations: bool,
         meta_estimator: Literal["zeroth_order", "first_order"],
         first_order_queries: int,
@@ -143,7 +147,7 @@ class ESMAML(Algorithm):
         tasks.check(self.population.space)
         self._clean = [self.population.space.index(name) for name in clean_final]
         self._paired, self._tasks_per_member = paired_tasks, tasks_per_member
-        self._final_episodes, self._pairs = final_episodes, pairs
+        self._final_episodes, self._step_cost, self._pairs = final_episodes, step_cost, pairs
         start, search, draws = (
             np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
         )
@@ -204,7 +208,9 @@ class ESMAML(Algorithm):
         repeats = self._tasks_per_member
         thetas = np.repeat(candidates, repeats, axis=0)  # (J T, P)
         results = self._run(self.adapt, thetas, self._draws(len(candidates)))
-        fitness = results.final.reshape(len(candidates), -1).mean(axis=1)
+        lengths = results.lengths[:, results.adaptation_episodes :]
+        scores = results.final - self._step_cost * lengths  # (J T, F)
+        fitness = scores.reshape(len(candidates), -1).mean(axis=1)
         return results, self.strategy.tell(fitness)
 
     def _first_order_step(self) -> tuple[Results, dict[str, float]]:

@@ -37,6 +37,7 @@ OPTIONS: dict[str, Any] = {
     "paired_tasks": True,
     "tasks_per_member": 1,
     "final_episodes": 1,
+    "step_cost": 0.0,
     "normalize_observations": False,
     "meta_estimator": "zeroth_order",
     "first_order_queries": 30,
