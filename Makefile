@@ -1,0 +1,57 @@
+# make run, make test, make bench, make bench-long, make lint: each sets up first what it needs, once.
+# Needs Python 3.11 or newer (make PYTHON=...), make and a C compiler.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+TORCH := $(shell sed -n 's/^torch==/torch==/p' constraints.txt)
+
+export OMP_NUM_THREADS ?= 1
+
+.PHONY: run test bench bench-long lint setup graphics clean
+
+run: setup
+	$(BIN)/python -m sim2real +experiment=esmaml
+
+test: setup
+	$(BIN)/python -m pytest
+
+bench: $(VENV)/.bench graphics
+	$(BIN)/python -m benchmarks
+
+bench-long: $(VENV)/.bench graphics
+	$(BIN)/python -m benchmarks --long
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+
+setup: $(VENV)/.installed graphics
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+# torch comes first and by its number: asked for by name alone, pip may pull gigabytes of CUDA libraries with it.
+$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) $(TORCH)
+	$(PIP) --editable '.[dev]'
+	@touch $@
+
+$(VENV)/.bench: $(VENV)/.installed
+	$(PIP) --editable '.[dev,bench]'
+	@touch $@
+
+# Rendering off screen needs EGL or OSMesa from the system; everything else works without.
+graphics:
+	@if ldconfig -p 2>/dev/null | grep -Eq 'libEGL\.so|libOSMesa\.so' || [ "$$(uname)" != Linux ]; then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	  echo "Installing libegl1 and libgl1-mesa-dri for off-screen rendering"; \
+	  { apt-get -qq update && DEBIAN_FRONTEND=noninteractive \
+	    apt-get -qq install -y --no-install-recommends libegl1 libgl1-mesa-dri >/dev/null; } \
+	  || echo "That failed; videos and rendering tests are left out until libegl1 and libgl1-mesa-dri are there."; \
+	else echo "For videos install EGL (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri); the rest works without."; fi
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache
