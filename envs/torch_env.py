@@ -66,48 +66,59 @@ class RowsEnv(EnvBase):
     def _set_seed(self, seed: int | None) -> None:
         self.rng = np.random.default_rng(seed)
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: object) -> TensorDictBase:
-        n = self.batch_size[0]
+    def assign(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Choose the parameter values (n, P) with which the rows ids (n,) start their next episodes."""
+        self._values[ids] = values
+
+    def resetting(self, tensordict: TensorDictBase | None) -> np.ndarray:
+        """Return the rows (n,) that a reset with this tensordict (None: all) is about."""
         mask = None if tensordict is None else tensordict.get("_reset", None)
-        ids = np.arange(n) if mask is None else np.flatnonzero(mask.reshape(n).cpu().numpy())
-        if tensordict is not None and "params" in tensordict.keys() and self.rows.space.size:
-            given = [tensordict["params", name].reshape(n).cpu().numpy() for name in self.rows.space.names]
-            self._values[ids] = np.stack(given, axis=1)[ids]
-            self._params = self._params_tensordict()
+        n = self.batch_size[0]
+        return np.arange(n) if mask is None else np.flatnonzero(mask.reshape(n).cpu().numpy())
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: object) -> TensorDictBase:
+        ids = self.resetting(tensordict)
+        if self.rows.space.size:
+            if tensordict is not None and "params" in tensordict.keys():
+                given = [tensordict["params", name].reshape(-1).cpu().numpy() for name in self.rows.space.names]
+                self.assign(ids, np.stack(given, axis=1)[ids])
+            self._params = self._params_tensordict()  # anew: what was returned before belongs to the caller
         seeds = self.rng.integers(0, 2**63, len(ids)).astype(np.uint64)
         self._last = self._last.copy()  # the rows that go on keep what they saw
         self._last[ids] = self.rows.reset(ids, self._values[ids], seeds)
-        observation = torch.as_tensor(self._last, dtype=self._float, device=self.device)
-        no = torch.zeros((n, 1), dtype=torch.bool, device=self.device)
+        no = torch.zeros((self.batch_size[0], 1), dtype=torch.bool, device=self.device)
         flags = {"failed": no, "done": no.clone(), "terminated": no.clone(), "truncated": no.clone()}
-        return self._tensordict({"observation": observation, **flags})
+        return self._tensordict({"observation": self._tensor(self._last, self._float), **flags})
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        step = self.rows.step(None, tensordict["action"].cpu().numpy().astype(np.float64))
+        action = tensordict.get("action").detach().cpu().numpy().astype(np.float64)
+        step = self.rows.step(None, action)
         self._last = step.observation
-        terminated, truncated, failed = (self._tensor(x) for x in (step.terminated, step.truncated, step.failed))
         return self._tensordict(
             {
-                "observation": torch.as_tensor(self._last, dtype=self._float, device=self.device),
-                "reward": torch.as_tensor(step.reward[:, None], dtype=self._float, device=self.device),
-                "done": terminated | truncated,
-                "terminated": terminated,
-                "truncated": truncated,
-                "failed": failed,
+                "observation": self._tensor(self._last, self._float),
+                "reward": self._tensor(step.reward[:, None], self._float),
+                "done": self._tensor((step.terminated | step.truncated)[:, None], torch.bool),
+                "terminated": self._tensor(step.terminated[:, None], torch.bool),
+                "truncated": self._tensor(step.truncated[:, None], torch.bool),
+                "failed": self._tensor(step.failed[:, None], torch.bool),
             }
         )
 
-    def _tensor(self, flag: np.ndarray) -> torch.Tensor:
-        return torch.as_tensor(flag[:, None], device=self.device)  # (N, 1)
+    def _tensor(self, array: np.ndarray, dtype: torch.dtype) -> torch.Tensor:
+        return torch.from_numpy(array).to(self.device, dtype, copy=True)  # the rows may reuse theirs
 
     def _tensordict(self, data: dict[str, torch.Tensor]) -> TensorDictBase:
         data["params"] = self._params  # type: ignore[assignment]
-        return TensorDict(data, batch_size=self.batch_size, device=self.device)  # type: ignore[arg-type]
+        return self._wrap(data)
 
     def _params_tensordict(self) -> TensorDictBase:
-        names, n = self.rows.space.names, self.rows.num_rows
-        columns = torch.as_tensor(self._values.T.copy(), device=self.device)  # (P, N)
-        return TensorDict(dict(zip(names, columns, strict=True)), batch_size=[n], device=self.device)
+        columns = self._tensor(self._values.T, torch.float64)  # (P, N)
+        return self._wrap(dict(zip(self.rows.space.names, columns.unbind(0), strict=True)))
+
+    def _wrap(self, data: dict[str, torch.Tensor]) -> TensorDictBase:
+        """Return a TensorDict without the checks of its constructor, which cost more than the task's own arithmetic."""
+        return TensorDict._new_unsafe(data, batch_size=self.batch_size, device=self.device)  # type: ignore[arg-type]
 
 
 class RandomizeParams(Transform):
@@ -122,20 +133,20 @@ class RandomizeParams(Transform):
     def __init__(self, tasks: Tasks) -> None:
         super().__init__()
         self.tasks = tasks
-        self._kept: np.ndarray | None = None
+        self._drawn: np.ndarray | None = None  # (N,) bool: rows that have had a draw
 
-    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
+    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
         env = self.parent.base_env  # type: ignore[union-attr]
-        n = env.batch_size[0]
-        if self._kept is None:
+        if self._drawn is None:
             self.tasks.check(env.rows.space)
-        if self._kept is None or getattr(self.tasks, "per", "reset") == "reset":
-            self._kept = self.tasks.sample(env.rng, n)
-        if tensordict is None:
-            tensordict = TensorDict({}, batch_size=env.batch_size, device=env.device)
-        columns = torch.as_tensor(self._kept.T.copy(), device=env.device)  # (P, N)
-        params = TensorDict(dict(zip(env.rows.space.names, columns, strict=True)), batch_size=[n], device=env.device)
-        return tensordict.set("params", params)
+            self._drawn = np.zeros(env.rows.num_rows, dtype=bool)
+        ids = env.resetting(tensordict)
+        if getattr(self.tasks, "per", "reset") == "row":
+            ids = ids[~self._drawn[ids]]
+        if len(ids):
+            env.assign(ids, self.tasks.sample(env.rng, len(ids)))
+            self._drawn[ids] = True
+        return tensordict
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         return tensordict_reset
