@@ -1,8 +1,8 @@
 """MuJoCo tasks as TorchRL environments.
 
-    env = MujocoEnv(Hopper(), num_envs=256, effects=tasks.effects)
-    env = TransformedEnv(env, RandomizeParams(tasks))
-    collector = Collector(env, policy, frames_per_batch=8192, total_frames=1_000_000)
+env = MujocoEnv(Hopper(), num_envs=256, effects=tasks.effects)
+env = TransformedEnv(env, RandomizeParams(tasks))
+collector = Collector(env, policy, frames_per_batch=8192, total_frames=1_000_000)
 """
 
 from __future__ import annotations

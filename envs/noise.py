@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # SplitMix64 (Steele, Lea, Flood: Fast splittable pseudorandom numbers, 2014)
+_GOLDEN = np.uint64(
+    0x9E3779B97F4A7C15
+)  # SplitMix64 (Steele, Lea, Flood: Fast splittable pseudorandom numbers, 2014)
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX2 = np.uint64(0x94D049BB133111EB)
 
@@ -31,7 +33,9 @@ def uniform(seeds: np.ndarray, stream: int | np.ndarray, size: int) -> np.ndarra
     """
     seeds = np.asarray(seeds, dtype=np.uint64)
     with np.errstate(over="ignore"):
-        start = _mix(_mix(seeds + _GOLDEN) ^ _mix(np.asarray(stream).astype(np.uint64) * _GOLDEN + _MIX2))  # (n,)
+        start = _mix(
+            _mix(seeds + _GOLDEN) ^ _mix(np.asarray(stream).astype(np.uint64) * _GOLDEN + _MIX2)
+        )  # (n,)
         counter = (np.arange(size, dtype=np.uint64) + np.uint64(1)) * _GOLDEN  # (size,)
         bits = _mix(start[..., None] + counter)
     return (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53

@@ -72,7 +72,9 @@ class ParamSpace:
         """Return the column of a parameter; raises ParameterError for a name that the space lacks."""
         if name not in self.names:
             known = ", ".join(self.names) or "none"
-            raise ParameterError(f"no parameter {name!r} here{did_you_mean(name, self.names)}; there are: {known}")
+            raise ParameterError(
+                f"no parameter {name!r} here{did_you_mean(name, self.names)}; there are: {known}"
+            )
         return self.names.index(name)
 
     def points(self, n: int) -> np.ndarray:
@@ -87,7 +89,9 @@ class ParamSpace:
         """
         values = np.asarray(values, dtype=np.float64)
         if values.ndim != 2 or values.shape[1] != self.size:
-            raise ParameterError(f"parameter values must have shape (n, {self.size}), got {values.shape}")
+            raise ParameterError(
+                f"parameter values must have shape (n, {self.size}), got {values.shape}"
+            )
         wrong = ~((values >= self.low) & (values <= self.high))  # NaN is wrong too
         if wrong.any():
             row, column = np.argwhere(wrong)[0]

@@ -11,6 +11,7 @@ user's own calls of MuJoCo stay as loud as they were.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -27,3 +28,11 @@ def quiet_engine() -> Iterator[None]:
         yield
     finally:
         MjLogConfig.set(loud)
+
+
+@contextmanager
+def no_deprecation_notice() -> Iterator[None]:
+    """Keep quiet about `settotalmass`, an attribute that Gymnasium's half_cheetah.xml still has."""
+    with quiet_engine(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*settotalmass.*")
+        yield

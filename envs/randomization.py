@@ -1,11 +1,11 @@
 """Task distributions: which robots the training sees.
 
-    draws = [Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0),
-             Draw(make("ground_friction"), low=1.5, high=2.5)]
-    tasks = Randomization(draws)
-    simulation = Simulation(Hopper(), num_rows=256, effects=tasks.effects)
-    tasks.check(simulation.space)                       # before any work starts
-    values = tasks.sample(np.random.default_rng(0), 256)    # (256, 2)
+draws = [Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0),
+         Draw(make("ground_friction"), low=1.5, high=2.5)]
+tasks = Randomization(draws)
+simulation = Simulation(Hopper(), num_rows=256, effects=tasks.effects)
+tasks.check(simulation.space)                       # before any work starts
+values = tasks.sample(np.random.default_rng(0), 256)    # (256, 2)
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from envs.errors import ParameterError
 from envs.params import ParamSpace
 
 Distribution = Literal["uniform", "normal", "truncated_normal"]
-FARTHEST = 6.0  # standard deviations of a normal draw that must stay within what the parameter means
+FARTHEST = (
+    6.0  # standard deviations of a normal draw that must stay within what the parameter means
+)
 
 
 class Tasks(Protocol):
@@ -76,7 +78,9 @@ class Draw:
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ParameterError(f"{name}: low={self.low:g} is above high={self.high:g}; swap them")
         if self.std is not None and not self.std > 0:
-            raise ParameterError(f"{name}: std={self.std:g} must be positive; for one value use uniform with low = high")
+            raise ParameterError(
+                f"{name}: std={self.std:g} must be positive; for one value use uniform with low = high"
+            )
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -116,9 +120,13 @@ class Randomization:
         """Bind to the space of a simulation that was made with these effects; see `Tasks.check`."""
         columns = []
         for draw in self.draws:
-            own = [p for p in space.parameters if (p.effect, p.where, p.side) == _place(draw.effect)]
+            own = [
+                p for p in space.parameters if (p.effect, p.where, p.side) == _place(draw.effect)
+            ]
             if not own:
-                raise ParameterError(f"{draw.effect.label()} is drawn, but the simulation was made without that effect")
+                raise ParameterError(
+                    f"{draw.effect.label()} is drawn, but the simulation was made without that effect"
+                )
             low, high = draw.reach
             for p in own:
                 if low < p.low or high > p.high:
@@ -128,14 +136,20 @@ class Randomization:
                     )
             columns.append(len(own))
         if sum(columns) != space.size:
-            raise ParameterError(f"the simulation has {space.size} parameters, the draws make {sum(columns)}")
+            raise ParameterError(
+                f"the simulation has {space.size} parameters, the draws make {sum(columns)}"
+            )
         self._columns = columns
 
     def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Draw n points, (n, P), in the order of the draws; call `check` first."""
         if self._columns is None:
-            raise ParameterError("check(space) the randomization against a simulation before drawing from it")
-        parts = [draw.sample(rng, (n, k)) for draw, k in zip(self.draws, self._columns, strict=True)]
+            raise ParameterError(
+                "check(space) the randomization against a simulation before drawing from it"
+            )
+        parts = [
+            draw.sample(rng, (n, k)) for draw, k in zip(self.draws, self._columns, strict=True)
+        ]
         return np.concatenate([np.zeros((n, 0)), *parts], axis=1)
 
 

@@ -7,7 +7,7 @@
 It is `Rows` (see `envs.rows` for the contract): a row's episode depends on its actions, parameters and seed alone.
 
 A row fails when the engine raises an error or a warning in it (a diverged state, which the engine would silently
-replace by its default one), when its state is not finite afterwards, or when its action is not. Its step then has
+replace by its default one), when its observation or reward is not finite, or its action is not. Its step then has
 failed and terminated set, reward 0 and an observation of zeros; the other rows do not notice. Reset it before it goes
 on, as after any other end.
 """
@@ -22,6 +22,7 @@ from envs.contact_forces import ContactForces
 from envs.effects.base import Effect
 from envs.errors import TaskError
 from envs.plant import Plant
+from envs.quiet import no_deprecation_notice
 from envs.rows import Step
 from envs.tasks.base import State, Task
 
@@ -39,9 +40,14 @@ class Simulation:
         EffectError: an effect that the robot cannot have.
     """
 
-    def __init__(self, task: Task, num_rows: int = 1, effects: Sequence[Effect] = (), threads: int = 0) -> None:
+    def __init__(
+        self, task: Task, num_rows: int = 1, effects: Sequence[Effect] = (), threads: int = 0
+    ) -> None:
         self.task = task
-        self.plant = Plant(task.spec(), effects, num_rows, threads, persistent=task.contact_forces)
+        with no_deprecation_notice():
+            self.plant = Plant(
+                task.spec(), effects, num_rows, threads, persistent=task.contact_forces
+            )
         self.num_rows = num_rows
         self.max_steps = task.max_steps
         self.space = self.plant.space
@@ -83,9 +89,14 @@ class Simulation:
         Raises:
             TaskError: a wrong shape, or a state that is not finite.
         """
-        for name, given, size in (("qpos", qpos, self.task.start.size), ("qvel", qvel, self.task.nv)):
+        for name, given, size in (
+            ("qpos", qpos, self.task.start.size),
+            ("qvel", qvel, self.task.nv),
+        ):
             if np.shape(given) != (len(ids), size):
-                raise TaskError(f"{name} must have shape ({len(ids)}, {size}), got {np.shape(given)}")
+                raise TaskError(
+                    f"{name} must have shape ({len(ids)}, {size}), got {np.shape(given)}"
+                )
             if not np.isfinite(given).all():
                 raise TaskError(f"{name} holds NaN or infinity; give finite numbers")
         self.plant.reset(ids, qpos, qvel, self._seeds[ids])
@@ -104,16 +115,22 @@ class Simulation:
         action, refused = self._checked(action, n)
         before = self._state(ids)
         if ids is None:  # these are views of what the step changes
-            before = State(before.qpos.copy(), before.qvel.copy(), None if before.extra is None else before.extra.copy())
+            before = State(
+                before.qpos.copy(),
+                before.qvel.copy(),
+                None if before.extra is None else before.extra.copy(),
+            )
         failed = self.plant.step(ids, action, self.task.frame_skip)
         if self._forces:
             self._forces.compute(ids)
         after = self._state(ids)
-        with np.errstate(invalid="ignore", over="ignore"):  # a failed row's numbers are replaced below
+        with np.errstate(
+            invalid="ignore", over="ignore"
+        ):  # a failed row's numbers are replaced below
             terminated = self.task.terminated(after)
             reward = self.task.reward(before, after, action, terminated)
             observation = self._observe(ids, after)
-            failed |= _not_finite(observation)
+            failed |= _not_finite(observation) | _not_finite(reward[:, None])
         if refused is not None:
             failed |= refused
         if failed.any():

@@ -42,26 +42,41 @@ class RowsEnv(EnvBase):
         self.rows, self._float = rows, dtype
         self._values = rows.space.points(rows.num_rows)  # (N, P)
         self._params = self._params_tensordict()
-        self._last = np.zeros((rows.num_rows, rows.observation_size))  # (N, O), the newest observations
+        self._last = np.zeros(
+            (rows.num_rows, rows.observation_size)
+        )  # (N, O), the newest observations
         self._make_specs()
         self._set_seed(seed)
 
     def _make_specs(self) -> None:
         n, rows = self.batch_size[0], self.rows
         params = Composite(
-            {name: Unbounded((n,), dtype=torch.float64, device=self.device) for name in rows.space.names}, shape=(n,)
+            {
+                name: Unbounded((n,), dtype=torch.float64, device=self.device)
+                for name in rows.space.names
+            },
+            shape=(n,),
         )
         self.observation_spec = Composite(
-            observation=Unbounded((n, rows.observation_size), dtype=self._float, device=self.device),
+            observation=Unbounded(
+                (n, rows.observation_size), dtype=self._float, device=self.device
+            ),
             failed=Binary(n=1, shape=(n, 1), dtype=torch.bool, device=self.device),
             params=params,
             shape=(n,),
         )
-        low, high = (torch.as_tensor(x, dtype=self._float).expand(n, -1) for x in (rows.action_low, rows.action_high))
-        self.action_spec = Bounded(low, high, (n, rows.action_size), device=self.device, dtype=self._float)
+        low, high = (
+            torch.as_tensor(x, dtype=self._float).expand(n, -1)
+            for x in (rows.action_low, rows.action_high)
+        )
+        self.action_spec = Bounded(
+            low, high, (n, rows.action_size), device=self.device, dtype=self._float
+        )
         self.reward_spec = Unbounded((n, 1), dtype=self._float, device=self.device)
         flag = Binary(n=1, shape=(n, 1), dtype=torch.bool, device=self.device)
-        self.full_done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=(n,))
+        self.full_done_spec = Composite(
+            done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=(n,)
+        )
 
     def _set_seed(self, seed: int | None) -> None:
         self.rng = np.random.default_rng(seed)
@@ -80,14 +95,24 @@ class RowsEnv(EnvBase):
         ids = self.resetting(tensordict)
         if self.rows.space.size:
             if tensordict is not None and "params" in tensordict.keys():
-                given = [tensordict["params", name].reshape(-1).cpu().numpy() for name in self.rows.space.names]
+                given = [
+                    tensordict["params", name].reshape(-1).cpu().numpy()
+                    for name in self.rows.space.names
+                ]
                 self.assign(ids, np.stack(given, axis=1)[ids])
-            self._params = self._params_tensordict()  # anew: what was returned before belongs to the caller
+            self._params = (
+                self._params_tensordict()
+            )  # anew: what was returned before belongs to the caller
         seeds = self.rng.integers(0, 2**63, len(ids)).astype(np.uint64)
         self._last = self._last.copy()  # the rows that go on keep what they saw
         self._last[ids] = self.rows.reset(ids, self._values[ids], seeds)
         no = torch.zeros((self.batch_size[0], 1), dtype=torch.bool, device=self.device)
-        flags = {"failed": no, "done": no.clone(), "terminated": no.clone(), "truncated": no.clone()}
+        flags = {
+            "failed": no,
+            "done": no.clone(),
+            "terminated": no.clone(),
+            "truncated": no.clone(),
+        }
         return self._tensordict({"observation": self._tensor(self._last, self._float), **flags})
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -106,7 +131,9 @@ class RowsEnv(EnvBase):
         )
 
     def _tensor(self, array: np.ndarray, dtype: torch.dtype) -> torch.Tensor:
-        return torch.from_numpy(array).to(self.device, dtype, copy=True)  # the rows may reuse theirs
+        return torch.from_numpy(array).to(
+            self.device, dtype, copy=True
+        )  # the rows may reuse theirs
 
     def _tensordict(self, data: dict[str, torch.Tensor]) -> TensorDictBase:
         data["params"] = self._params  # type: ignore[assignment]
@@ -148,7 +175,9 @@ class RandomizeParams(Transform):
             self._drawn[ids] = True
         return tensordict
 
-    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
         return tensordict_reset
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:

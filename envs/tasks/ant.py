@@ -30,7 +30,9 @@ class Ant(Task):
 
     frame_skip = 5
     camera = "track"
-    extra_field = "xpos"  # Gymnasium's velocity comes from the torso's position, one substep behind qpos
+    extra_field = (
+        "xpos"  # Gymnasium's velocity comes from the torso's position, one substep behind qpos
+    )
     reset_noise = 0.1
     velocity_noise = "normal"
     torso = 1  # body
@@ -43,7 +45,9 @@ class Ant(Task):
         if contact_forces not in get_args(Forces):
             allowed = get_args(Forces)
             hint = did_you_mean(str(contact_forces), allowed)
-            raise TaskError(f"contact_forces={contact_forces!r} is unknown{hint}; it can be: {', '.join(allowed)}")
+            raise TaskError(
+                f"contact_forces={contact_forces!r} is unknown{hint}; it can be: {', '.join(allowed)}"
+            )
         self.contact_forces = contact_forces == "exact"
         self.max_steps = max_steps
 
@@ -55,7 +59,9 @@ class Ant(Task):
         """Return (height, orientation, angles, velocities[, clipped forces on each body]), (n, 27 or 105)."""
         seen = [state.qpos[:, 2:], state.qvel]
         if state.forces is not None:
-            seen.append(self._clipped(state.forces)[:, 1:].reshape(len(state.qpos), -1))  # without the world
+            seen.append(
+                self._clipped(state.forces)[:, 1:].reshape(len(state.qpos), -1)
+            )  # without the world
         return np.concatenate(seen, axis=1)
 
     def terminated(self, state: State) -> np.ndarray:
@@ -65,14 +71,20 @@ class Ant(Task):
         finite = np.isfinite(state.qpos).all(1) & np.isfinite(state.qvel).all(1)
         return ~(finite & (low <= height) & (height <= high))
 
-    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+    def reward(
+        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
+    ) -> np.ndarray:
         """Return forward velocity + 1 while healthy - control cost [- contact cost], (n,)."""
         if before.extra is None or after.extra is None:
-            raise TaskError("Ant's reward needs the bodies' positions: give State.extra = xpos, (n, bodies, 3)")
+            raise TaskError(
+                "Ant's reward needs the bodies' positions: give State.extra = xpos, (n, bodies, 3)"
+            )
         velocity = (after.extra[:, self.torso, 0] - before.extra[:, self.torso, 0]) / self.dt
         cost = self.control_cost * effort(action)
         if after.forces is not None:
-            cost = cost + self.contact_cost * np.square(self._clipped(after.forces)).reshape(len(action), -1).sum(1)
+            cost = cost + self.contact_cost * np.square(self._clipped(after.forces)).reshape(
+                len(action), -1
+            ).sum(1)
         return velocity + ~terminated - cost
 
     def _clipped(self, forces: np.ndarray) -> np.ndarray:

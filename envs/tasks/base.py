@@ -5,7 +5,6 @@ A task knows its model and its numbers, and holds no state of an episode: one ob
 
 from __future__ import annotations
 
-import warnings
 from abc import ABC, abstractmethod
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 
 from envs.errors import TaskError
 from envs.noise import normal, uniform
-from envs.quiet import quiet_engine
+from envs.quiet import no_deprecation_notice
 
 
 class State(NamedTuple):
@@ -25,7 +24,9 @@ class State(NamedTuple):
     qpos: np.ndarray  # (n, nq) [m, rad]
     qvel: np.ndarray  # (n, nv) [m/s, rad/s]
     extra: np.ndarray | None = None  # (n, ...): the task's `extra_field` of MjData
-    forces: np.ndarray | None = None  # (n, bodies, 6) [N·m, N]: external forces on each body (MjData's cfrc_ext)
+    forces: np.ndarray | None = (
+        None  # (n, bodies, 6) [N·m, N]: external forces on each body (MjData's cfrc_ext)
+    )
 
 
 class Task(ABC):
@@ -74,7 +75,9 @@ class Task(ABC):
         """Return the observations, (n, O) float64."""
 
     @abstractmethod
-    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+    def reward(
+        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
+    ) -> np.ndarray:
         """Return the rewards of one control step, (n,); action (n, A) as the policy gave it."""
 
     def terminated(self, state: State) -> np.ndarray:
@@ -88,8 +91,7 @@ def gymnasium_model(name: str) -> mujoco.MjSpec:
     if package is None or not package.submodule_search_locations:
         raise TaskError(f"the model {name} comes with Gymnasium: pip install 'gymnasium[mujoco]'")
     path = Path(package.submodule_search_locations[0], "envs/mujoco/assets", name)
-    with quiet_engine(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*settotalmass.*")  # an attribute that half_cheetah.xml still uses
+    with no_deprecation_notice():
         return mujoco.MjSpec.from_file(str(path))
 
 

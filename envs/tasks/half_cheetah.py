@@ -32,7 +32,9 @@ class HalfCheetah(Task):
         """Return (height, angles, velocities) without the horizontal position, (n, 17)."""
         return np.concatenate([state.qpos[:, 1:], state.qvel], axis=1)
 
-    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+    def reward(
+        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
+    ) -> np.ndarray:
         """Return forward velocity - control cost, (n,)."""
         velocity = forward_velocity(before.qpos, after.qpos, self.dt)
         return velocity - self.control_cost * effort(action)

@@ -40,17 +40,25 @@ class Hopper(Task):
 
     def observe(self, state: State) -> np.ndarray:
         """Return (height, angles, velocities) without the horizontal position, (n, 11)."""
-        qvel = state.qvel if self.velocity_clip is None else np.clip(state.qvel, -self.velocity_clip, self.velocity_clip)
+        qvel = (
+            state.qvel
+            if self.velocity_clip is None
+            else np.clip(state.qvel, -self.velocity_clip, self.velocity_clip)
+        )
         return np.concatenate([state.qpos[:, 1:], qvel], axis=1)
 
     def terminated(self, state: State) -> np.ndarray:
         """Return whether the hopper fell or left the healthy range, (n,)."""
         q = state.qpos
         upright = (q[:, 1] > self.healthy_height) & (np.abs(q[:, 2]) < self.healthy_angle)
-        sane = (np.abs(q[:, 2:]) < self.healthy_state).all(1) & (np.abs(state.qvel) < self.healthy_state).all(1)
+        sane = (np.abs(q[:, 2:]) < self.healthy_state).all(1) & (
+            np.abs(state.qvel) < self.healthy_state
+        ).all(1)
         return ~(upright & sane)
 
-    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+    def reward(
+        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
+    ) -> np.ndarray:
         """Return forward velocity + 1 while healthy - control cost, (n,)."""
         velocity = forward_velocity(before.qpos, after.qpos, self.dt)
         return velocity + ~terminated - self.control_cost * effort(action)
@@ -80,16 +88,23 @@ class HopperPolito(Hopper):
         max_steps: int = 500,
     ) -> None:
         super().__init__(max_steps)
-        for name, value, allowed in (("domain", domain, ("source", "target")), ("masses", masses, POLITO_MASSES)):
+        for name, value, allowed in (
+            ("domain", domain, ("source", "target")),
+            ("masses", masses, POLITO_MASSES),
+        ):
             if value not in allowed:
-                raise TaskError(f"{name}={value!r} is unknown{did_you_mean(value, allowed)}; it can be: {', '.join(allowed)}")
+                raise TaskError(
+                    f"{name}={value!r} is unknown{did_you_mean(value, allowed)}; it can be: {', '.join(allowed)}"
+                )
         self.domain, self.masses = domain, masses
 
     def spec(self) -> mujoco.MjSpec:
         """Return the Hopper with the study's masses."""
         spec = super().spec()
         model = spec.compile()
-        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO  # else masses are ignored
+        spec.compiler.inertiafromgeom = (
+            mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        )  # else masses are ignored
         for body in ("torso", "thigh", "leg", "foot"):
             mass = POLITO_MASSES[self.masses].get(body, float(model.body(body).mass[0]))
             if body == "torso" and self.domain == "source":
@@ -97,7 +112,9 @@ class HopperPolito(Hopper):
             _set_mass(spec, model, body, mass)
         return spec
 
-    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+    def reward(
+        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
+    ) -> np.ndarray:
         """Return forward velocity + 1 - control cost, (n,); the falling step is paid like any other."""
         return super().reward(before, after, action, np.zeros_like(terminated))
 
@@ -106,4 +123,9 @@ def _set_mass(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str, mass: float
     """Give a body an explicit mass, its inertia tensor kept, as writing body_mass at run time does."""
     body, compiled = spec.body(name), model.body(name)
     body.explicitinertial = True
-    body.mass, body.ipos, body.iquat, body.inertia = mass, compiled.ipos, compiled.iquat, compiled.inertia
+    body.mass, body.ipos, body.iquat, body.inertia = (
+        mass,
+        compiled.ipos,
+        compiled.iquat,
+        compiled.inertia,
+    )

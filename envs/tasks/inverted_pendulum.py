@@ -35,6 +35,8 @@ class InvertedPendulum(Task):
         finite = np.isfinite(state.qpos).all(1) & np.isfinite(state.qvel).all(1)
         return ~(finite & (np.abs(state.qpos[:, 1]) <= self.healthy_angle))
 
-    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+    def reward(
+        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
+    ) -> np.ndarray:
         """Return 1 for a step that ends upright and 0 for the one on which the pole falls, (n,)."""
         return (~terminated).astype(np.float64)

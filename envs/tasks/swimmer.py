@@ -31,7 +31,9 @@ class Swimmer(Task):
         """Return (angles, velocities) without the position in the plane, (n, 8)."""
         return np.concatenate([state.qpos[:, 2:], state.qvel], axis=1)
 
-    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+    def reward(
+        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
+    ) -> np.ndarray:
         """Return forward velocity - control cost, (n,)."""
         velocity = forward_velocity(before.qpos, after.qpos, self.dt)
         return velocity - self.control_cost * effort(action)

@@ -41,7 +41,9 @@ class Walker2d(Task):
         low, high = self.healthy_height
         return ~((low < height) & (height < high) & (np.abs(angle) < self.healthy_angle))
 
-    def reward(self, before: State, after: State, action: np.ndarray, terminated: np.ndarray) -> np.ndarray:
+    def reward(
+        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
+    ) -> np.ndarray:
         """Return forward velocity + 1 while healthy - control cost, (n,)."""
         velocity = forward_velocity(before.qpos, after.qpos, self.dt)
         return velocity + ~terminated - self.control_cost * effort(action)
