@@ -1,1 +1,1 @@
-"""Train policies in simulation that survive, and adapt to, the real robot; find what separates the two."""
+"""Train policies in simulation that survive the real robot; find what separates the two."""

@@ -1,6 +1,7 @@
 """Evolution strategy on a flat vector: ask for candidates, tell their fitness.
 
-    strategy = EvolutionStrategy(theta, rng, pairs=64, sigma=0.05, learning_rate=0.01, optimizer="adam",
+    strategy = EvolutionStrategy(theta, rng, pairs=64, sigma=0.05, learning_rate=0.01,
+    optimizer="adam",
                                  estimator="antithetic", shaping="centred_ranks", top_k=0,
                                  orthogonal=False, weight_decay=0.0)
     for _ in range(100):
@@ -8,8 +9,8 @@
     strategy.mean
 
 It climbs the Gaussian-smoothed fitness J(m) = E f(m + sigma g), g ~ N(0, I), whose gradient is
-E f(m + sigma g) g / sigma (Nesterov and Spokoiny 2017; Salimans et al. 2017). Ranks in [-0.5, 0.5] are of
-Salimans et al.; keeping the best directions is augmented random search (Mania et al. 2018).
+E f(m + sigma g) g / sigma (Nesterov and Spokoiny 2017; Salimans et al. 2017). Ranks in [-0.5, 0.5]
+are of Salimans et al.; keeping the best directions is augmented random search (Mania et al. 2018).
 """
 
 from __future__ import annotations
@@ -29,8 +30,9 @@ def shape_fitness(fitness: np.ndarray, shaping: Shaping) -> np.ndarray:
 
     Args:
         fitness: values of the candidates, (J,).
-        shaping: "centred_ranks": ranks spread over [-0.5, 0.5], ties share theirs; "standardized": zero mean
-            and unit standard deviation; "none": as it is. Equal values become 0 in the first two.
+        shaping: "centred_ranks": ranks spread over [-0.5, 0.5], ties share theirs; "standardized":
+            zero mean and unit standard deviation; "none": as it is. Equal values become 0 in the
+            first two.
 
     Returns:
         Shaped values, (J,) float64.
@@ -71,10 +73,11 @@ class EvolutionStrategy:
         sigma: standard deviation of the perturbations, in parameter units.
         learning_rate: step size of the optimizer.
         optimizer: "sgd" or "adam", of torch.optim.
-        estimator: "antithetic" evaluates both signs of each direction (J = 2n); "forward_fd" one sign and the
-            mean itself, last (J = n + 1).
+        estimator: "antithetic" evaluates both signs of each direction (J = 2n); "forward_fd" one
+            sign and the mean itself, last (J = n + 1).
         shaping: see `shape_fitness`.
-        top_k: keep the k directions with the largest |F+ - F-| (antithetic) or F (forward); 0 keeps all.
+        top_k: keep the k directions with the largest |F+ - F-| (antithetic) or F (forward); 0 keeps
+            all.
         orthogonal: draw orthogonal directions instead of independent ones.
         weight_decay: pull of the mean towards 0, as torch.optim defines it.
 
@@ -97,7 +100,9 @@ class EvolutionStrategy:
         orthogonal: bool = False,
         weight_decay: float = 0.0,
     ) -> None:
-        self.pairs, self.sigma, self.estimator, self.shaping = pairs, sigma, estimator, shaping
+        self.pairs, self.sigma = pairs, sigma
+        self.estimator: Estimator = estimator
+        self.shaping: Shaping = shaping
         self.top_k, self.orthogonal = top_k, orthogonal
         self._check(learning_rate, optimizer)
         self._rng = rng
@@ -142,7 +147,8 @@ class EvolutionStrategy:
         """Draw candidates around the mean.
 
         Returns:
-            (J, P) float64: all + signs, then all - signs in the same order; or all + signs, then the mean.
+            (J, P) float64: all + signs, then all - signs in the same order; or all + signs, then
+            the mean.
         """
         size = len(self._mean)
         if self.orthogonal:
@@ -163,8 +169,8 @@ class EvolutionStrategy:
             `gradient_norm`, the length of the estimated gradient.
 
         Raises:
-            ValueError: without candidates asked for, or for a wrong number of values or values that are not
-                finite.
+            ValueError: without candidates asked for, or for a wrong number of values or values that
+                are not finite.
         """
         if self._noise is None:
             raise ValueError("evolution strategy: tell() before ask()")
@@ -187,7 +193,7 @@ class EvolutionStrategy:
 
     def _estimate(self, fitness: np.ndarray) -> np.ndarray:
         """Estimate the gradient from shaped fitness, (P,)."""
-        assert self._noise is not None  # noqa: S101 - tell() has checked
+        assert self._noise is not None
         if self.estimator == "antithetic":
             slopes = (fitness[: self.pairs] - fitness[self.pairs :]) / 2  # (n,)
             merit = np.abs(slopes)

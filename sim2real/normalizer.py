@@ -4,7 +4,8 @@
     population.run(..., normalizer=normalizer)      # reads mean and std
     normalizer.update(count, sums, squares)         # afterwards, with what all episodes saw
 
-The sums are of observations minus the frozen mean, which keeps them exact when a mean is far from 0.
+The sums are of observations minus the frozen mean, which keeps them exact when a mean is far from
+0.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """The policy: a small deterministic network on a flat parameter vector, many of them at once.
 
-    policy = MLPPolicy(11, 3, low, high, hidden=(64, 64), activation="tanh", output="tanh", initial="normal")
-    slots = policy.slots(256)
-    slots.load(np.arange(256), thetas)           # one parameter vector per row
-    action = slots.act(None, observation)        # (256, 3)
+    policy = MLPPolicy(11, 3, low, high, hidden=(64, 64), activation="tanh", output="tanh",
+    initial="normal") slots = policy.slots(256) slots.load(np.arange(256), thetas)           # one
+    parameter vector per row action = slots.act(None, observation)        # (256, 3)
 
-A row's action depends on its own parameters and observation alone: not on the other rows, nor on how many
-there are, to the last bit. Evolution strategies, their resume and their distribution over machines rest on it.
-Each row's product is its own matrix-vector product in numpy, which holds it to that.
+A row's action depends on its own parameters and observation alone: not on the other rows, nor on
+how many there are, to the last bit. Evolution strategies, their resume and their distribution over
+machines rest on it. Each row's product is its own matrix-vector product in numpy, which holds it to
+that.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class MLPPolicy:
         hidden: widths of the hidden layers; empty is a linear policy.
         activation: the hidden layers' nonlinearity.
         output: "tanh" squashes into the action limits; "linear" leaves clipping to the environment.
-        initial: "normal" draws weights from N(0, 2 / fan_in) with zero biases (He et al. 2015); "zero" starts a
-            linear policy at 0.
+        initial: "normal" draws weights from N(0, 2 / fan_in) with zero biases (He et al. 2015);
+            "zero" starts a linear policy at 0.
 
     Raises:
         ValueError: for sizes, names or limits that make no policy.
@@ -66,7 +66,8 @@ class MLPPolicy:
         self.action_low = np.asarray(action_low, np.float64)  # (A,)
         self.action_high = np.asarray(action_high, np.float64)  # (A,)
         self.hidden = tuple(int(width) for width in hidden)
-        self.activation, self.output, self._initial = activation, output, initial
+        self.activation: Activation = activation
+        self.output, self._initial = output, initial
         self._check()
         sizes = (self.observation_size, *self.hidden, self.action_size)
         self.pieces: list[Piece] = []
@@ -89,8 +90,9 @@ class MLPPolicy:
         }
         for name, choices in allowed.items():
             if getattr(self, name) not in choices:
+                value = getattr(self, name)
                 raise ValueError(
-                    f"policy.{name.strip('_')}={getattr(self, name)!r} is not one of {', '.join(choices)}"
+                    f"policy.{name.strip('_')}={value!r} is not one of {', '.join(choices)}"
                 )
         if self._initial == "zero" and self.hidden:
             raise ValueError(
@@ -145,7 +147,7 @@ class MLPPolicy:
         return Slots(self, num_rows)
 
     def module(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> PolicyModule:
-        """Build the same function as a torch module of raw observations, for export, collectors and video.
+        """Build the same function as a torch module of raw observations.
 
         Args:
             theta: the parameters, (num_parameters,).
@@ -228,7 +230,7 @@ def _activate(x: np.ndarray, activation: Activation) -> None:
 
 
 class PolicyModule(nn.Module):
-    """One parameter vector as a torch module: raw observation (..., O) to action (..., A), float32."""
+    """One parameter vector as a torch module: raw observation to action."""
 
     observation_mean: torch.Tensor
     observation_std: torch.Tensor

@@ -1,12 +1,14 @@
-"""A population: many members, each adapting to its own task and then scored, as rows of batched environments.
+"""A population: members that adapt to tasks and are scored, as rows of batched environments.
 
-    population = Population([env(num_rows=32) for _ in range(2)], policy)      # one thread per shard
-    results = population.run(Members(thetas, cohort, values, values, seeds), normalizer)
-    results.final.mean(axis=1)                                                  # (J,) scores after adaptation
+    population = Population([env(num_rows=32) for _ in range(2)], policy)      # one thread per
+    shard results = population.run(Members(thetas, cohort, values, values, seeds), normalizer)
+    results.final.mean(axis=1)                                                  # (J,) scores after
+    adaptation
 
-A member's episodes are those of its adaptation, then those that score the result. Episodes wait in one queue; a
-row whose episode ended takes the next at once, so the batches stay full whatever the episodes' lengths, and the
-shards share what is left at the end. Nothing a member gets depends on rows, shards or order, to the last bit.
+A member's episodes are those of its adaptation, then those that score the result. Episodes wait in
+one queue; a row whose episode ended takes the next at once, so the batches stay full whatever the
+episodes' lengths, and the shards share what is left at the end. Nothing a member gets depends on
+rows, shards or order, to the last bit.
 """
 
 from __future__ import annotations
@@ -52,8 +54,8 @@ class Members:
         shapes = (len(self.values), len(self.final_values), len(self.seeds))
         if shapes != (count,) * 3 or episodes < max(self.adaptation_episodes, 1):
             raise ValueError(
-                f"population: {count} members with {self.adaptation_episodes} adaptation episodes need "
-                f"as many values and seeds, got {shapes} rows and {episodes} seeds each"
+                f"population: {count} members with {self.adaptation_episodes} adaptation episodes "
+                f"need as many values and seeds, got {shapes} rows and {episodes} seeds each"
             )
 
 
@@ -96,13 +98,16 @@ class Population:
     Args:
         shards: environments of the same task. One shard runs in the calling thread.
         policy: the network that all members have.
-        refill: rows of a shard that must be free before the queue fills them; more than 1 pays where a step of the
-            whole batch costs little more than a step of one row, as in the toy tasks.
+        refill: rows of a shard that must be free before the queue fills them; more than 1 pays
+            where a step of the whole batch costs little more than a step of one row, as in the toy
+            tasks.
     """
 
     def __init__(self, shards: Sequence[Rows], policy: MLPPolicy, refill: int = 1) -> None:
         if not shards or refill < 1:
-            raise ValueError(f"population: {len(shards)} shards and refill={refill}; both must be at least 1")
+            raise ValueError(
+                f"population: {len(shards)} shards and refill={refill}; both must be at least 1"
+            )
         self.policy = policy
         self.space = shards[0].space
         self._shards = [_Shard(rows, policy, min(refill, rows.num_rows)) for rows in shards]
@@ -122,7 +127,8 @@ class Population:
         job = _Job(members, self.policy.observation_size, len(self._shards))
         job.normalize(normalizer)
         threads = [
-            threading.Thread(target=_guard, args=(shard, job), daemon=True) for shard in self._shards[1:]
+            threading.Thread(target=_guard, args=(shard, job), daemon=True)
+            for shard in self._shards[1:]
         ]
         for thread in threads:
             thread.start()
@@ -141,13 +147,13 @@ def _guard(shard: _Shard, job: _Job) -> None:
     """Run a shard in a thread and hand its error to the one that waits."""
     try:
         shard.run(job)
-    except BaseException as error:  # noqa: BLE001 - raised again by the calling thread
+    except BaseException as error:  # the calling thread raises it
         job.error = error
         job.stop()
 
 
 class _Job:
-    """One run of a population: the queue of episodes and where their outcomes go. Shards share it."""
+    """One run of a population, shared by the shards: its queue and its outcomes."""
 
     def __init__(self, members: Members, observation_size: int, num_shards: int) -> None:
         count, episodes = members.seeds.shape
@@ -180,6 +186,11 @@ class _Job:
         self._queue.extend((member, episode) for episode in episodes)
 
     @property
+    def waiting(self) -> bool:
+        """Whether episodes wait for a row."""
+        return bool(self._queue)
+
+    @property
     def done(self) -> bool:
         """Whether nothing is left to run."""
         return self._left <= 0
@@ -197,7 +208,7 @@ class _Job:
                 self._changed.wait()
 
     def take(self, active: int, free: int) -> tuple[np.ndarray, np.ndarray]:
-        """Take episodes off the queue: a fair share of all that is left, for a shard that runs `active`.
+        """Take a fair share of what is left off the queue, for a shard that runs `active`.
 
         Returns:
             Members and episodes, each (k,), k <= free.
@@ -264,7 +275,7 @@ class _Shard:
         """Start queued episodes in free rows."""
         active = len(self._ids)
         free = self.num_rows - active
-        if free == 0 or (active and free < self._refill):
+        if free == 0 or not job.waiting or (active and free < self._refill):
             return
         members, episodes = job.take(active, free)
         if not len(members):
@@ -326,7 +337,7 @@ class _Shard:
 
 @dataclass(frozen=True)
 class AdaptationScores:
-    """Returns of n tasks before and after adaptation, (n, episodes) each, and the environment steps spent."""
+    """Returns of n tasks before and after adaptation, (n, episodes) each, and steps spent."""
 
     before: np.ndarray
     after: np.ndarray
@@ -343,7 +354,7 @@ def evaluate_adaptation(
     episodes: int,
     final_values: np.ndarray | None = None,
 ) -> AdaptationScores:
-    """Score a policy on given tasks before and after it adapts to each, on episodes that adaptation has not seen.
+    """Score a policy before and after it adapts, on episodes that adaptation has not seen.
 
     Before and after run under the same seeds, so their difference carries no luck of the starts.
 

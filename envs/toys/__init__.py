@@ -1,4 +1,4 @@
-"""Small tasks whose dynamics are a few lines of arithmetic: millions of steps a second, for tests of meta-learning.
+"""Small tasks, a few lines of arithmetic each: millions of steps a second.
 
 Each is `Rows` (see `envs.rows`) and has a distribution of tasks beside it.
 """
@@ -6,4 +6,12 @@ Each is `Rows` (see `envs.rows`) and has a distribution of tasks beside it.
 from envs.toys.cartpole import AngleBias, BiasedCartPole
 from envs.toys.navigation import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D
 
-__all__ = ["AngleBias", "BiasedCartPole", "Corners", "FourCorners", "Nav2D", "NavGoals", "NoisyNav2D"]
+__all__ = [
+    "AngleBias",
+    "BiasedCartPole",
+    "Corners",
+    "FourCorners",
+    "Nav2D",
+    "NavGoals",
+    "NoisyNav2D",
+]

@@ -15,7 +15,9 @@ Selection = np.ndarray | slice
 
 
 class Toy(ABC):
-    """N rows of a task whose state is a few numbers. A subclass says how it starts, moves, pays and is seen.
+    """N rows of a task whose state is a few numbers.
+
+    A subclass says how an episode starts, moves, pays and is seen.
 
     Args:
         num_rows: N, episodes at a time.
@@ -49,7 +51,9 @@ class Toy(ABC):
         self._steps = np.zeros(num_rows, np.int64)
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        """Start episodes in the rows ids (n,) with parameters (n, P) and seeds (n,); return observations (n, O).
+        """Start episodes in the rows ids with parameters (n, P) and seeds (n,).
+
+        Returns the first observations, (n, O).
 
         Raises:
             ParameterError: for values outside the task's parameter space.
@@ -68,7 +72,9 @@ class Toy(ABC):
         rows: Selection = slice(None) if ids is None else ids
         count = self.num_rows if ids is None else len(ids)
         if action.shape != (count, self.action_size):
-            raise TaskError(f"action must have shape ({count}, {self.action_size}), got {action.shape}")
+            raise TaskError(
+                f"action must have shape ({count}, {self.action_size}), got {action.shape}"
+            )
         clipped = np.minimum(np.maximum(action, self.action_low), self.action_high)
         self._steps[rows] += 1
         truncated = self._steps[rows] >= self.max_steps
@@ -92,7 +98,7 @@ class Toy(ABC):
 
 
 class ToyTasks(ABC):
-    """A distribution of a small task's parameters, as `envs.randomization.Tasks`; it needs no effects.
+    """A distribution of a small task's parameters, as `envs.randomization.Tasks`.
 
     Args:
         space: the task's parameters.

@@ -1,7 +1,7 @@
 """Balancing a pole whose angle sensor is off by an unknown constant.
 
-After Yang et al. 2019, "NoRML", and its released task; dynamics of Barto, Sutton and Anderson 1983 as in Gymnasium's
-CartPole, with a continuous force.
+After Yang et al. 2019, "NoRML", and its released task; dynamics of Barto, Sutton and Anderson 1983
+as in Gymnasium's CartPole, with a continuous force.
 """
 
 from __future__ import annotations
@@ -22,14 +22,19 @@ _REACH = 2.4  # m, largest excursion of the cart
 _TILT = math.radians(12)  # rad, largest angle of the pole
 _START = 0.05  # half width of the uniform start of all four states
 _SPACE = ParamSpace(
-    [Parameter("encoder_offset.pole", "encoder_offset", "pole", unit="rad", low=-math.pi, high=math.pi)]
+    [
+        Parameter(
+            "encoder_offset.pole", "encoder_offset", "pole", unit="rad", low=-math.pi, high=math.pi
+        )
+    ]
 )
 
 
 class BiasedCartPole(Toy):
     """Balance a pole by a force within +-10 N on its cart, seeing the angle plus a constant bias.
 
-    Observation: cart position [m] and velocity, pole angle [rad] plus bias and velocity. Reward: 1 for each step that
+    Observation: cart position [m] and velocity, pole angle [rad] plus bias and velocity. Reward: 1
+        for each step that
     ends with the cart within 2.4 m and the pole within 12 degrees of the vertical.
 
     Args:
@@ -53,7 +58,7 @@ class BiasedCartPole(Toy):
     def _advance(
         self, rows: Selection, action: np.ndarray, truncated: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        x, speed, angle, spin = self._state[rows].T
+        _, speed, angle, spin = self._state[rows].T
         sin, cos = np.sin(angle), np.cos(angle)
         total = _CART + _POLE
         push = (action[:, 0] + _POLE * _HALF_LENGTH * spin**2 * sin) / total

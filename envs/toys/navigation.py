@@ -1,8 +1,8 @@
-"""A point in the plane that must find a goal it cannot see: Nav-2D, its noisy form, and four corners.
+"""A point in the plane that must find a goal it cannot see: Nav-2D, noisy too, and four corners.
 
-The observation is the position [m], the action a displacement per step within +-0.1 m in each direction, the start
-the origin. Only the reward tells where the goal is, so a policy that has not adapted can do no better than its prior.
-After Song et al. 2020, "ES-MAML", and its released tasks.
+The observation is the position [m], the action a displacement per step within +-0.1 m in each
+direction, the start the origin. Only the reward tells where the goal is, so a policy that has not
+adapted can do no better than its prior. After Song et al. 2020, "ES-MAML", and its released tasks.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ _NOISE_STREAM = 2  # which of an episode seed's sequences the return's noise is
 
 def _goal(limit: float) -> list[Parameter]:
     return [
-        Parameter(f"goal.{axis}", "goal", unit="m", low=-limit, high=limit, how="set") for axis in "xy"
+        Parameter(f"goal.{axis}", "goal", unit="m", low=-limit, high=limit, how="set")
+        for axis in "xy"
     ]
 
 
@@ -30,7 +31,9 @@ _RETURN_NOISE = Parameter("return_noise", "return_noise", low=0.0, how="set")
 
 
 class Nav2D(Toy):
-    """Reach a goal in the box [-1, 1]^2. Reward: minus the squared distance [m^2]; ends within 0.1 m of the goal.
+    """Reach a goal in the box [-1, 1]^2.
+
+    Reward: minus the squared distance [m^2] after the step; ends within 0.1 m of the goal.
 
     Args:
         num_rows: N, episodes at a time.
@@ -75,7 +78,8 @@ class Nav2D(Toy):
 class FourCorners(Nav2D):
     """Find the right one of four corners in the box [-5, 5]^2.
 
-    Reward: -4 + max(0, 4 - squared distance), so nothing tells the goal until the point is within 2 m of it. The
+    Reward: -4 + max(0, 4 - squared distance), so nothing tells the goal until the point is within 2
+        m of it. The
     episode always lasts `max_steps`.
     """
 
@@ -92,8 +96,9 @@ class NoisyNav2D(Nav2D):
 
     Args:
         num_rows: N, episodes at a time.
-        noise: "gaussian" adds scale times a standard normal number to the return; "corrupt" takes scale times the
-            size of one away, in a share of the episodes: an error that only ever hurts.
+        noise: "gaussian" adds scale times a standard normal number to the return; "corrupt" takes
+            scale times the size of one away, in a share of the episodes: an error that only ever
+            hurts.
         scale: size of the noise, in units of the return.
         share: probability that "corrupt" strikes an episode; of no effect for "gaussian".
         max_steps: steps of an episode.

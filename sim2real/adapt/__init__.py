@@ -6,9 +6,9 @@
         session.tell(run_one_episode(candidate))        # the episode's return
     adapted = session.result
 
-An operator is a recipe; a `Session` is one robot going through it, episode by episode, and can be saved in between.
-A `Cohort` is many members going through it side by side, the form in which populations run; a session is a cohort
-of one, so both compute the same numbers.
+An operator is a recipe; a `Session` is one robot going through it, episode by episode, and can be
+saved in between. A `Cohort` is many members going through it side by side, the form in which
+populations run; a session is a cohort of one, so both compute the same numbers.
 """
 
 from sim2real.adapt.base import Adaptation, Cohort, NoAdaptation, Session

@@ -1,7 +1,8 @@
 """What all adaptation operators share: stages of episodes, cohorts of members, sessions of one.
 
-The episodes of an operator are numbered 0 … E - 1 and fall into **stages**: the candidates of a stage depend only on
-the values of earlier stages. So the episodes of one stage may run at the same time and report in any order.
+The episodes of an operator are numbered 0 … E - 1 and fall into **stages**: the candidates of a
+stage depend only on the values of earlier stages. So the episodes of one stage may run at the same
+time and report in any order.
 """
 
 from __future__ import annotations
@@ -135,7 +136,7 @@ class Cohort(ABC):
 
 
 class Session:
-    """One robot's adaptation, an episode at a time; `state_dict` may be taken between any two calls.
+    """One robot's adaptation, an episode at a time; it may be saved between any two calls.
 
     Args:
         operator: the recipe.
@@ -165,7 +166,7 @@ class Session:
         return self._cohort.results[0].copy()
 
     def ask(self) -> np.ndarray | None:
-        """Return the parameters to run for one episode, (P,) float32, or None when the adaptation is done."""
+        """Return the parameters to run for one episode, (P,) float32, or None when done."""
         if self.episodes_left == 0:
             return None
         return self._cohort.candidates(np.array([0]), np.array([len(self._values)]))[0]
@@ -197,8 +198,15 @@ class Session:
 class NoAdaptation(Adaptation):
     """Leaves the policy as it is: domain randomization, the baseline of every adaptation."""
 
-    stages = ()
-    queries = 0
+    @property
+    def stages(self) -> tuple[int, ...]:
+        """None."""
+        return ()
+
+    @property
+    def queries(self) -> int:
+        """None."""
+        return 0
 
     def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
         """Start members that are done at once."""

@@ -1,11 +1,12 @@
-"""The first-order meta-gradient: the gradient at each task's adapted parameters (Song et al. 2020, appendix).
+"""The first-order meta-gradient: the gradient at each task's adapted parameters.
 
     cohort = FirstOrder(adapt, queries=300).start_many(thetas, rngs)
     ...                                           # a population runs it
     cohort.gradients.mean(axis=0)                 # ascend the meta-parameters along this
 
-Two stages: an evolution-strategies gradient step at theta, as `GradientAdaptation` makes it, then a second and
-independent estimate at the adapted parameters. The Hessian term of the full meta-gradient is left out.
+Two stages: an evolution-strategies gradient step at theta, as `GradientAdaptation` makes it, then a
+second and independent estimate at the adapted parameters. The Hessian term of the full
+meta-gradient is left out.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class FirstOrder(Adaptation):
     def __init__(self, adapt: Adaptation, queries: int) -> None:
         if not isinstance(adapt, GradientAdaptation):
             raise ValueError(
-                f"algorithm.meta_estimator=first_order needs a gradient adaptation, got {type(adapt).__name__}; "
-                "use adapt=gradient or meta_estimator=zeroth_order"
+                "algorithm.meta_estimator=first_order needs a gradient adaptation, "
+                f"got {type(adapt).__name__}; use adapt=gradient or meta_estimator=zeroth_order"
             )
         self.first = GradientAdaptation(
             queries=queries, sigma=adapt.sigma, rate=adapt.rate, baseline=adapt.baseline

@@ -1,6 +1,7 @@
 """Monte-Carlo gradient adaptation: one step along an evolution-strategies estimate of the gradient.
 
-Song et al. 2020, "ES-MAML: Simple Hessian-free meta learning", with the joint normalization of its released code.
+Song et al. 2020, "ES-MAML: Simple Hessian-free meta learning", with the joint normalization of its
+released code.
 """
 
 from __future__ import annotations
@@ -16,14 +17,15 @@ from sim2real.es import orthogonal_directions
 class GradientAdaptation(Adaptation):
     """theta + rate / (K sigma) * sum_k c_k g_k from K perturbed episodes and one of theta itself.
 
-    The K + 1 returns are brought to zero mean and unit standard deviation together; if all are equal nothing changes.
+    The K + 1 returns are brought to zero mean and unit standard deviation together; if all are
+    equal nothing changes.
 
     Args:
         queries: K, perturbed episodes.
         sigma: standard deviation of the perturbations, in parameter units.
         rate: step size alpha.
-        baseline: "mean": c_k is the normalized return, so the mean is the baseline; "pivot": c_k is its difference
-            from the unperturbed episode's (forward finite differences).
+        baseline: "mean": c_k is the normalized return, so the mean is the baseline; "pivot": c_k is
+            its difference from the unperturbed episode's (forward finite differences).
         orthogonal: draw orthogonal perturbations.
 
     Raises:
@@ -41,12 +43,14 @@ class GradientAdaptation(Adaptation):
     ) -> None:
         if queries < 1 or not sigma > 0 or not rate > 0:
             raise ValueError(
-                f"adapt: queries={queries} must be at least 1, sigma={sigma} and rate={rate} above 0"
+                f"adapt: queries={queries} must be at least 1, "
+                f"sigma={sigma} and rate={rate} above 0"
             )
         if baseline not in ("mean", "pivot"):
             raise ValueError(f"adapt.baseline={baseline!r} is not one of mean, pivot")
         self._queries, self.sigma, self.rate = queries, sigma, rate
-        self.baseline, self.orthogonal = baseline, orthogonal
+        self.baseline: Literal["mean", "pivot"] = baseline
+        self.orthogonal = orthogonal
 
     @property
     def queries(self) -> int:
@@ -70,9 +74,7 @@ class GradientAdaptation(Adaptation):
 
 
 class _GradientCohort(Cohort):
-    def __init__(
-        self, operator: GradientAdaptation, thetas: np.ndarray, noise: np.ndarray
-    ) -> None:
+    def __init__(self, operator: GradientAdaptation, thetas: np.ndarray, noise: np.ndarray) -> None:
         super().__init__(operator.stages, thetas, noise)
         self._operator, self._sigma = operator, np.float32(operator.sigma)
 
@@ -92,7 +94,7 @@ class _GradientCohort(Cohort):
 
 
 def mean_rows(values: np.ndarray) -> np.ndarray:
-    """Mean of each row of (n, k), column by column: a row's result does not depend on the other rows."""
+    """Mean of each row of (n, k), column by column, so that rows do not depend on one another."""
     total = values[:, 0].copy()
     for column in values.T[1:]:
         total += column
@@ -100,7 +102,7 @@ def mean_rows(values: np.ndarray) -> np.ndarray:
 
 
 def normalize_rows(values: np.ndarray) -> np.ndarray:
-    """Bring each row of (n, k) to zero mean and unit standard deviation; a constant row becomes 0."""
+    """Bring each row of (n, k) to mean 0 and standard deviation 1; a constant row becomes 0."""
     centred = values - mean_rows(values)[:, None]
     spread = np.sqrt(mean_rows(centred**2))
     constant = (values == values[:, :1]).all(axis=1)

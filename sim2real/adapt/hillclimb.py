@@ -1,4 +1,4 @@
-"""Hill climbing: try a perturbed policy, keep it if it did better. Song et al. 2020, section 3.3."""
+"""Hill climbing: try a perturbed policy, keep it if it did better (Song et al. 2020)."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class HillClimb(Adaptation):
     """Q rounds of proposals around the best policy so far, the incumbent.
 
     The incumbent is first run I times; the mean is its value. Each round costs P episodes:
-    *sequential* (P = 1) proposes one policy and runs it once; *average* proposes one and takes its mean over P
-    episodes; *batch* proposes P, runs each once and takes the best. A proposal replaces the incumbent, with its
-    value, if it is better.
+    *sequential* (P = 1) proposes one policy and runs it once; *average* proposes one and takes its
+    mean over P episodes; *batch* proposes P, runs each once and takes the best. A proposal replaces
+    the incumbent, with its value, if it is better.
 
     In all I + Q P episodes; with `reevaluate_incumbent` Q (I + P).
 
@@ -27,9 +27,10 @@ class HillClimb(Adaptation):
         queries: Q, rounds.
         parallel: P, episodes a round.
         sigma: standard deviation of the perturbations, in parameter units.
-        incumbent_episodes: I, runs of the unchanged policy at the start; 0 stands for P, as in the reference.
-        reevaluate_incumbent: run the incumbent I times in each round and compare with that. Without it one lucky
-            value under noise can stop the climb for good; the reference does without.
+        incumbent_episodes: I, runs of the unchanged policy at the start; 0 stands for P, as in the
+            reference.
+        reevaluate_incumbent: run the incumbent I times in each round and compare with that. Without
+            it one lucky value under noise can stop the climb for good; the reference does without.
 
     Raises:
         ValueError: for values out of range.
@@ -49,12 +50,13 @@ class HillClimb(Adaptation):
             raise ValueError(f"adapt.mode={mode!r} is not one of sequential, average, batch")
         if mode == "sequential" and parallel != 1:
             raise ValueError(
-                f"adapt.parallel={parallel} with mode=sequential: it must be 1; use mode=average or batch"
+                f"adapt.parallel={parallel} with mode=sequential: it must be 1; "
+                "use mode=average or batch"
             )
         if queries < 1 or parallel < 1 or not sigma > 0 or incumbent_episodes < 0:
             raise ValueError(
-                f"adapt: queries={queries} and parallel={parallel} must be at least 1, sigma={sigma} above 0, "
-                f"incumbent_episodes={incumbent_episodes} at least 0"
+                f"adapt: queries={queries} and parallel={parallel} must be at least 1, "
+                f"sigma={sigma} above 0, incumbent_episodes={incumbent_episodes} at least 0"
             )
         self.mode, self.rounds, self.parallel, self.sigma = mode, queries, parallel, sigma
         self.incumbent_episodes = incumbent_episodes or parallel

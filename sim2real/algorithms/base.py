@@ -29,8 +29,8 @@ class Algorithm(ABC):
 
     @abstractmethod
     def state_dict(self) -> dict[str, Any]:
-        """Return everything that the next iterations depend on: tensors, numbers, names and their containers."""
+        """Return all that the next iterations depend on: tensors, numbers and names."""
 
     @abstractmethod
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go back to a state, after which iterations equal those of the run that it was taken from."""
+        """Go back to a state: iterations then equal those of the run that it is from."""

@@ -1,13 +1,14 @@
-"""ES-MAML: evolution strategies over policies that are scored after they have adapted (Song et al. 2020).
+"""ES-MAML: evolution strategies over policies that are scored after they have adapted.
 
     algorithm = ESMAML(env, tasks, policy, HillClimb(...), seed=0, num_rows=64, shards=2, ...)
     while algorithm.frames < 20_000_000:
         metrics = algorithm.iterate()
 
-Each candidate of the strategy is a member: it meets a task that it has not seen, adapts there for a few episodes, and
-its fitness is the mean return of fresh episodes afterwards. No gradient passes through the adaptation, so it may be
-anything. With `NoAdaptation` this is evolution strategies under domain randomization; with fixed parameters as
-tasks it is plain evolution strategies.
+After Song et al. 2020, "ES-MAML: simple Hessian-free meta learning". Each candidate is a member: it
+meets a task that it has not seen, adapts there for a few episodes, and its fitness is the mean
+return of fresh episodes afterwards. No gradient passes through the adaptation, so it may be
+anything. With `NoAdaptation` this is evolution strategies under domain randomization; with fixed
+parameters as tasks it is plain evolution strategies.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ def make_shards(
     """Split rows over as many environments of one thread each.
 
     Args:
-        env: makes the environment from `num_rows`, and from `threads` and `effects` if it takes them.
+        env: makes the environment from `num_rows`, and from `threads` and `effects` if it takes
+            them.
         num_rows: rows in all.
         shards: environments; one per core uses the machine fully.
         effects: what may differ per row.
@@ -50,7 +52,8 @@ def make_shards(
     extra: dict[str, Any] = {"threads": 1} if "threads" in takes else {}
     if effects and "effects" not in takes:
         raise ValueError(
-            f"this environment takes no effects, the tasks need {len(effects)}; use the environment's own tasks"
+            f"this environment takes no effects, the tasks need {len(effects)}; "
+            "use the environment's own tasks"
         )
     if effects:
         extra["effects"] = effects
@@ -79,19 +82,20 @@ class ESMAML(Algorithm):
         top_k: directions kept; 0 keeps all.
         orthogonal: whether directions are orthogonal.
         weight_decay: pull towards 0.
-        paired_tasks: whether both members of a pair (forward_fd: all members) get the same tasks, perturbations and
-            episode seeds; false draws each member's own, as the reference does.
+        paired_tasks: whether both members of a pair (forward_fd: all members) get the same tasks,
+            perturbations and episode seeds; false draws each member's own, as the reference does.
         tasks_per_member: tasks that a candidate's fitness averages over.
         final_episodes: episodes that score an adapted policy.
-        step_cost: subtracted from the fitness for each control step of the final episodes. The task's bonus for
-            being upright, taken out again, no longer rewards standing still (Mania et al. 2018, section 4.1);
-            returns that are logged and seen by adaptation keep it.
-        normalize_observations: whether the policy sees observations with the running mean and std taken out,
-            frozen within an iteration.
-        meta_estimator: "zeroth_order" perturbs the meta-parameters and scores what they adapt to; "first_order"
-            takes the gradient at the adapted parameters.
+        step_cost: subtracted from the fitness for each control step of the final episodes. The
+            task's bonus for being upright, taken out again, no longer rewards standing still (Mania
+            et al. 2018, section 4.1); returns that are logged and seen by adaptation keep it.
+        normalize_observations: whether the policy sees observations with the running mean and std
+            taken out, frozen within an iteration.
+        meta_estimator: "zeroth_order" perturbs the meta-parameters and scores what they adapt to;
+            "first_order" takes the gradient at the adapted parameters.
         first_order_queries: episodes of each gradient estimate of "first_order".
-        clean_final: names of parameters that are neutral in the final episodes, such as a task's return noise.
+        clean_final: names of parameters that are neutral in the final episodes, such as a task's
+            return noise.
 
     Raises:
         ValueError: for values out of range, or tasks that the environment cannot have.
@@ -128,12 +132,13 @@ class ESMAML(Algorithm):
     ) -> None:
         if tasks_per_member < 1 or final_episodes < 1:
             raise ValueError(
-                f"algorithm: tasks_per_member={tasks_per_member} and final_episodes={final_episodes} "
-                "must be at least 1"
+                f"algorithm: tasks_per_member={tasks_per_member} and "
+                f"final_episodes={final_episodes} must be at least 1"
             )
         if meta_estimator not in ("zeroth_order", "first_order"):
             raise ValueError(
-                f"algorithm.meta_estimator={meta_estimator!r} is not one of zeroth_order, first_order"
+                f"algorithm.meta_estimator={meta_estimator!r} is not one of "
+                "zeroth_order, first_order"
             )
         self.tasks, self.adapt = tasks, adapt
         rows = make_shards(env, num_rows, shards, tasks.effects)
@@ -214,11 +219,13 @@ class ESMAML(Algorithm):
         return results, self.strategy.tell(fitness)
 
     def _first_order_step(self) -> tuple[Results, dict[str, float]]:
-        assert self._first_order is not None  # noqa: S101 - iterate() has checked
+        assert self._first_order is not None
         count = self._pairs * self._tasks_per_member
-        members = self._members(self._first_order, np.tile(self.theta, (count, 1)), np.arange(count))
+        members = self._members(
+            self._first_order, np.tile(self.theta, (count, 1)), np.arange(count)
+        )
         results = self.population.run(members, self.normalizer)
-        assert isinstance(members.cohort, FirstOrderCohort)  # noqa: S101 - FirstOrder makes no other
+        assert isinstance(members.cohort, FirstOrderCohort)
         return results, self.strategy.step(members.cohort.gradients.mean(axis=0))
 
     def _draws(self, candidates: int) -> np.ndarray:
@@ -268,8 +275,8 @@ class ESMAML(Algorithm):
         """
         if dict(state["policy"]) != self.policy.shape:
             raise ValueError(
-                f"checkpoint: its policy is {dict(state['policy'])}, this run's is {self.policy.shape}; "
-                "give the run the checkpoint's env and policy"
+                f"checkpoint: its policy is {dict(state['policy'])}, this run's is "
+                f"{self.policy.shape}; give the run the checkpoint's env and policy"
             )
         if (state["normalizer"] is None) != (self.normalizer is None):
             raise ValueError(

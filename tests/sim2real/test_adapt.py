@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -40,10 +41,12 @@ operators = pytest.mark.parametrize("name", list(OPERATORS))
 
 
 def value(theta: np.ndarray) -> float:
+    """Height of a smooth hill with its top at 1."""
     return -float(((theta.astype(np.float64) - 1) ** 2).sum())
 
 
 def run(operator: Adaptation, seed: int, size: int = 6) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Adapt on the hill; return the result and all candidates."""
     session = operator.start(np.zeros(size, np.float32), np.random.default_rng(seed))
     asked = []
     while (theta := session.ask()) is not None:
@@ -54,7 +57,7 @@ def run(operator: Adaptation, seed: int, size: int = 6) -> tuple[np.ndarray, lis
 
 @operators
 def test_spends_the_stated_episodes(name: str) -> None:
-    """A session asks for `episodes` episodes, the unchanged policy's included, then refuses more."""
+    """A session asks for `episodes` episodes, the unchanged policy's first, then refuses more."""
     operator = OPERATORS[name]
     _, asked = run(operator, 0)
     assert len(asked) == operator.episodes == EPISODES[name]
@@ -69,7 +72,7 @@ def test_spends_the_stated_episodes(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in OPERATORS if name != "none"])
 def test_improves_on_average(name: str) -> None:
-    """On a smooth hill the adapted parameters are better than the start, on average over 50 draws."""
+    """On a smooth hill adapted parameters beat the start, on average over 50 draws."""
     gains = [value(run(OPERATORS[name], seed)[0]) - value(np.zeros(6)) for seed in range(50)]
     assert np.mean(gains) > 0.05
 
@@ -114,7 +117,7 @@ def test_session_resumes_after_every_episode(name: str) -> None:
 
 
 def test_gradient_step_is_the_published_formula() -> None:
-    """theta + alpha / K * sum of normalized returns times perturbation over sigma squared."""
+    """The step is alpha / K * sum of normalized return times perturbation / sigma squared."""
     operator = GradientAdaptation(queries=3, sigma=0.2, rate=0.05, baseline="mean")
     session = operator.start(np.zeros(4, np.float32), np.random.default_rng(0))
     values, thetas = np.array([1.0, 4.0, -2.0, 7.0]), []
@@ -137,7 +140,7 @@ def test_equal_returns_change_nothing(name: str) -> None:
 
 
 def test_batch_takes_the_best_of_a_round_and_average_the_mean() -> None:
-    """One proposal of a batch that beats the incumbent is enough; an averaged one must beat it in the mean."""
+    """In a batch one proposal above the incumbent suffices; an averaged one needs the mean."""
     batch = HillClimb(mode="batch", queries=1, parallel=3, sigma=0.1)
     session = batch.start(np.zeros(4, np.float32), np.random.default_rng(0))
     asked = []
@@ -154,7 +157,7 @@ def test_batch_takes_the_best_of_a_round_and_average_the_mean() -> None:
 
 
 def test_a_lucky_incumbent_is_forgiven_only_when_run_again() -> None:
-    """After one lucky value of the start only a climb that runs its incumbent again accepts a better proposal."""
+    """After a lucky first value only a climb that runs its incumbent again accepts a proposal."""
 
     def climb(again: bool) -> np.ndarray:
         operator = HillClimb(
@@ -172,10 +175,10 @@ def test_a_lucky_incumbent_is_forgiven_only_when_run_again() -> None:
 
 
 def test_first_order_gradient_is_taken_where_adaptation_arrives() -> None:
-    """Over many draws the estimate points the way of the fitness's gradient at the adapted parameters."""
+    """Over many draws the estimate points along the gradient at the adapted parameters."""
     operator = FirstOrder(GradientAdaptation(queries=9, sigma=0.1, rate=0.05, baseline="mean"), 40)
-    rngs = [np.random.default_rng(seed) for seed in range(20)]
-    cohort = operator.start_many(np.zeros((20, 3), np.float32), rngs)
+    noise = np.random.default_rng(0).standard_normal((20, operator.queries, 3), dtype=np.float32)
+    cohort = operator.cohort(np.zeros((20, 3), np.float32), noise)
     target = np.array([1.0, -2.0, 0.5])
     for _ in range(len(operator.stages)):
         members = np.repeat(np.arange(20), len(cohort.available(0)))
@@ -194,7 +197,7 @@ def test_bad_input_is_refused() -> None:
     with pytest.raises(ValueError, match="must be 1"):
         HillClimb(mode="sequential", queries=2, parallel=3, sigma=0.1)
     with pytest.raises(ValueError, match="mode='greedy'"):
-        HillClimb(mode="greedy", queries=2, parallel=1, sigma=0.1)  # pyright: ignore[reportArgumentType]
+        HillClimb(mode=cast(Any, "greedy"), queries=2, parallel=1, sigma=0.1)
     with pytest.raises(ValueError, match="queries=0"):
         GradientAdaptation(queries=0, sigma=0.1, rate=0.1, baseline="mean")
     with pytest.raises(ValueError, match="finite"):

@@ -1,4 +1,4 @@
-"""Evolution strategies: the estimated gradient is that of the smoothed fitness, and a state resumes exactly."""
+"""Evolution strategies: the gradient is that of the smoothed fitness; states resume exactly."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ START = np.array([1.0, -1.0, 0.5, 2.0])
 
 
 def make(**changes) -> EvolutionStrategy:
+    """Strategy on the quadratic."""
     options = {
         "pairs": 8,
         "sigma": 0.1,
@@ -27,20 +28,21 @@ def make(**changes) -> EvolutionStrategy:
 
 
 def quadratic(thetas: np.ndarray) -> np.ndarray:
+    """Fitness with its top at 0."""
     return -0.5 * np.einsum("jp,pq,jq->j", thetas, CURVATURE, thetas)
 
 
 @pytest.mark.parametrize("estimator", ["antithetic", "forward_fd"])
 @pytest.mark.parametrize("orthogonal", [False, True])
 def test_gradient_of_a_quadratic(estimator: str, orthogonal: bool) -> None:
-    """With SGD of rate 1 a step is the gradient, which for a quadratic is that of the fitness itself, -A m."""
+    """With SGD of rate 1 a step is the gradient; for a quadratic that is the plain one, -A m."""
     strategy = make(pairs=20_000, estimator=estimator, orthogonal=orthogonal)
     strategy.tell(quadratic(strategy.ask()))
     np.testing.assert_allclose(strategy.mean - START, -CURVATURE @ START, atol=0.12)
 
 
 def test_gradient_equals_finite_differences_of_the_smoothed_fitness() -> None:
-    """For a fitness that is not quadratic the step matches finite differences of its Gaussian average."""
+    """For a sine the step matches finite differences of its Gaussian average."""
     sigma = 0.5
     nodes, weights = np.polynomial.hermite_e.hermegauss(40)
 
@@ -79,9 +81,11 @@ def test_climbs_to_the_optimum(optimizer: str, shaping: str) -> None:
 
 
 def test_shaping_ignores_scale_and_equal_values_move_nothing() -> None:
-    """Ranks and standardization do not change under scaling; ties share a rank; constant fitness makes no step."""
+    """Shaping does not see scale; ties share a rank; constant fitness makes no step."""
     fitness = np.array([3.0, 1.0, 2.0, 2.0, 10.0])
-    np.testing.assert_allclose(shape_fitness(fitness, "centred_ranks"), [0.25, -0.5, -0.125, -0.125, 0.5])
+    np.testing.assert_allclose(
+        shape_fitness(fitness, "centred_ranks"), [0.25, -0.5, -0.125, -0.125, 0.5]
+    )
     for shaping in ("centred_ranks", "standardized"):
         np.testing.assert_allclose(
             shape_fitness(fitness, shaping), shape_fitness(1e3 * fitness - 7, shaping)
@@ -104,7 +108,7 @@ def test_top_k_keeps_the_directions_that_matter() -> None:
 
 
 def test_orthogonal_directions_have_gaussian_lengths() -> None:
-    """Directions of a block are orthogonal; squared lengths have a chi-square's mean and variance."""
+    """Directions of a block are orthogonal; squared lengths are chi-square in mean and variance."""
     directions = orthogonal_directions(np.random.default_rng(2), 4000, 10)
     block = directions[:10] @ directions[:10].T
     np.testing.assert_allclose(block - np.diag(np.diag(block)), 0, atol=1e-10)
@@ -115,7 +119,7 @@ def test_orthogonal_directions_have_gaussian_lengths() -> None:
 
 @pytest.mark.parametrize("between", [False, True])
 def test_state_resumes_bit_for_bit(between: bool) -> None:
-    """A state saved to bytes and loaded into a fresh object goes on with the same numbers, also between ask and tell."""
+    """A state saved to bytes goes on with the same numbers elsewhere, also between ask and tell."""
     one = make(optimizer="adam", learning_rate=0.1)
     for _ in range(3):
         one.tell(quadratic(one.ask()))

@@ -12,6 +12,7 @@ LOW, HIGH = np.array([-1.0, -0.5, 0.0]), np.array([1.0, 0.5, 2.0])
 
 
 def make(**changes) -> MLPPolicy:
+    """Policy of Hopper's sizes."""
     options = {"hidden": (64, 64), "activation": "tanh", "output": "tanh", "initial": "normal"}
     return MLPPolicy(11, 3, LOW, HIGH, **(options | changes))
 
@@ -56,7 +57,9 @@ def test_torch_module_is_the_same_function(
     """The torch module agrees with the numpy rows on raw observations, normalization included."""
     policy = make(hidden=hidden, activation=activation, output=output)
     rng = np.random.default_rng(2)
-    theta = policy.initial(rng) + 0.1 * rng.standard_normal(policy.num_parameters).astype(np.float32)
+    theta = policy.initial(rng) + 0.1 * rng.standard_normal(policy.num_parameters).astype(
+        np.float32
+    )
     mean, std = rng.standard_normal(11), rng.uniform(0.5, 2, 11)
     observation = rng.standard_normal((20, 11))
     slots = policy.slots(20)

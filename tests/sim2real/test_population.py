@@ -1,4 +1,4 @@
-"""Populations: numbers do not depend on rows, shards or refilling, and are those of a plain loop."""
+"""Populations: rows, shards and refilling change nothing; numbers are those of a plain loop."""
 
 from __future__ import annotations
 
@@ -17,12 +17,18 @@ OPERATORS = [
     GradientAdaptation(queries=4, sigma=0.1, rate=0.1, baseline="mean"),
     HillClimb(mode="sequential", queries=3, parallel=1, sigma=0.3),
     HillClimb(
-        mode="batch", queries=2, parallel=2, sigma=0.3, incumbent_episodes=1, reevaluate_incumbent=True
+        mode="batch",
+        queries=2,
+        parallel=2,
+        sigma=0.3,
+        incumbent_episodes=1,
+        reevaluate_incumbent=True,
     ),
 ]
 
 
 def make_policy() -> MLPPolicy:
+    """Policy for CartPole."""
     limit = np.array([10.0])
     return MLPPolicy(
         4, 1, -limit, limit, hidden=(8,), activation="tanh", output="tanh", initial="normal"
@@ -30,6 +36,7 @@ def make_policy() -> MLPPolicy:
 
 
 def make_members(adapt: Adaptation) -> Members:
+    """Members with tasks, seeds and perturbations of their own; the same at each call."""
     rng, policy = np.random.default_rng(0), make_policy()
     thetas = np.stack([policy.initial(rng) for _ in range(MEMBERS)])
     rngs = [np.random.default_rng(i) for i in range(MEMBERS)]
@@ -39,6 +46,7 @@ def make_members(adapt: Adaptation) -> Members:
 
 
 def make_normalizer() -> Normalizer:
+    """Normalizer that has seen something."""
     normalizer = Normalizer(4)
     seen = np.random.default_rng(1).normal([0.1, 0, 0.02, 0], [0.5, 1, 0.1, 1], (100, 4))
     normalizer.update(100, seen.sum(axis=0), (seen**2).sum(axis=0))
@@ -46,18 +54,20 @@ def make_normalizer() -> Normalizer:
 
 
 def run(adapt: Adaptation, counts: list[int], refill: int = 1) -> Results:
+    """Run the members over shards of these numbers of rows."""
     population = Population([BiasedCartPole(n) for n in counts], make_policy(), refill)
     return population.run(make_members(adapt), make_normalizer())
 
 
 def assert_same(one: Results, other: Results) -> None:
+    """Require the same bits everywhere."""
     for name in ("returns", "lengths", "failed", "thetas", "sums", "squares"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
 @pytest.mark.parametrize("adapt", OPERATORS, ids=lambda a: type(a).__name__)
 def test_rows_shards_and_refilling_change_no_bit(adapt: Adaptation) -> None:
-    """One row at a time, many rows, several shards and lazy refilling give the same results, sums included."""
+    """One row, many rows, several shards and lazy refilling give the same results and sums."""
     expected = run(adapt, [1])
     for counts, refill in (([7], 1), ([64], 1), ([3, 4], 1), ([2, 1, 5], 2), ([16, 16], 5)):
         assert_same(expected, run(adapt, counts, refill))
@@ -65,7 +75,7 @@ def test_rows_shards_and_refilling_change_no_bit(adapt: Adaptation) -> None:
 
 @pytest.mark.parametrize("adapt", OPERATORS, ids=lambda a: type(a).__name__)
 def test_equals_a_plain_loop_over_sessions(adapt: Adaptation) -> None:
-    """Each member's returns are those of a session that runs its episodes one by one in its own environment."""
+    """Each member's returns are those of a session that runs its episodes one by one."""
     results, members, normalizer = run(adapt, [5, 3]), make_members(adapt), make_normalizer()
     policy, rows = make_policy(), BiasedCartPole(1)
     for member in range(MEMBERS):
@@ -90,15 +100,15 @@ def test_equals_a_plain_loop_over_sessions(adapt: Adaptation) -> None:
 
 
 def test_observation_statistics_are_those_of_all_steps() -> None:
-    """Mean and std that the normalizer takes over are those of every observation a policy acted on."""
+    """The normalizer's mean and std are those of every observation that a policy acted on."""
     seen: list[np.ndarray] = []
 
     class Recorder(BiasedCartPole):
-        def reset(self, ids, values, seeds):  # noqa: ANN001, ANN202 - as the base
+        def reset(self, ids, values, seeds):
             seen.append(super().reset(ids, values, seeds))
             return seen[-1]
 
-        def step(self, ids, action):  # noqa: ANN001, ANN202 - as the base
+        def step(self, ids, action):
             step = super().step(ids, action)
             seen.append(step.observation[~(step.terminated | step.truncated)])
             return step
@@ -113,7 +123,7 @@ def test_observation_statistics_are_those_of_all_steps() -> None:
 
 
 def test_normalizer_merges_batches_exactly() -> None:
-    """Updates in three parts give the mean and std of the whole, even far from 0; constants keep std 1."""
+    """Updates in parts give mean and std of the whole, even far from 0; constants keep std 1."""
     data = np.random.default_rng(0).normal([1e3, -5, 0], [0.1, 2, 1], (300, 3))
     data[:, 2] = 4
     normalizer = Normalizer(3)
@@ -131,7 +141,7 @@ def test_an_error_in_a_shard_reaches_the_caller() -> None:
     """An environment that fails in another thread ends the run with its own error."""
 
     class Broken(BiasedCartPole):
-        def step(self, ids, action):  # noqa: ANN001, ANN202 - as the base
+        def step(self, ids, action):
             raise RuntimeError("the disk is full")
 
     population = Population([BiasedCartPole(2), Broken(2)], make_policy())
@@ -140,10 +150,10 @@ def test_an_error_in_a_shard_reaches_the_caller() -> None:
 
 
 def test_failed_episodes_are_flagged_and_their_rows_go_on() -> None:
-    """An episode that the simulation broke is flagged, keeps its return up to there, and spoils no other."""
+    """An episode that broke is flagged, keeps its return up to there, and spoils no other."""
 
     class Fragile(BiasedCartPole):
-        def step(self, ids, action):  # noqa: ANN001, ANN202 - as the base
+        def step(self, ids, action):
             step = super().step(ids, action)
             rows = slice(None) if ids is None else ids
             broken = (self._steps[rows] == 3) & (self._values[rows, 0] > 0)
@@ -160,7 +170,7 @@ def test_failed_episodes_are_flagged_and_their_rows_go_on() -> None:
 
 
 def test_evaluation_scores_before_and_after_on_the_same_fresh_episodes() -> None:
-    """Without adaptation both scores are equal; with it they are the population's, and steps are counted."""
+    """Without adaptation both scores are equal; with it they differ; steps are counted."""
     rng, policy = np.random.default_rng(0), make_policy()
     population, theta = Population([BiasedCartPole(6)], policy), policy.initial(rng)
     values = AngleBias().sample(rng, 4)
@@ -185,6 +195,7 @@ def test_bad_members_are_refused() -> None:
 
 
 def make_nav_policy() -> MLPPolicy:
+    """Policy for Nav-2D."""
     limit = np.full(2, 0.1)
     return MLPPolicy(
         2, 2, -limit, limit, hidden=(), activation="tanh", output="linear", initial="zero"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 
@@ -10,7 +12,7 @@ from envs.toys import AngleBias, BiasedCartPole
 
 def test_dynamics_are_those_of_gymnasium() -> None:
     """At full force and without bias, states and the fall agree with Gymnasium's CartPole-v1."""
-    reference = gymnasium.make("CartPole-v1").unwrapped
+    reference: Any = gymnasium.make("CartPole-v1").unwrapped
     env, rng = BiasedCartPole(1), np.random.default_rng(0)
     for seed in range(20):
         start = env.reset(np.array([0]), np.zeros((1, 1)), np.array([seed], np.uint64))

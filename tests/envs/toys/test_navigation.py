@@ -1,4 +1,4 @@
-"""Navigation tasks: rewards and endings as published, rows that are independent, noise that follows its law."""
+"""Navigation tasks: rewards and endings as published, independent rows, noise by its law."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def episode(env: Nav2D, values: np.ndarray, seeds: np.ndarray, action: np.ndarra
 
 
 def test_walking_to_the_goal_ends_the_episode() -> None:
-    """Reward is minus the squared distance after the move; the episode ends within 0.1 m, not by time."""
+    """Reward is minus the squared distance after the move; it ends within 0.1 m, not by time."""
     env = Nav2D(1)
     env.reset(np.array([0]), np.array([[0.5, 0.0]]), np.zeros(1, np.uint64))
     rewards = []
@@ -73,9 +73,9 @@ def test_subsets_and_other_rows_change_nothing() -> None:
 
 
 def test_return_noise_follows_its_law_and_its_seed() -> None:
-    """Gaussian noise has mean 0 and the stated spread, corruption hurts the stated share only; 0 switches it off."""
+    """Gaussian noise has its spread, corruption hurts its share only; 0 switches noise off."""
     count = 4000
-    goals = np.zeros((count, 2)) + [1.0, 1.0]
+    goals = np.ones((count, 2))
     seeds = np.arange(count, dtype=np.uint64)
     walk = np.array([0.1, 0.1])
     clean = episode(Nav2D(count), goals, seeds, walk)
@@ -92,7 +92,7 @@ def test_return_noise_follows_its_law_and_its_seed() -> None:
 
 
 def test_tasks_fit_their_environments_only() -> None:
-    """Draws lie in the task's space; tasks of another environment are refused with both lists of names."""
+    """Draws lie in the task's space; tasks of another environment are refused by name."""
     rng = np.random.default_rng(0)
     NavGoals().check(Nav2D(1).space)
     Nav2D(1).space.validate(NavGoals().sample(rng, 100))

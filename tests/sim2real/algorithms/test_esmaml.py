@@ -1,4 +1,4 @@
-"""ES-MAML: it learns to adapt, counts its steps, resumes bit for bit, and its options do what they say."""
+"""ES-MAML: it learns to adapt, counts its steps, resumes bit for bit, and obeys its options."""
 
 from __future__ import annotations
 
@@ -44,23 +44,38 @@ OPTIONS: dict[str, Any] = {
     "clean_final": (),
 }
 QUICK = HillClimb(mode="sequential", queries=2, parallel=1, sigma=0.1)
-SMALL = {"pairs": 4, "num_rows": 6, "refill": 1, "normalize_observations": True, "optimizer": "adam"}
+SMALL = {
+    "pairs": 4,
+    "num_rows": 6,
+    "refill": 1,
+    "normalize_observations": True,
+    "optimizer": "adam",
+}
 
 
 def make_nav(adapt: Adaptation, seed: int = 0, **changes: Any) -> ESMAML:
+    """ES-MAML on Nav-2D."""
     return ESMAML(Nav2D, NavGoals(), LINEAR, adapt, seed, **(OPTIONS | changes))
 
 
 def make_cartpole(adapt: Adaptation = QUICK, seed: int = 0, **changes: Any) -> ESMAML:
+    """A small ES-MAML on CartPole."""
     return ESMAML(BiasedCartPole, AngleBias(), HIDDEN, adapt, seed, **(OPTIONS | SMALL | changes))
 
 
 def score(algorithm: ESMAML, tasks: int = 60) -> tuple[float, float]:
+    """Mean return before and after adaptation over Nav-2D tasks."""
     rng = np.random.default_rng(1234)
     values = NavGoals().sample(rng, tasks)
     seeds = rng.integers(0, 2**63, tasks, dtype=np.uint64)
     scores = evaluate_adaptation(
-        algorithm.population, algorithm.theta, algorithm.normalizer, algorithm.adapt, values, seeds, 1
+        algorithm.population,
+        algorithm.theta,
+        algorithm.normalizer,
+        algorithm.adapt,
+        values,
+        seeds,
+        1,
     )
     return float(scores.before.mean()), float(scores.after.mean())
 
@@ -90,7 +105,7 @@ def test_first_order_learns_to_adapt() -> None:
 
 @pytest.mark.parametrize("between", [{}, {"num_rows": 3}, {"num_rows": 9, "shards": 2}])
 def test_resumes_bit_for_bit(between: dict) -> None:
-    """A run saved to bytes and loaded into another, also with other rows and shards, goes on with the same numbers."""
+    """A run loaded into another, also with other rows and shards, goes on with the same numbers."""
     one = make_cartpole()
     for _ in range(2):
         one.iterate()
@@ -120,7 +135,7 @@ def test_counts_every_environment_step() -> None:
     steps = []
 
     class Counting(BiasedCartPole):
-        def step(self, ids, action):  # noqa: ANN001, ANN202 - as the base
+        def step(self, ids, action):
             steps.append(len(action))
             return super().step(ids, action)
 
@@ -131,7 +146,7 @@ def test_counts_every_environment_step() -> None:
 
 @pytest.mark.parametrize(("paired", "equal"), [(True, True), (False, False)])
 def test_pairs_share_task_and_luck_if_asked(paired: bool, equal: bool) -> None:
-    """With the same candidate on both sides of a pair, paired members return the same to the last bit."""
+    """With one candidate on both sides of a pair, paired members return the same bits."""
     algorithm = make_cartpole(paired_tasks=paired, tasks_per_member=3)
     candidates = np.tile(algorithm.theta, (8 * 3, 1))
     results = algorithm._run(QUICK, candidates, algorithm._draws(8))
@@ -151,7 +166,7 @@ def test_final_episodes_can_be_free_of_noise() -> None:
     """With `clean_final` the score is of exact returns while adaptation sees noisy ones."""
     env = partial(NoisyNav2D, noise="gaussian", scale=1e6)
     algorithm = ESMAML(
-        env, NavGoals(1.0), LINEAR, QUICK, 0, **(OPTIONS | {"clean_final": ["return_noise"]})
+        env, NavGoals(1.0), LINEAR, QUICK, 0, **{**OPTIONS, "clean_final": ["return_noise"]}
     )
     metrics = algorithm.iterate()
     assert abs(metrics["train/return"]) < 1e3 < abs(metrics["train/return_before"])
