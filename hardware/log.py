@@ -1,0 +1,304 @@
+"""The trajectory log: what a robot, its emulator and a simulation write, one row a control step.
+
+    log = Log({"episode": [0, 0], "time": [0, 0.02], "ctrl.hinge": [1, 1], "qpos.hinge": [0, 0.1]})
+    write_log("swing.csv", log)                     # and swing.json, if there is metadata
+    for log in read_logs("swing.csv"):              # a file, a folder, or a list of both
+        log.column("qpos.hinge"), log.model, [part.time for part in log.episodes()]
+
+Columns (SI units):
+
+* `episode` (a number), `time` [s from the episode's start: when the row's command is written],
+  `ctrl.<actuator>` (the command sent, after every limit, held until the next row) and
+  `qpos.<joint>` (measured just before the command; a free joint has `.0` to `.6`) are required; an
+  episode's rows are together and its time increases.
+* `qvel.<joint>`, `torque.<actuator>` (0: the servo was switched off), `stamp.<joint>` [s: when that
+  joint was read], `current.<actuator>` [A], `voltage.<actuator>` [V],
+  `temperature.<actuator>` [°C], `sensor.<name>`, `action.<name>`, `reward` and `flag.<name>` are optional. Other columns are left
+  out with a warning.
+
+Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
+name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log
+is finite, so a reader need not ask.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hardware import log_csv, log_parquet
+from hardware.errors import LogError, did_you_mean, listed
+from hardware.files import whole_file
+from hardware.log_columns import ACTUATOR_KINDS, JOINT_KINDS, REQUIRED
+
+
+@dataclass(frozen=True)
+class Log:
+    """One trajectory log in memory, checked.
+
+    Args:
+        columns: name to values, (T,) each; `episode` becomes int64, everything else float64.
+        meta: what is known beside the numbers, as JSON can hold it.
+        path: the file it was read from.
+
+    Raises:
+        LogError: a required column is missing, lengths differ, a number is not finite, time does
+            not increase, an episode comes in two parts or has fewer than 2 rows.
+    """
+
+    columns: Mapping[str, np.ndarray]
+    meta: dict[str, Any] = field(default_factory=dict)
+    path: Path | None = None
+
+    def __post_init__(self) -> None:
+        columns = {name: np.asarray(values, float) for name, values in self.columns.items()}
+        place = str(self.path or "the log")
+        _check(columns, place, 2 if self.path and self.path.suffix == ".csv" else None)
+        columns["episode"] = columns["episode"].astype(np.int64)
+        object.__setattr__(self, "columns", columns)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def episode(self) -> np.ndarray:
+        """The episode of each row, (T,) int64."""
+        return self.columns["episode"]
+
+    @property
+    def time(self) -> np.ndarray:
+        """Seconds from the episode's start, (T,)."""
+        return self.columns["time"]
+
+    @property
+    def actuators(self) -> list[str]:
+        """The actuators that were commanded, in the order of the columns."""
+        return [name[5:] for name in self.columns if name.startswith("ctrl.")]
+
+    @property
+    def joints(self) -> list[str]:
+        """The joints whose position was measured, in the order of the columns."""
+        return list(dict.fromkeys(_joint(n[5:]) for n in self.columns if n.startswith("qpos.")))
+
+    @property
+    def model(self) -> Path | None:
+        """The MJCF that the metadata names, seen from the log's folder."""
+        name = self.meta.get("model")
+        if name is None:
+            return None
+        return (self.path.parent if self.path else Path()) / name
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Servo registers by actuator: labels to group logs by."""
+        return self.meta.get("settings", {})
+
+    def column(self, name: str) -> np.ndarray:
+        """Return a column, (T,).
+
+        Raises:
+            LogError: the log has no such column.
+        """
+        if name not in self.columns:
+            hint = did_you_mean(name, self.columns)
+            place = self.path or "the log"
+            raise LogError(f"{place} has no column {name!r}{hint}; it has {listed(self.columns)}")
+        return self.columns[name]
+
+    def episodes(self) -> Iterator[Log]:
+        """Yield one Log for each episode, in the order of the rows."""
+        cuts = np.flatnonzero(np.diff(self.episode)) + 1
+        for rows in np.split(np.arange(len(self)), cuts):
+            part = slice(rows[0], rows[-1] + 1)
+            columns = {name: values[part] for name, values in self.columns.items()}
+            yield Log(columns, self.meta, self.path)
+
+
+def read_log(path: str | Path) -> Log:
+    """Read one CSV or Parquet file, a LeRobot episode included.
+
+    Raises:
+        LogError: the file is missing, is not a log, or breaks a rule of `Log`; the message says
+            file, row and column.
+    """
+    path = Path(path)
+    if not path.is_file():
+        near = [p.name for p in path.parent.glob("*.*")] if path.parent.is_dir() else []
+        raise LogError(f"{path}: there is no such log{did_you_mean(path.name, near)}")
+    if path.suffix == ".csv":
+        columns, meta = log_csv.read(path), {}
+    elif path.suffix == ".parquet":
+        columns, meta = log_parquet.read(path)
+    else:
+        raise LogError(
+            f"{path}: a log is a .csv or a .parquet file, this is {path.suffix or 'neither'}"
+        )
+    return Log(columns, meta | _read_meta(path.with_suffix(".json")), path)
+
+
+def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
+    """Read a file, all logs of a folder (sorted by name), a LeRobot data set, or a list of these.
+
+    Raises:
+        LogError: nothing is there, or a file breaks a rule of `read_log`.
+    """
+    if not isinstance(source, str | Path):
+        logs = [log for part in source for log in read_logs(part)]
+        if not logs:
+            raise LogError("an empty list of logs was given; name a file or a folder")
+        return logs
+    path = Path(source)
+    if not path.is_dir():
+        return [read_log(path)]
+    inside = path / "data" if (path / "meta" / "info.json").is_file() else path
+    found = inside.rglob("*") if inside != path else inside.iterdir()
+    logs = (p for p in found if p.suffix in (".csv", ".parquet"))
+    files = sorted(p for p in logs if not p.name.startswith("."))
+    if not files:
+        raise LogError(f"{path}: the folder holds no log (.csv or .parquet)")
+    return [read_log(file) for file in files]
+
+
+def write_log(path: str | Path, log: Log) -> Path:
+    """Write a log, whole or not at all; CSV or Parquet, as the name ends.
+
+    A CSV's metadata goes to a JSON file of the same name, a Parquet's into its schema.
+
+    Raises:
+        LogError: the ending is neither, or pyarrow is needed and missing.
+    """
+    path = Path(path)
+    sidecar = path.with_suffix(".json")
+    if path.suffix == ".parquet":
+        log_parquet.write(path, log.columns, log.meta)
+        return path
+    if path.suffix != ".csv":
+        raise LogError(f"{path}: a log is a .csv or a .parquet file; this name ends in neither")
+    with whole_file(path) as temporary:
+        log_csv.write(temporary, log.columns)
+        if log.meta:
+            with whole_file(sidecar) as text:
+                meta = json.dumps(log.meta, indent=1, ensure_ascii=False)
+                text.write_text(meta + "\n", encoding="utf-8")
+        else:
+            sidecar.unlink(missing_ok=True)
+    return path
+
+
+def check_names(
+    log: Log, joints: Sequence[str], actuators: Sequence[str], driven: Iterable[str] = ()
+) -> None:
+    """Refuse a log that names what the model lacks, or lacks a joint that an actuator drives.
+
+    Args:
+        log: the log.
+        joints: the model's joints.
+        actuators: the model's actuators.
+        driven: the joints that the logged actuators drive; each needs its `qpos`.
+
+    Raises:
+        LogError: with the column, the model's names and the nearest of them.
+    """
+    place = log.path or "the log"
+    for column in log.columns:
+        kind, _, name = column.partition(".")
+        allowed = joints if kind in JOINT_KINDS else actuators if kind in ACTUATOR_KINDS else None
+        if allowed is not None and name not in allowed and _joint(name) not in allowed:
+            what = "joint" if kind in JOINT_KINDS else "actuator"
+            raise LogError(
+                f"{place}, column {column!r}: the model has no {what} {name!r}"
+                f"{did_you_mean(name, allowed)}; it has {listed(allowed)}"
+            )
+    missing = [name for name in driven if name not in log.joints]
+    if missing:
+        raise LogError(
+            f"{place}: the column 'qpos.{missing[0]}' is missing; an actuator drives that joint"
+        )
+
+
+def _joint(name: str) -> str:
+    """The joint of `root.3` is `root`: the fourth number of a free joint."""
+    stem, _, index = name.rpartition(".")
+    return stem if stem and index.isdigit() else name
+
+
+def _read_meta(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    try:
+        meta = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise LogError(f"{path}: the log's metadata cannot be read as JSON: {error}") from None
+    if not isinstance(meta, dict):
+        kind = type(meta).__name__
+        raise LogError(f"{path}: the metadata is a {kind}, not a table of names and values")
+    return meta
+
+
+def _check(columns: dict[str, np.ndarray], place: str, first_line: int | None) -> None:
+    """Raise LogError for whatever a log must not be; `first_line` is the file's line of row 0."""
+
+    def at(row: int, column: str) -> str:
+        line = "" if first_line is None else f" (line {row + first_line})"
+        return f"{place}, row {row}{line}, column {column!r}"
+
+    _check_columns(columns, place)
+    lengths = {name: values.shape for name, values in columns.items()}
+    if any(shape != lengths["time"] or len(shape) != 1 for shape in lengths.values()):
+        raise LogError(
+            f"{place}: every column has one dimension and the same length, not {lengths}"
+        )
+    for name, values in columns.items():
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            value = values[bad[0]]
+            raise LogError(f"{at(bad[0], name)}: {value} is not finite; remove or repair the row")
+    episode, time = columns["episode"], columns["time"]
+    bad = np.flatnonzero(episode != np.round(episode))
+    if bad.size:
+        raise LogError(f"{at(bad[0], 'episode')}: {episode[bad[0]]:g} is not a whole number")
+    same = np.diff(episode) == 0
+    bad = np.flatnonzero(same & (np.diff(time) <= 0)) + 1
+    if bad.size:
+        before, now = time[bad[0] - 1], time[bad[0]]
+        word = "repeats" if now == before else "runs back"
+        raise LogError(
+            f"{at(bad[0], 'time')}: time {word}, {now:.9g} s after {before:.9g} s in one episode"
+        )
+    _check_episodes(episode, same, place, at)
+
+
+def _check_columns(columns: dict[str, np.ndarray], place: str) -> None:
+    for name in REQUIRED:
+        if name not in columns:
+            hint = did_you_mean(name, columns)
+            has = listed(columns)
+            raise LogError(f"{place}: the column {name!r} is missing{hint}; it has {has}")
+    for kind, what in (("ctrl", "actuator"), ("qpos", "joint")):
+        if not any(name.startswith(f"{kind}.") for name in columns):
+            has = listed(columns)
+            raise LogError(f"{place}: a column '{kind}.<{what}>' is missing; it has {has}")
+
+
+def _check_episodes(episode: np.ndarray, same: np.ndarray, place: str, at: Any) -> None:
+    starts = np.concatenate([[0], np.flatnonzero(~same) + 1]) if len(episode) else np.zeros(0, int)
+    if not starts.size:
+        raise LogError(f"{place}: the log has no rows; an episode has at least 2")
+    sizes = np.diff(np.append(starts, len(episode)))
+    if sizes.min() < 2:
+        row = starts[int(np.argmin(sizes))]
+        name = f"{episode[row]:g}"
+        raise LogError(f"{at(row, 'episode')}: episode {name} has 1 row; an episode has at least 2")
+    _, first = np.unique(episode[starts], return_index=True)
+    again = np.setdiff1d(np.arange(len(starts)), first)
+    if again.size:
+        row = starts[again[0]]
+        raise LogError(
+            f"{at(row, 'episode')}: episode {episode[row]:g} comes back after another; "
+            "keep its rows together, or number it anew"
+        )

@@ -1,0 +1,15 @@
+"""The names that a trajectory log's columns can have; `hardware/log.py` says what they mean."""
+
+from __future__ import annotations
+
+REQUIRED = ("episode", "time")
+ACTUATOR_KINDS = ("ctrl", "torque", "current", "voltage", "temperature")
+JOINT_KINDS = ("qpos", "qvel", "stamp")
+KINDS = (*ACTUATOR_KINDS, *JOINT_KINDS, "sensor", "action", "flag")
+INTEGER_KINDS = ("episode", "torque", "flag")
+
+
+def known(name: str) -> bool:
+    """Say whether a log can have a column of this name."""
+    kind, _, rest = name.partition(".")
+    return name in (*REQUIRED, "reward") or (kind in KINDS and bool(rest))

@@ -1,0 +1,93 @@
+"""A trajectory log as CSV: the header names the columns, every cell is a number."""
+
+from __future__ import annotations
+
+import csv
+import logging
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from hardware.errors import LogError, did_you_mean, listed
+from hardware.log_columns import INTEGER_KINDS, KINDS, REQUIRED, known
+
+_logger = logging.getLogger(__name__)
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    """Return the columns of the file, (T,) each.
+
+    Raises:
+        LogError: the header or a cell is wrong; the message says row, line and column.
+    """
+    header: list[str] = []
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        try:
+            header = [name.strip() for name in next(csv.reader(file), [])]
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", message=".*input contained no data")
+                table = np.loadtxt(file, delimiter=",", ndmin=2, comments=None, quotechar='"')
+        except UnicodeDecodeError as error:
+            reason = f"{error.reason} at byte {error.start}"
+            raise LogError(f"{path}: this is not UTF-8 text ({reason})") from None
+        except ValueError as error:
+            _check_header(path, header)
+            _refuse_cell(path, len(header), header)
+            raise LogError(f"{path}: {error}") from None
+    _check_header(path, header)
+    if not table.size:
+        table = table.reshape(0, len(header))
+    if table.shape[1] != len(header):
+        _refuse_cell(path, len(header), header)
+    return keep_known(path, dict(zip(header, table.T.copy(), strict=True)))
+
+
+def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write the columns; every number reads back as the same bits."""
+    lists = [
+        (values.astype(np.int64) if name.partition(".")[0] in INTEGER_KINDS else values).tolist()
+        for name, values in columns.items()
+    ]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*lists, strict=True))
+
+
+def keep_known(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the columns that a log can have; warn about the others."""
+    if not set(REQUIRED) <= set(columns):
+        return columns
+    names = [*REQUIRED, "reward", *(f"{kind}.<name>" for kind in KINDS)]
+    for name in [n for n in columns if not known(n)]:
+        hint = did_you_mean(name.partition(".")[0], [*REQUIRED, "reward", *KINDS])
+        message = "%s: column %r is left out%s; a log has %s"
+        _logger.warning(message, path, name, hint, listed(names))
+        del columns[name]
+    return columns
+
+
+def _check_header(path: Path, header: list[str]) -> None:
+    if not header:
+        raise LogError(f"{path}: the file is empty; the first line of a log names its columns")
+    twice = [name for name in header if header.count(name) > 1]
+    if twice:
+        raise LogError(f"{path}: column {twice[0]!r} is there {header.count(twice[0])} times")
+
+
+def _refuse_cell(path: Path, width: int, header: list[str]) -> None:
+    """Find the first cell that is not a number, and say where it is."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        rows = csv.reader(file)
+        next(rows)
+        for row, cells in enumerate(cells for cells in rows if cells):
+            place = f"{path}, row {row} (line {row + 2})"
+            if len(cells) != width:
+                raise LogError(f"{place}: {len(cells)} cells, but the header names {width} columns")
+            for name, cell in zip(header, cells, strict=True):
+                try:
+                    float(cell)
+                except ValueError:
+                    raise LogError(f"{place}, column {name!r}: {cell!r} is not a number") from None
