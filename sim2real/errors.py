@@ -1,0 +1,38 @@
+"""What a user can get wrong above the simulated worlds, and how a run says that it was stopped."""
+
+from __future__ import annotations
+
+
+class Sim2RealError(ValueError):
+    """Base of every error that a user of `sim2real` can cause; its text says what to do instead."""
+
+
+class CheckpointError(Sim2RealError):
+    """A checkpoint cannot be found, written or used here."""
+
+
+class DamagedCheckpointError(CheckpointError):
+    """A checkpoint's file is not as it was written."""
+
+
+class DiskError(Sim2RealError):
+    """A file of the run could not be written, such as on a full disk."""
+
+
+class RenderError(Sim2RealError):
+    """No picture can be drawn on this machine, or of this environment."""
+
+
+class Stopped(KeyboardInterrupt):
+    """A run ended because it was told to (Ctrl-C, SIGTERM), after it wrote a checkpoint.
+
+    It is a KeyboardInterrupt so that a sweep stops with it. Its text is one sentence that says how
+    to resume.
+
+    Attributes:
+        exit_code: what the process should exit with, 128 plus the signal's number.
+    """
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code

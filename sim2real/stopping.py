@@ -1,0 +1,53 @@
+"""Ending a run from outside: Ctrl-C and SIGTERM ask once, Ctrl-C again insists.
+
+with Stopping() as stopping:
+    while work and not stopping.signal:
+        iterate()
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import threading
+from types import FrameType, TracebackType
+from typing import Any
+
+log = logging.getLogger(__name__)
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Stopping:
+    """Notes the first signal, so that the iteration in progress can finish; a second interrupts it.
+
+    Outside the main thread, where Python delivers no signals, it does nothing.
+
+    Attributes:
+        signal: number of the signal that came, or 0.
+    """
+
+    def __init__(self) -> None:
+        self.signal = 0
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> Stopping:
+        """Take over the signals."""
+        if threading.current_thread() is threading.main_thread():
+            self._before = {number: signal.signal(number, self._note) for number in SIGNALS}
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Give the signals back."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self.signal:
+            raise KeyboardInterrupt
+        self.signal = number
+        log.warning("stopping after the iteration in progress; press Ctrl-C again to abandon it")

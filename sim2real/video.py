@@ -1,0 +1,313 @@
+"""Films of a policy, drawn off-screen: before and after adaptation, side by side.
+
+    video = Video(width=320, height=240, fps=25, seconds=10.0)
+    path = video.record(algorithm, env, seed=0, folder=out / "videos")
+
+Drawing needs a system library, EGL or OSMesa; which one works is tried in a process of its own,
+since a broken one can take its process with it. Without any, `RenderError` says what to install.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import torch
+import torchrl  # noqa: F401 - must be imported before any GL context exists, else the process dies
+from PIL import Image, ImageDraw, ImageFont
+
+from envs.rows import Rows
+from envs.simulation import Simulation
+from sim2real.adapt import NoAdaptation
+from sim2real.algorithms.base import Algorithm
+from sim2real.algorithms.esmaml import ESMAML, make_shards
+from sim2real.errors import RenderError
+from sim2real.files import replacing
+from sim2real.normalizer import Normalizer
+from sim2real.population import Members, Population, draw_seeds
+
+Act = Callable[[np.ndarray], np.ndarray]  # raw observation (O,) to action (A,)
+INSTALL = "install a software renderer, as root: apt-get install libegl1 libgl1-mesa-dri"
+VIDEO_STREAM = 3  # which of the seed's streams the film's task and luck are
+MARGIN = 22  # px, height of a line of text
+
+
+@cache
+def backend() -> str:
+    """Return the GL library that works here, "egl" or "osmesa"; MUJOCO_GL chooses it if set.
+
+    Raises:
+        RenderError: if none does.
+    """
+    asked = os.environ.get("MUJOCO_GL", "").lower()
+    candidates = [asked] if asked else ["egl", "osmesa"]
+    for name in candidates:
+        if name in ("egl", "osmesa") and _works(name):
+            return name
+    tried = f"MUJOCO_GL={asked} does not" if asked else "neither EGL nor OSMesa does"
+    raise RenderError(f"drawing off-screen needs a GL library and {tried} work here; {INSTALL}")
+
+
+def _works(name: str) -> bool:
+    """Return whether a context of that library can be made, asking another process."""
+    code = f"from mujoco.{name} import GLContext as C; c = C(8, 8); c.make_current(); c.free()"
+    environment = os.environ | {"MUJOCO_GL": name, "PYOPENGL_PLATFORM": name}
+    try:
+        command = [sys.executable, "-c", code]
+        ended = subprocess.run(command, env=environment, capture_output=True, timeout=60)
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return ended.returncode == 0
+
+
+class Camera:
+    """Draws simulations of one model into images.
+
+    Args:
+        model: a model of the robot; its off-screen buffer may be smaller than the image.
+        width: of the image [px].
+        height: of the image [px].
+        name: a camera of the model, or None for a free one.
+
+    Raises:
+        RenderError: when nothing can be drawn on this machine.
+    """
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int, name: str | None) -> None:
+        library = importlib.import_module(f"mujoco.{backend()}")
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        self._gl = library.GLContext(width, height)
+        self._gl.make_current()
+        self._scene = mujoco.MjvScene(model, maxgeom=2000)
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        for costly in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._scene.flags[costly.value] = False  # 3 times as fast where the CPU draws
+        self._size = mujoco.MjrRect(0, 0, width, height)
+        self._view = mujoco.MjvCamera()
+        if name is None:
+            mujoco.mjv_defaultFreeCamera(model, self._view)
+        else:
+            self._view.type = mujoco.mjtCamera.mjCAMERA_FIXED.value  # type: ignore[assignment]
+            self._view.fixedcamid = model.camera(name).id
+        self._option = mujoco.MjvOption()
+
+    def draw(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+        """Return a picture, (height, width, 3) uint8."""
+        self._gl.make_current()
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(model, data, self._option, None, self._view, everything, self._scene)
+        mujoco.mjr_render(self._size, self._scene, self._context)
+        pixels = np.empty((self._size.height, self._size.width, 3), np.uint8)
+        mujoco.mjr_readPixels(pixels, None, self._size, self._context)
+        return pixels[::-1]
+
+    def close(self) -> None:
+        """Free what the graphics library holds."""
+        self._gl.make_current()
+        self._context.free()
+        self._gl.free()
+
+    def __enter__(self) -> Camera:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Close it."""
+        self.close()
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One filmed episode.
+
+    Attributes:
+        title: what is seen.
+        frames: pictures at a constant rate, (n, height, width, 3) uint8.
+        reward: undiscounted return of the whole episode, filmed or not.
+    """
+
+    title: str
+    frames: np.ndarray
+    reward: float
+
+
+def film(
+    simulation: Simulation,
+    act: Act,
+    values: np.ndarray,
+    seed: int,
+    title: str,
+    video: Video,
+    camera: Camera,
+) -> Clip:
+    """Run one episode in row 0 and draw it.
+
+    Args:
+        simulation: where; its row 0 is used.
+        act: the policy.
+        values: the robot's parameters, (P,).
+        seed: of the episode.
+        title: of the clip.
+        video: rate and length.
+        camera: what draws.
+    """
+    row, plant = np.zeros(1, np.int64), simulation.plant
+    observation = simulation.reset(row, values[None], np.array([seed], np.uint64))
+    model = plant.batch.get_model(0)
+    dt = model.opt.timestep * simulation.task.frame_skip
+    frames, total, steps, over = [], 0.0, 0, False
+    while not over:
+        if int(steps * dt * video.fps) >= len(frames) and steps * dt < video.seconds:
+            data = plant.batch.get_data(0)
+            mujoco.mj_forward(model, data)
+            frames.append(camera.draw(model, data))
+        step = simulation.step(row, act(observation[0])[None])
+        observation, over = step.observation, bool(step.terminated[0] or step.truncated[0])
+        total, steps = total + float(step.reward[0]), steps + 1
+    return Clip(title, np.stack(frames), total)
+
+
+def compose(clips: list[Clip], caption: str) -> np.ndarray:
+    """Put clips side by side under their titles, with a caption below.
+
+    A clip that ends early keeps its last picture.
+
+    Returns:
+        (n, height, width, 3) uint8, height and width even, as video codecs want them.
+    """
+    count = max(len(clip.frames) for clip in clips)
+    rows = [clip.frames[np.minimum(np.arange(count), len(clip.frames) - 1)] for clip in clips]
+    pictures = np.concatenate(rows, axis=2)  # (n, h, W, 3)
+    height, width = pictures.shape[1:3]
+    canvas = Image.new("RGB", (width + width % 2, height + 2 * MARGIN + height % 2), "white")
+    pen, font = ImageDraw.Draw(canvas), ImageFont.load_default(13)
+    for i, clip in enumerate(clips):
+        place = (i * width // len(clips) + 6, 3)
+        pen.text(place, f"{clip.title}: return {clip.reward:.0f}", fill="black", font=font)
+    pen.text((6, MARGIN + height + 3), caption, fill="black", font=font)
+    frames = np.tile(np.asarray(canvas), (count, 1, 1, 1))
+    frames[:, MARGIN : MARGIN + height, :width] = pictures
+    return frames
+
+
+def write_mp4(path: Path, frames: np.ndarray, fps: int) -> None:
+    """Write pictures (n, height, width, 3) uint8 of even size as H.264, whole or not at all.
+
+    Raises:
+        RenderError: without an encoder, or when it fails.
+    """
+    try:
+        from imageio_ffmpeg import write_frames
+    except ImportError:
+        raise RenderError("no video encoder: pip install imageio-ffmpeg") from None
+    with replacing(path) as temporary:
+        size = frames.shape[2:0:-1]
+        writer = write_frames(
+            str(temporary), size, fps=fps, macro_block_size=2, ffmpeg_log_level="error"
+        )
+        try:
+            writer.send(None)
+            for frame in frames:
+                writer.send(np.ascontiguousarray(frame))
+        except OSError as error:
+            raise RenderError(f"the encoder failed on {path}: {error}") from error
+        finally:
+            writer.close()
+        if not temporary.stat().st_size:
+            raise RenderError(f"the encoder wrote nothing to {path}; is the disk full?")
+
+
+@dataclass(frozen=True)
+class Video:
+    """A film of a trained policy.
+
+    Args:
+        width: of one clip [px].
+        height: of one clip [px].
+        fps: pictures per second.
+        seconds: what is shown of an episode [s].
+    """
+
+    width: int
+    height: int
+    fps: int
+    seconds: float
+
+    def record(
+        self, algorithm: Algorithm, env: Callable[..., Rows], seed: int, folder: Path
+    ) -> Path:
+        """Film the policy on a task that the seed draws; if it adapts, before and after.
+
+        Both are filmed under the same luck.
+
+        Args:
+            algorithm: the trained policy.
+            env: makes its environment.
+            seed: draws the task and all luck, other than that of training.
+            folder: where the film goes.
+
+        Returns:
+            The film.
+
+        Raises:
+            RenderError: when nothing can be drawn on this machine, or of this environment.
+        """
+        backend()
+        rng = np.random.default_rng([seed, VIDEO_STREAM])
+        tasks = getattr(algorithm, "tasks", None)
+        (rows,) = make_shards(env, 1, 1, tasks.effects if tasks else ())
+        if not isinstance(rows, Simulation):
+            raise RenderError(f"{type(rows).__name__} is no MuJoCo task, there is nothing to draw")
+        values = tasks.sample(rng, 1)[0] if tasks else rows.space.neutral
+        acts = _policies(algorithm, rows, values, rng)
+        luck = int(draw_seeds(rng, 1)[0])
+        model = rows.plant.batch.get_model(0)
+        with Camera(model, self.width, self.height, rows.task.camera) as camera:
+            clips = [
+                film(rows, act, values, luck, name, self, camera) for name, act in acts.items()
+            ]
+        named = zip(rows.space.names, values, strict=True)
+        frames = compose(clips, ", ".join(f"{name} = {value:.3g}" for name, value in named))
+        path = folder / ("before_after.mp4" if len(clips) > 1 else "policy.mp4")
+        write_mp4(path, frames, self.fps)
+        return path
+
+
+def _policies(
+    algorithm: Algorithm, rows: Simulation, values: np.ndarray, rng: np.random.Generator
+) -> dict[str, Act]:
+    """Return the policies to film by title: the trained one, and what it adapts to on this task."""
+    if not isinstance(algorithm, ESMAML) or isinstance(algorithm.adapt, NoAdaptation):
+        return {"trained policy": _act(algorithm.module())}
+    adapt, theta = algorithm.adapt, algorithm.theta
+    cohort = adapt.start_many(theta[None], [rng])
+    seeds = draw_seeds(rng, (1, adapt.episodes))
+    members = Members(cohort, values[None], values[None], seeds)
+    adapted = Population([rows], algorithm.policy).run(members, algorithm.normalizer).thetas[0]
+    after = f"after {adapt.episodes} episodes of adaptation"
+    return {"before adaptation": _act(algorithm.module()), after: _act(_with(algorithm, adapted))}
+
+
+def _with(algorithm: ESMAML, theta: np.ndarray) -> torch.nn.Module:
+    """Return the algorithm's policy with other parameters."""
+    seen = algorithm.normalizer or Normalizer(algorithm.policy.observation_size)
+    return algorithm.policy.module(theta, seen.mean, seen.std)
+
+
+def _act(module: torch.nn.Module) -> Act:
+    """Return a torch policy as a function of arrays."""
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            return module(torch.from_numpy(observation)).numpy().astype(np.float64)
+
+    return act
