@@ -1,0 +1,128 @@
+"""The command line: python -m sim2real [+experiment=NAME] [KEY=VALUE ...]; --help lists what there is.
+
+A configuration is composed and checked before anything heavy is imported and before a file is written. What a user
+can get wrong is answered in one sentence and with exit status 2; HYDRA_FULL_ERROR=1 shows the whole traceback.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+FULL = "HYDRA_FULL_ERROR"
+PASSED_ON = (
+    "--cfg",
+    "-c",
+    "--info",
+    "-i",
+    "--hydra-help",
+    "--shell-completion",
+    "-sc",
+    "--version",
+)
+OWN_FOLDER = ("--config-dir", "-cd", "--config-path", "-cp", "--config-name", "-cn")
+
+
+def main() -> None:
+    """Run the command line."""
+    sys.argv[1:] = [re.sub(r"^experiment=", "+experiment=", a) for a in sys.argv[1:]]
+    if {"--help", "-h"} & set(sys.argv[1:]):
+        print(overview())
+        return
+    full = os.environ.get(FULL) == "1"
+    os.environ[FULL] = "1"  # Hydra then hands its errors on, and they are said here
+    try:
+        precheck(sys.argv[1:])
+        launch()
+    except KeyboardInterrupt as stop:
+        sys.exit(_say(str(stop) or "interrupted", getattr(stop, "exit_code", 130)))
+    except Exception as error:
+        sentence = None if full else explained(error)
+        if sentence is None:
+            raise
+        sys.exit(_say(sentence, 2))
+
+
+def precheck(arguments: list[str]) -> None:
+    """Compose and check the jobs of a command line before Hydra makes a folder for them.
+
+    Raises:
+        ConfigError: the first mistake.
+    """
+    flags = {a.split("=")[0] for a in arguments if a.startswith("-")}
+    if flags & set(PASSED_ON + OWN_FOLDER):
+        return
+    from sim2real import config
+
+    overrides = [a for a in arguments if not a.startswith("-")]
+    sweep = flags & {"--multirun", "-m"}
+    for job in config.sweep_jobs(overrides) if sweep else [overrides]:
+        config.compose(job)
+
+
+def launch() -> None:
+    """Hand over to Hydra, which makes the run's folder and calls `job` once, or once for each job of a sweep."""
+    import hydra
+
+    from sim2real.config import CONF
+
+    hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(job)()
+
+
+def job(config: Any) -> None:
+    """Check, build and run one job in the folder that Hydra made for it."""
+    from hydra.core.hydra_config import HydraConfig
+
+    from sim2real.config import checked, prepare, save
+    from sim2real.manifest import write_manifest
+
+    hydra = HydraConfig.get()
+    out = Path(hydra.runtime.output_dir)
+    tree = checked(config, hydra.overrides.task)
+    write_manifest(out, seed=tree["seed"])
+    save(tree, out)
+    verb, arguments = prepare(tree, out)
+    logging.getLogger("sim2real").info("%s in %s", verb.__module__.split(".")[-1], out)
+    verb(**arguments)
+
+
+def explained(error: Exception) -> str | None:
+    """Return the sentence for an error that a user can cause, or None for a defect of the program."""
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    from sim2real.config import explain
+
+    if isinstance(error, HydraException | OmegaConfBaseException):
+        return str(explain(error, [a for a in sys.argv[1:] if not a.startswith("-")]))
+    return str(error) if isinstance(error, ValueError) and _raised_here(error) else None
+
+
+def _raised_here(error: BaseException) -> bool:
+    """Return whether a statement of this project raised the error: it is then meant for the user."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    raised_in = Path(trace.tb_frame.f_code.co_filename).resolve() if trace else Path()
+    root = Path(__file__).resolve().parent.parent
+    return any(raised_in.is_relative_to(root / room) for room in ("sim2real", "envs", "hardware"))
+
+
+def _say(sentence: str, status: int) -> int:
+    print(f"sim2real: {sentence}", file=sys.stderr)
+    return status
+
+
+def overview() -> str:
+    """Return the help: experiments and groups, one line each."""
+    from sim2real.catalogue import lines
+
+    return "\n".join(lines())
+
+
+if __name__ == "__main__":
+    main()
