@@ -4,8 +4,8 @@
     forces.compute(ids)                    # after a step
     forces.values[ids]                     # (n, bodies, 6)
 
-The engine computes them in mj_rnePostConstraint, from quantities of the last substep that only a persistent batch
-keeps. It runs on one row at a time, so this costs several times what a step does.
+The engine computes them in mj_rnePostConstraint, from quantities of the last substep that only a
+persistent batch keeps. It runs on one row at a time, so this costs several times what a step does.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ class ContactForces:
     """The forces of each row of a persistent plant.
 
     Attributes:
-        values: torque and force on each body about its tree's centre of mass [N·m, N], (N, bodies, 6).
+        values: torque and force on each body about its tree's centre of mass [N·m, N],
+            (N, bodies, 6).
     """
 
     def __init__(self, plant: Plant) -> None:

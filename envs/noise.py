@@ -2,8 +2,9 @@
 
     uniform(seeds, stream=0, size=6)      # (n, 6) in [0, 1), row i depends on seeds[i] alone
 
-NumPy's generators hold one state each: one generator an episode costs 20 µs to make, for each of a thousand rows. A
-counter-based hash has no state, so a row's numbers do not depend on what ran before or beside it.
+NumPy's generators hold one state each: one generator an episode costs 20 µs to make, for each of a
+thousand rows. A counter-based hash has no state, so a row's numbers do not depend on what ran
+before or beside it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ def uniform(seeds: np.ndarray, stream: int | np.ndarray, size: int) -> np.ndarra
 
     Args:
         seeds: uint64, (n,).
-        stream: which of the independent sequences of each seed (a purpose, a time step); an int or (n,).
+        stream: which of the independent sequences of each seed (a purpose, a time step); an int
+            or (n,).
         size: numbers per seed.
     """
     seeds = np.asarray(seeds, dtype=np.uint64)
@@ -42,7 +44,7 @@ def uniform(seeds: np.ndarray, stream: int | np.ndarray, size: int) -> np.ndarra
 
 
 def normal(seeds: np.ndarray, stream: int | np.ndarray, size: int) -> np.ndarray:
-    """Return standard normal numbers, (n, size) float64, by Box and Muller's transform of `uniform`."""
+    """Return standard normal numbers, (n, size) float64, by Box and Muller's transform."""
     pairs = (size + 1) // 2
     u = uniform(seeds, stream, 2 * pairs)
     radius = np.sqrt(-2.0 * np.log1p(-u[..., :pairs]))

@@ -1,10 +1,12 @@
-"""The parameter space: named scalars of a simulated robot, and the ranges in which they mean something.
+"""The parameter space: named scalars of a simulated robot, and where they mean something.
 
-    space = ParamSpace([Parameter("link_mass.torso", "link_mass", "torso", unit="kg", neutral=0.0, low=-3.6)])
-    space.validate(np.array([[0.5], [-1.0]]))         # raises ParameterError for a mass below zero
+    torso = Parameter("link_mass.torso", "link_mass", "torso", unit="kg", neutral=0.0, low=-3.6)
+    space = ParamSpace([torso])
+    space.validate(np.array([[0.5], [-4.0]]))      # ParameterError: a mass below zero
 
-Randomization draws parameters, a meta-learning task is a draw, identification fits them, an evaluation grid sweeps
-them, diagnosis asks which one is not neutral. Every one of them speaks in these names.
+Randomization draws parameters, a meta-learning task is a draw, identification fits them, an
+evaluation grid sweeps them, diagnosis asks which one is not neutral. Every one of them speaks in
+these names.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ class Parameter:
     """One named scalar of a simulated robot.
 
     Args:
-        name: `effect.where`, or `effect` alone for the whole robot; further scalars of one effect append `.scalar`.
+        name: `effect.where`, or `effect` alone for the whole robot; further scalars of one effect
+            append `.scalar`.
         effect: standard name of the effect that it belongs to.
         where: joint, actuator, body or geom that it acts on; None for the robot.
         side: for backlash and compliance, on which side of them the encoder sits.
@@ -69,7 +72,7 @@ class ParamSpace:
         return len(self.parameters)
 
     def index(self, name: str) -> int:
-        """Return the column of a parameter; raises ParameterError for a name that the space lacks."""
+        """Return a parameter's column; raises ParameterError for a name that the space lacks."""
         if name not in self.names:
             known = ", ".join(self.names) or "none"
             raise ParameterError(
@@ -85,18 +88,20 @@ class ParamSpace:
         """Return values as (n, P) float64 after checking them.
 
         Raises:
-            ParameterError: wrong shape, NaN, or a value outside its parameter's range; names the first such value.
+            ParameterError: wrong shape, or a value that is not finite or outside its parameter's
+                range; names the first such value.
         """
         values = np.asarray(values, dtype=np.float64)
         if values.ndim != 2 or values.shape[1] != self.size:
             raise ParameterError(
                 f"parameter values must have shape (n, {self.size}), got {values.shape}"
             )
-        wrong = ~((values >= self.low) & (values <= self.high))  # NaN is wrong too
+        wrong = ~((values >= self.low) & (values <= self.high) & np.isfinite(values))
         if wrong.any():
             row, column = np.argwhere(wrong)[0]
             p = self.parameters[column]
             raise ParameterError(
-                f"{p.name} = {values[row, column]:g} {p.unit} (row {row}) is outside [{p.low:g}, {p.high:g}] ({p.how})"
+                f"{p.name} = {values[row, column]:g} {p.unit} (row {row}) is outside"
+                f" [{p.low:g}, {p.high:g}] ({p.how})"
             )
         return values

@@ -1,12 +1,13 @@
-"""Keeps the engine's warnings out of the terminal and out of MUJOCO_LOG.TXT while a simulation runs.
+"""Keeps the engine's warnings out of the terminal and out of MUJOCO_LOG.TXT.
 
     with quiet_engine():
         batch.step(nstep=4)
 
-By default MuJoCo prints a warning for each simulation that diverges and appends it to MUJOCO_LOG.TXT in the working
-directory: among a thousand rows that is a flood. Nothing is lost by silence, since the warnings are counted for each
-simulation and its row ends as failed. The engine's setting belongs to the process, so it is put back at once and the
-user's own calls of MuJoCo stay as loud as they were.
+By default MuJoCo prints a warning for each simulation that diverges and appends it to
+MUJOCO_LOG.TXT in the working directory: among a thousand rows that is a flood. Nothing is lost by
+silence, since the warnings are counted for each simulation and its row ends as failed. The engine's
+setting belongs to the process, so it is put back at once and the user's own calls of MuJoCo stay as
+loud as they were.
 """
 
 from __future__ import annotations

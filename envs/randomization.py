@@ -10,6 +10,7 @@ values = tasks.sample(np.random.default_rng(0), 256)    # (256, 2)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -18,7 +19,7 @@ import numpy as np
 from scipy.stats import truncnorm
 
 from envs.effects.base import Effect
-from envs.errors import ParameterError
+from envs.errors import ParameterError, did_you_mean
 from envs.params import ParamSpace
 
 Distribution = Literal["uniform", "normal", "truncated_normal"]
@@ -37,7 +38,7 @@ class Tasks(Protocol):
         ...
 
     def check(self, space: ParamSpace) -> None:
-        """Raise ParameterError if a draw could leave the space, or the space has other parameters."""
+        """Raise ParameterError if a draw could leave the space, or the space is another one."""
         ...
 
 
@@ -70,21 +71,27 @@ class Draw:
         needs["truncated_normal"] = needs["uniform"] + needs["normal"]
         if self.distribution not in needs:
             raise ParameterError(
-                f"{name}: distribution={self.distribution!r} is unknown; it can be: {', '.join(needs)}"
+                f"{name}: distribution={self.distribution!r} is unknown"
+                f"{did_you_mean(str(self.distribution), needs)}; it can be: {', '.join(needs)}"
             )
         missing = [key for key in needs[self.distribution] if getattr(self, key) is None]
         if missing:
             raise ParameterError(f"{name}: {self.distribution} also needs {', '.join(missing)}")
+        for key in ("low", "high", "mean", "std"):
+            value = getattr(self, key)
+            if value is not None and not math.isfinite(value):
+                raise ParameterError(f"{name}: {key}={value:g} must be finite")
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ParameterError(f"{name}: low={self.low:g} is above high={self.high:g}; swap them")
         if self.std is not None and not self.std > 0:
             raise ParameterError(
-                f"{name}: std={self.std:g} must be positive; for one value use uniform with low = high"
+                f"{name}: std={self.std:g} must be positive;"
+                " for one value use uniform with low = high"
             )
 
     @property
     def reach(self) -> tuple[float, float]:
-        """The smallest and largest value that a draw can have (a normal law: 6 standard deviations)."""
+        """The smallest and largest value of a draw (a normal law: 6 standard deviations)."""
         if self.distribution == "normal":
             return self.mean - FARTHEST * self.std, self.mean + FARTHEST * self.std  # type: ignore[operator]
         return self.low, self.high  # type: ignore[return-value]
@@ -103,7 +110,8 @@ class Randomization:
 
     Args:
         draws: one for each effect.
-        per: "reset" draws anew for each episode; "row" once for each row of an environment, which keeps its robot.
+        per: "reset" draws anew for each episode; "row" once for each row of an environment, which
+            keeps its robot.
 
     Raises:
         ParameterError: an unknown `per`.
@@ -125,14 +133,14 @@ class Randomization:
             ]
             if not own:
                 raise ParameterError(
-                    f"{draw.effect.label()} is drawn, but the simulation was made without that effect"
+                    f"{draw.effect.label()} is drawn, but the simulation was made without it"
                 )
             low, high = draw.reach
             for p in own:
                 if low < p.low or high > p.high:
                     raise ParameterError(
-                        f"{p.name}: draws reach [{low:g}, {high:g}] {p.unit}, outside [{p.low:g}, {p.high:g}] ({p.how});"
-                        " narrow the range"
+                        f"{p.name}: draws reach [{low:g}, {high:g}] {p.unit}, outside"
+                        f" [{p.low:g}, {p.high:g}] ({p.how}); narrow the range"
                     )
             columns.append(len(own))
         if sum(columns) != space.size:

@@ -5,10 +5,12 @@
 
 Contracts:
 
-* A row is one episode at a time. Nothing restarts by itself: whoever steps the rows resets those that ended.
-* An episode is a pure function of the actions it is given, of its parameter values and of its seed. Which row it runs
-  in, what the other rows do, and the number of threads change no bit of it. Resuming a run, spreading it over machines
-  and comparing two policies under the same luck all rest on that.
+* A row is one episode at a time. Nothing restarts by itself: whoever steps the rows resets those
+  that ended.
+* An episode is a pure function of the actions it is given, of its parameter values and of its seed.
+  Which row it runs in, what the other rows do, and the number of threads change no bit of it.
+  Resuming a run, spreading it over machines and comparing two policies under the same luck all rest
+  on that.
 """
 
 from __future__ import annotations

@@ -1,15 +1,16 @@
-"""A task in many rows at once, on NumPy arrays: the fast path under every environment of this package.
+"""A task in many rows at once, on NumPy arrays: the fast path under every environment.
 
     sim = Simulation(Hopper(), num_rows=256, effects=[make("link_mass", where="torso", how="set")])
     observation = sim.reset(np.arange(256), values, seeds)
     step = sim.step(None, action)
 
-It is `Rows` (see `envs.rows` for the contract): a row's episode depends on its actions, parameters and seed alone.
+It is `Rows` (see `envs.rows` for the contract): a row's episode depends on its actions, parameters
+and seed alone.
 
-A row fails when the engine raises an error or a warning in it (a diverged state, which the engine would silently
-replace by its default one), when its observation or reward is not finite, or its action is not. Its step then has
-failed and terminated set, reward 0 and an observation of zeros; the other rows do not notice. Reset it before it goes
-on, as after any other end.
+A row fails when the engine raises an error or a warning in it (a diverged state, which the engine
+would silently replace by its default one), when its observation or reward is not finite, or its
+action is not. Its step then has failed and terminated set, reward 0 and an observation of zeros;
+the other rows do not notice. Reset it before it goes on, as after any other end.
 """
 
 from __future__ import annotations
@@ -62,7 +63,10 @@ class Simulation:
         self.observation_size = task.observe(self._state(None)).shape[1]
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        """Start episodes in the rows ids (n,) with parameters (n, P) and seeds (n,); return observations (n, O).
+        """Start episodes in the rows ids (n,), with parameters (n, P) and seeds (n,).
+
+        Returns:
+            The first observations, (n, O).
 
         Raises:
             ParameterError: a value outside its parameter's range; nothing was written then.
@@ -142,7 +146,7 @@ class Simulation:
         return Step(observation, reward, terminated, truncated, failed)
 
     def _checked(self, action: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return the action with 0 in rows that are not finite, and which those are if there are any."""
+        """Return the action with 0 in rows that are not finite, and those rows if any."""
         if action.shape != (n, self.action_size):
             raise TaskError(f"action must have shape ({n}, {self.action_size}), got {action.shape}")
         finite = np.isfinite(action)

@@ -4,9 +4,9 @@
     rollout = env.rollout(1000, policy, break_when_any_done=False)
     rollout["params", "link_mass.torso"]                # (N, T): each step knows its robot
 
-Rows that end are reset by mask while the others go on, as TorchRL's collectors do by themselves. Parameters travel in
-the tensordict under ("params", name): at a reset the environment writes those that it is given into the rows that
-reset, and keeps the rest.
+Rows that end are reset by mask while the others go on, as TorchRL's collectors do by themselves.
+Parameters travel in the tensordict under ("params", name): at a reset the environment writes those
+that it is given into the rows that reset, and keeps the rest.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class RowsEnv(EnvBase):
         self.rng = np.random.default_rng(seed)
 
     def assign(self, ids: np.ndarray, values: np.ndarray) -> None:
-        """Choose the parameter values (n, P) with which the rows ids (n,) start their next episodes."""
+        """Choose the values (n, P) with which the rows ids (n,) start their next episodes."""
         self._values[ids] = values
 
     def resetting(self, tensordict: TensorDictBase | None) -> np.ndarray:
@@ -94,7 +94,7 @@ class RowsEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: object) -> TensorDictBase:
         ids = self.resetting(tensordict)
         if self.rows.space.size:
-            if tensordict is not None and "params" in tensordict.keys():
+            if tensordict is not None and tensordict.get("params", None) is not None:
                 given = [
                     tensordict["params", name].reshape(-1).cpu().numpy()
                     for name in self.rows.space.names
@@ -144,7 +144,7 @@ class RowsEnv(EnvBase):
         return self._wrap(dict(zip(self.rows.space.names, columns.unbind(0), strict=True)))
 
     def _wrap(self, data: dict[str, torch.Tensor]) -> TensorDictBase:
-        """Return a TensorDict without the checks of its constructor, which cost more than the task's own arithmetic."""
+        """Return a TensorDict without its constructor's checks, which cost much here."""
         return TensorDict._new_unsafe(data, batch_size=self.batch_size, device=self.device)  # type: ignore[arg-type]
 
 

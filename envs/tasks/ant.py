@@ -1,4 +1,4 @@
-"""Ant: four legs in three dimensions that are paid for moving along x and staying off the ground."""
+"""Ant: four legs in three dimensions, paid for moving along x and staying off the ground."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ Forces = Literal["off", "exact"]
 class Ant(Task):
     """Gymnasium 1.4 Ant-v5: action (8,) torques in [-1, 1] times 150 N·m.
 
-    The engine's batch does not compute the contact forces that Gymnasium shows the ant and charges for. "off" leaves
-    them out, as Gymnasium does with include_cfrc_ext_in_observation=False and contact_cost_weight=0: observation
-    (27,). "exact" computes them row by row, several times slower: observation (105,), equal to Gymnasium's default.
+    The engine's batch does not compute the contact forces that Gymnasium shows the ant and charges
+    for. "off" leaves them out, as Gymnasium does with include_cfrc_ext_in_observation=False and
+    contact_cost_weight=0: observation (27,). "exact" computes them row by row, several times
+    slower: observation (105,), equal to Gymnasium's default.
 
     Args:
         contact_forces: "off" or "exact".
@@ -46,7 +47,8 @@ class Ant(Task):
             allowed = get_args(Forces)
             hint = did_you_mean(str(contact_forces), allowed)
             raise TaskError(
-                f"contact_forces={contact_forces!r} is unknown{hint}; it can be: {', '.join(allowed)}"
+                f"contact_forces={contact_forces!r} is unknown{hint};"
+                f" it can be: {', '.join(allowed)}"
             )
         self.contact_forces = contact_forces == "exact"
         self.max_steps = max_steps
@@ -56,7 +58,7 @@ class Ant(Task):
         return gymnasium_model("ant.xml")
 
     def observe(self, state: State) -> np.ndarray:
-        """Return (height, orientation, angles, velocities[, clipped forces on each body]), (n, 27 or 105)."""
+        """Return (height, orientation, angles, velocities[, clipped forces]), (n, 27 or 105)."""
         seen = [state.qpos[:, 2:], state.qvel]
         if state.forces is not None:
             seen.append(

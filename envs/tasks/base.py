@@ -1,6 +1,7 @@
-"""A task: what the robot sees, what it is paid for, and when an episode ends. Pure functions of (N, ·) arrays.
+"""A task: what the robot sees, what it is paid for, and when an episode ends.
 
-A task knows its model and its numbers, and holds no state of an episode: one object serves any number of rows.
+Its functions are pure functions of (n, ·) arrays. A task knows its model and its numbers, and
+holds no state of an episode: one object serves any number of rows.
 """
 
 from __future__ import annotations
@@ -24,9 +25,7 @@ class State(NamedTuple):
     qpos: np.ndarray  # (n, nq) [m, rad]
     qvel: np.ndarray  # (n, nv) [m/s, rad/s]
     extra: np.ndarray | None = None  # (n, ...): the task's `extra_field` of MjData
-    forces: np.ndarray | None = (
-        None  # (n, bodies, 6) [N·m, N]: external forces on each body (MjData's cfrc_ext)
-    )
+    forces: np.ndarray | None = None  # (n, bodies, 6) [N·m, N]: on each body, MjData's cfrc_ext
 
 
 class Task(ABC):
@@ -36,9 +35,11 @@ class Task(ABC):
         frame_skip: physics substeps a control step.
         max_steps: control steps an episode.
         camera: name of the model's camera that shows the task, or None for a free one.
-        extra_field: a further MjData field that `reward` or `observe` needs, one substep old as after mj_step.
+        extra_field: a further MjData field that `reward` or `observe` needs, one substep old as
+            after mj_step.
         contact_forces: whether it needs the external forces on the bodies too, which cost much.
-        reset_noise: largest, or for normal velocities standard, deviation of the starting state from the model's own.
+        reset_noise: largest, or for normal velocities standard, deviation of the starting state
+            from the model's own.
         velocity_noise: law of the noise on the starting velocities.
     """
 
@@ -61,7 +62,7 @@ class Task(ABC):
         self.nv = model.nv
 
     def initial(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the states in which episodes of these seeds (n,) start: qpos (n, nq), qvel (n, nv)."""
+        """Return the states in which episodes of the seeds (n,) start: (n, nq), (n, nv)."""
         n = len(seeds)
         noise = self.reset_noise * (2.0 * uniform(seeds, 0, len(self.start)) - 1.0)
         if self.velocity_noise == "normal":
@@ -86,7 +87,7 @@ class Task(ABC):
 
 
 def gymnasium_model(name: str) -> mujoco.MjSpec:
-    """Return the spec of one of Gymnasium's own models, so that the task has its physics to the last digit."""
+    """Return the spec of one of Gymnasium's own models, for its physics to the last digit."""
     package = find_spec("gymnasium")
     if package is None or not package.submodule_search_locations:
         raise TaskError(f"the model {name} comes with Gymnasium: pip install 'gymnasium[mujoco]'")

@@ -9,7 +9,7 @@ from envs.tasks.base import State, Task, effort, forward_velocity, gymnasium_mod
 
 
 class HalfCheetah(Task):
-    """Gymnasium 1.4 HalfCheetah-v5: observation (17,), action (6,) torques in [-1, 1] times 30 to 120 N·m.
+    """Gymnasium 1.4 HalfCheetah-v5: observation (17,), action (6,) in [-1, 1] times 30 to 120 N·m.
 
     Args:
         max_steps: control steps an episode (50 ms each).

@@ -1,7 +1,8 @@
 """Hopper: one leg that is paid for moving forward and staying upright.
 
-`Hopper` is Gymnasium's Hopper-v5. `HopperPolito` is the 500-step template of the sim-to-real studies: velocities are
-not clipped, the step on which it falls is paid too, and the source robot's torso is one kilogram lighter.
+`Hopper` is Gymnasium's Hopper-v5. `HopperPolito` is the 500-step template of the sim-to-real
+studies: velocities are not clipped, the step on which it falls is paid too, and the source robot's
+torso is one kilogram lighter.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class Hopper(Task):
         return velocity + ~terminated - self.control_cost * effort(action)
 
 
-POLITO_MASSES = {  # kg: torso, thigh, leg, foot of the target; legacy is what mujoco-py computed for the same capsules
+POLITO_MASSES = {  # kg, of the target; legacy is what mujoco-py computed for the same capsules
     "legacy": {"torso": 3.53429174, "thigh": 3.92699082, "leg": 2.71433605, "foot": 5.0893801},
     "native": {},
 }
@@ -75,7 +76,8 @@ class HopperPolito(Hopper):
 
     Args:
         domain: "source" (torso 1 kg lighter) or "target".
-        masses: "legacy" (those of the old engine) or "native" (what this engine computes from the shapes).
+        masses: "legacy" (those of the old engine) or "native" (what this engine computes from the
+            shapes).
         max_steps: control steps an episode.
     """
 
@@ -94,7 +96,8 @@ class HopperPolito(Hopper):
         ):
             if value not in allowed:
                 raise TaskError(
-                    f"{name}={value!r} is unknown{did_you_mean(value, allowed)}; it can be: {', '.join(allowed)}"
+                    f"{name}={value!r} is unknown{did_you_mean(value, allowed)};"
+                    f" it can be: {', '.join(allowed)}"
                 )
         self.domain, self.masses = domain, masses
 
@@ -115,12 +118,12 @@ class HopperPolito(Hopper):
     def reward(
         self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
     ) -> np.ndarray:
-        """Return forward velocity + 1 - control cost, (n,); the falling step is paid like any other."""
+        """Return forward velocity + 1 - control cost, (n,); the falling step is paid too."""
         return super().reward(before, after, action, np.zeros_like(terminated))
 
 
 def _set_mass(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str, mass: float) -> None:
-    """Give a body an explicit mass, its inertia tensor kept, as writing body_mass at run time does."""
+    """Give a body an explicit mass and keep its inertia tensor, as writing body_mass does."""
     body, compiled = spec.body(name), model.body(name)
     body.explicitinertial = True
     body.mass, body.ipos, body.iquat, body.inertia = (

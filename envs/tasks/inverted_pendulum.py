@@ -1,4 +1,4 @@
-"""InvertedPendulum: the continuous CartPole, a pole on a cart that is paid for each step upright."""
+"""InvertedPendulum: the continuous CartPole, a pole on a cart, paid for each step upright."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from envs.tasks.base import State, Task, gymnasium_model
 
 
 class InvertedPendulum(Task):
-    """Gymnasium 1.4 InvertedPendulum-v5: observation (4,), action (1,), a force in [-3, 3] times 100 N.
+    """Gymnasium 1.4 InvertedPendulum-v5: observation (4,), action (1,) in [-3, 3] times 100 N.
 
     Args:
         max_steps: control steps an episode (40 ms each).

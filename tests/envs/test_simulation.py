@@ -60,7 +60,7 @@ def episode(num_rows: int, row: int, threads: int, alone: bool) -> list[np.ndarr
 def test_an_episode_does_not_depend_on_its_place(
     num_rows: int, row: int, threads: int, alone: bool
 ) -> None:
-    """The same parameters, seed and actions give the same bits in any row, batch and number of threads."""
+    """The same parameters, seed and actions give the same bits in any row, batch and threads."""
     for ours, expected in zip(
         episode(num_rows, row, threads, alone), episode(1, 0, 1, False), strict=True
     ):
@@ -97,7 +97,7 @@ def test_a_reset_leaves_other_rows_alone() -> None:
 
 
 def broken_alike(break_row: object, task: Task | None = None) -> tuple[Step, Step]:
-    """Step two equal simulations of 4 rows, row 1 of the first broken; check the rest, return both."""
+    """Step two simulations of 4 rows, row 1 of the first broken; check the rest, return both."""
     sims = simulation(4, 2, task), simulation(4, 2, task)
     for sim in sims:
         start(sim, np.arange(4))
@@ -171,7 +171,7 @@ def test_an_engine_error_fails_its_row() -> None:
 def test_failures_are_silent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """A diverging row writes neither to the terminal nor to MUJOCO_LOG.TXT; nor does loading a model."""
+    """A diverging row, or a model, writes neither to the terminal nor to MUJOCO_LOG.TXT."""
     monkeypatch.chdir(tmp_path)
     sim = simulation(4, 2)
     start(sim, np.arange(4))
@@ -183,7 +183,7 @@ def test_failures_are_silent(
 
 
 def test_the_time_limit_truncates() -> None:
-    """The last step of the limit is truncated, each row by its own clock, and a reset starts it again."""
+    """The limit's last step is truncated, each row by its own clock, which a reset restarts."""
     sim = Simulation(HalfCheetah(max_steps=3), 2, threads=1)
     sim.reset(np.arange(2), np.zeros((2, 0)), np.zeros(2, np.uint64))
     action = np.zeros((2, 6))

@@ -12,7 +12,7 @@ from envs.tasks import Ant
 
 
 def test_contact_forces_are_each_rows_own() -> None:
-    """The exact forces of a row do not depend on the rows beside it, and know the row's own masses."""
+    """The exact forces of a row know its own masses and do not depend on the rows beside it."""
     heavy = [make("link_mass", where="torso", how="add")]
     values, seeds = np.array([[0.0], [5.0], [0.0]]), np.zeros(3, np.uint64)
     simulation = Simulation(Ant(contact_forces="exact"), 3, heavy, threads=2)

@@ -31,7 +31,7 @@ def test_masses(masses: Any, domain: Any, expected: tuple[float, ...]) -> None:
 
 
 def test_only_masses_differ_from_the_hopper() -> None:
-    """The native target keeps Gymnasium's inertia tensors and centres of mass, so it moves like Gymnasium's Hopper."""
+    """The native target has the masses, inertias and centres of mass of Gymnasium's Hopper."""
     ours, plain = HopperPolito(domain="target").spec().compile(), Hopper().spec().compile()
     np.testing.assert_allclose(ours.body_mass, plain.body_mass, rtol=1e-12)
     np.testing.assert_allclose(ours.body_inertia, plain.body_inertia, rtol=1e-12)
@@ -39,7 +39,7 @@ def test_only_masses_differ_from_the_hopper() -> None:
 
 
 def test_ends_after_500_steps_and_shows_raw_velocities() -> None:
-    """The time limit is 500 steps, velocities are not clipped, and the falling step is paid its bonus."""
+    """The limit is 500 steps, velocities are not clipped, the falling step is paid its bonus."""
     simulation = Simulation(HopperPolito(), num_rows=1, threads=1)
     one = np.arange(1)
     simulation.reset(one, np.zeros((1, 0)), np.zeros(1, np.uint64))

@@ -37,7 +37,7 @@ def gymnasium_env(name: str, options: dict[str, Any]) -> gymnasium.Env:
 
 @pytest.mark.parametrize(("task", "name", "options"), PAIRS)
 def test_equals_gymnasium(task: Task, name: str, options: dict[str, Any]) -> None:
-    """1,001 random steps, some beyond the actuators' range, agree to the last bit through resets and time limits."""
+    """1,001 random steps agree to the last bit, through clamped actions, resets and time limits."""
     theirs, ours = gymnasium_env(name, options), Simulation(task, num_rows=1, threads=1)
     data = theirs.unwrapped.data  # type: ignore[attr-defined]
     rng = np.random.default_rng(0)

@@ -1,0 +1,121 @@
+"""Distributions of robots: their laws, and what is refused before work starts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from envs.effects import make
+from envs.errors import EffectError, ParameterError
+from envs.params import ParamSpace
+from envs.plant import Plant
+from envs.randomization import Draw, Randomization
+from envs.tasks import Hopper
+
+MASS = make("link_mass", where="torso", how="set")
+FRICTION = make("ground_friction")
+
+
+def space(*effects: Any) -> ParamSpace:
+    """Return the parameter space of a Hopper under these effects."""
+    return Plant(Hopper().spec(), effects).space
+
+
+def samples(draw: Draw, n: int = 5000) -> np.ndarray:
+    """Draw n values of a Hopper's parameter, (n,)."""
+    tasks = Randomization([draw])
+    tasks.check(space(draw.effect))
+    return tasks.sample(np.random.default_rng(0), n)[:, 0]
+
+
+@pytest.mark.parametrize(
+    ("draw", "law"),
+    [
+        (Draw(MASS, "uniform", low=1.0, high=9.0), stats.uniform(1.0, 8.0)),
+        (Draw(MASS, "normal", mean=6.0, std=0.5), stats.norm(6.0, 0.5)),
+        (
+            Draw(MASS, "truncated_normal", mean=6.0, std=1.5, low=0.5, high=7.0),
+            stats.truncnorm(-5.5 / 1.5, 1.0 / 1.5, loc=6.0, scale=1.5),
+        ),
+    ],
+    ids=["uniform", "normal", "truncated_normal"],
+)
+def test_draws_follow_their_law(draw: Draw, law: Any) -> None:
+    """A Kolmogorov-Smirnov test does not tell draws from their law, and tells them from another."""
+    drawn = samples(draw)
+    assert stats.kstest(drawn, law.cdf).pvalue > 0.01
+    assert stats.kstest(drawn + 0.2 * law.std(), law.cdf).pvalue < 1e-6
+
+
+def test_parameters_are_independent_and_in_order() -> None:
+    """Columns follow the space's order, and one column does not tell of another."""
+    tasks = Randomization([Draw(FRICTION, low=1.5, high=2.5), Draw(MASS, low=3.0, high=9.0)])
+    world = space(*tasks.effects)
+    tasks.check(world)
+    values = tasks.sample(np.random.default_rng(0), 4000)
+    assert world.names == ("ground_friction", "link_mass.torso")
+    assert values[:, 0].max() <= 2.5
+    assert values[:, 1].min() >= 3.0
+    assert abs(np.corrcoef(values.T)[0, 1]) < 0.05
+
+
+def test_the_generator_decides() -> None:
+    """Equal generators draw equal values; no draw has another source of randomness."""
+    draw = Draw(MASS, "truncated_normal", mean=6.0, std=1.5, low=0.5, high=9.5)
+    np.testing.assert_array_equal(samples(draw, 50), samples(draw, 50))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"low": 9.0, "high": 1.0}, r"low=9 is above high=1; swap them"),
+        ({"low": 1.0}, "uniform also needs high"),
+        ({"distribution": "normal", "mean": 1.0}, "normal also needs std"),
+        ({"distribution": "normal", "mean": 1.0, "std": 0.0}, "std=0 must be positive"),
+        ({"distribution": "gauss", "low": 1.0, "high": 2.0}, "'gauss' is unknown.*uniform, normal"),
+        ({"distribution": "unifrom", "low": 1, "high": 2}, r"did you mean 'uniform'"),
+        ({"low": float("nan"), "high": 2.0}, "low=nan must be finite"),
+        ({"low": 0.0, "high": float("inf")}, "high=inf must be finite"),
+    ],
+)
+def test_a_wrong_draw_is_refused(arguments: dict[str, Any], message: str) -> None:
+    """Each mistake is one sentence with the parameter's name."""
+    with pytest.raises(ParameterError, match=f"link_mass.torso: .*{message}"):
+        Draw(MASS, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (Draw(MASS, low=-1.0, high=9.0), r"reach \[-1, 9\] kg, outside .*narrow the range"),
+        (Draw(MASS, "normal", mean=2.0, std=1.0), r"reach \[-4, 8\] kg, outside"),
+    ],
+)
+def test_a_draw_that_could_leave_the_space_is_refused(draw: Draw, message: str) -> None:
+    """A negative mass is refused before the first draw, whatever the law."""
+    with pytest.raises(ParameterError, match=message):
+        Randomization([draw]).check(space(MASS))
+
+
+def test_spaces_must_fit() -> None:
+    """Draws without their effect, effects without a draw and draws before a check are refused."""
+    tasks = Randomization([Draw(MASS, low=1.0, high=2.0)])
+    with pytest.raises(ParameterError, match="before drawing"):
+        tasks.sample(np.random.default_rng(0), 1)
+    with pytest.raises(ParameterError, match="made without it"):
+        tasks.check(space(FRICTION))
+    with pytest.raises(ParameterError, match="has 2 parameters, the draws make 1"):
+        tasks.check(space(MASS, FRICTION))
+    with pytest.raises(ParameterError, match="per='episode' is unknown"):
+        Randomization([], per="episode")  # type: ignore[arg-type]
+
+
+def test_an_unknown_place_lists_the_names() -> None:
+    """A body that the robot lacks is refused with the nearest name and all of them."""
+    with pytest.raises(
+        EffectError, match=r"'torsoo'.*did you mean 'torso'.*torso, thigh, leg, foot"
+    ):
+        space(make("link_mass", where="torsoo"))
