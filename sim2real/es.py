@@ -1,9 +1,9 @@
 """Evolution strategy on a flat vector: ask for candidates, tell their fitness.
 
-    strategy = EvolutionStrategy(theta, rng, pairs=64, sigma=0.05, learning_rate=0.01,
-    optimizer="adam",
-                                 estimator="antithetic", shaping="centred_ranks", top_k=0,
-                                 orthogonal=False, weight_decay=0.0)
+    strategy = EvolutionStrategy(
+        theta, rng, pairs=64, sigma=0.05, learning_rate=0.01, optimizer="adam",
+        estimator="antithetic", shaping="centred_ranks",
+    )
     for _ in range(100):
         strategy.tell(fitness(strategy.ask()))      # higher is better
     strategy.mean

@@ -1,8 +1,10 @@
 """The policy: a small deterministic network on a flat parameter vector, many of them at once.
 
-    policy = MLPPolicy(11, 3, low, high, hidden=(64, 64), activation="tanh", output="tanh",
-    initial="normal") slots = policy.slots(256) slots.load(np.arange(256), thetas)           # one
-    parameter vector per row action = slots.act(None, observation)        # (256, 3)
+    options = {"hidden": (64, 64), "activation": "tanh", "output": "tanh", "initial": "normal"}
+    policy = MLPPolicy(11, 3, low, high, **options)
+    slots = policy.slots(256)
+    slots.load(np.arange(256), thetas)              # one parameter vector per row
+    action = slots.act(None, observation)           # (256, 3)
 
 A row's action depends on its own parameters and observation alone: not on the other rows, nor on
 how many there are, to the last bit. Evolution strategies, their resume and their distribution over

@@ -1,9 +1,9 @@
 """A population: members that adapt to tasks and are scored, as rows of batched environments.
 
-    population = Population([env(num_rows=32) for _ in range(2)], policy)      # one thread per
-    shard results = population.run(Members(thetas, cohort, values, values, seeds), normalizer)
-    results.final.mean(axis=1)                                                  # (J,) scores after
-    adaptation
+    population = Population([env(num_rows=32) for _ in range(2)], policy)   # a thread per shard
+    cohort = HillClimb(...).start_many(thetas, rngs)
+    results = population.run(Members(cohort, values, values, seeds), normalizer)
+    results.final.mean(axis=1)                      # (J,) scores after adaptation
 
 A member's episodes are those of its adaptation, then those that score the result. Episodes wait in
 one queue; a row whose episode ended takes the next at once, so the batches stay full whatever the

@@ -1,0 +1,247 @@
+"""Which adaptation works: hill climbing, gradient or none, on tasks that take seconds.
+
+    python -m benchmarks.toys                              # all, 5 seeds: a quarter of an hour
+    python -m benchmarks.toys --only nav2d --seeds 2
+
+Writes results/toys.csv and prints a table.
+
+Trains each operator with the published hyper-parameters (Song et al. 2020: sigma 0.1, adaptation
+sigma 0.1, gradient step 0.05, SGD with rate 0.01, 150 antithetic pairs, 300 iterations, a linear
+policy) and scores it on 500 tasks that training has not drawn. The noisy tasks spend the same
+budget of 50 proposals on different rules, with 50 pairs and 60 iterations, and are scored without
+noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.rows import Rows
+from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D
+from sim2real.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
+from sim2real.algorithms.esmaml import ESMAML
+from sim2real.policy import MLPPolicy
+from sim2real.population import evaluate_adaptation
+from sim2real.stats import Interval, bootstrap, mean
+
+RESULTS = Path(__file__).parent / "results" / "toys.csv"
+TEST_TASKS = 500
+POLICY = partial(MLPPolicy, hidden=(), activation="tanh", output="linear", initial="zero")
+TRAINING: dict[str, Any] = {
+    "num_rows": 300,
+    "shards": 1,
+    "refill": 100,
+    "sigma": 0.1,
+    "learning_rate": 0.01,
+    "optimizer": "sgd",
+    "estimator": "antithetic",
+    "shaping": "standardized",
+    "top_k": 0,
+    "orthogonal": False,
+    "weight_decay": 0.0,
+    "paired_tasks": True,
+    "tasks_per_member": 1,
+    "final_episodes": 1,
+    "step_cost": 0.0,
+    "normalize_observations": False,
+    "meta_estimator": "zeroth_order",
+    "first_order_queries": 1,
+}
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Operators compared on one task.
+
+    Attributes:
+        env: makes the environment.
+        tasks: makes its tasks.
+        operators: name to adaptation; the order is that of the claim, best first.
+        pairs: perturbation directions an iteration.
+        iterations: training length.
+        clean: parameters that are neutral when scored.
+    """
+
+    env: Callable[..., Rows]
+    tasks: Callable[[], Any]
+    operators: Mapping[str, Adaptation]
+    pairs: int = 150
+    iterations: int = 300
+    clean: tuple[str, ...] = ()
+
+
+def published(queries: int) -> dict[str, Adaptation]:
+    """Return the operators of the paper at K queries."""
+    return {
+        "hill climbing": HillClimb(mode="sequential", queries=queries, parallel=1, sigma=0.1),
+        "gradient": GradientAdaptation(queries=queries, sigma=0.1, rate=0.05, baseline="mean"),
+        "none": NoAdaptation(),
+    }
+
+
+def noisy(**noise: Any) -> Experiment:
+    """Return the rules of hill climbing compared at 50 proposals under a noisy return."""
+    rules = {
+        "batch": HillClimb(mode="batch", queries=10, parallel=5, sigma=0.1),
+        "sequential": HillClimb(mode="sequential", queries=50, parallel=1, sigma=0.1),
+        "average": HillClimb(mode="average", queries=10, parallel=5, sigma=0.1),
+    }
+    env = partial(NoisyNav2D, **noise)
+    return Experiment(env, partial(NavGoals, 1.0), rules, 50, 60, ("return_noise",))
+
+
+EXPERIMENTS = {
+    "nav2d, K = 20": Experiment(Nav2D, NavGoals, published(20)),
+    "corners, K = 5": Experiment(FourCorners, Corners, published(5)),
+    "corners, K = 20": Experiment(FourCorners, Corners, published(20)),
+    "nav2d, 30 % corrupted": noisy(noise="corrupt", scale=100.0, share=0.3),
+    "nav2d, Gaussian sd 20": noisy(noise="gaussian", scale=20.0),
+}
+
+
+def run(name: str, operator: str, seed: int) -> dict[str, Any]:
+    """Train one operator once and score it; return a row of the results."""
+    experiment = EXPERIMENTS[name]
+    algorithm = ESMAML(
+        experiment.env,
+        experiment.tasks(),
+        POLICY,
+        experiment.operators[operator],
+        seed,
+        pairs=experiment.pairs,
+        clean_final=experiment.clean,
+        **TRAINING,
+    )
+    start = time.thread_time()
+    for _ in range(experiment.iterations):
+        algorithm.iterate()
+    seconds = time.thread_time() - start
+    before, after = score(algorithm, experiment)
+    return {
+        "experiment": name,
+        "operator": operator,
+        "seed": seed,
+        "iterations": experiment.iterations,
+        "frames": algorithm.frames,
+        "cpu_seconds": round(seconds, 1),
+        "before": round(before, 3),
+        "after": round(after, 3),
+    }
+
+
+def score(algorithm: ESMAML, experiment: Experiment) -> tuple[float, float]:
+    """Return the mean return before and after adaptation, on the same test tasks for all."""
+    rng = np.random.default_rng(20_000)
+    values = algorithm.tasks.sample(rng, TEST_TASKS)
+    final = values.copy()
+    final[:, [algorithm.population.space.index(n) for n in experiment.clean]] = 0.0
+    scores = evaluate_adaptation(
+        algorithm.population,
+        algorithm.theta,
+        algorithm.normalizer,
+        algorithm.adapt,
+        values,
+        rng.integers(0, 2**63, TEST_TASKS, dtype=np.uint64),
+        1,
+        final,
+    )
+    return float(scores.before.mean()), float(scores.after.mean())
+
+
+def table(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Return the Markdown table: means over seeds with bootstrap intervals, and the gaps."""
+    rng = np.random.default_rng(0)
+    yield "| task | adaptation | before | after | above the next | CPU s |"
+    yield "|---|---|---|---|---|---|"
+    for name, experiment in EXPERIMENTS.items():
+        mine = [row for row in rows if row["experiment"] == name]
+        columns = {
+            operator: sorted((r for r in mine if r["operator"] == operator), key=_seed)
+            for operator in experiment.operators
+        }
+        columns = {operator: found for operator, found in columns.items() if len(found) > 1}
+        for operator, found in columns.items():
+            following = [other for other in columns if other != operator]
+            rest = following[list(columns).index(operator) :]
+            gap = ""
+            if rest and len(columns[rest[0]]) == len(found):
+                paired = _column(found, "after") - _column(columns[rest[0]], "after")
+                gap = _show(bootstrap(paired, mean, rng, draws=5000, resample="rows"))
+            before, after = (
+                _show(bootstrap(_column(found, key), mean, rng, draws=5000, resample="rows"))
+                for key in ("before", "after")
+            )
+            seconds = _column(found, "cpu_seconds").mean()
+            yield f"| {name} | {operator} | {before} | **{after}** | {gap} | {seconds:.0f} |"
+
+
+def _seed(row: dict[str, Any]) -> int:
+    return int(row["seed"])
+
+
+def _column(rows: list[dict[str, Any]], key: str) -> np.ndarray:
+    return np.array([[float(row[key])] for row in rows])  # (seeds, 1)
+
+
+def _show(interval: Interval) -> str:
+    return f"{interval.value:.1f} [{interval.low:.1f}, {interval.high:.1f}]"
+
+
+def main() -> None:
+    """Run what is asked for, write the CSV and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=5, help="training seeds, 0 … n - 1")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--only", default="", help="experiments whose name contains this")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="the CSV file")
+    arguments = parser.parse_args()
+    rows = read(arguments.out)
+    done = {(row["experiment"], row["operator"], int(row["seed"])) for row in rows}
+    work = [
+        (name, operator, seed)
+        for seed in range(arguments.seeds)
+        for name, experiment in EXPERIMENTS.items()
+        if arguments.only in name
+        for operator in experiment.operators
+        if (name, operator, seed) not in done
+    ]
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        for row in pool.map(run, *zip(*work, strict=True)) if work else ():
+            rows.append(row)
+            write(arguments.out, rows)
+    print("\n".join(table(rows)))
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a CSV file; none if it is not there."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def write(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write a CSV file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    with part.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    part.replace(path)
+
+
+if __name__ == "__main__":
+    main()
