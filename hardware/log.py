@@ -13,8 +13,8 @@ Columns (SI units):
   episode's rows are together and its time increases.
 * `qvel.<joint>`, `torque.<actuator>` (0: the servo was switched off), `stamp.<joint>` [s: when that
   joint was read], `current.<actuator>` [A], `voltage.<actuator>` [V],
-  `temperature.<actuator>` [°C], `sensor.<name>`, `action.<name>`, `reward` and `flag.<name>` are optional. Other columns are left
-  out with a warning.
+  `temperature.<actuator>` [°C], `sensor.<name>`, `action.<name>`, `reward` and `flag.<name>` are
+  optional. Other columns are left out with a warning.
 
 Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
 name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log

@@ -1,0 +1,212 @@
+"""What each servo type is: registers by name, units, factory values and motor constants.
+
+    servo = servo_type("xl330-m288")
+    servo.registers["goal_position"]        # Register(name='goal_position', address=116, size=4)
+    servo.position_gain(800, volts=5.0)     # N·m/rad of the position loop
+
+Control tables are read from the model files that dynamixel-sdk ships; `hardware/servos.yaml` adds
+what they leave out. Register names are the manual's, in lower case with underscores.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hardware.errors import RobotError, did_you_mean, listed
+
+FIRST_RAM = 64
+SIGNED = (
+    *("homing_offset", "goal_pwm", "goal_current", "goal_velocity", "goal_position", "present_pwm"),
+    *("present_current", "present_load", "present_velocity", "present_position"),
+    *("velocity_trajectory", "position_trajectory", "min_position_limit", "max_position_limit"),
+    "bus_watchdog",
+)
+
+
+@dataclass(frozen=True)
+class Register:
+    """One line of a control table."""
+
+    name: str
+    address: int
+    size: int  # bytes: 1, 2 or 4
+    signed: bool
+    writable: bool
+    low: int | str | None  # least value; a name stands for that register's value
+    high: int | str | None
+
+    @property
+    def eeprom(self) -> bool:
+        """Whether it survives a reboot, and can only be written while torque is off."""
+        return self.address < FIRST_RAM
+
+    def encode(self, value: int) -> bytes:
+        """Return the value's bytes, least first; negative numbers as two's complement."""
+        return (value % (1 << 8 * self.size)).to_bytes(self.size, "little")
+
+    def decode(self, data: bytes) -> int:
+        """Return the number that the bytes stand for."""
+        return int.from_bytes(data[: self.size], "little", signed=self.signed)
+
+
+@dataclass(frozen=True)
+class Units:
+    """What one step of a raw register means, the same for all X-series servos."""
+
+    counts_per_turn: int
+    velocity: float  # rad/s
+    acceleration: float  # rad/s^2
+    full_pwm: int
+    voltage: float  # V
+    return_delay: float  # s
+    watchdog: float  # s
+    position_d: int
+    position_i: int
+    velocity_p: int
+    velocity_i: int
+    feedforward: int
+
+    @property
+    def angle(self) -> float:
+        """Radians of one count of the encoder."""
+        return 2 * math.pi / self.counts_per_turn
+
+
+@dataclass(frozen=True)
+class ServoType:
+    """A type of servo; `hardware/servos.yaml` says what each number is and where it is from."""
+
+    name: str
+    number: int
+    firmware: int
+    modes: tuple[int, ...]
+    torque_constant: float  # N·m/A, and V·s/rad
+    resistance: float  # ohm
+    armature: float  # kg·m^2
+    current: float | None  # A of one step
+    gain_divisor: int
+    voltage: float  # V
+    heat: float  # K/W
+    tau_thermal: float  # s
+    indirect: int
+    defaults: Mapping[str, int]
+    registers: Mapping[str, Register]
+    units: Units
+    bauds: tuple[int, ...]
+
+    def register(self, name: str) -> Register:
+        """Return the register of this name.
+
+        Raises:
+            RobotError: the type has no such register.
+        """
+        if name not in self.registers:
+            hint = did_you_mean(name, self.registers)
+            raise RobotError(f"a {self.name} has no register {name!r}{hint}")
+        return self.registers[name]
+
+    def position_gain(self, register: int, volts: float) -> float:
+        """Stiffness of the position loop [N·m/rad] with this P gain register at this voltage.
+
+        duty = counts of error * P / divisor / 885, torque = duty * V * K / R.
+        """
+        units = self.units
+        duty = register / self.gain_divisor / units.full_pwm / units.angle
+        return duty * self.stall_torque(volts)
+
+    def stall_torque(self, volts: float) -> float:
+        """Torque at standstill [N·m]: V K / R."""
+        return volts * self.torque_constant / self.resistance
+
+    @property
+    def back_emf_damping(self) -> float:
+        """What turning costs with the winding driven [N·m·s/rad]: K^2 / R."""
+        return self.torque_constant**2 / self.resistance
+
+
+@cache
+def _data() -> dict[str, Any]:
+    return yaml.safe_load(Path(__file__).with_name("servos.yaml").read_text(encoding="utf-8"))
+
+
+def servo_types() -> list[str]:
+    """Return the names of the known types."""
+    return list(_data()["models"])
+
+
+@cache
+def servo_type(name: str) -> ServoType:
+    """Return the type of this name.
+
+    Raises:
+        RobotError: no such type is known, or dynamixel-sdk is not installed.
+    """
+    data = _data()
+    if name not in data["models"]:
+        known = data["models"]
+        raise RobotError(f"unknown servo type {name!r}{did_you_mean(name, known)}: {listed(known)}")
+    entry = dict(data["models"][name])
+    table = _read_table(entry.pop("table"), entry["indirect"])
+    return ServoType(
+        **entry
+        | {
+            "name": name,
+            "modes": tuple(entry["modes"]),
+            "defaults": data["defaults"] | entry["defaults"],
+            "registers": {key: _register(key, *place) for key, place in table.items()},
+            "units": Units(**data["units"]),
+            "bauds": tuple(data["bauds"]),
+        }
+    )
+
+
+def servo_by_number(number: int) -> str | None:
+    """Return the name of the type with this model number, if it is known."""
+    models = _data()["models"]
+    return next((name for name, entry in models.items() if entry["number"] == number), None)
+
+
+def _register(name: str, address: int, size: int) -> Register:
+    data = _data()
+    low, high = data["ranges"].get(name, (None, None))
+    writable = name not in data["read_only"]
+    return Register(name, address, size, name in SIGNED, writable, low, high)
+
+
+@cache
+def _read_table(stem: str, indirect: int) -> dict[str, tuple[int, int]]:
+    """Return {register: (address, size)} from the SDK's model file."""
+    spec = find_spec("dynamixel_easy_sdk")
+    if spec is None or spec.origin is None:
+        raise RobotError("control tables need dynamixel-sdk; install the extra 'hardware'")
+    file = Path(spec.origin).parent / "control_table" / f"{stem}.model"
+    lines = file.read_text(encoding="utf-8").split("[control table]")[1].splitlines()
+    table = {}
+    for line in lines[2:]:
+        address, size, name = line.split("\t")
+        if not name.startswith("Indirect"):
+            table[_snake(name)] = (int(address), int(size))
+        elif name.endswith(" 1"):
+            first = int(address)
+            table |= _indirect(_snake(name)[:-2], first, int(size), indirect)
+    return table
+
+
+def _indirect(stem: str, first: int, size: int, count: int) -> dict[str, tuple[int, int]]:
+    """Entries 1 to 28 lie from `first` on; 29 to 56 lie from 578 (addresses), 634 (data) on."""
+    late = 578 if size == 2 else 634
+    starts = [first + size * i if i < 28 else late + size * (i - 28) for i in range(count)]
+    return {f"{stem}_{i + 1}": (start, size) for i, start in enumerate(starts)}
+
+
+def _snake(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower().replace("(shadow)", "")).strip("_")

@@ -1,0 +1,81 @@
+"""The robots' models compile, and their actuators are what the servos' data say."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from hardware.config import ROBOTS, load_robot
+
+ROBOT_NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
+
+
+@pytest.fixture(params=ROBOT_NAMES)
+def robot_and_model(request):
+    """Return each robot of the project with its compiled model."""
+    robot = load_robot(request.param)
+    return robot, mujoco.MjModel.from_xml_path(str(robot.model))
+
+
+def test_one_servo_for_each_actuator(robot_and_model):
+    """Servos and actuators have the same names, and each actuator drives a joint of its name."""
+    robot, model = robot_and_model
+    actuators = [model.actuator(i).name for i in range(model.nu)]
+    assert actuators == robot.names
+    for i, name in enumerate(actuators):
+        assert model.joint(model.actuator_trnid[i, 0]).name == name
+
+
+def test_nominal_actuators_follow_from_the_servos(robot_and_model):
+    """kp, force limit and damping are those of the servo's type, gain register and voltage."""
+    robot, model = robot_and_model
+    volts = robot.supply.voltage
+    for i, servo in enumerate(robot.servos):
+        gain = robot.registers_of(servo)["position_p_gain"]
+        kp = servo.type.position_gain(gain, volts)
+        assert model.actuator_gainprm[i, 0] == pytest.approx(kp, rel=1e-3)
+        assert model.actuator_biasprm[i, 1] == pytest.approx(-kp, rel=1e-3)
+        assert model.actuator_biasprm[i, 2] == 0
+        stall = servo.type.stall_torque(volts)
+        np.testing.assert_allclose(model.actuator_forcerange[i], [-stall, stall], rtol=1e-3)
+        damping = servo.type.back_emf_damping
+        assert model.actuator_damping[i] == pytest.approx(damping, rel=1e-3)
+        joint = model.actuator_trnid[i, 0]
+        armature = model.dof_armature[model.jnt_dofadr[joint]]
+        assert armature == pytest.approx(servo.type.armature, rel=1e-3)
+
+
+def test_home_is_a_rest(robot_and_model):
+    """Left alone at its home pose with its home command, the robot stays near it for a second."""
+    _, model = robot_and_model
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    start = data.qpos.copy()
+    for _ in range(round(1 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+    assert not data.warning.number.any()
+    np.testing.assert_allclose(data.qpos, start, atol=0.15)
+
+
+def test_bench_swings_like_a_pendulum():
+    """Without its motor, bench1 has the period of its inertia: 2 pi sqrt(I / (m g l))."""
+    robot = load_robot("bench1")
+    spec = mujoco.MjSpec.from_file(str(robot.model))
+    spec.actuators[0].damping[:] = 0
+    spec.actuators[0].gainprm[:] = 0
+    spec.actuators[0].biasprm[:] = 0
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.01
+    times = []
+    for _ in range(3000):
+        before = data.qpos[0]
+        mujoco.mj_step(model, data)
+        if before > 0 >= data.qpos[0]:
+            times.append(data.time)
+    rod, ball, length = 0.015, 0.1, 0.12
+    inertia = rod * length**2 / 3 + ball * (length**2 + 0.4 * 0.012**2) + 0.0018
+    moment = 9.81 * (rod * length / 2 + ball * length)
+    period = 2 * np.pi * np.sqrt(inertia / moment)
+    assert np.diff(times).mean() == pytest.approx(period, rel=5e-3)

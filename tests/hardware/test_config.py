@@ -1,0 +1,82 @@
+"""A robot's file is read whole, or refused with the key that is wrong."""
+
+from __future__ import annotations
+
+import copy
+
+import pytest
+import yaml
+
+from hardware.config import ROBOTS, load_robot, make_robot
+from hardware.errors import RobotError
+from hardware.tables import servo_types
+
+BENCH = yaml.safe_load((ROBOTS / "bench1.yaml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.yaml")), ids=lambda p: p.stem)
+def test_every_robot_is_read(path):
+    """Each robot of the project has its model and its servos, and every key has a comment."""
+    robot = load_robot(path.stem)
+    assert robot.name == path.stem
+    assert robot.model.is_file()
+    assert all(servo.model in servo_types() for servo in robot.servos)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    plain = [i for i, line in enumerate(lines) if line[:1].isalpha()]
+    assert all(lines[i - 1].startswith("#") for i in plain), "a key without a comment above it"
+
+
+def test_counts_and_angles_are_inverse():
+    """Any count becomes an angle and the same count again, whatever sign and zero are."""
+    data = copy.deepcopy(BENCH)
+    data["servos"]["hinge"] |= {"sign": -1, "zero": 1000}
+    servo = make_robot(data).servos[0]
+    assert all(servo.count(servo.angle(count)) == count for count in range(-5000, 5000, 7))
+    assert servo.angle(1000) == 0
+    assert servo.angle(1001) == pytest.approx(-0.0015339808)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("rat",), 50, r"unknown key 'rat' \(did you mean 'rate'\?\)"),
+        (("rate",), "fast", r"rate: 'fast' is not float"),
+        (("rate",), 0, r"rate: 0.0 is not above 0"),
+        (("rate",), True, r"rate: True is not float"),
+        (("model",), "bench2.xml", r"no file 'bench2.xml' \(did you mean 'bench1.xml'"),
+        (("bus", "baud"), 1000001, r"bus.baud: 1000001 is not one of"),
+        (("bus", "speed"), 1, r"bus: unknown key 'speed'"),
+        (("supply",), 5, r"supply: 5 is not a table"),
+        (("servos",), {}, r"at least one"),
+        (("servos", "hinge", "sign"), 2, r"servos.hinge: sign 2; it can be 1 or -1"),
+        (("servos", "hinge", "id"), 253, r"id 253; it can be 0 to 252"),
+        (("servos", "hinge", "position"), [1, -1], r"position \[1.0, -1.0\]"),
+        (("servos", "hinge", "position"), 1, r"1 is not a pair of numbers"),
+        (("servos", "hinge", "model"), "xl330-m280", r"unknown servo type.*'xl330-m288'"),
+        (("registers", "position_gain"), 1, r"no register 'position_gain' \(did you mean"),
+        (("registers", "present_position"), 1, r"'present_position' can only be read"),
+        (("watchdog",), 3, r"watchdog: 3.0 s; it can be 0 \(off\) to 2.54"),
+    ],
+)
+def test_refuses(path, value, message):
+    """A wrong key or value is refused with its place."""
+    data = copy.deepcopy(BENCH)
+    part = data
+    for key in path[:-1]:
+        part = part[key]
+    part[path[-1]] = value
+    with pytest.raises(RobotError, match=message):
+        make_robot(data)
+
+
+def test_missing_key_duplicate_id_and_unknown_robot():
+    """A missing key, an ID used twice and an unknown robot are refused."""
+    data = copy.deepcopy(BENCH)
+    data["servos"]["knee"] = data["servos"]["hinge"]
+    with pytest.raises(RobotError, match=r"servos.hinge: id 1 is taken"):
+        make_robot(data)
+    del data["servos"]["knee"]["zero"]
+    with pytest.raises(RobotError, match=r"servos.hinge: the key 'zero' is missing"):
+        make_robot(data)
+    with pytest.raises(RobotError, match=r"no robot 'bench' \(did you mean 'bench1'"):
+        load_robot("bench")
