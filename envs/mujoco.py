@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import torch
 
 from envs.effects.base import Effect
+from envs.randomization import Tasks
 from envs.simulation import Simulation
 from envs.tasks.base import Task
 from envs.torch_env import RowsEnv
@@ -28,6 +29,7 @@ class MujocoEnv(RowsEnv):
         device: where tensors go.
         dtype: of observations, actions and rewards.
         seed: of the episodes.
+        tasks: draws each episode's parameters (see `RowsEnv`).
 
     Raises:
         EffectError: an effect that the robot cannot have.
@@ -42,8 +44,9 @@ class MujocoEnv(RowsEnv):
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float32,
         seed: int = 0,
+        tasks: Tasks | None = None,
     ) -> None:
-        super().__init__(Simulation(task, num_envs, effects, threads), device, dtype, seed)
+        super().__init__(Simulation(task, num_envs, effects, threads), device, dtype, seed, tasks)
 
     @property
     def simulation(self) -> Simulation:

@@ -29,6 +29,11 @@ class RowsEnv(EnvBase):
         device: where tensors go; the simulation itself runs on the CPU.
         dtype: of observations, actions and rewards.
         seed: of the episodes; `set_seed` changes it.
+        tasks: draws the parameters, as `RandomizeParams` does, but faster: an environment without
+            transforms restarts its rows without TorchRL's general machinery.
+
+    Raises:
+        ParameterError: tasks that do not fit the rows' parameters.
     """
 
     def __init__(
@@ -37,8 +42,9 @@ class RowsEnv(EnvBase):
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float32,
         seed: int = 0,
+        tasks: Tasks | None = None,
     ) -> None:
-        super().__init__(device=device, batch_size=[rows.num_rows])
+        super().__init__(device=device, batch_size=torch.Size([rows.num_rows]))
         self.rows, self._float = rows, dtype
         self._values = rows.space.points(rows.num_rows)  # (N, P)
         self._params = self._params_tensordict()
@@ -47,6 +53,14 @@ class RowsEnv(EnvBase):
         )  # (N, O), the newest observations
         self._make_specs()
         self._set_seed(seed)
+        self.tasks: Tasks | None = None
+        if tasks is not None:
+            self.randomize(tasks)
+
+    def randomize(self, tasks: Tasks) -> None:
+        """Draw the parameters of coming episodes from tasks; raises ParameterError if none fit."""
+        tasks.check(self.rows.space)
+        self.tasks, self._drawn = tasks, np.zeros(self.rows.num_rows, dtype=bool)
 
     def _make_specs(self) -> None:
         n, rows = self.batch_size[0], self.rows
@@ -80,40 +94,50 @@ class RowsEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         self.rng = np.random.default_rng(seed)
-
-    def assign(self, ids: np.ndarray, values: np.ndarray) -> None:
-        """Choose the values (n, P) with which the rows ids (n,) start their next episodes."""
-        self._values[ids] = values
-
-    def resetting(self, tensordict: TensorDictBase | None) -> np.ndarray:
-        """Return the rows (n,) that a reset with this tensordict (None: all) is about."""
-        mask = None if tensordict is None else tensordict.get("_reset", None)
-        n = self.batch_size[0]
-        return np.arange(n) if mask is None else np.flatnonzero(mask.reshape(n).cpu().numpy())
+        self._drawn = np.zeros(self.rows.num_rows, dtype=bool)  # (N,): rows that keep a draw
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: object) -> TensorDictBase:
-        ids = self.resetting(tensordict)
-        if self.rows.space.size:
-            if tensordict is not None and tensordict.get("params", None) is not None:
-                given = [
-                    tensordict["params", name].reshape(-1).cpu().numpy()
-                    for name in self.rows.space.names
-                ]
-                self.assign(ids, np.stack(given, axis=1)[ids])
-            self._params = (
-                self._params_tensordict()
-            )  # anew: what was returned before belongs to the caller
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        ids = np.arange(self.rows.num_rows) if mask is None else _where(mask)
+        given = None if tensordict is None else tensordict.get("params", None)
+        if given is not None and self.rows.space.size:
+            columns = [given[name].reshape(-1).cpu().numpy() for name in self.rows.space.names]
+            self._values[ids] = np.stack(columns, axis=1)[ids]
+        return self._tensordict(self._start(ids))
+
+    def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Restart the rows that are done and put what changed into the tensordict.
+
+        What TorchRL does by a masked merge of every entry, for an environment without transforms.
+        """
+        done = tensordict.get("done", None)
+        if done is None or tensordict.get("_reset", None) is not None:
+            return super().maybe_reset(tensordict)
+        ids = _where(done)
+        if len(ids):
+            tensordict.update(self._tensordict(self._start(ids)))
+        return tensordict
+
+    def _start(self, ids: np.ndarray) -> dict[str, torch.Tensor]:
+        """Start episodes in the rows ids (n,); return the entries of all rows after that."""
+        self._draw(ids)
+        if self.rows.space.size:  # anew: what was returned before belongs to the caller
+            self._params = self._params_tensordict()
         seeds = self.rng.integers(0, 2**63, len(ids)).astype(np.uint64)
         self._last = self._last.copy()  # the rows that go on keep what they saw
         self._last[ids] = self.rows.reset(ids, self._values[ids], seeds)
-        no = torch.zeros((self.batch_size[0], 1), dtype=torch.bool, device=self.device)
-        flags = {
-            "failed": no,
-            "done": no.clone(),
-            "terminated": no.clone(),
-            "truncated": no.clone(),
-        }
-        return self._tensordict({"observation": self._tensor(self._last, self._float), **flags})
+        no = torch.zeros((self.rows.num_rows, 1), dtype=torch.bool, device=self.device)
+        flags = {"done": no.clone(), "terminated": no.clone(), "truncated": no.clone()}
+        return {"observation": self._tensor(self._last, self._float), "failed": no, **flags}
+
+    def _draw(self, ids: np.ndarray) -> None:
+        if self.tasks is None:
+            return
+        if getattr(self.tasks, "per", "reset") == "row":
+            ids = ids[~self._drawn[ids]]
+        if len(ids):
+            self._values[ids] = self.tasks.sample(self.rng, len(ids))
+            self._drawn[ids] = True
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action").detach().cpu().numpy().astype(np.float64)
@@ -160,19 +184,11 @@ class RandomizeParams(Transform):
     def __init__(self, tasks: Tasks) -> None:
         super().__init__()
         self.tasks = tasks
-        self._drawn: np.ndarray | None = None  # (N,) bool: rows that have had a draw
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
         env = self.parent.base_env  # type: ignore[union-attr]
-        if self._drawn is None:
-            self.tasks.check(env.rows.space)
-            self._drawn = np.zeros(env.rows.num_rows, dtype=bool)
-        ids = env.resetting(tensordict)
-        if getattr(self.tasks, "per", "reset") == "row":
-            ids = ids[~self._drawn[ids]]
-        if len(ids):
-            env.assign(ids, self.tasks.sample(env.rng, len(ids)))
-            self._drawn[ids] = True
+        if env.tasks is not self.tasks:
+            env.randomize(self.tasks)
         return tensordict
 
     def _reset(
@@ -182,3 +198,7 @@ class RandomizeParams(Transform):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         return next_tensordict
+
+
+def _where(mask: torch.Tensor) -> np.ndarray:
+    return np.flatnonzero(mask.reshape(-1).cpu().numpy())

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDictBase
 from torchrl.collectors import Collector
-from torchrl.envs import Compose, RewardSum, TransformedEnv
+from torchrl.envs import Compose, EnvBase, RewardSum, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from envs.effects import make
@@ -209,3 +210,25 @@ def test_draws_are_checked_before_the_first_episode() -> None:
         env.reset()
     with pytest.raises(ParameterError, match="made without"):
         TransformedEnv(MujocoEnv(Hopper(), 2, threads=1), RandomizeParams(randomization())).reset()
+
+
+@pytest.mark.parametrize("per", ["reset", "row"])
+def test_restarting_without_transforms_is_the_same(per: str) -> None:
+    """Given its tasks directly, an environment returns what the transform makes it return."""
+    tasks = randomization(per)
+    direct = MujocoEnv(Hopper(max_steps=15), 4, tasks.effects, threads=1, tasks=tasks)
+    check_env_specs(MujocoEnv(Hopper(), 2, tasks.effects, threads=1, tasks=tasks))
+
+    def run(env: EnvBase) -> TensorDictBase:
+        env.set_seed(2)
+        return env.rollout(
+            40,
+            lambda td: td.set("action", td["observation"][:, :3].tanh()),
+            break_when_any_done=False,
+        )
+
+    ours, expected = run(direct), run(randomized(4, per, Hopper(max_steps=15)))
+    assert ours["next", "done"].any()
+    assert set(ours.keys(True)) == set(expected.keys(True))
+    for key in expected.keys(True, True):
+        assert torch.equal(ours[key], expected[key]), key
