@@ -1,7 +1,8 @@
-"""The command line: python -m sim2real [+experiment=NAME] [KEY=VALUE ...]; --help lists what there is.
+"""The command line: python -m sim2real [+experiment=NAME] [KEY=VALUE ...]; --help lists it all.
 
-A configuration is composed and checked before anything heavy is imported and before a file is written. What a user
-can get wrong is answered in one sentence and with exit status 2; HYDRA_FULL_ERROR=1 shows the whole traceback.
+A configuration is composed and checked before anything heavy is imported and before a file is
+written. What a user can get wrong is answered in one sentence and with exit status 2;
+HYDRA_FULL_ERROR=1 shows the whole traceback.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def main() -> None:
     full = os.environ.get(FULL) == "1"
     os.environ[FULL] = "1"  # Hydra then hands its errors on, and they are said here
     try:
-        precheck(sys.argv[1:])
+        sys.argv[1:] = precheck(sys.argv[1:])
         launch()
     except KeyboardInterrupt as stop:
         sys.exit(_say(str(stop) or "interrupted", getattr(stop, "exit_code", 130)))
@@ -47,25 +48,29 @@ def main() -> None:
         sys.exit(_say(sentence, 2))
 
 
-def precheck(arguments: list[str]) -> None:
-    """Compose and check the jobs of a command line before Hydra makes a folder for them.
+def precheck(arguments: list[str]) -> list[str]:
+    """Check the jobs of a command line before Hydra makes a folder for them.
+
+    Returns:
+        The arguments, and what a checkpoint among them brings along.
 
     Raises:
         ConfigError: the first mistake.
     """
-    flags = {a.split("=")[0] for a in arguments if a.startswith("-")}
-    if flags & set(PASSED_ON + OWN_FOLDER):
-        return
-    from sim2real import config
+    options = [a for a in arguments if a.startswith("-")]
+    if {a.split("=")[0] for a in options} & set(PASSED_ON + OWN_FOLDER):
+        return arguments
+    from sim2real.config import compose, sweep_jobs, with_checkpoint
 
-    overrides = [a for a in arguments if not a.startswith("-")]
-    sweep = flags & {"--multirun", "-m"}
-    for job in config.sweep_jobs(overrides) if sweep else [overrides]:
-        config.compose(job)
+    given = [a for a in arguments if not a.startswith("-")]
+    sweep = {"--multirun", "-m"} & set(options)
+    for overrides in sweep_jobs(given) if sweep else [given]:
+        compose(overrides)
+    return options + with_checkpoint(given)
 
 
 def launch() -> None:
-    """Hand over to Hydra, which makes the run's folder and calls `job` once, or once for each job of a sweep."""
+    """Let Hydra make the run's folder and call `job`: once, or for each job of a sweep."""
     import hydra
 
     from sim2real.config import CONF
@@ -82,7 +87,7 @@ def job(config: Any) -> None:
 
     hydra = HydraConfig.get()
     out = Path(hydra.runtime.output_dir)
-    tree = checked(config, hydra.overrides.task)
+    tree = checked(config)
     write_manifest(out, seed=tree["seed"])
     save(tree, out)
     verb, arguments = prepare(tree, out)
@@ -91,7 +96,7 @@ def job(config: Any) -> None:
 
 
 def explained(error: Exception) -> str | None:
-    """Return the sentence for an error that a user can cause, or None for a defect of the program."""
+    """Return the sentence for an error that a user can cause; None for a defect of the program."""
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
@@ -103,7 +108,7 @@ def explained(error: Exception) -> str | None:
 
 
 def _raised_here(error: BaseException) -> bool:
-    """Return whether a statement of this project raised the error: it is then meant for the user."""
+    """Return whether a statement of this project raised the error: then it is for the user."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next

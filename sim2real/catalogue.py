@@ -5,23 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import yaml
+
 CONF = Path(__file__).resolve().parent.parent / "conf"
 EXPERIMENT = "experiment"
 _INTRODUCTION = """\
-sim2real: train policies in simulation that survive, and adapt to, the real robot; find what separates the two.
+sim2real: train policies in simulation that survive, and adapt to, the real robot; find what
+    separates the two.
 
   python -m sim2real +experiment=NAME            one job
-  python -m sim2real +experiment=NAME seed=3     the same with another value; GROUP=CHOICE swaps a part
-  python -m sim2real -m +experiment=NAME seed=0,1,2      a sweep; hydra/launcher=joblib runs its jobs side by side
-  python -m sim2real run=evaluate checkpoint=PATH        another verb
+  python -m sim2real +experiment=NAME seed=3     the same with another value; GROUP=CHOICE swaps a
+  part python -m sim2real -m +experiment=NAME seed=0,1,2      a sweep; hydra/launcher=joblib runs
+  its jobs side by side python -m sim2real run=evaluate checkpoint=PATH        another verb
   python -m sim2real +experiment=NAME --cfg job          show the configuration and run nothing"""
 
 
 def groups() -> list[str]:
-    """Return the groups of conf/, experiments and verbs first."""
-    found = {p.name for p in CONF.iterdir() if p.is_dir() and any(p.glob("*.yaml"))}
-    first = [EXPERIMENT, "run"]
-    return [*first, *sorted(found - set(first))]
+    """Return the groups that a run is made of, experiments first, then as in conf/config.yaml."""
+    root = yaml.safe_load((CONF / "config.yaml").read_text(encoding="utf-8"))
+    return [
+        EXPERIMENT,
+        *(group for entry in root["defaults"] if entry != "_self_" for group in entry),
+    ]
 
 
 def options(group: str) -> list[str]:
@@ -51,7 +56,7 @@ def lines() -> Iterator[str]:
 
 
 def keys(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield the top-level keys of a YAML file that have a value on their line, and the comment beside each."""
+    """Yield the top-level keys of a YAML file that have a value there, and the comments beside."""
     for line in path.read_text(encoding="utf-8").splitlines():
         key, colon, rest = line.partition(":")
         if colon and key.isidentifier() and rest.partition("#")[0].strip():

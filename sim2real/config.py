@@ -1,10 +1,11 @@
-"""The configuration of a run: its root keys, its checks, and how command-line mistakes are said in one sentence.
+"""The configuration of a run: its root keys, its checks, and one sentence for each mistake.
 
     config = compose(["+experiment=smoke", "seed=3"])      # a plain tree, checked
     verb, arguments = prepare(config, out=Path("outputs/mine"))
     verb(**arguments)
 
-A verb is a function whose keyword-only arguments are root keys. Nothing below this module knows Hydra.
+A verb is a function whose keyword-only arguments are root keys. Nothing below this module knows
+Hydra.
 """
 
 from __future__ import annotations
@@ -30,13 +31,21 @@ from sim2real.files import write_text
 from sim2real.targets import ConfigError, build, check, locate
 
 ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
-INHERITED = ("env", "params", "policy", "adapt", "algorithm")  # what a checkpoint says about itself
+INHERITED = (
+    "env",
+    "params",
+    "policy",
+    "adapt",
+    "algorithm",
+    "eval",
+)  # what a run says about itself
+OPTIONAL = ("eval", "video")  # groups that can be none
 RESOLVED = "config.yaml"
 
 
 @dataclass
 class Config:
-    """The root keys and their types; conf/config.yaml holds their values and says what they mean."""
+    """The root keys and their types; conf/config.yaml holds the values and says what they mean."""
 
     run: dict[str, Any]
     env: dict[str, Any]
@@ -67,7 +76,7 @@ def compose(overrides: list[str]) -> dict[str, Any]:
         ConfigError: see `checked`; a name or a value that is not there.
     """
     try:
-        return checked(_compose(overrides), overrides)
+        return checked(_compose(with_checkpoint(overrides)), overrides)
     except (HydraException, OmegaConfBaseException) as error:
         raise explain(error, overrides) from error
 
@@ -77,53 +86,58 @@ def _compose(overrides: list[str]) -> DictConfig:
         return hydra_compose("config", overrides)
 
 
-def checked(config: DictConfig, overrides: Iterable[str]) -> dict[str, Any]:
+def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str, Any]:
     """Return the configuration as a plain tree, after every check that needs no import of torch.
 
     Args:
         config: as Hydra composed it.
-        overrides: what the user set.
+        overrides: what the user set, to be refused if the verb does not use it.
 
     Raises:
         ConfigError: a key that is unknown or that the verb does not use; a value of the wrong type.
     """
-    overrides = list(overrides)
     tree: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     check({"_target_": "sim2real.config.Config", **tree}, "")
     verb = _verb(tree)
-    unused = [key for key in _roots(overrides) if key not in verb.arguments and key not in ALWAYS]
+    unused = [
+        key for key in _roots(overrides or []) if key not in verb.arguments and key not in ALWAYS
+    ]
     if unused:
         raise ConfigError(
-            f"{unused[0]} is not used by {_name(tree)}; leave it out, or set one of: {', '.join(_keys(verb))}"
+            f"{unused[0]} is not used by {_name(tree)}; leave it out, "
+            f"or set one of: {', '.join(_keys(verb))}"
         )
-    inherit(tree, overrides)
+    for key in OPTIONAL:  # an experiment's values for a group that was then set to none
+        if "_target_" not in (tree[key] or {}):
+            tree[key] = None
     for key in _keys(verb):
         check(tree[key], key)
+        if isinstance(tree[key], dict) and "_target_" not in tree[key]:
+            raise ConfigError(f"{key} has no _target_; choose one: {', '.join(options(key))}")
     if tree["seed"] < 0:
         raise ConfigError(f"seed={tree['seed']} must not be negative")
     return tree
 
 
-def inherit(tree: dict[str, Any], overrides: list[str]) -> None:
-    """Let the run that `checkpoint` points at say what its policy, its robot and its tasks are.
+def with_checkpoint(overrides: list[str]) -> list[str]:
+    """Put before the overrides what the run that `checkpoint=` points at was started with.
 
-    A group that the user chose (`adapt=batch`) stays; a value that the user set (`algorithm.shards=1`) is set in the
-    run's own. With several checkpoints the first one counts.
+    So a checkpoint says itself what its experiment, robot, tasks and policy are. What the user sets
+    counts more: `adapt=batch` replaces the run's own choice, `algorithm.shards=1` its value, and an
+    experiment all of it. With several checkpoints the first one counts.
     """
-    source = tree.get("checkpoint")
-    folder = run_config(Path(source[0] if isinstance(source, list) else source)) if source else None
+    given = {_key(line): line.partition("=")[2] for line in overrides}
+    path = given.get("checkpoint", "").strip("[]\"'").split(",")[0]
+    folder = run_folder(Path(path)) if path and EXPERIMENT not in given else None
     if folder is None:
-        return
-    saved = yaml.safe_load(folder.read_text(encoding="utf-8"))
-    chosen = set(_groups(overrides))
-    for key in INHERITED:
-        if key in chosen or EXPERIMENT in chosen or key not in saved:
-            continue
-        own = OmegaConf.create({key: saved[key]})
-        for override in OverridesParser.create().parse_overrides(overrides):
-            if override.get_key_element().lstrip("+~").startswith(f"{key}."):
-                OmegaConf.update(own, override.key_or_group, override.value())
-        tree[key] = OmegaConf.to_container(own)[key]  # type: ignore[index,call-overload]
+        return overrides
+    text = (folder / ".hydra" / "overrides.yaml").read_text(encoding="utf-8")
+    kept = []
+    for line in yaml.safe_load(text):
+        root = _key(line).split(".")[0]
+        if root in (*INHERITED, EXPERIMENT) and root not in given and _key(line) not in given:
+            kept.append(line)
+    return kept + overrides
 
 
 def save(tree: dict[str, Any], out: Path) -> Path:
@@ -131,12 +145,14 @@ def save(tree: dict[str, Any], out: Path) -> Path:
     return write_text(out / RESOLVED, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
 
 
-def run_config(path: Path) -> Path | None:
-    """Return the config.yaml of the run that a path lies in (a run folder or something in it), or None."""
-    for folder in (path, *path.absolute().parents[:3]):
-        if (folder / RESOLVED).is_file() and (folder / "manifest.json").is_file():
-            return folder / RESOLVED
-    return None
+def run_folder(path: Path) -> Path | None:
+    """Return the folder of the run that a checkpoint, a run's or a sweep's folder belongs to.
+
+    None where no run was started by the command line.
+    """
+    path = path.expanduser().absolute()
+    candidates = [path, *path.parents[:2], *sorted(path.glob("*/"))]
+    return next((f for f in candidates if (f / ".hydra" / "overrides.yaml").is_file()), None)
 
 
 def prepare(tree: dict[str, Any], out: Path) -> tuple[Any, dict[str, Any]]:
@@ -193,7 +209,7 @@ def sweep_jobs(overrides: list[str]) -> Iterator[list[str]]:
 
 
 def explain(error: Exception, overrides: list[str]) -> ConfigError:
-    """Return one sentence for an error of Hydra's, with the nearest match where a name is unknown."""
+    """Return one sentence for an error of Hydra's, with the nearest match of an unknown name."""
     text = str(error)
     if match := re.search(r"Could not find '(.+)/([^/']+)'", text):
         group, name = match.groups()
@@ -265,5 +281,5 @@ def _roots(overrides: list[str]) -> list[str]:
     return [(o.package or o.key_or_group).split(".")[0].split("/")[0] for o in parsed]
 
 
-def _groups(overrides: list[str]) -> list[str]:
-    return [key for o in overrides if "." not in (key := o.split("=")[0].lstrip("+~"))]
+def _key(override: str) -> str:
+    return override.partition("=")[0].lstrip("+~").partition("@")[0]

@@ -1,10 +1,11 @@
-"""Where metrics go besides a run's metrics.csv: TensorBoard, Weights & Biases, MLflow, by TorchRL's loggers.
+"""Where metrics go besides metrics.csv: TensorBoard, Weights & Biases, MLflow, by TorchRL.
 
     with Loggers([TensorBoard()]).opened(out, config={"seed": 0}) as loggers:
         loggers.log({"train/return": 12.5}, step=1)
 
-`metrics.csv` (see `sim2real.metrics`) is the record that a resumed run continues without a seam; these are views of it.
-A resumed run has a folder, and so a view, of its own, which starts at the step where it goes on.
+`metrics.csv` (see `sim2real.metrics`) is the record that a resumed run continues without a seam;
+these are views of it. A resumed run has a folder, and so a view, of its own, which starts at the
+step where it goes on.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class LoggerError(Sim2RealError):
 
 
 class Logger(ABC):
-    """A place for metrics. The optional package it needs is looked for when it is made, before any work."""
+    """A place for metrics; its optional package is looked for when it is made, before any work."""
 
     package: str
     extra: str
@@ -33,7 +34,7 @@ class Logger(ABC):
     def __init__(self) -> None:
         if importlib.util.find_spec(self.package) is None:
             raise LoggerError(
-                f"logger={self.extra} needs the package {self.package!r}, which is not installed here; "
+                f"logger={self.extra} needs the package {self.package!r}, which is not installed; "
                 f"install it with: pip install 'sim2real[{self.extra}]'"
             )
         self._sink: Any = None
@@ -153,7 +154,7 @@ class Loggers:
 
     @contextmanager
     def opened(self, out: Path, config: Mapping[str, Any] | None = None) -> Iterator[Loggers]:
-        """Open all of them for a run in the folder `out`, and close them at the end, whatever ends it."""
+        """Open all of them for a run in the folder `out`; close them whatever ends the block."""
         started: list[Logger] = []
         try:
             for logger in self.loggers:

@@ -60,7 +60,7 @@ def manifest(seed: int) -> dict[str, Any]:
 
 
 def git(root: Path) -> dict[str, Any] | None:
-    """Return the revision of the checkout at root, and whether files differ from it; None outside one."""
+    """Return the revision of the checkout at root and whether files differ; None outside one."""
     if not (root / ".git").exists() or shutil.which("git") is None:
         return None
     try:
@@ -75,7 +75,7 @@ def machine() -> dict[str, Any]:
     return {
         "host": platform.node(),
         "system": platform.platform(),
-        "cores": os.process_cpu_count() if hasattr(os, "process_cpu_count") else _cores(),
+        "cores": _cores(),
         "memory": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
         "cpu": _cpu(),
         "gpus": _gpus(),
@@ -95,7 +95,7 @@ def _cpu() -> str:
 
 
 def _gpus() -> list[str]:
-    """Return the devices' names as their driver says them, so that torch need not be imported for it."""
+    """Return the devices' names as their driver says them: torch is not imported for it."""
     if shutil.which("nvidia-smi") is None:
         return []
     command = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]

@@ -1,9 +1,9 @@
-"""What a class or function of this project takes, read from its source: nothing is imported, so the answer is quick.
+"""What a class or function of this project takes, read from its source: nothing is imported.
 
     find("envs.Randomization").arguments["per"].describe()     # "one of reset, row"
 
-Only files of the project's own packages are read, and only their `class`, `def`, `import` and `=` statements at the
-top. That is why a configuration can be checked before PyTorch is imported.
+Only files of the project's own packages are read, and only their `class`, `def`, `import` and `=`
+statements at the top. That is why a configuration can be checked before PyTorch is imported.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Argument:
     module: Module
 
     def fits(self, value: Any) -> bool:
-        """Return whether a plain value (of YAML) can be this argument; True where the hint says nothing about it."""
+        """Return whether a plain value of YAML can be this argument, as far as its hint says."""
         return _fits(value, self.hint, self.module)
 
     def describe(self) -> str:
@@ -87,7 +87,7 @@ class Signature:
 
 @cache
 def find(target: str) -> Signature | None:
-    """Return the signature of `package.module.Name`, or None if the project has no such class or function."""
+    """Return the signature of `package.module.Name`; None if the project has no such thing."""
     found = _definition(*target.rpartition(".")[::2])
     if found is None:
         return None
@@ -100,7 +100,7 @@ def find(target: str) -> Signature | None:
 
 
 def names(module: str) -> list[str]:
-    """Return the classes and functions that a module of the project has or imports; [] if there is no such module."""
+    """Return the names that a module of the project defines or imports; [] without the module."""
     source = _load(module)
     return [] if source is None else sorted({name for name, _ in _bindings(source)})
 
@@ -171,9 +171,10 @@ def _is_dataclass(node: ast.ClassDef) -> bool:
 
 def _fields(node: ast.ClassDef, module: Module) -> Iterator[Argument]:
     for part in node.body:
-        if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name):
-            if "ClassVar" not in ast.unparse(part.annotation):
-                yield Argument(part.target.id, part.annotation, part.value is None, module)
+        if not isinstance(part, ast.AnnAssign) or "ClassVar" in ast.unparse(part.annotation):
+            continue
+        if isinstance(part.target, ast.Name):
+            yield Argument(part.target.id, part.annotation, part.value is None, module)
 
 
 def _of_function(
@@ -193,7 +194,7 @@ def _of_function(
 def _alternatives(
     hint: ast.expr | None, module: Module
 ) -> Iterator[tuple[str, ast.expr | None, Module]]:
-    """Yield (kind, detail, module) for each type that a hint allows; kind is a name of `_WORDS` or a structure's."""
+    """Yield (kind, detail, module) for each type that a hint allows."""
     if hint is None:
         yield "any", None, module
     elif isinstance(hint, ast.Constant):

@@ -1,11 +1,11 @@
-"""Plain trees of names and numbers that describe objects, as they stand in conf/ and in a run's config.yaml.
+"""Plain trees of names and numbers that describe objects, as in conf/ and a run's config.yaml.
 
     tree = {"_target_": "envs.Randomization", "draws": [], "per": "reset"}
     check(tree, "params")            # quick: reads sources, imports nothing
     tasks = build(tree, "params")    # Randomization(draws=[], per="reset")
 
-`_target_` names a class or a function of this project, or a class of TorchRL or torch; `_partial_: true` leaves
-arguments for later. No other code can be reached, so a tree from a stranger is data.
+`_target_` names a class or a function of this project, or a class of TorchRL or torch; `_partial_:
+true` leaves arguments for later. No other code can be reached, so a tree from a stranger is data.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def check(tree: Any, where: str) -> None:
         where: the tree's place in the configuration, such as `algorithm`.
 
     Raises:
-        ConfigError: a target that is not allowed or not there, a key that it does not take (with the nearest that it
-            does), a key that it needs, a value of the wrong type.
+        ConfigError: a target that is not allowed or not there, a key that it does not take (with
+            the nearest that it does), a key that it needs, a value of the wrong type.
     """
     for place, node in _nodes(tree, where):
         arguments = {key: value for key, value in node.items() if key not in MARKS}
@@ -91,7 +91,7 @@ def _nodes(tree: Any, where: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _signature(target: Any, where: str) -> signatures.Signature | None:
-    """Return the signature of one of our classes or functions; None for one of TorchRL's or torch's."""
+    """Return the signature of one of our classes or functions; None for TorchRL's and torch's."""
     package = target.split(".")[0] if isinstance(target, str) else ""
     if package in FOREIGN:
         return None
