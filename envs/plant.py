@@ -1,31 +1,43 @@
 """A plant: many simulations of one robot, each with its own parameters, and nothing of a task.
 
     plant = Plant(mujoco.MjSpec.from_file("arm.xml"), [make("link_mass", where="arm")], num_rows=64)
-    plant.set_params(ids, values)                 # (n, P), each checked; constants of the model follow
-    plant.reset(ids, qpos, qvel, seeds)
-    failed = plant.step(ids, ctrl, nstep=4)       # ids None: all rows
-    qpos, qvel = plant.measured(ids)              # what the robot's encoders would say
+    plant.set_params(ids, values)                 # (n, P), each checked; constants of the model
+    follow plant.reset(ids, qpos, qvel, seeds) failed = plant.step(ids, ctrl, nstep=4)       # ids
+    None: all rows qpos, qvel = plant.measured(ids)              # what the robot's encoders would
+    say
 
 Contracts:
 
-* `qpos` and `qvel` always have the layout of the model as given, whatever joints the effects added.
-* Values are written from the model's own, never on top of a former draw, and `set_const` follows where a derived
-  constant depends on them: without it Hopper's positions drift by 0.2 within 300 steps of a changed mass.
-* A simulation that diverges is reset silently by the engine; `step` reads the warnings and says which rows that was.
+* `qpos` and `qvel` always have the layout of the model as given, whatever joints the effects added,
+  and are the truth on the link's side of them. `model` is the simulated model with the added
+  joints, `nominal` the one as given.
+* Values are written from the model's own, never on top of a former draw, and `set_const` follows
+  where a derived constant depends on them: without it Hopper's positions drift by 0.2 within 300
+  steps of a changed mass.
+* A simulation that diverges is reset silently by the engine; `step` reads the warnings and says
+  which rows that was.
+* `fixed` effects have values of their own and are no parameters; drawn effects come after them and
+  compose with them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from envs.effects.base import Effect, Measurement, SubstepRule
-from envs.errors import TaskError
+from envs.effects.base import Bound, CommandRule, Effect, Measurement, SubstepRule
+from envs.effects.history import CommandHistory
+from envs.effects.layout import Layout, compile_structure
+from envs.errors import EffectError, TaskError
 from envs.params import ParamSpace
 from envs.quiet import quiet_engine
+
+Fixed = tuple[Effect, Sequence[float]]
+T = TypeVar("T", bound=Bound)
 
 
 class Plant:
@@ -36,10 +48,23 @@ class Plant:
         effects: what may differ from it, in the order of the parameter space.
         num_rows: N, the number of simulations.
         threads: CPU threads that step them; 0 for all cores.
-        persistent: keep a whole MjData per row, for derived quantities that a step does not compute.
+        persistent: keep a whole MjData per row, for derived quantities that a step does not
+            compute.
+        fixed: effects that all rows have, each with its values, as `load_effects` returns them.
+
+    Attributes:
+        qpos: true positions [m, rad], (N, nq) of the model as given; read only where effects added
+            joints.
+        qvel: true velocities, (N, nv).
+        ctrl: the commands in force, (N, nu).
+        applied: torques and forces that substep rules add to the simulated model's dofs, (N, nv of
+            `model`).
+        time: of each simulation [s], (N,).
 
     Raises:
-        EffectError: an effect that the robot cannot have.
+        EffectError: an effect that the robot cannot have, or the same one fixed and drawn where
+            they do not compose.
+        ParameterError: a fixed value outside its range.
     """
 
     def __init__(
@@ -49,45 +74,124 @@ class Plant:
         num_rows: int = 1,
         threads: int = 0,
         persistent: bool = False,
+        fixed: Sequence[Fixed] = (),
     ) -> None:
         if num_rows < 1:
             raise TaskError(f"num_rows={num_rows} must be at least 1")
-        nominal = spec.copy()
-        self.nominal = nominal.compile()
+        _refuse_doubles(effects, [effect for effect, _ in fixed])
+        every = [effect for effect, _ in fixed] + list(effects)
+        self.nominal = spec.copy().compile()
         spec = spec.copy()
-        for effect in effects:
+        for effect in every:
             effect.edit(spec)
-        self.model = spec.compile()
+        self.model, keep = compile_structure(spec, self.nominal)
         self.effects = tuple(effects)
-        own = [effect.parameters(self.model) for effect in effects]
-        self.space = ParamSpace([p for parameters in own for p in parameters])
+        own = [effect.parameters(self.model) for effect in every]
+        drawn = own[len(fixed) :]
+        self.space = ParamSpace([p for parameters in drawn for p in parameters])
+        constants = [
+            ParamSpace(p).validate(np.atleast_2d(v)) for p, (_, v) in zip(own, fixed, strict=False)
+        ]
+
         self.batch = Batch(self.model, num_rows, threads, persistent)
         self.num_rows = num_rows
-        self.qpos, self.qvel, self.ctrl = (self.batch.bind(n) for n in ("qpos", "qvel", "ctrl"))  # live views
-        self._bound = [effect.bind(self) for effect in effects]
-        ends = np.cumsum([len(parameters) for parameters in own], dtype=int)
-        self._columns = [slice(end - len(p), end) for end, p in zip(ends, own, strict=True)]
-        self._rules = [b for b in self._bound if isinstance(b, SubstepRule)]
-        self._measurements = [b for b in self._bound if isinstance(b, Measurement)]
-        self.measures = bool(self._measurements)  # whether `measured` differs from the true state
-        self._constants = any(effect.constants for effect in effects)
-        self._warnings = self.batch.warning[..., 1]  # (N, kinds), how often each was raised in the running step
+        self.ctrl, self.applied, self.time = (
+            self.batch.bind(n) for n in ("ctrl", "qfrc_applied", "time")
+        )
+        self.layout = Layout(self.batch, self.nominal, keep)
+        self.qpos, self.qvel = self.layout.qpos, self.layout.qvel
+        self._fields: dict[
+            str, np.ndarray
+        ] = {}  # live values of the fields that effects write, (N, ...)
+        self._live: dict[
+            str, np.ndarray
+        ] = {}  # values that the live ones return to before each substep
+        self._shared: dict[str, Bound] = {}
+        self._bound = [effect.bind(self) for effect in every]
+        ends = np.cumsum([len(parameters) for parameters in drawn], dtype=int)
+        columns = [slice(end - len(p), end) for end, p in zip(ends, drawn, strict=True)]
+        self._fixed = list(zip(self._bound, constants, strict=False))
+        self._drawn = list(zip(self._bound[len(fixed) :], columns, strict=True))
+        self._collect(every)
+
+        self._warnings = self.batch.warning[
+            ..., 1
+        ]  # (N, kinds), how often each was raised in the running step
         self.params = self.space.points(num_rows)  # (N, P), the values in force
-        every = np.arange(num_rows)
-        self.set_params(every, self.params)
+        self._set(np.arange(num_rows), self.params)
+
+    def _collect(self, effects: Sequence[Effect]) -> None:
+        """Sort what is bound by what it does."""
+        history = [CommandHistory(self)] if self.model.nhistory else []
+        parts = [*self._bound, *self._shared.values(), *history, *self.layout.joints]
+        parts.sort(key=lambda part: part.order)
+        self._parts = list({id(part): part for part in parts}.values())
+        self._rules = [b for b in self._parts if isinstance(b, SubstepRule)]
+        self._commands = [b for b in self._parts if isinstance(b, CommandRule)]
+        self._measurements = [b for b in self._parts if isinstance(b, Measurement)]
+        starters = [b for b in self._parts if type(b).start is not Bound.start]
+        self._starters = sorted(
+            starters, key=lambda b: not isinstance(b, CommandRule)
+        )  # what arrives, then who hears it
+        self._fresh = np.zeros(self.num_rows, dtype=bool)  # reset, and no command seen yet
+        self.measures = bool(self._measurements)  # whether `measured` differs from the true state
+        if self.measures:
+            self._sensed = self.qpos.copy(), self.qvel.copy()
+        self._constants = any(effect.constants for effect in effects)
+
+    def field(self, name: str) -> np.ndarray:
+        """Return a model field's values per row, (N, ...), for a bound effect to write."""
+        if name not in self._fields:
+            self._fields[name] = self.batch.expand(name)
+        return self._fields[name]
+
+    def live(self, name: str) -> np.ndarray:
+        """Return the same for a substep rule to change; each substep starts as `write` left it."""
+        if name not in self._live:
+            self._live[name] = self.field(name).copy()
+        return self._fields[name]
+
+    def share(self, name: str, make: Callable[[], T]) -> T:
+        """Return the mechanism of that name, made once for all the effects that are parts of it."""
+        return (
+            self._shared.setdefault(name, make())
+            if name not in self._shared
+            else self._shared[name]
+        )  # type: ignore[return-value]
 
     def set_params(self, ids: np.ndarray, values: np.ndarray) -> None:
-        """Put parameter values (n, P) into the rows ids (n,); raises ParameterError before anything is written."""
-        if not self.space.size:
-            return
-        values = self.space.validate(values)
-        for bound, columns in zip(self._bound, self._columns, strict=True):
+        """Put parameter values (n, P) into the rows ids (n,).
+
+        Raises:
+            ParameterError: a value outside its range; nothing was written then.
+        """
+        if self.space.size:
+            self._set(np.asarray(ids), self.space.validate(values))
+
+    def _set(self, ids: np.ndarray, values: np.ndarray) -> None:
+        for name, live in self._fields.items():
+            live[ids] = (
+                self.model.opt.gravity if name == "opt.gravity" else getattr(self.model, name)
+            )
+        for bound, constants in self._fixed:
+            bound.write(ids, np.repeat(constants, len(ids), axis=0))
+        for bound, columns in self._drawn:
             bound.write(ids, values[:, columns])
+        for name, base in self._live.items():
+            base[ids] = self._fields[name][ids]
         if self._constants:
             self.batch.set_const(ids)
         self.params[ids] = values
 
-    def reset(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, seeds: np.ndarray) -> None:
+    def reset(
+        self,
+        ids: np.ndarray,
+        qpos: np.ndarray,
+        qvel: np.ndarray,
+        seeds: np.ndarray,
+        ctrl: np.ndarray | None = None,
+        measured: bool = False,
+    ) -> None:
         """Put the rows ids into a state and compute what depends on it.
 
         Args:
@@ -95,15 +199,26 @@ class Plant:
             qpos: positions [m, rad], (n, nq).
             qvel: velocities [m/s, rad/s], (n, nv).
             seeds: uint64, (n,), for the effects that need randomness.
+            ctrl: commands held from before, (n, nu); None: the first one of the first step.
+            measured: qpos is what the encoders said, which an offset or a play sets apart from the
+                truth.
         """
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        self.qpos[ids] = qpos
-        self.qvel[ids] = qvel
-        for bound in self._bound:
+        if measured:
+            qpos = np.array(qpos, dtype=np.float64)
+            for measurement in reversed(self._measurements):
+                measurement.unmeasure(ids, qpos)
+        self.layout.write(ids, qpos, qvel, measured)
+        for bound in self._parts:
             bound.reset(ids, seeds)
+        if self._starters:
+            self._fresh[ids] = ctrl is None
+        if ctrl is not None:
+            self._start(ids, ctrl)
         with quiet_engine():
             self.batch.forward(ids)
         self._warnings[ids] = 0
+        self._sense(ids)
 
     def step(self, ids: np.ndarray | None, ctrl: np.ndarray, nstep: int) -> np.ndarray:
         """Advance by nstep substeps under constant controls.
@@ -114,22 +229,51 @@ class Plant:
             nstep: physics substeps.
 
         Returns:
-            (n,) bool: the rows whose simulation broke (an engine error or warning, such as a diverged state).
+            (n,) bool: the rows whose simulation broke (an engine error or warning, such as a
+            diverged state).
         """
         rows = slice(None) if ids is None else ids
-        self.ctrl[rows] = ctrl
+        self.ctrl[rows] = self._received(rows, ctrl) if self._starters or self._commands else ctrl
         broken = np.zeros(self.num_rows, dtype=bool)
         if self._rules:
             for _ in range(nstep):
-                for rule in self._rules:
-                    rule.before_substep(rows)
+                self._substep(rows)
                 self._advance(ids, 1, broken)
         else:
             self._advance(ids, nstep, broken)
         warned = self._warnings[rows].any(axis=1)  # (n,)
         if warned.any():
-            self._warnings[rows] = 0  # the engine's own reset clears counts: only what rose from 0 can be told
+            self._warnings[rows] = (
+                0  # the engine's own reset clears counts: only what rose from 0 can be told
+            )
+        self.layout.read(rows)
+        self._sense(rows)
         return broken[rows] | warned
+
+    def _received(self, rows: np.ndarray | slice, ctrl: np.ndarray) -> np.ndarray:
+        """Return what arrives of the commands (n, nu) in the rows."""
+        ctrl = np.array(ctrl, dtype=np.float64)
+        fresh = self._fresh[rows]
+        if fresh.any():
+            self._start(np.arange(self.num_rows)[rows][fresh], ctrl[fresh])
+        for rule in self._commands:
+            rule.command(rows, ctrl)
+        return ctrl
+
+    def _start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
+        """Let the rows ids have held the commands (n, nu) before their episodes."""
+        held = np.array(ctrl, dtype=np.float64)
+        for bound in self._starters:
+            bound.start(ids, held)
+        self.ctrl[ids] = held
+        self._fresh[ids] = False
+
+    def _substep(self, rows: np.ndarray | slice) -> None:
+        for name, base in self._live.items():
+            self._fields[name][rows] = base[rows]
+        self.applied[rows] = 0.0
+        for rule in self._rules:
+            rule.before_substep(rows)
 
     def _advance(self, ids: np.ndarray | None, nstep: int, broken: np.ndarray) -> None:
         try:
@@ -138,12 +282,34 @@ class Plant:
         except SimulationError as error:
             broken[error.ids] = True
 
+    def _sense(self, rows: np.ndarray | slice) -> None:
+        if not self.measures:
+            return
+        qpos, qvel = self.qpos[rows].copy(), self.qvel[rows].copy()
+        for measurement in self._measurements:
+            measurement.measure(rows, qpos, qvel)
+        self._sensed[0][rows], self._sensed[1][rows] = qpos, qvel
+
     def measured(self, ids: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return what the sensors say of qpos (n, nq) and qvel (n, nv) in the rows ids (None: all)."""
+        """Return what sensors say of qpos (n, nq) and qvel (n, nv) in the rows ids (None: all)."""
         rows = slice(None) if ids is None else ids
-        qpos, qvel = self.qpos[rows], self.qvel[rows]
-        if self._measurements:
-            qpos, qvel = qpos.copy(), qvel.copy()
-            for measurement in self._measurements:
-                measurement.measure(rows, qpos, qvel)
-        return qpos, qvel
+        if not self.measures:
+            return self.qpos[rows], self.qvel[rows]
+        return self._sensed[0][rows].copy(), self._sensed[1][rows].copy()
+
+
+def _refuse_doubles(drawn: Sequence[Effect], fixed: Sequence[Effect]) -> None:
+    """Raise EffectError where an effect is fixed twice, or fixed and drawn without composing."""
+    places = [(effect.name, effect.where) for effect in fixed]
+    for effect in fixed:
+        if places.count((effect.name, effect.where)) > 1:
+            raise EffectError(f"{effect.label()} is fixed twice; keep one of them")
+    for effect in drawn:
+        if (effect.name, effect.where) not in places:
+            continue
+        if not effect.composes or effect.how == "set":
+            remedy = "draw it with how: add or scale, or" if effect.composes else "either"
+            raise EffectError(
+                f"{effect.label()} is fixed and drawn at once;"
+                f" {remedy} take it out of one of the two"
+            )

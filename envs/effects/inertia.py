@@ -1,11 +1,18 @@
-"""Effects on what a body weighs."""
+"""Effects on what a body weighs and where, and on which way is down."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from envs.effects.base import FieldEffect
-from envs.params import How
+import mujoco
+import numpy as np
+
+from envs.effects.base import Bound, Effect, FieldEffect, find
+from envs.errors import EffectError
+from envs.params import How, Parameter
+
+if TYPE_CHECKING:
+    from envs.plant import Plant
 
 LIGHTEST = 1e-3  # kg: below this the engine's constants become ill conditioned
 
@@ -23,3 +30,210 @@ class LinkMass(FieldEffect):
     looks_like = "static sag and lag under load that grow with gravity's lever arm"
     source = "MuJoCo XML reference, body/inertial/mass"
     experiment = "hold several poses with the link horizontal, then swing it slowly"
+
+
+def far_end(model: mujoco.MjModel, body: int) -> np.ndarray:
+    """Return the point of a body where the next one hangs, in its own frame [m], (3,).
+
+    The farthest child's first joint; for a leaf the farthest site, or the farthest point of a geom
+    along its long axis.
+
+    Raises:
+        EffectError: a body without children, sites and geoms away from its origin.
+    """
+    points = [
+        model.body_pos[c] + _turned(model.body_quat[c], _anchor(model, c))
+        for c in _children(model, body)
+    ]
+    if not points:
+        points = [model.site_pos[i] for i in range(model.nsite) if model.site_bodyid[i] == body]
+        points += [
+            p for i in range(model.ngeom) if model.geom_bodyid[i] == body for p in _tips(model, i)
+        ]
+    if not points or max(np.linalg.norm(p) for p in points) < 1e-9:
+        raise EffectError(
+            f"body {model.body(body).name!r} has no child, site or geom that says where its far"
+            " end is"
+        )
+    return np.array(max(points, key=lambda p: float(np.linalg.norm(p))))
+
+
+def _children(model: mujoco.MjModel, body: int) -> list[int]:
+    return [c for c in range(1, model.nbody) if model.body_parentid[c] == body]
+
+
+def _anchor(model: mujoco.MjModel, body: int) -> np.ndarray:
+    return model.jnt_pos[model.body_jntadr[body]] if model.body_jntnum[body] else np.zeros(3)
+
+
+def _turned(quat: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    out = np.zeros(3)
+    mujoco.mju_rotVecQuat(out, np.array(vector, dtype=np.float64), np.array(quat, dtype=np.float64))
+    return out
+
+
+def _tips(model: mujoco.MjModel, geom: int) -> list[np.ndarray]:
+    """Return the ends of a geom on its long axis, and its centre, in the body's frame."""
+    size, pos = model.geom_size[geom], model.geom_pos[geom]
+    kind = int(model.geom_type[geom])
+    box = kind in (int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID))
+    if box:
+        axis, half = int(np.argmax(size)), float(size.max())
+    elif kind in (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)):
+        axis, half = 2, float(size[1])
+    else:  # a sphere or mesh: its centre
+        return [pos]
+    along = _turned(model.geom_quat[geom], half * np.eye(3)[axis])
+    return [pos + along, pos - along]
+
+
+class _Shift(Bound):
+    """Moves a centre of mass along a line."""
+
+    def __init__(self, plant: Plant, body: int) -> None:
+        end = far_end(plant.model, body)
+        self._direction, self._ipos, self._body = (
+            end / np.linalg.norm(end),
+            plant.field("body_ipos"),
+            body,
+        )
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self._ipos[ids, self._body] += values[:, :1] * self._direction
+
+
+class CenterOfMass(Effect):
+    """How far a body's centre of mass is moved from the body's origin towards its child joint.
+
+    A leaf: towards its farthest geom or site. The inertia about the centre of mass stays.
+    """
+
+    name = "center_of_mass"
+    place = "body"
+    unit = "m"
+    constants = True
+    composes = True
+    typical = (-0.03, 0.03)
+    looks_like = (
+        "sag that changes with the pose as a change of mass would, while acceleration"
+        " changes otherwise"
+    )
+    source = "rigid body; CAD models are off by 5 to 20 %"
+    experiment = "torque-off swings: the period tells inertia from gravity's lever arm"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the distance."""
+        far_end(model, find(model, "body", self.where))
+        return (self.parameter(),)
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the centre of mass of each row."""
+        return _Shift(plant, find(plant.model, "body", self.where))
+
+
+class _Point(Bound):
+    """Adds a point mass to a body: mass, centre of mass and inertia follow."""
+
+    def __init__(self, plant: Plant, body: int) -> None:
+        self._body, self._point = body, far_end(plant.model, body)
+        names = ("body_mass", "body_ipos", "body_iquat", "body_inertia")
+        self._mass, self._ipos, self._iquat, self._inertia = (plant.field(name) for name in names)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        loaded = values[:, 0] > 0
+        if loaded.any():
+            self._add(ids[loaded], values[loaded, 0])
+
+    def _add(self, ids: np.ndarray, payload: np.ndarray) -> None:
+        at = (ids, self._body)
+        mass, center = self._mass[at], self._ipos[at]  # (n,), (n, 3)
+        total = mass + payload
+        new = (mass[:, None] * center + payload[:, None] * self._point) / total[:, None]
+        axes = rotations(self._iquat[at])  # (n, 3, 3)
+        tensor = axes @ (self._inertia[at][:, :, None] * axes.transpose(0, 2, 1))
+        tensor += mass[:, None, None] * steiner(new - center)
+        tensor += payload[:, None, None] * steiner(new - self._point)
+        self._inertia[at], vectors = np.linalg.eigh(tensor)
+        vectors[np.linalg.det(vectors) < 0, :, 2] *= -1  # right-handed
+        self._iquat[at] = quaternions(vectors)
+        self._mass[at], self._ipos[at] = total, new
+
+
+def steiner(offset: np.ndarray) -> np.ndarray:
+    """Return the inertia of unit masses at offsets (n, 3) [m], (n, 3, 3)."""
+    square = (offset**2).sum(1)[:, None, None] * np.eye(3)
+    return square - offset[:, :, None] * offset[:, None, :]
+
+
+def rotations(quats: np.ndarray) -> np.ndarray:
+    """Return the rotation matrices of unit quaternions (n, 4), (n, 3, 3)."""
+    out = np.zeros((len(quats), 9))
+    for matrix, quat in zip(out, np.ascontiguousarray(quats), strict=True):
+        mujoco.mju_quat2Mat(matrix, quat)
+    return out.reshape(-1, 3, 3)
+
+
+def quaternions(matrices: np.ndarray) -> np.ndarray:
+    """Return the unit quaternions of rotation matrices (n, 3, 3), (n, 4)."""
+    out = np.zeros((len(matrices), 4))
+    for quat, matrix in zip(out, matrices, strict=True):
+        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(matrix).reshape(9))
+    return out
+
+
+class Payload(Effect):
+    """A point mass at a body's far end: its child joint, or a leaf's farthest geom or site."""
+
+    name = "payload"
+    place = "body"
+    unit = "kg"
+    constants = True
+    composes = True
+    typical = (0.0, 0.5)
+    looks_like = "more sag and slower swings, most of all at the joints that lift the body"
+    source = "point mass: m r x and the parallel axis theorem"
+    experiment = "holds with the arm stretched out, with and without the tool"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the mass."""
+        far_end(model, find(model, "body", self.where))
+        return (self.parameter(low=0.0),)
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the inertial properties of each row."""
+        return _Point(plant, find(plant.model, "body", self.where))
+
+
+class _Tilt(Bound):
+    """See `GravityTilt`."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._gravity = plant.field("opt.gravity")  # (N, 3)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        x, y, z = self._gravity[ids].T
+        (sa, sb), (ca, cb) = np.sin(values.T), np.cos(values.T)
+        y, z = ca * y + sa * z, ca * z - sa * y  # undo the turn about x
+        x, z = cb * x - sb * z, cb * z + sb * x  # then that about the new y
+        self._gravity[ids] = np.stack([x, y, z], axis=1)
+
+
+class GravityTilt(Effect):
+    """A base that is not level: turned about its x axis, then about its new y axis."""
+
+    name = "gravity_tilt"
+    place = "robot"
+    unit = "rad"
+    composes = True
+    typical = (-0.1, 0.1)
+    looks_like = "constant errors that depend on the pose, as if gravity came from the side"
+    source = "rotated gravity; tables are tilted by 1 to 5 degrees"
+    experiment = "the same holds with the base turned by 180 degrees about the vertical"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the two angles."""
+        return tuple(self.parameter(axis, low=-np.pi / 2, high=np.pi / 2) for axis in ("x", "y"))
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the gravity of each row."""
+        return _Tilt(plant)

@@ -1,0 +1,255 @@
+"""Effects between a command and the servo's goal: lost packets, delay, motion profile."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import Bound, CommandRule, Effect, Extra, FieldBound, SubstepRule
+from envs.effects.history import control_range
+from envs.effects.servo import ActuatorEffect, is_joint_servo
+from envs.errors import EffectError
+from envs.noise import uniform
+from envs.params import Parameter
+
+if TYPE_CHECKING:
+    from envs.plant import Plant
+
+NO_LIMIT = 1e6  # rad/s or rad/s²: a profile without this limit (parameters are finite numbers)
+LINEAR = 1  # the engine's number for linear interpolation of a delay line
+
+
+def stream(label: str) -> int:
+    """Return the first of an effect's own random streams, far from other effects' and from 0."""
+    return (zlib.crc32(label.encode()) | 1) << 24
+
+
+class CommandDelay(Effect):
+    """The time from sending a command to its arrival at the servos.
+
+    It is added to the model's own delays. The engine's delay line is used: a value of at least one
+    physics step acts as it is, between substeps linearly interpolated; one in (0, timestep] acts as
+    one timestep. `longest` sizes the line.
+    """
+
+    name = "command_delay"
+    place = "robot"
+    unit = "s"
+    composes = True
+    extras = (Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that can be asked for"),)
+    typical = (0.0, 0.04)
+    looks_like = "everything happens later by the same time, at all speeds and amplitudes"
+    source = "u(t) = u_cmd(t - d); MuJoCo XML reference, actuator/delay"
+    experiment = "steps from rest (dead time), and a chirp: the phase is linear in frequency"
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Give each actuator a delay line."""
+        for actuator in spec.actuators:
+            longest = self.extra["longest"] + actuator.delay
+            actuator.nsample = max(actuator.nsample, math.ceil(longest / spec.option.timestep) + 1)
+            actuator.interp = max(actuator.interp, LINEAR)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the delay."""
+        if not model.nactuator:
+            raise EffectError("command_delay needs an actuator; this model has none")
+        return (self.parameter(low=0.0, high=self.extra["longest"]),)
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the actuators' delays."""
+        every = np.arange(plant.model.nactuator)
+        return FieldBound(plant.field("actuator_delay"), (every,), self.parameters(plant.model)[0])
+
+
+class _Loss(CommandRule):
+    """See `PacketLoss`."""
+
+    order = 10
+
+    def __init__(self, plant: Plant, label: str) -> None:
+        self.value, self.held = np.zeros(plant.num_rows), np.zeros((plant.num_rows, plant.model.nu))
+        self.count, self.seeds = (
+            np.zeros(plant.num_rows, np.int64),
+            np.zeros(plant.num_rows, np.uint64),
+        )
+        self.stream = stream(label)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self.value[ids] = values[:, 0]
+
+    def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
+        self.count[ids], self.seeds[ids] = 0, seeds
+
+    def start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
+        self.held[ids] = ctrl
+
+    def command(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
+        lost = (
+            uniform(self.seeds[ids], self.stream + self.count[ids], 1) < self.value[ids][:, None]
+        )  # (n, 1)
+        ctrl[:] = np.where(lost, self.held[ids], ctrl)
+        self.held[ids] = ctrl
+        self.count[ids] += 1
+
+
+class PacketLoss(Effect):
+    """The probability that a control step's command is lost; all servos hold the one before."""
+
+    name = "packet_loss"
+    place = "robot"
+    unit = ""
+    typical = (0.0, 0.1)
+    looks_like = "now and then a step of the command is missing in the motion"
+    source = "held commands with independent losses; bus error counters"
+    experiment = "count the failed status packets; no motion is needed"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the probability."""
+        return (self.parameter(low=0.0, high=1.0),)
+
+    def bind(self, plant: Plant) -> CommandRule:
+        """Hold commands at random."""
+        return _Loss(plant, self.label())
+
+
+class Profile(SubstepRule):
+    """The firmware's goal generator: the goal speeds up, moves and stops within limits.
+
+    It knows every servo of the plant; the effects `profile_velocity` and `profile_acceleration`
+    write its limits.
+    """
+
+    order = 10
+
+    def __init__(self, plant: Plant) -> None:
+        model = plant.model
+        self.plant, self.dt = plant, model.opt.timestep
+        self.index = np.array([i for i in range(model.nactuator) if is_joint_servo(model, i)])
+        self.columns = model.actuator_ctrladr[self.index]  # (k,)
+        gear = model.actuator_gear[self.index, 0]
+        self.scale = np.abs(gear)  # a goal in the actuator's length is the joint's angle times this
+        shape = (plant.num_rows, len(self.index))
+        self.velocity, self.acceleration = (
+            np.full(shape, np.inf),
+            np.full(shape, np.inf),
+        )  # inf: no limit
+        self.goal, self.speed, self.target = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+
+    def start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
+        """Begin at rest at the command that was held."""
+        self.goal[ids] = self._clipped(ids, ctrl[:, self.columns])
+        self.speed[ids] = 0.0
+
+    def receive(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
+        """Take new targets from commands (n, nu)."""
+        self.target[ids] = ctrl[:, self.columns]
+
+    def _clipped(self, ids: np.ndarray | slice, target: np.ndarray) -> np.ndarray:
+        bounds = control_range(self.plant, ids)[:, self.columns]
+        return np.clip(target, bounds[..., 0], bounds[..., 1])
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        """Move the goals by one substep, and make them the commands."""
+        goal, speed, dt = self.goal[ids], self.speed[ids], self.dt
+        fastest, hardest = self.velocity[ids], self.acceleration[ids]
+        target = self._clipped(ids, self.target[ids])
+        way = target - goal
+        soft = np.where(np.isfinite(hardest), hardest, 1.0)
+        braking = (
+            soft * dt * (np.sqrt(0.25 + 2.0 * np.abs(way) / (soft * dt * dt)) - 0.5)
+        )  # stops at the target
+        wanted = np.where(
+            np.isfinite(hardest), np.minimum(braking, np.abs(way) / dt), np.abs(way) / dt
+        )
+        wanted = np.sign(way) * np.minimum(wanted, fastest)
+        speed = speed + np.clip(wanted - speed, -hardest * dt, hardest * dt)
+        there = (np.abs(way) <= np.abs(speed) * dt * (1 + 1e-9)) & (
+            np.abs(speed) <= np.maximum(hardest * dt, 0)
+        )
+        free = np.isinf(fastest) & np.isinf(hardest)
+        goal = np.where(there | free, target, goal + speed * dt)
+        self.goal[ids], self.speed[ids] = goal, np.where(there | free, 0.0, speed)
+        at = (np.arange(self.plant.num_rows)[ids][:, None], self.columns)
+        self.plant.ctrl[at] = np.where(free, self.target[ids], goal)
+
+
+class _Targets(CommandRule):
+    """Hands the commands of a control step to the profile."""
+
+    order = 90
+
+    def __init__(self, profile: Profile) -> None:
+        self._profile = profile
+
+    def command(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
+        self._profile.receive(ids, ctrl)
+
+
+class _Limit(Bound):
+    """Writes one of the profile's limits for k of its servos."""
+
+    def __init__(self, limits: np.ndarray, columns: np.ndarray, scale: np.ndarray) -> None:
+        self._limits, self._columns, self._scale = limits, columns, scale
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self._limits[ids[:, None], self._columns] = (
+            np.where(values >= NO_LIMIT, np.inf, values) * self._scale
+        )
+
+
+class _ProfileEffect(ActuatorEffect):
+    """A limit on the motion of a servo's goal; 1e6 is no limit."""
+
+    hows = ("set",)
+    limit: ClassVar[Literal["velocity", "acceleration"]]
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether it is a position servo on a joint."""
+        return is_joint_servo(model, actuator)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the limit."""
+        self.actuators(model)
+        return (self.parameter(low=1e-6, high=NO_LIMIT, neutral=NO_LIMIT),)
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write into the plant's one profile."""
+        profile = plant.share("profile", lambda: Profile(plant))
+        plant.share("profile targets", lambda: _Targets(profile))
+        columns = np.flatnonzero(np.isin(profile.index, self.actuators(plant.model)))
+        return _Limit(getattr(profile, self.limit), columns, profile.scale[columns])
+
+
+class ProfileVelocity(_ProfileEffect):
+    """The fastest that a servo moves its goal; 1e6 (a register value of 0) is no limit."""
+
+    name = "profile_velocity"
+    unit = "rad/s"
+    limit = "velocity"
+    typical = (1.0, 20.0)
+    looks_like = "large steps become ramps of one slope, small ones stay"
+    source = "|dgoal/dt| <= v; Dynamixel Profile Velocity (112), Feetech goal speed"
+    experiment = "steps of two sizes: the slope does not depend on the size"
+
+
+class ProfileAcceleration(_ProfileEffect):
+    """How hard a servo accelerates and brakes its goal; 1e6 (a register value of 0) is no limit."""
+
+    name = "profile_acceleration"
+    unit = "rad/s²"
+    limit = "acceleration"
+    typical = (10.0, 500.0)
+    looks_like = "lag that grows with the amplitude of fast motions, at the same frequency"
+    source = (
+        "trapezoid on the goal, |d²goal/dt²| <= a; Dynamixel Profile Acceleration (108),"
+        " Feetech register 41"
+    )
+    experiment = (
+        "the same chirp at two amplitudes: a limit acts at a fixed amplitude x"
+        " frequency², a delay does not"
+    )

@@ -1,0 +1,165 @@
+"""`effects.yaml`: what a diagnosis found, in a form that every simulator takes.
+
+    write_effects("effects.yaml", [(make("backlash", where="elbow", side="motor"), (0.049,))])
+    plant = Plant(spec, fixed=load_effects("effects.yaml"))
+
+The file is a list of entries with the keys below. Values are in the effect's first way (see
+`docs/effects.md`):
+
+    - effect: backlash
+      where: elbow          # null: the whole robot, or every place that can have it
+      side: motor           # motor, link or null
+      value: 0.049          # a list where the effect has several values (gravity_tilt)
+      ci: [0.045, 0.053]    # interval of the value, or null
+      unit: rad
+      extra: {}             # the effect's further scalars and options
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from envs.effects import make
+from envs.effects.base import Effect
+from envs.errors import EffectError, did_you_mean
+
+KEYS = ("effect", "where", "side", "value", "ci", "unit", "extra")
+Values = tuple[float, ...]
+
+
+def load_effects(path: str | os.PathLike[str]) -> list[tuple[Effect, Values]]:
+    """Return the effects of a file with their values, for the argument `fixed` of a plant.
+
+    Places are checked by the plant, which knows the robot.
+
+    Raises:
+        EffectError: a file that is missing or no such list; an unknown key, effect, side or extra
+            (with the nearest); a value that is no finite number, or in another unit. Each names
+            file and entry.
+    """
+    try:
+        entries = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise EffectError(f"cannot read the effects file {path}: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise EffectError(f"{path} is not YAML: {error}") from None
+    if entries is None:
+        return []
+    if not isinstance(entries, list):
+        raise EffectError(f"{path} must be a list of effects, each with the keys {', '.join(KEYS)}")
+    found = []
+    for number, entry in enumerate(entries, 1):
+        try:
+            found.append(_parse(entry))
+        except EffectError as error:
+            raise EffectError(f"{path}, entry {number}: {error}") from None
+    return found
+
+
+def _parse(entry: Any) -> tuple[Effect, Values]:
+    if not isinstance(entry, dict):
+        raise EffectError(f"{entry!r} is not a mapping with the keys {', '.join(KEYS)}")
+    for key in entry:
+        if key not in KEYS:
+            raise EffectError(
+                f"unknown key {key!r}{did_you_mean(str(key), KEYS)}; there are: {', '.join(KEYS)}"
+            )
+    for key in ("effect", "value"):
+        if entry.get(key) is None:
+            raise EffectError(f"the key {key!r} is missing")
+    effect = _effect(entry)
+    if entry.get("unit") not in (None, effect.unit):
+        raise EffectError(
+            f"{effect.label()} is in {effect.unit or 'no unit'}, not {entry['unit']!r};"
+            " convert the value"
+        )
+    given = entry["value"] if isinstance(entry["value"], list) else [entry["value"]]
+    return effect, tuple(_number(value, effect.label()) for value in given)
+
+
+def _effect(entry: dict[str, Any]) -> Effect:
+    extra = entry.get("extra") or {}
+    name = entry["effect"]
+    if (
+        not isinstance(name, str)
+        or not isinstance(extra, dict)
+        or not all(isinstance(k, str) for k in extra)
+    ):
+        raise EffectError(f"effect={name!r} must be a name and extra={extra!r} a mapping of names")
+    if not isinstance(entry.get("where"), str | None):
+        raise EffectError(f"{name}: where={entry['where']!r} must be a name or null")
+    side = {} if entry.get("side") is None else {"side": entry["side"]}
+    try:
+        return make(name, where=entry.get("where"), **side, **extra)
+    except TypeError as error:
+        raise EffectError(f"{name}: {error}; look at its extras") from None
+
+
+def _number(value: Any, label: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise EffectError(f"{label}: value={value!r} must be a finite number")
+    return float(value)
+
+
+def write_effects(
+    path: str | os.PathLike[str],
+    effects: Sequence[tuple[Effect, Sequence[float]]],
+    intervals: Sequence[tuple[float, float] | None] | None = None,
+) -> None:
+    """Write effects with the values of their parameters, whole or not at all.
+
+    Args:
+        path: the file.
+        effects: each with one value a parameter: its own, then those of its free extras.
+        intervals: of each effect's first value.
+
+    Raises:
+        EffectError: a value that is no finite number.
+        OSError: the file cannot be written; a former one is then untouched.
+    """
+    intervals = intervals or [None] * len(effects)
+    entries = [
+        _entry(effect, values, ci) for (effect, values), ci in zip(effects, intervals, strict=True)
+    ]
+    text = yaml.safe_dump(entries, sort_keys=False, allow_unicode=True)
+    folder = Path(path).resolve().parent
+    handle, temporary = tempfile.mkstemp(dir=folder, prefix=f".{Path(path).name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _entry(effect: Effect, values: Sequence[float], ci: Sequence[float] | None) -> dict[str, Any]:
+    numbers = [_number(float(value), effect.label()) for value in values]
+    own = numbers[: len(numbers) - len(effect.free)]
+    free = dict(
+        zip(
+            [e.name for e in effect.extras if e.name in effect.free],
+            numbers[len(own) :],
+            strict=True,
+        )
+    )
+    extra: dict[str, Any] = {**effect.extra, **effect.options(), **free}
+    if effect.how != effect.hows[0]:
+        extra["how"] = effect.how
+    return {
+        "effect": effect.name,
+        "where": effect.where,
+        "side": effect.side,
+        "value": own[0] if len(own) == 1 else own,
+        "ci": None if ci is None else [float(end) for end in ci],
+        "unit": effect.unit,
+        "extra": extra,
+    }

@@ -1,0 +1,137 @@
+"""The model as given and the one with joints in series: how one's state becomes the other's.
+
+A play or a spring between motor and link is a second joint in the same body, about the same axis,
+after the motor's. The link's angle, which is what `qpos` of the model as given means, is then the
+sum of both.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from envs.effects.base import Bound
+from envs.quiet import quiet_engine
+
+SERIES = "/series/"  # in the name of a joint that an effect added
+
+
+class SeriesJoint(Protocol):
+    """What the layout needs to know of a joint that an effect added."""
+
+    order: int
+    motor: int  # id of the joint before it, in the simulated model
+    joint: int  # its own id there
+    motor_side: bool  # whether the encoder is on the motor's side of it
+
+    def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Return where it rests under the load (n,) [N·m] that the motor carries, (n,) [rad]."""
+        ...
+
+
+def compile_structure(
+    spec: mujoco.MjSpec, nominal: mujoco.MjModel
+) -> tuple[mujoco.MjModel, np.ndarray | None]:
+    """Compile a spec, keyframes kept; also return which joints are the nominal ones (None: all)."""
+    if len(spec.joints) == nominal.njnt:
+        return spec.compile(), None
+    keys = [(np.array(key.qpos), np.array(key.qvel)) for key in spec.keys]
+    for key in spec.keys:
+        key.qpos, key.qvel = [], []
+    model = spec.compile()
+    keep = np.array([j for j in range(model.njnt) if SERIES not in model.joint(j).name])
+    q, v = _addresses(model, keep)
+    for key, (qpos, qvel) in zip(spec.keys, keys, strict=True):
+        if qpos.size:
+            key.qpos = _spread(qpos, q, model.nq)
+        if qvel.size:
+            key.qvel = _spread(qvel, v, model.nv)
+    return spec.compile(), keep
+
+
+def _spread(values: np.ndarray, addresses: np.ndarray, size: int) -> np.ndarray:
+    out = np.zeros(size)
+    out[addresses] = values
+    return out
+
+
+def _addresses(model: mujoco.MjModel, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the qpos and qvel addresses of joints, in their order."""
+    sizes = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}  # free, ball, slide, hinge
+    q = [model.jnt_qposadr[j] + i for j in joints for i in range(sizes[int(model.jnt_type[j])][0])]
+    v = [model.jnt_dofadr[j] + i for j in joints for i in range(sizes[int(model.jnt_type[j])][1])]
+    return np.array(q, dtype=int), np.array(v, dtype=int)
+
+
+class Layout:
+    """Keeps (N, nq) and (N, nv) in the nominal layout over a batch with more joints.
+
+    Attributes:
+        qpos: the link side's positions; the batch's own rows where no joint was added.
+        qvel: the link side's velocities.
+        joints: the added joints; their effects append themselves.
+    """
+
+    def __init__(self, batch: Batch, nominal: mujoco.MjModel, keep: np.ndarray | None) -> None:
+        self._batch, self._model, self._keep = batch, batch.model, keep
+        self.raw_qpos, self.raw_qvel = batch.bind("qpos"), batch.bind("qvel")
+        self.joints: list[Bound] = []
+        if keep is None:
+            self.qpos, self.qvel = self.raw_qpos, self.raw_qvel
+            return
+        self._q, self._v = _addresses(self._model, keep)
+        self.qpos = np.tile(nominal.qpos0, (batch.nsim, 1))
+        self.qvel = np.zeros((batch.nsim, nominal.nv))
+        self._nominal_of = {int(j): i for i, j in enumerate(keep)}
+        self._nominal = nominal
+
+    def address(self, joint: int) -> tuple[int, int]:
+        """Return the columns in qpos and qvel of a scalar joint of the simulated model."""
+        if self._keep is None:
+            return int(self._model.jnt_qposadr[joint]), int(self._model.jnt_dofadr[joint])
+        own = self._nominal_of[int(joint)]
+        return int(self._nominal.jnt_qposadr[own]), int(self._nominal.jnt_dofadr[own])
+
+    def write(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, measured: bool) -> None:
+        """Put the rows ids into a state; the added joints go where the load leaves them.
+
+        Args:
+            ids: rows, (n,).
+            qpos: positions of the links, (n, nq); of the encoders where measured.
+            qvel: velocities, (n, nv).
+            measured: whether the encoders of motor-side joints say qpos.
+        """
+        if self._keep is None:
+            self.raw_qpos[ids], self.raw_qvel[ids] = qpos, qvel
+            return
+        raw_qpos, raw_qvel = (
+            np.tile(self._model.qpos0, (len(ids), 1)),
+            np.zeros((len(ids), self._model.nv)),
+        )
+        raw_qpos[:, self._q], raw_qvel[:, self._v] = qpos, qvel
+        self.raw_qpos[ids], self.raw_qvel[ids] = raw_qpos, raw_qvel
+        with quiet_engine():
+            self._batch.forward(ids)
+        load = self._batch.bind("qfrc_bias")[ids]  # what the joints must carry, (n, nv)
+        for joint in self.joints:
+            rest = joint.settle(ids, load[:, self._model.jnt_dofadr[joint.motor]])  # type: ignore[attr-defined]
+            raw_qpos[:, self._model.jnt_qposadr[joint.joint]] = rest  # type: ignore[attr-defined]
+            if not (measured and joint.motor_side):  # type: ignore[attr-defined]
+                raw_qpos[:, self._model.jnt_qposadr[joint.motor]] -= rest  # type: ignore[attr-defined]
+        self.raw_qpos[ids] = raw_qpos
+        self.read(ids)
+
+    def read(self, rows: np.ndarray | slice) -> None:
+        """Bring qpos and qvel up to date with the batch."""
+        if self._keep is None:
+            return
+        raw_qpos, raw_qvel = self.raw_qpos[rows], self.raw_qvel[rows]
+        qpos, qvel = raw_qpos[:, self._q], raw_qvel[:, self._v]
+        for joint in self.joints:
+            q, v = self.address(joint.motor)  # type: ignore[attr-defined]
+            qpos[:, q] += raw_qpos[:, self._model.jnt_qposadr[joint.joint]]  # type: ignore[attr-defined]
+            qvel[:, v] += raw_qvel[:, self._model.jnt_dofadr[joint.joint]]  # type: ignore[attr-defined]
+        self.qpos[rows], self.qvel[rows] = qpos, qvel

@@ -1,0 +1,358 @@
+"""Effects on an actuator's control law and strength.
+
+A *servo* here is an actuator of the affine kind, force = g u + b0 + b1 length + b2 velocity with b1
+< 0, as MuJoCo's `position` makes it. A *motor* has no b1 and b2.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import Bound, Effect, FieldBound, FieldEffect, SubstepRule, find
+from envs.effects.history import arriving
+from envs.errors import EffectError
+from envs.params import How, Parameter
+
+if TYPE_CHECKING:
+    from envs.plant import Plant
+
+FIXED, PID = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_PID)
+NONE, AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
+UNLIMITED = 1e6  # N·m: the torque limit of an actuator that has none
+
+
+class ActuatorEffect(Effect):
+    """An effect that only some kinds of actuator can have; `can` says which."""
+
+    place = "actuator"
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether this actuator can have the effect."""
+        raise NotImplementedError
+
+    def actuators(self, model: mujoco.MjModel) -> np.ndarray:
+        """Return the ids of the actuators that the effect acts on, (k,).
+
+        Raises:
+            EffectError: no such actuator, or one that cannot have the effect; lists the effects
+                that it can have.
+        """
+        if self.where is not None:
+            index = find(model, "actuator", self.where)
+            if not self.can(model, index):
+                raise EffectError(
+                    f"actuator {self.where!r} cannot have {self.name}; {_possible(model, [index])}"
+                )
+            return np.array([index])
+        found = [i for i in range(model.nactuator) if self.can(model, i)]
+        if not found:
+            every = list(range(model.nactuator))
+            raise EffectError(
+                f"no actuator of this model can have {self.name}; {_possible(model, every)}"
+            )
+        return np.array(found)
+
+
+def _possible(model: mujoco.MjModel, actuators: list[int]) -> str:
+    from envs.effects import EFFECTS  # the registry imports this module
+
+    kinds = [e for e in EFFECTS.values() if issubclass(e, ActuatorEffect)]
+    names = sorted(e.name for e in kinds if any(e.can(model, i) for i in actuators))
+    return f"it can have: {', '.join(names) or 'none of these effects'}"
+
+
+def is_linear(model: mujoco.MjModel, i: int) -> bool:
+    """Return whether an actuator's force is affine in control, length and velocity."""
+    return int(model.actuator_gaintype[i]) == FIXED and int(model.actuator_biastype[i]) in (
+        NONE,
+        AFFINE,
+    )
+
+
+def is_servo(model: mujoco.MjModel, i: int) -> bool:
+    """Return whether an actuator closes a position loop with a plain proportional gain."""
+    affine = is_linear(model, i) and int(model.actuator_biastype[i]) == AFFINE
+    return affine and model.actuator_biasprm[i, 1] < 0 and model.actuator_gainprm[i, 0] > 0
+
+
+class _Gain(ActuatorEffect):
+    """A factor on entries of an actuator's law."""
+
+    unit = ""
+    hows: ClassVar[tuple[How, ...]] = ("scale",)
+    typical = (0.4, 2.5)
+    composes = True
+    bias_column: ClassVar[int]
+    with_gain: ClassVar[bool]
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the factor."""
+        self.actuators(model)
+        return (self.parameter(low=0.0),)
+
+    def bind(self, plant: Plant) -> Bound:
+        """Scale the law of each row."""
+        (parameter,) = self.parameters(plant.model)
+        index = self.actuators(plant.model)
+        fields = [FieldBound(plant.field("actuator_biasprm"), (index, self.bias_column), parameter)]
+        plain = index[plant.model.actuator_gaintype[index] == FIXED]
+        if self.with_gain and plain.size:
+            fields.append(FieldBound(plant.field("actuator_gainprm"), (plain, 0), parameter))
+        return Several(fields)
+
+
+class Several(Bound):
+    """Writes the same value into several places."""
+
+    def __init__(self, parts: list[FieldBound]) -> None:
+        self._parts = parts
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Write values (n, 1) into each."""
+        for part in self._parts:
+            part.write(ids, values)
+
+
+class PositionGain(_Gain):
+    """The proportional gain of a position servo, as a factor."""
+
+    name = "position_gain"
+    bias_column = 1
+    with_gain = True
+    looks_like = (
+        "a static sag under load, and steps that are faster or slower, in proportion to the error"
+    )
+    source = (
+        "tau = kp (goal - q); the firmware's gain unit is often not the manual's (XL330:"
+        " 256 for 128)"
+    )
+    experiment = "steps and loaded holds at two gains; the PWM against the position error"
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether it has a gain on the position."""
+        pid = (
+            int(model.actuator_gaintype[actuator]) == PID
+            and model.actuator_biasprm[actuator, 1] < 0
+        )
+        return is_servo(model, actuator) or bool(pid)
+
+
+class DerivativeGain(_Gain):
+    """The derivative gain of a servo, as a factor."""
+
+    name = "derivative_gain"
+    bias_column = 2
+    with_gain = False
+    looks_like = "overshoot after steps, or creeping towards the goal"
+    source = "tau = -kv w; MuJoCo XML reference, position/kv"
+    experiment = "steps from rest at two gains"
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether it has a gain on the velocity besides one on the position."""
+        servo = is_servo(model, actuator) or int(model.actuator_gaintype[actuator]) == PID
+        return servo and bool(model.actuator_biasprm[actuator, 2] < 0)
+
+
+class LawScale(Bound):
+    """Scales what an actuator's law yields and the limit on it."""
+
+    def __init__(
+        self, plant: Plant, index: np.ndarray, parameter: Parameter, law: bool, damping: bool
+    ) -> None:
+        limited = index[plant.model.actuator_forcelimited[index].astype(bool)]
+        parts = (
+            [FieldBound(plant.field("actuator_forcerange"), (limited,), parameter)]
+            if limited.size
+            else []
+        )
+        if law:
+            parts += [
+                FieldBound(plant.field("actuator_gainprm"), (index, 0), parameter),
+                FieldBound(plant.field("actuator_biasprm"), (index, slice(0, 3)), parameter),
+            ]
+        if damping and plant.model.actuator_damping[index].any():
+            parts.append(FieldBound(plant.field("actuator_damping"), (index,), parameter))
+        self._parts = parts
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Scale by values (n, 1)."""
+        for part in self._parts:
+            part.write(ids, values)
+
+
+class MotorStrength(ActuatorEffect):
+    """A factor on the motor's torque and on its limit, after the control law.
+
+    The actuator's own damping, its back-EMF, is scaled too: it is torque of the same motor. The
+    no-load speed stays.
+    """
+
+    name = "motor_strength"
+    unit = ""
+    hows: ClassVar[tuple[How, ...]] = ("scale",)
+    constants = True
+    composes = True
+    typical = (0.6, 1.4)
+    looks_like = (
+        "weaker or stronger in everything: static sag, acceleration and the largest torque alike"
+    )
+    source = "kt -> (1 + e) kt; identified motor constants differ by 12 to 42 % from data sheets"
+    experiment = "the largest torque against a stop or a weight, next to steps without load"
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether its force is affine in the command."""
+        return is_linear(model, actuator)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the factor."""
+        self.actuators(model)
+        return (self.parameter(low=0.0),)
+
+    def bind(self, plant: Plant) -> Bound:
+        """Scale gain, bias, limit and damping of each row."""
+        return LawScale(
+            plant,
+            self.actuators(plant.model),
+            self.parameters(plant.model)[0],
+            law=True,
+            damping=True,
+        )
+
+
+class TorqueLimit(FieldEffect, ActuatorEffect):
+    """The largest torque at the joint, in both directions; an actuator without a limit gets one."""
+
+    name = "torque_limit"
+    place = "actuator"
+    unit = "N·m"
+    hows: ClassVar[tuple[How, ...]] = ("set", "scale")
+    field = "actuator_forcerange"
+    typical = (0.1, 5.0)
+    looks_like = "fast motions and heavy loads fall behind, slow and light ones do not"
+    source = (
+        "MuJoCo XML reference, actuator/forcerange; the servo's current limit times its"
+        " torque constant"
+    )
+    experiment = "steps of growing size, and a lift of growing weight"
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether its force can be limited (every kind but three-dimensional ones)."""
+        return int(model.actuator_gaintype[actuator]) != int(mujoco.mjtGain.mjGAIN_SO3)
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Switch the limit on: the engine ignores a range that is not."""
+        for actuator in spec.actuators:
+            wanted = self.where is None or actuator.name == self.where
+            free = actuator.forcerange[0] >= actuator.forcerange[1]
+            if wanted and free and actuator.gaintype != mujoco.mjtGain.mjGAIN_SO3:
+                actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+                actuator.forcerange = [-UNLIMITED, UNLIMITED]
+
+    def elements(self, model: mujoco.MjModel) -> tuple[np.ndarray]:
+        """Return the index of the actuators' ranges."""
+        return (self.actuators(model),)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the limit at the joint, or its factor."""
+        index = self.actuators(model)
+        if self.how == "scale":
+            return (self.parameter(low=0.0),)
+        joint = np.abs(model.actuator_forcerange[index, 1] * model.actuator_gear[index, 0])
+        return (
+            self.parameter(low=0.0, high=max(UNLIMITED, float(joint[0])), neutral=float(joint[0])),
+        )
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the limit of each row."""
+        (parameter,) = self.parameters(plant.model)
+        index = self.actuators(plant.model)
+        if self.how == "scale":
+            return FieldBound(plant.field(self.field), (index,), parameter)
+        return _Limit(plant, index, parameter)
+
+
+class _Limit(Bound):
+    """Sets both ends of a force range from a torque at the joint."""
+
+    def __init__(self, plant: Plant, index: np.ndarray, parameter: Parameter) -> None:
+        self._range, self._index, self._neutral = (
+            plant.field("actuator_forcerange"),
+            index,
+            parameter.neutral,
+        )
+        self._gear = np.abs(plant.model.actuator_gear[index, 0])
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        at = (ids[:, None], self._index)
+        force = values / self._gear  # (n, k)
+        ends = np.stack([-force, force], axis=-1)
+        self._range[at] = np.where(values[..., None] == self._neutral, self._range[at], ends)
+
+
+class _DeadZone(SubstepRule):
+    """See `DeadZone`."""
+
+    order = 30
+
+    def __init__(self, plant: Plant, index: np.ndarray) -> None:
+        self.plant, self.index = plant, index
+        self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
+        self.value = np.zeros(plant.num_rows)
+        self.gear = plant.model.actuator_gear[index, 0]
+        joint = plant.model.actuator_trnid[index, 0]
+        self.q = plant.model.jnt_qposadr[joint]
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self.value[ids] = values[:, 0]
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        rows = np.arange(self.plant.num_rows)[ids]
+        for actuator, gear, q in zip(self.index, self.gear, self.q, strict=True):
+            gain, bias = self.gain[rows, actuator, 0], self.bias[rows, actuator]
+            length = gear * self.plant.layout.raw_qpos[rows, q]
+            law = gain * arriving(self.plant, int(actuator), ids) + bias[:, 0] + bias[:, 1] * length
+            error = (
+                np.abs(law) / np.where(gain > 0, gain, 1.0) / abs(gear)
+            )  # rad at the joint, (n,)
+            idle = rows[error < self.value[ids]]
+            self.gain[idle, actuator, 0] = 0.0
+            self.bias[idle, actuator, :2] = 0.0
+
+
+class DeadZone(ActuatorEffect):
+    """The error that a servo ignores: the proportional part of its law is off below it."""
+
+    name = "dead_zone"
+    unit = "rad"
+    typical = (0.0, 0.03)
+    looks_like = "the servo stops a fixed angle short, whatever the gain, and its PWM is zero there"
+    source = "u = 0 if |e| < d; XL430 stop 4 to 5 counts short (answers.ros.org 303081)"
+    experiment = "very slow ramps without load, at two gains"
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether it is a position servo on a joint."""
+        return is_joint_servo(model, actuator)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return half the zone's width."""
+        self.actuators(model)
+        return (self.parameter(low=0.0),)
+
+    def bind(self, plant: Plant) -> SubstepRule:
+        """Switch the proportional part off and on before each substep."""
+        return _DeadZone(plant, self.actuators(plant.model))
+
+
+def is_joint_servo(model: mujoco.MjModel, actuator: int) -> bool:
+    """Return whether a position servo acts on a hinge or slide."""
+    on_joint = int(model.actuator_trntype[actuator]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+    return on_joint and is_servo(model, actuator)

@@ -1,0 +1,303 @@
+"""Effects that need a joint of their own between motor and link: play and elasticity.
+
+The motor's joint keeps its name, actuator, friction and armature; a second joint about the same
+axis follows it. Where the encoder sits decides what the servo's loop and the log see:
+
+* `motor`: the motor's angle. The servo never knows of the play; `measured` leaves it out.
+* `link`: the sum. The loop closes over the play: the law's bias is shifted by it before each
+  substep.
+
+Neutral rows of a plant with such a joint hold it still with an inertia of 1e9 kg·m²: they agree
+with a plant without it to about 1e-7 rad in a second, not to the last bit. A motor without inertia
+of its own gets the least with which the loop is stable at the model's time step.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import Bound, Effect, Extra, Measurement, SubstepRule, joints
+from envs.effects.layout import SERIES
+from envs.effects.servo import is_joint_servo
+from envs.errors import EffectError, did_you_mean
+from envs.params import Parameter, Side
+
+if TYPE_CHECKING:
+    from envs.plant import Plant
+
+FROZEN = 1e9  # kg·m²: a joint that does not move
+STIFF_LIMIT = (0.99, 0.999, 1e-4, 0.5, 2.0)  # solimp of the play's ends
+SOFTEST_STEP = 0.25  # largest (dt w)² of a spring that the explicit integration carries well
+
+
+class Series(Bound):
+    """A joint in series with a motor's; the plant's layout adds its angle to the motor's."""
+
+    order: ClassVar[int] = 20
+
+    def __init__(self, plant: Plant, effect: SeriesEffect, motor: int) -> None:
+        model = plant.model
+        self.plant, self.effect, self.motor = plant, effect, motor
+        self.joint = int(
+            mujoco.mj_name2id(
+                model, mujoco.mjtObj.mjOBJ_JOINT, effect.joint_name(model.joint(motor).name)
+            )
+        )
+        self.q, self.v = int(model.jnt_qposadr[self.joint]), int(model.jnt_dofadr[self.joint])
+        self.motor_side = effect.side == "motor"
+        self.rotor = int(model.jnt_dofadr[motor])
+        self.armature, self.value = plant.field("dof_armature"), np.zeros(plant.num_rows)
+        self.least = least_rotor(plant, motor)
+        plant.layout.joints.append(self)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Free the joint where the value is not 0, and give it its size."""
+        self.value[ids] = values[:, 0]
+        loose, rotor = values[:, 0] > 0, self.armature[ids, self.rotor]
+        self.armature[ids, self.v] = np.where(loose, 0.0, FROZEN)
+        self.armature[ids, self.rotor] = np.where(loose, np.maximum(rotor, self.least), rotor)
+
+    def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Return where the joint rests under the load (n,) [N·m] that the motor carries, (n,)."""
+        return np.zeros(len(ids))
+
+
+class MotorSide(Measurement):
+    """Leaves a series joint out of what the encoder says."""
+
+    order = 20
+
+    def __init__(self, series: Series) -> None:
+        self._series, self._layout = series, series.plant.layout
+        self._address = self._layout.address(series.motor)
+
+    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Subtract the joint's angle and speed."""
+        qpos[:, self._address[0]] -= self._layout.raw_qpos[ids, self._series.q]
+        qvel[:, self._address[1]] -= self._layout.raw_qvel[ids, self._series.v]
+
+
+class LinkSide(SubstepRule):
+    """Closes servo loops over a series joint: kp (u - q) becomes kp (u - q - p), kv likewise."""
+
+    order = 20
+
+    def __init__(self, series: Series, servos: list[int]) -> None:
+        self._series, self._servos = series, servos
+        self._bias = series.plant.live("actuator_biasprm")
+        self._gear = series.plant.model.actuator_gear[:, 0]
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        """Shift the laws by where the joint is now."""
+        layout = self._series.plant.layout
+        p, speed = layout.raw_qpos[ids, self._series.q], layout.raw_qvel[ids, self._series.v]
+        for i in self._servos:
+            bias = self._bias[ids, i]  # (n, 10)
+            self._bias[ids, i, 0] = bias[:, 0] + self._gear[i] * (
+                bias[:, 1] * p + bias[:, 2] * speed
+            )
+
+
+class SeriesEffect(Effect):
+    """A joint between the motor of a hinge or slide and its link."""
+
+    place = "joint"
+    constants = True
+    sides: ClassVar[tuple[Side, ...]] = ("motor", "link")
+    bound: ClassVar[type[Series]]
+
+    def joint_name(self, motor: str) -> str:
+        """Return the name of the joint that the effect adds after a motor's."""
+        return f"{motor}{SERIES}{self.name}"
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Add the joint to each place.
+
+        Raises:
+            EffectError: no such joint, one that is not a hinge or slide, or one that is not its
+                body's last.
+        """
+        for joint in _motors(spec, self.where):
+            own = [j for j in joint.parent.joints if SERIES not in j.name]
+            if own[-1].name != joint.name:
+                raise EffectError(
+                    f"{self.label()}: joint {joint.name!r} is not the last of body"
+                    f" {joint.parent.name!r}, where the play belongs; give it a body of its own"
+                )
+            self._add(spec, joint)
+
+    def _add(self, spec: mujoco.MjSpec, motor: Any) -> None:
+        added = motor.parent.add_joint(
+            name=self.joint_name(motor.name), type=motor.type, axis=motor.axis, pos=motor.pos
+        )
+        added.damping, added.stiffness, added.frictionloss = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 0.0
+        added.armature, added.ref, added.springref, added.margin = 0.0, 0.0, 0.0, 0.0
+        added.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        added.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        self.shape(added, spec.option.timestep)
+
+    def shape(self, joint: Any, timestep: float) -> None:
+        """Set the limits or the spring of the added joint, an MjsJoint."""
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the size, and the free extras."""
+        joints(model, self.where)
+        return (self.parameter(low=0.0), *self.free_parameters())
+
+    def bind(self, plant: Plant) -> Bound:
+        """Make the added joints part of the plant's layout, and of what the encoder sees."""
+        parts = [self.bound(plant, self, int(motor)) for motor in joints(plant.model, self.where)]
+        for part in parts:
+            if part.motor_side:
+                plant.share(f"{self.label()} at {part.joint}", lambda part=part: MotorSide(part))
+                continue
+            servos = [
+                i
+                for i in range(plant.model.nactuator)
+                if is_joint_servo(plant.model, i) and plant.model.actuator_trnid[i, 0] == part.motor
+            ]
+            if servos:
+                plant.share(
+                    f"{self.label()} at {part.joint}", lambda part=part, s=servos: LinkSide(part, s)
+                )
+        return All(parts)
+
+
+class All(Bound):
+    """Several series joints with one value."""
+
+    def __init__(self, parts: list[Any]) -> None:
+        self._parts = parts
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Write values (n, k) to each."""
+        for part in self._parts:
+            part.write(ids, values)
+
+
+def _motors(spec: mujoco.MjSpec, where: str | None) -> list[Any]:
+    """Return the joints of a spec at which an effect acts."""
+    scalar = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    named = {j.name: j for j in spec.joints if j.type in scalar and SERIES not in j.name}
+    if where is not None:
+        if where not in named:
+            known = ", ".join(n for n in named if n)
+            hint = did_you_mean(where, named)
+            raise EffectError(f"the model has no hinge or slide {where!r}{hint}; it has: {known}")
+        return [named[where]]
+    driven = {a.target for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_JOINT}
+    return [joint for name, joint in named.items() if name in driven]
+
+
+def least_rotor(plant: Plant, motor: int) -> float:
+    """Return the least inertia of a motor that is free of its link [kg·m²].
+
+    Stable under its servo at the model's time step, and small next to the link's.
+    """
+    model, dt = plant.model, plant.model.opt.timestep
+    servos = [
+        i
+        for i in range(model.nactuator)
+        if is_joint_servo(model, i) and model.actuator_trnid[i, 0] == motor
+    ]
+    stiffness = sum(-model.actuator_biasprm[i, 1] * model.actuator_gear[i, 0] ** 2 for i in servos)
+    return max(float(stiffness) * dt * dt, 1e-3 * link_inertia(model, motor))
+
+
+def link_inertia(model: mujoco.MjModel, joint: int) -> float:
+    """Return the inertia of what a joint carries, at the default pose, without armature [kg·m²]."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    dof = int(model.jnt_dofadr[joint])
+    return float(full[dof, dof] - model.dof_armature[dof])
+
+
+class _Play(Series):
+    """See `Backlash`."""
+
+    def __init__(self, plant: Plant, effect: SeriesEffect, motor: int) -> None:
+        super().__init__(plant, effect, motor)
+        self.range = plant.field("jnt_range")
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        half = np.where(values[:, 0] > 0, values[:, 0] / 2, 1.0)  # a frozen joint meets no end
+        self.range[ids, self.joint] = np.stack([-half, half], axis=1)
+
+    def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Return the end against which the load pulls the link; the middle without load."""
+        return -np.where(np.abs(load) > 1e-9, np.sign(load), 0.0) * self.value[ids] / 2
+
+
+class Backlash(SeriesEffect):
+    """Play: the link is free within value / 2 on both sides of the motor's angle."""
+
+    name = "backlash"
+    unit = "rad"
+    typical = (0.0, 0.06)
+    bound = _Play
+    looks_like = (
+        "nothing follows for a fixed angle after each reversal; the link rattles where"
+        " no load holds it"
+    )
+    source = (
+        "a hinge with limits in series; Dynamixel X: 15 arcmin (e-manual), SO-101 models: 1 degree"
+    )
+    experiment = (
+        "slow reversals without load: a gap that does not depend on the load; a preload removes it"
+    )
+
+    def shape(self, joint: Any, timestep: float) -> None:
+        """Give the joint stiff ends."""
+        joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-1.0, 1.0]
+        joint.solref_limit, joint.solimp_limit = [2 * timestep, 1.0], STIFF_LIMIT
+
+
+class _Spring(Series):
+    """See `JointCompliance`."""
+
+    def __init__(self, plant: Plant, effect: SeriesEffect, motor: int) -> None:
+        super().__init__(plant, effect, motor)
+        model = plant.model
+        self.stiffness, self.damping = plant.field("jnt_stiffness"), plant.field("dof_damping")
+        rotor = max(float(model.dof_armature[self.rotor]), self.least)
+        reduced = 1.0 / (1.0 / rotor + 1.0 / max(link_inertia(model, motor), 1e-12))
+        self.smallest = model.opt.timestep**2 / (SOFTEST_STEP * reduced)  # rad/(N·m)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        value = np.maximum(values[:, 0], self.smallest)
+        self.value[ids] = np.where(values[:, 0] > 0, value, 0.0)
+        self.stiffness[ids, self.joint] = np.where(values[:, 0] > 0, 1.0 / value, 0.0)
+        self.damping[ids, self.v] = np.where(
+            values[:, 0] > 0, self.effect.scalar("damping", values), 0.0
+        )
+
+    def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Return how far the load bends the spring."""
+        return -load * self.value[ids]
+
+
+class JointCompliance(SeriesEffect):
+    """A spring between motor and link: deflection = torque * value.
+
+    Values that the explicit integration cannot carry act as the smallest one that it can (time
+    step² over a quarter of the reduced inertia of rotor and link).
+    """
+
+    name = "joint_compliance"
+    unit = "rad/(N·m)"
+    extras = (Extra("damping", "N·m·s/rad", 0.0, 0.0, 1e3, "of the spring"),)
+    typical = (0.0, 0.5)
+    bound = _Spring
+    looks_like = (
+        "a sag in proportion to the load that the encoder may not see, and ringing at"
+        " sqrt(k/J) after stops"
+    )
+    source = "tau = k (motor - link); a sprung hinge in series"
+    experiment = "hammer taps or fast stops: a resonance that more load lowers"

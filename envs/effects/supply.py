@@ -1,0 +1,234 @@
+"""Effects of the power supply and of heat on what the motors can do.
+
+A voltage-driven servo (a Dynamixel in position mode: error -> PWM) turns voltage into torque, so
+that its whole law scales with the supply, and its limit too; the actuator's damping, the back-EMF,
+does not. A current-driven motor keeps its law and loses only limit. Servos are taken as
+voltage-driven, motors as current-driven, unless `drive` says so.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import Bound, Effect, Extra, SubstepRule
+from envs.effects.servo import ActuatorEffect, LawScale, Several, is_linear, is_servo
+from envs.errors import EffectError
+from envs.params import How, Parameter
+
+if TYPE_CHECKING:
+    from envs.plant import Plant
+
+Drive = Literal["voltage", "current"]
+
+
+class SupplyVoltage(Effect):
+    """The supply, as a factor on the torque-speed limit: stall torque and no-load speed.
+
+    Args:
+        how: `scale`.
+        drive: `voltage`: the law scales too; `current`: only its limit; None: voltage for servos,
+            current for motors.
+    """
+
+    name = "supply_voltage"
+    place = "robot"
+    unit = ""
+    hows: ClassVar[tuple[How, ...]] = ("scale",)
+    composes = True
+    typical = (0.7, 1.3)
+    looks_like = "the top speed and the largest torque change together; slow, light motions little"
+    source = "|tau| <= (kt/R)(V duty_max - kt w)"
+    experiment = "full-speed moves at two supply voltages; log the voltage"
+
+    def __init__(
+        self, where: str | None = None, how: How | None = None, drive: Drive | None = None
+    ) -> None:
+        super().__init__(where, how)
+        if drive not in (None, "voltage", "current"):
+            raise EffectError(
+                f"supply_voltage: drive={drive!r} is unknown; it can be: voltage, current"
+            )
+        self.drive = drive
+
+    def options(self) -> dict[str, Any]:
+        """Return how the servos are driven, where it was said."""
+        return {} if self.drive is None else {"drive": self.drive}
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the factor."""
+        voltage, current = self._split(model)
+        if not voltage.size and not model.actuator_forcelimited[current].any():
+            raise EffectError(
+                "supply_voltage needs a servo, or a motor with a forcerange; this robot has neither"
+            )
+        return (self.parameter(low=0.0),)
+
+    def _split(self, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+        """Return the ids of the voltage-driven and of the current-driven actuators."""
+        linear = [i for i in range(model.nactuator) if is_linear(model, i)]
+        voltage = [
+            i
+            for i in linear
+            if self.drive == "voltage" or (self.drive is None and is_servo(model, i))
+        ]
+        current = [i for i in linear if i not in voltage]
+        return np.array(voltage, dtype=int), np.array(current, dtype=int)
+
+    def bind(self, plant: Plant) -> Bound:
+        """Scale the limits, and the laws of the voltage-driven ones."""
+        (parameter,) = self.parameters(plant.model)
+        voltage, current = self._split(plant.model)
+        parts: list[Any] = [LawScale(plant, voltage, parameter, law=True, damping=False)]
+        parts.append(LawScale(plant, current, parameter, law=False, damping=False))
+        return Several(parts)
+
+
+class _Weakening(SubstepRule):
+    """Scales the law and the limit of k actuators before each substep."""
+
+    order = 40
+
+    def __init__(self, plant: Plant, index: np.ndarray) -> None:
+        model = plant.model
+        self.plant, self.index = plant, index
+        self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
+        self.limit = plant.live("actuator_forcerange")
+        self.force = plant.batch.bind("actuator_force")  # (N, actuators), of the substep before
+        self.gear = np.abs(model.actuator_gear[index, 0])
+        self.value = np.zeros((plant.num_rows, 1))
+        self.running = np.zeros((plant.num_rows, 1), dtype=bool)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self.value[ids] = values[:, :1]
+
+    def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
+        self.running[ids] = False
+
+    def torque(self, ids: np.ndarray | slice) -> np.ndarray:
+        """Return the joints' torques in the substep before, 0 before the first, (n, k) [N·m]."""
+        torque = np.where(self.running[ids], self.force[ids][:, self.index] * self.gear, 0.0)
+        self.running[ids] = True
+        return torque
+
+    def weaken(self, ids: np.ndarray | slice, factor: np.ndarray) -> None:
+        """Scale by factors (n, k)."""
+        at = (np.arange(self.plant.num_rows)[ids][:, None], self.index)
+        self.gain[(*at, 0)] *= factor
+        for column in range(3):
+            self.bias[(*at, column)] *= factor
+        self.limit[at] *= factor[..., None]
+
+
+class _Sag(_Weakening):
+    """See `SupplySag`."""
+
+    def __init__(
+        self, plant: Plant, index: np.ndarray, voltage: float, torque_constant: float
+    ) -> None:
+        super().__init__(plant, index)
+        self.scale = 1.0 / (voltage * torque_constant)
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        load = np.abs(self.torque(ids)).sum(1, keepdims=True)  # (n, 1) [N·m]
+        factor = np.maximum(1.0 - self.value[ids] * self.scale * load, 0.0)
+        self.weaken(ids, np.broadcast_to(factor, (len(factor), len(self.index))))
+
+
+class SupplySag(Effect):
+    """A supply that gives way under current: V = V0 - value * sum of |torque| / kt.
+
+    The torques are those of the substep before.
+    """
+
+    name = "supply_sag"
+    place = "robot"
+    unit = "V/A"
+    extras = (
+        Extra("voltage", "V", None, 1e-3, 1e3, "the supply without load"),
+        Extra("torque_constant", "N·m/A", None, 1e-6, 1e3, "of the motors, seen at the joint"),
+    )
+    typical = (0.0, 2.0)
+    looks_like = "all joints weaken together while any of them works hard"
+    source = (
+        "V = V0 - Rs * sum I; 5.7 to 9.2 V measured around 7.4 V on an XL330 bench"
+        " (Rhoban's BAM logs)"
+    )
+    experiment = "one joint holds a load while another one makes steps; log the voltage"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the supply's resistance."""
+        if not _linear(model).size:
+            raise EffectError(
+                "supply_sag needs an actuator with an affine law; this robot has none"
+            )
+        return (self.parameter(low=0.0),)
+
+    def bind(self, plant: Plant) -> SubstepRule:
+        """Weaken all actuators before each substep."""
+        return _Sag(
+            plant, _linear(plant.model), self.extra["voltage"], self.extra["torque_constant"]
+        )
+
+
+def _linear(model: mujoco.MjModel) -> np.ndarray:
+    return np.array([i for i in range(model.nactuator) if is_linear(model, i)], dtype=int)
+
+
+class _Derating(_Weakening):
+    """See `ThermalDerating`."""
+
+    def __init__(self, plant: Plant, index: np.ndarray, effect: Effect) -> None:
+        super().__init__(plant, index)
+        self.effect, self.dt = effect, plant.model.opt.timestep
+        self.heat = np.zeros((plant.num_rows, len(index)))  # N²·m²·s
+        self.decay = np.zeros((plant.num_rows, 1))
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        self.decay[ids, 0] = self.effect.scalar("decay", values)
+
+    def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
+        super().reset(ids, seeds)
+        self.heat[ids] = 0.0
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        kept = np.exp(-self.decay[ids] * self.dt)
+        self.heat[ids] = self.heat[ids] * kept + self.torque(ids) ** 2 * self.dt
+        self.weaken(ids, np.maximum(1.0 - self.value[ids] * self.heat[ids], 0.0))
+
+
+class ThermalDerating(ActuatorEffect):
+    """A motor that weakens as it heats, by a factor 1 - value E on its law and limit.
+
+    dE/dt = torque² - decay E, with E = 0 at a reset.
+    """
+
+    name = "thermal_derating"
+    unit = "1/(N²·m²·s)"
+    extras = (Extra("decay", "1/s", 0.0, 0.0, 1e3, "the rate at which it cools"),)
+    typical = (0.0, 0.1)
+    looks_like = "errors that grow over minutes of hard work and recover in a pause"
+    source = (
+        "winding resistance and firmware limits follow the integral of I²R; XL330: 27 to"
+        " 40 °C in 2 minutes of tests"
+    )
+    experiment = (
+        "the same loaded motion before and after a minute of hard work; log the temperature"
+    )
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether its force is affine in the command."""
+        return is_linear(model, actuator)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the loss, and the free extras."""
+        self.actuators(model)
+        return (self.parameter(low=0.0), *self.free_parameters())
+
+    def bind(self, plant: Plant) -> SubstepRule:
+        """Weaken the actuators before each substep."""
+        return _Derating(plant, self.actuators(plant.model), self)
