@@ -1,0 +1,91 @@
+"""The command line of the comparisons; `python -m benchmarks --help`."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+LONG = ("toys", "hopper_grid")  # modules to run with python -m; each resumes
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparisons that were asked for; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description="Speed and, with --long, returns."
+    )
+    parser.add_argument(
+        "--long", action="store_true", help="the comparisons of returns (hours; they resume)"
+    )
+    parser.add_argument(
+        "--rows", default="", help="names of speed rows with commas between; default: all"
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=3, help="rounds of the speed rows (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--scale",
+        type=float,
+        default=1.0,
+        help="work of a run; 1 is 2 to 5 s (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("outputs/bench"), help="folder (default: %(default)s)"
+    )
+    chosen = parser.parse_args(arguments)
+    if chosen.repeats < 1 or not chosen.scale > 0:
+        parser.error(
+            f"--repeats {chosen.repeats} must be at least 1 and --scale {chosen.scale:g} above 0"
+        )
+    if chosen.long:
+        return run_long()
+    os.environ.setdefault(
+        "OMP_NUM_THREADS", "1"
+    )  # before torch and numpy are imported, here and in the workers
+    return run_speed(parser, chosen)
+
+
+def run_speed(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> int:
+    """Run the speed rows and write their files."""
+    import torch
+
+    from benchmarks.report import document, machine, table, write
+    from benchmarks.speed import compare, default_rows
+
+    torch.set_num_threads(1)
+    rows = default_rows(chosen.scale)
+    wanted = [name for name in chosen.rows.split(",") if name]
+    for name in wanted:
+        names = [row.name for row in rows]
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = f" (did you mean {close[0]!r}?)" if close else ""
+            parser.error(f"no row {name!r}{hint}; there are: {', '.join(names)}")
+    rows = [row for row in rows if not wanted or row.name in wanted]
+    result = document(
+        *compare(rows, chosen.repeats, lambda line: print(line, file=sys.stderr, flush=True)),
+        machine(),
+    )
+    write(result, chosen.out)
+    print(table(result))
+    return 0
+
+
+def run_long() -> int:
+    """Run the long comparisons, one after another; each goes on where it was stopped."""
+    status = 0
+    for name in LONG:
+        if find_spec(f"benchmarks.{name}") is None:
+            print(f"skipped {name}: there is no benchmarks/{name}.py", file=sys.stderr)
+            continue
+        status |= subprocess.run([sys.executable, "-m", f"benchmarks.{name}"]).returncode
+    return int(status != 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

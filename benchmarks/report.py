@@ -1,0 +1,200 @@
+"""What a speed comparison leaves behind: bench.json, a table for people, and a picture."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from benchmarks.speed import BUSY, Measured
+
+
+class Threshold(NamedTuple):
+    """What the ratio of two rows must be, and should be."""
+
+    row: str
+    of: str
+    must: float
+    goal: float | None = None
+
+
+THRESHOLDS = (
+    Threshold("batched_env_n256", "raw_physics", 0.82, 0.95),
+    Threshold("batched_env_n1024", "raw_physics_n1024", 0.90, 0.95),
+    Threshold("batched_env_n256_fresh", "raw_physics_fresh", 0.82, 0.95),
+    Threshold("batched_env_n1024_fresh", "raw_physics_n1024_fresh", 0.90, 0.95),
+    Threshold("batched_env_n256", "envpool", 0.95),
+    Threshold("collector", "torchrl_gymenv_collector", 9.0),
+    Threshold("es_population", "raw_physics_es", 0.88, 0.95),
+    Threshold("es_population", "es_two_processes_torch", 2.5),
+    Threshold("es_population", "es_two_processes_numpy", 1.5),
+    Threshold("es_population_fresh", "raw_physics_es_fresh", 0.88, 0.95),
+    Threshold("es_population_fresh", "es_two_processes_torch_fresh", 2.5),
+    Threshold("es_population_fresh", "es_two_processes_numpy_fresh", 1.5),
+)
+PACKAGES = ("mujoco", "torch", "torchrl", "gymnasium", "envpool", "numpy")
+
+
+def machine() -> dict[str, Any]:
+    """Return what the figures were taken on."""
+    import torch
+
+    versions = {}
+    for name in PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = None
+    return {
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "packages": versions,
+        "torch_threads": torch.get_num_threads(),
+        "omp_num_threads": os.environ.get("OMP_NUM_THREADS"),
+    }
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    return next(
+        (line.split(":")[1].strip() for line in lines if line.startswith("model name")),
+        platform.machine(),
+    )
+
+
+def rates(measured: Sequence[Measured]) -> dict[str, float]:
+    """Return environment steps a second by row."""
+    return {one.row.name: one.per_second for one in measured}
+
+
+def ratio(per_second: dict[str, float], row: str, of: str | None) -> float | None:
+    """Return a row's rate divided by another's; None where one of the two did not run."""
+    if of is None:
+        return 1.0
+    return per_second[row] / per_second[of] if row in per_second and of in per_second else None
+
+
+def document(
+    measured: Sequence[Measured], skipped: Sequence[str], machine: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the content of bench.json."""
+    per_second = rates(measured)
+    return {
+        "machine": machine,
+        "rows": [
+            {
+                "name": one.row.name,
+                "per_second": one.per_second,
+                "unit": "env steps",
+                "of": one.row.of or one.row.name,
+                "ratio": ratio(per_second, one.row.name, one.row.of),
+                "runs": [timing.per_second for timing in one.timings],
+                "other_load_cores": one.loads,
+                "setup": one.row.setup,
+                "mean_episode_length": one.episode_length,
+                "bytes_per_simulation": one.memory,
+            }
+            for one in measured
+        ],
+        "thresholds": [
+            {**threshold._asdict(), "ratio": ratio(per_second, threshold.row, threshold.of)}
+            for threshold in THRESHOLDS
+        ],
+        "skipped": list(skipped),
+    }
+
+
+def table(document: dict[str, Any]) -> str:
+    """Return the comparison as Markdown."""
+    where = document["machine"]
+    lines = [
+        f"{where['cpu']}, {where['cores']} cores; torch threads {where['torch_threads']}, "
+        f"OMP_NUM_THREADS {where['omp_num_threads']}; "
+        f"medians of {len(document['rows'][0]['runs'])} interleaved rounds",
+        "",
+        "| row | env steps/s | ratio | of | episode | KiB/simulation | other load, cores | what |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in document["rows"]:
+        loads = [load for load in row["other_load_cores"] if load is not None]
+        load = f"{max(loads):.2f}{' **busy**' if max(loads) > BUSY else ''}" if loads else "?"
+        cells = (
+            row["name"], f"{row['per_second']:,.0f}", _number(row["ratio"], 3), row["of"],
+            _number(row["mean_episode_length"], 0), _number(row["bytes_per_simulation"], 0, 1 /
+            1024), load, row["setup"],
+        )  # fmt: skip
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", "| ratio | measured | must | goal | holds |", "|---|---|---|---|---|"]
+    for line in document["thresholds"]:
+        goal = "" if line["goal"] is None else f"{line['goal']:g}"
+        value = line["ratio"]
+        holds = "not run" if value is None else ("yes" if value >= line["must"] else "**no**")
+        if value is not None and line["goal"] is not None and value >= line["goal"]:
+            holds = "yes, and the goal"
+        lines.append(
+            f"| {line['row']} / {line['of']} | {_number(value, 3)} | {line['must']:g} | {goal} "
+            f"| {holds} |"
+        )
+    return "\n".join([*lines, *(f"\nSkipped {line}" for line in document["skipped"])]) + "\n"
+
+
+def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
+    return "" if value is None else f"{value * scale:.{digits}f}"
+
+
+def write(document: dict[str, Any], folder: Path) -> None:
+    """Write bench.json, table.md and bench.png into the folder, each in one piece."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _replace(folder / "bench.json", (json.dumps(document, indent=1) + "\n").encode())
+    _replace(folder / "table.md", table(document).encode())
+    _replace(folder / "bench.png", picture(document))
+
+
+def picture(document: dict[str, Any]) -> bytes:
+    """Return a bar plot of the rates as PNG, coloured by the physics that each is divided by."""
+    from io import BytesIO
+
+    from matplotlib.figure import Figure
+
+    rows = document["rows"][::-1]
+    figure = Figure(figsize=(8, 0.32 * len(rows) + 1.2), layout="constrained")
+    axes = figure.subplots()
+    ceiling = [row["name"].startswith("raw_physics") for row in rows]
+    colours = ["0.65" if raw else "C0" if row["name"].startswith(OWN) else "C1"
+               for raw, row in zip(ceiling, rows, strict=True)]  # fmt: skip
+    bars = axes.barh(
+        [row["name"] for row in rows], [row["per_second"] for row in rows], color=colours
+    )
+    axes.bar_label(
+        bars,
+        [f"{row['per_second']:,.0f}  ({_number(row['ratio'], 2)})" for row in rows],
+        padding=3,
+        fontsize=8,
+    )
+    axes.set_xlabel(
+        "environment steps a second (ratio to the same physics without anything around it)"
+    )
+    axes.set_xlim(right=1.25 * max(row["per_second"] for row in rows))
+    axes.spines[["top", "right"]].set_visible(False)
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=150)
+    return buffer.getvalue()
+
+
+OWN = ("batched_env", "collector", "es_population")
+
+
+def _replace(path: Path, content: bytes) -> None:
+    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+        file.write(content)
+    os.replace(file.name, path)

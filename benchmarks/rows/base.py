@@ -1,0 +1,69 @@
+"""A row of the comparison: something that makes environment steps, and by what its rate is divided.
+
+    row.build()
+    rate = row.run().per_second
+    row.close()
+
+Rows run in turns, so a row must stay idle between its runs.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from importlib.util import find_spec
+from typing import ClassVar, NamedTuple
+
+
+class Timing(NamedTuple):
+    """One run of a row."""
+
+    steps: int  # environment steps
+    seconds: float
+    episodes: int  # that ended within
+
+    @property
+    def per_second(self) -> float:
+        """Environment steps a second."""
+        return self.steps / self.seconds
+
+
+class Row(ABC):
+    """One way to make environment steps.
+
+    Attributes:
+        name: the row's, for good.
+        of: name of the row whose rate divides this one's; None for a row that is a divisor itself.
+        setup: threads, processes and sizes, in words.
+        needs: a package that the row cannot run without, and is not among the project's own.
+        simulations: how many it holds.
+        memory: kind of memory of `benchmarks.memory` that each takes; None for one process a
+        simulation.
+    """
+
+    name: str
+    of: str | None = "raw_physics"
+    setup: str
+    needs: ClassVar[str | None] = None
+    simulations: int = 1
+    memory: str | None = None
+
+    def missing(self) -> str | None:
+        """Return why the row cannot run here, or None."""
+        if self.needs and find_spec(self.needs) is None:
+            return f"{self.name}: {self.needs} is not installed; pip install '.[bench]'"
+        return None
+
+    @abstractmethod
+    def build(self) -> None:
+        """Make everything that is not timed, and warm it up."""
+
+    @abstractmethod
+    def run(self) -> Timing:
+        """Do the work once."""
+
+    def pids(self) -> list[int]:
+        """Return its worker processes, if it has any."""
+        return []
+
+    def close(self) -> None:  # noqa: B027 - most rows hold nothing that needs it
+        """End workers."""

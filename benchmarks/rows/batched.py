@@ -1,0 +1,164 @@
+"""This project's batched environment: stepped by hand, and by a TorchRL collector.
+
+The run restarts from one seed each time, so that each run makes the same steps, and its physics can
+be recorded once.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import nn
+from torchrl.collectors import Collector
+from torchrl.envs import EnvBase, TransformedEnv
+
+from benchmarks.rows.base import Row, Timing
+from benchmarks.rows.physics import Recorder, Tape
+from benchmarks.world import THREADS, Gait, controller, make_simulation, make_tasks
+from envs.rows import Rows
+from envs.torch_env import RandomizeParams, RowsEnv
+
+SEED = 7
+WARM_UP = 60  # control steps before the clock starts: the rows are then spread over their episodes
+
+
+def make_env(rows: Rows) -> TransformedEnv:
+    """Return the randomized Hopper as a user makes it."""
+    return TransformedEnv(RowsEnv(rows, seed=SEED), RandomizeParams(make_tasks()))
+
+
+def make_actor(gait: Gait) -> TensorDictModule:
+    """Return the policy as TorchRL takes it, for float64 observations too."""
+    network = nn.Sequential(Single(), *controller(gait).network())
+    return TensorDictModule(network, in_keys=["observation"], out_keys=["action"])
+
+
+class Single(nn.Module):
+    """Makes its input float32."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Return x (..., O) in single precision; itself if it is."""
+        return x.float()
+
+
+class BatchedEnv(Row):
+    """`step_and_maybe_reset` with the policy in the loop.
+
+    Args:
+        name: the row's.
+        num_rows: N.
+        steps: control steps of each row a run.
+        gait: which policy.
+        of: its raw physics.
+    """
+
+    memory = "batched"
+
+    def __init__(
+        self, name: str, num_rows: int, steps: int, gait: Gait, of: str = "raw_physics"
+    ) -> None:
+        self.name, self.of, self.simulations = name, of, num_rows
+        self._steps = steps
+        self._gait: Gait = gait
+        self.setup = f"N = {num_rows}, {THREADS} physics threads, torch policy on 1, {gait}"
+
+    def build(self) -> None:
+        """Make the environment."""
+        self._actor = make_actor(self._gait)
+        self._env = make_env(make_simulation(self.simulations))
+
+    def run(self) -> Timing:
+        """Start anew, warm up, and time the rest."""
+        return self._timed(self._env, self._warm(self._env))
+
+    def record(self) -> Tape:
+        """Do the work of a run on rows that record it, and return the tape of what is timed."""
+        recorder = Recorder(make_simulation(self.simulations))
+        self._actor = make_actor(self._gait)
+        env = make_env(recorder)  # type: ignore[arg-type]
+        start = self._warm(env)
+        recorder.restart()
+        self._timed(env, start)
+        return recorder.tape
+
+    @torch.no_grad()
+    def _warm(self, env: TransformedEnv) -> TensorDictBase:
+        env.set_seed(SEED)
+        tensordict = env.reset()
+        for _ in range(WARM_UP):
+            _, tensordict = env.step_and_maybe_reset(self._actor(tensordict))
+        return tensordict
+
+    @torch.no_grad()
+    def _timed(self, env: TransformedEnv, tensordict: TensorDictBase) -> Timing:
+        ended = []
+        begin = time.perf_counter()
+        for _ in range(self._steps):
+            done, tensordict = env.step_and_maybe_reset(self._actor(tensordict))
+            ended.append(done["next", "done"])
+        seconds = time.perf_counter() - begin
+        return Timing(
+            self._steps * self.simulations, seconds, int(sum(done.sum() for done in ended))
+        )
+
+
+class Collected(Row):
+    """A TorchRL collector.
+
+    Args:
+        name: the row's.
+        simulations: N.
+        make: returns the environment.
+        frames: environment steps a batch.
+        batches: timed batches a run.
+        gait: which policy.
+        setup: in words.
+        of: the row that divides.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        simulations: int,
+        make: Callable[[], EnvBase],
+        frames: int,
+        batches: int,
+        gait: Gait,
+        setup: str,
+        of: str = "raw_physics",
+    ) -> None:
+        self.name, self.of, self.setup, self.simulations = name, of, setup, simulations
+        self.memory = "batched" if simulations > 1 else "gymnasium"
+        self._make, self._frames, self._batches = make, frames, batches
+        self._gait: Gait = gait
+
+    def build(self) -> None:
+        """Make the collector and let it deliver one batch."""
+        self._collector = Collector(
+            self._make,  # pyright: ignore[reportArgumentType]
+            make_actor(self._gait),
+            frames_per_batch=self._frames,
+            total_frames=-1,
+            no_cuda_sync=True,
+            auto_register_policy_transforms=False,
+        )
+        self._batch = iter(self._collector)
+        next(self._batch)
+
+    def run(self) -> Timing:
+        """Time some batches."""
+        steps = episodes = 0
+        begin = time.perf_counter()
+        for _ in range(self._batches):
+            batch = next(self._batch)
+            steps += batch.numel()
+            episodes += int(batch["next", "done"].sum())
+        return Timing(steps, time.perf_counter() - begin, episodes)
+
+    def close(self) -> None:
+        """End the collector and its environment."""
+        self._collector.shutdown()

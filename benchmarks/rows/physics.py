@@ -1,0 +1,175 @@
+"""The ceiling: `mujoco.batch` alone, replaying what a row above it did.
+
+    simulation = Recorder(make_simulation(256))
+    ...                                              # anything that steps it
+    replay = Replay(256, simulation.tape, threads=2)
+    replay.run()
+
+Contacts change what a step costs, so the controls, the starting states and the parameters are those
+of the row that is compared, bit for bit. The clock runs while controls are written and simulations
+step, and stops during resets: what a reset costs is charged to the rows above, not to physics.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from benchmarks.rows.base import Row, Timing
+from envs.quiet import quiet_engine
+from envs.rows import Step
+from envs.simulation import Simulation
+from envs.tasks import Hopper
+
+FIELDS = ("body_mass", "geom_friction")  # of the model, that the randomization writes
+STATE = ("qpos", "qvel", "qacc_warmstart")
+NO_STAGE = mujoco.mjtStage.mjSTAGE_NONE.value  # pyright: ignore[reportAttributeAccessIssue]
+
+
+class Start(NamedTuple):
+    """Simulations put into a state under parameters."""
+
+    ids: np.ndarray  # (n,)
+    state: tuple[np.ndarray, ...]  # of STATE, (n, ·) each
+    fields: tuple[np.ndarray, ...]  # of FIELDS, (n, …) each
+
+
+class Advance(NamedTuple):
+    """One control step of simulations."""
+
+    ids: np.ndarray | None  # (n,), None: all
+    control: np.ndarray  # (n, A)
+
+
+Tape = list[Start | Advance]
+
+
+class Watched:
+    """Rows that pass everything on to a simulation; what watches them overrides a method.
+
+    Args:
+        simulation: Hopper with the parameters of `FIELDS`.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        self.num_rows, self.max_steps = simulation.num_rows, simulation.max_steps
+        self.observation_size = simulation.observation_size
+        self.action_size = simulation.action_size
+        self.action_low, self.action_high = simulation.action_low, simulation.action_high
+        self.space = simulation.space
+
+    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        """Reset the simulation; see `envs.rows.Rows`."""
+        return self.simulation.reset(ids, values, seeds)
+
+    def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
+        """Step the simulation."""
+        return self.simulation.step(ids, action)
+
+    def start(self, ids: np.ndarray) -> Start:
+        """Return the states and models that these rows have now."""
+        batch = self.simulation.plant.batch
+        state = tuple(batch.bind(name)[ids] for name in STATE)
+        return Start(ids.copy(), state, tuple(batch.expand(name)[ids] for name in FIELDS))
+
+
+class Recorder(Watched):
+    """Rows that remember all that was done with them."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        super().__init__(simulation)
+        self.tape: Tape = []
+
+    def restart(self) -> None:
+        """Forget what was, and begin the tape with where all the rows are."""
+        self.tape = [self.start(np.arange(self.num_rows))]
+
+    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        """Reset, and record the states and models that came out."""
+        observation = super().reset(ids, values, seeds)
+        self.tape.append(self.start(ids))
+        return observation
+
+    def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
+        """Step, and record the controls."""
+        self.tape.append(Advance(None if ids is None else ids.copy(), action.copy()))
+        return super().step(ids, action)
+
+
+class Replay:
+    """A batch of its own that repeats a tape.
+
+    Args:
+        num_rows: N.
+        tape: what to do; it starts every row before it advances it.
+        threads: CPU threads.
+    """
+
+    def __init__(self, num_rows: int, tape: Tape, threads: int) -> None:
+        self.batch = Batch(Hopper().spec().compile(), num_rows, threads)
+        self._tape = tape
+        self._fields = [self.batch.expand(name) for name in FIELDS]
+        self._state = [self.batch.bind(name) for name in STATE]
+        self._ctrl = self.batch.bind("ctrl")
+
+    def run(self) -> Timing:
+        """Play the tape once."""
+        steps, seconds = 0, 0.0
+        for item in self._tape:
+            if isinstance(item, Start):
+                self._start(item)
+                continue
+            ids, control = item
+            begin = time.perf_counter()
+            self._ctrl[slice(None) if ids is None else ids] = control
+            self.batch.step(ids, Hopper.frame_skip)
+            seconds += time.perf_counter() - begin
+            steps += len(control)
+        return Timing(steps, seconds, 0)
+
+    def _start(self, start: Start) -> None:
+        for target, values in zip(self._fields, start.fields, strict=True):
+            target[start.ids] = values
+        self.batch.set_const(start.ids)
+        self.batch.reset(start.ids, stage=NO_STAGE)
+        for target, values in zip(self._state, start.state, strict=True):
+            target[start.ids] = values
+
+
+class RawPhysics(Row):
+    """The replay of another row.
+
+    Args:
+        name: the row's.
+        num_rows: N.
+        record: returns the tape; called once, when the row is built.
+        threads: CPU threads.
+        of: the row that divides; None for the ceiling itself.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        num_rows: int,
+        record: Callable[[], Tape],
+        threads: int,
+        of: str | None = "raw_physics",
+    ) -> None:
+        self.name, self.of, self.simulations = name, of, num_rows
+        self._record, self._threads = record, threads
+        self.setup = f"mujoco.batch, N = {num_rows}, {threads} threads, recorded controls"
+
+    def build(self) -> None:
+        """Record what is replayed."""
+        self._replay = Replay(self.simulations, self._record(), self._threads)
+
+    def run(self) -> Timing:
+        """Play the tape once."""
+        with quiet_engine():
+            return self._replay.run()
