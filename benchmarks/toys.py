@@ -3,7 +3,8 @@
     python -m benchmarks.toys                              # all, 5 seeds: a quarter of an hour
     python -m benchmarks.toys --only nav2d --seeds 2
 
-Writes results/toys.csv and prints a table.
+Writes results/toys.csv and prints a table. Runs that the file has are not repeated; delete it to
+start over.
 
 Trains each operator with the published hyper-parameters (Song et al. 2020: sigma 0.1, adaptation
 sigma 0.1, gradient step 0.05, SGD with rate 0.01, 150 antithetic pairs, 300 iterations, a linear

@@ -21,6 +21,8 @@ import numpy as np
 import torch
 from scipy.stats import rankdata
 
+from sim2real.errors import Sim2RealError
+
 Estimator = Literal["antithetic", "forward_fd"]
 Shaping = Literal["centred_ranks", "standardized", "none"]
 
@@ -82,7 +84,7 @@ class EvolutionStrategy:
         weight_decay: pull of the mean towards 0, as torch.optim defines it.
 
     Raises:
-        ValueError: for values out of range.
+        Sim2RealError: for values out of range.
     """
 
     def __init__(
@@ -116,9 +118,9 @@ class EvolutionStrategy:
     def _check(self, learning_rate: float, optimizer: str) -> None:
         for name, value in (("sigma", self.sigma), ("learning_rate", learning_rate)):
             if not value > 0:
-                raise ValueError(f"evolution strategy: {name}={value} must be above 0")
+                raise Sim2RealError(f"evolution strategy: {name}={value} must be above 0")
         if self.pairs < 1 or not 0 <= self.top_k <= self.pairs:
-            raise ValueError(
+            raise Sim2RealError(
                 f"evolution strategy: pairs={self.pairs} must be at least 1 and top_k={self.top_k} "
                 "between 0 (off) and pairs"
             )
@@ -129,7 +131,7 @@ class EvolutionStrategy:
         }
         for name, (value, choices) in allowed.items():
             if value not in choices:
-                raise ValueError(
+                raise Sim2RealError(
                     f"evolution strategy: {name}={value!r} is not one of {', '.join(choices)}"
                 )
 
@@ -169,14 +171,14 @@ class EvolutionStrategy:
             `gradient_norm`, the length of the estimated gradient.
 
         Raises:
-            ValueError: without candidates asked for, or for a wrong number of values or values that
-                are not finite.
+            Sim2RealError: before `ask`, or for a wrong number of values or values that are not
+                finite.
         """
         if self._noise is None:
-            raise ValueError("evolution strategy: tell() before ask()")
+            raise Sim2RealError("evolution strategy: tell() before ask()")
         fitness = np.asarray(fitness, np.float64)
         if fitness.shape != (self.size,) or not np.isfinite(fitness).all():
-            raise ValueError(
+            raise Sim2RealError(
                 f"evolution strategy: fitness must be {self.size} finite numbers, got shape "
                 f"{fitness.shape} with {int((~np.isfinite(fitness)).sum())} not finite"
             )

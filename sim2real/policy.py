@@ -21,6 +21,8 @@ import numpy as np
 import torch
 from torch import nn
 
+from sim2real.errors import Sim2RealError
+
 Activation = Literal["tanh", "relu"]
 
 
@@ -49,7 +51,7 @@ class MLPPolicy:
             "zero" starts a linear policy at 0.
 
     Raises:
-        ValueError: for sizes, names or limits that make no policy.
+        Sim2RealError: for sizes, names or limits that make no policy.
     """
 
     def __init__(
@@ -84,7 +86,7 @@ class MLPPolicy:
     def _check(self) -> None:
         if min(self.observation_size, self.action_size, *self.hidden, 1) < 1:
             sizes = (self.observation_size, *self.hidden, self.action_size)
-            raise ValueError(f"policy: layer sizes {sizes} must all be at least 1")
+            raise Sim2RealError(f"policy: layer sizes {sizes} must all be at least 1")
         allowed = {
             "activation": ("tanh", "relu"),
             "output": ("tanh", "linear"),
@@ -93,24 +95,24 @@ class MLPPolicy:
         for name, choices in allowed.items():
             if getattr(self, name) not in choices:
                 value = getattr(self, name)
-                raise ValueError(
+                raise Sim2RealError(
                     f"policy.{name.strip('_')}={value!r} is not one of {', '.join(choices)}"
                 )
         if self._initial == "zero" and self.hidden:
-            raise ValueError(
+            raise Sim2RealError(
                 f"policy.initial=zero with hidden={self.hidden} has a zero gradient everywhere; "
                 "use initial=normal, or hidden=[]"
             )
         if self.action_low.shape != (self.action_size,) or self.action_high.shape != (
             self.action_size,
         ):
-            raise ValueError(
+            raise Sim2RealError(
                 f"policy: action limits of shape {self.action_low.shape} and "
                 f"{self.action_high.shape} for {self.action_size} actions"
             )
         limits = np.stack([self.action_low, self.action_high])
         if self.output == "tanh" and not np.isfinite(limits).all():
-            raise ValueError("policy.output=tanh needs finite action limits; use output=linear")
+            raise Sim2RealError("policy.output=tanh needs finite action limits; use output=linear")
 
     @property
     def shape(self) -> dict[str, int | str | list[int]]:
@@ -245,7 +247,7 @@ class PolicyModule(nn.Module):
         super().__init__()
         theta = np.asarray(theta, np.float32)
         if theta.shape != (policy.num_parameters,):
-            raise ValueError(
+            raise Sim2RealError(
                 f"policy: {theta.shape} parameters for a network of {policy.num_parameters}"
             )
         layers: list[nn.Module] = []

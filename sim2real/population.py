@@ -22,6 +22,7 @@ import numpy as np
 
 from envs.rows import Rows
 from sim2real.adapt import Adaptation, Cohort, NoAdaptation
+from sim2real.errors import Sim2RealError
 from sim2real.normalizer import Normalizer
 from sim2real.policy import MLPPolicy
 
@@ -53,7 +54,7 @@ class Members:
         episodes = self.seeds.shape[1]
         shapes = (len(self.values), len(self.final_values), len(self.seeds))
         if shapes != (count,) * 3 or episodes < max(self.adaptation_episodes, 1):
-            raise ValueError(
+            raise Sim2RealError(
                 f"population: {count} members with {self.adaptation_episodes} adaptation episodes "
                 f"need as many values and seeds, got {shapes} rows and {episodes} seeds each"
             )
@@ -105,7 +106,7 @@ class Population:
 
     def __init__(self, shards: Sequence[Rows], policy: MLPPolicy, refill: int = 1) -> None:
         if not shards or refill < 1:
-            raise ValueError(
+            raise Sim2RealError(
                 f"population: {len(shards)} shards and refill={refill}; both must be at least 1"
             )
         self.policy = policy

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from sim2real.errors import Sim2RealError
+
 
 class Adaptation(ABC):
     """A recipe that changes a parameter vector by the returns of a fixed number of episodes."""
@@ -112,10 +114,10 @@ class Cohort(ABC):
             The members whose stage is now complete, sorted; they are in their next stage.
 
         Raises:
-            ValueError: for a value that is not finite.
+            Sim2RealError: for a value that is not finite.
         """
         if not np.isfinite(values).all():
-            raise ValueError(f"adaptation: returns must be finite numbers, got {values}")
+            raise Sim2RealError(f"adaptation: returns must be finite numbers, got {values}")
         self.values[members, episodes] = values
         np.add.at(self._told, members, 1)
         touched = np.unique(members)
@@ -175,10 +177,12 @@ class Session:
         """Report the return of the episode that was asked for.
 
         Raises:
-            ValueError: when the adaptation is done, or for a value that is not finite.
+            Sim2RealError: when the adaptation is done, or for a value that is not finite.
         """
         if self.episodes_left == 0:
-            raise ValueError(f"adaptation: all {self._operator.episodes} episodes have been told")
+            raise Sim2RealError(
+                f"adaptation: all {self._operator.episodes} episodes have been told"
+            )
         self._cohort.tell(np.array([0]), np.array([len(self._values)]), np.array([value]))
         self._values.append(float(value))
 

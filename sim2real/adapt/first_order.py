@@ -15,6 +15,7 @@ import numpy as np
 
 from sim2real.adapt.base import Adaptation, Cohort
 from sim2real.adapt.gradient import GradientAdaptation, normalize_rows
+from sim2real.errors import Sim2RealError
 
 
 class FirstOrder(Adaptation):
@@ -25,12 +26,12 @@ class FirstOrder(Adaptation):
         queries: perturbed episodes of each of the two estimates.
 
     Raises:
-        ValueError: for an operator that is not a gradient step.
+        Sim2RealError: for an operator that is not a gradient step.
     """
 
     def __init__(self, adapt: Adaptation, queries: int) -> None:
         if not isinstance(adapt, GradientAdaptation):
-            raise ValueError(
+            raise Sim2RealError(
                 "algorithm.meta_estimator=first_order needs a gradient adaptation, "
                 f"got {type(adapt).__name__}; use adapt=gradient or meta_estimator=zeroth_order"
             )

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from sim2real.adapt.base import Adaptation, Cohort
+from sim2real.errors import Sim2RealError
 from sim2real.es import orthogonal_directions
 
 
@@ -29,7 +30,7 @@ class GradientAdaptation(Adaptation):
         orthogonal: draw orthogonal perturbations.
 
     Raises:
-        ValueError: for values out of range.
+        Sim2RealError: for values out of range.
     """
 
     def __init__(
@@ -42,12 +43,12 @@ class GradientAdaptation(Adaptation):
         orthogonal: bool = False,
     ) -> None:
         if queries < 1 or not sigma > 0 or not rate > 0:
-            raise ValueError(
+            raise Sim2RealError(
                 f"adapt: queries={queries} must be at least 1, "
                 f"sigma={sigma} and rate={rate} above 0"
             )
         if baseline not in ("mean", "pivot"):
-            raise ValueError(f"adapt.baseline={baseline!r} is not one of mean, pivot")
+            raise Sim2RealError(f"adapt.baseline={baseline!r} is not one of mean, pivot")
         self._queries, self.sigma, self.rate = queries, sigma, rate
         self.baseline: Literal["mean", "pivot"] = baseline
         self.orthogonal = orthogonal

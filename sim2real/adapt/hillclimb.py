@@ -8,6 +8,7 @@ import numpy as np
 
 from sim2real.adapt.base import Adaptation, Cohort
 from sim2real.adapt.gradient import mean_rows
+from sim2real.errors import Sim2RealError
 
 Mode = Literal["sequential", "average", "batch"]
 
@@ -33,7 +34,7 @@ class HillClimb(Adaptation):
             it one lucky value under noise can stop the climb for good; the reference does without.
 
     Raises:
-        ValueError: for values out of range.
+        Sim2RealError: for values out of range.
     """
 
     def __init__(
@@ -47,14 +48,14 @@ class HillClimb(Adaptation):
         reevaluate_incumbent: bool = False,
     ) -> None:
         if mode not in ("sequential", "average", "batch"):
-            raise ValueError(f"adapt.mode={mode!r} is not one of sequential, average, batch")
+            raise Sim2RealError(f"adapt.mode={mode!r} is not one of sequential, average, batch")
         if mode == "sequential" and parallel != 1:
-            raise ValueError(
+            raise Sim2RealError(
                 f"adapt.parallel={parallel} with mode=sequential: it must be 1; "
                 "use mode=average or batch"
             )
         if queries < 1 or parallel < 1 or not sigma > 0 or incumbent_episodes < 0:
-            raise ValueError(
+            raise Sim2RealError(
                 f"adapt: queries={queries} and parallel={parallel} must be at least 1, "
                 f"sigma={sigma} above 0, incumbent_episodes={incumbent_episodes} at least 0"
             )

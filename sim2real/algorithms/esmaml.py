@@ -25,6 +25,7 @@ from envs.rows import Rows
 from sim2real.adapt import Adaptation
 from sim2real.adapt.first_order import FirstOrder, FirstOrderCohort
 from sim2real.algorithms.base import Algorithm
+from sim2real.errors import CheckpointError, Sim2RealError
 from sim2real.es import Estimator, EvolutionStrategy, Shaping
 from sim2real.normalizer import Normalizer
 from sim2real.policy import MLPPolicy, PolicyModule
@@ -44,14 +45,14 @@ def make_shards(
         effects: what may differ per row.
 
     Raises:
-        ValueError: for more shards than rows, or effects for an environment that takes none.
+        Sim2RealError: for more shards than rows, or effects for an environment that takes none.
     """
     if not 1 <= shards <= num_rows:
-        raise ValueError(f"shards={shards} must be between 1 and num_rows={num_rows}")
+        raise Sim2RealError(f"shards={shards} must be between 1 and num_rows={num_rows}")
     takes = inspect.signature(env).parameters
     extra: dict[str, Any] = {"threads": 1} if "threads" in takes else {}
     if effects and "effects" not in takes:
-        raise ValueError(
+        raise Sim2RealError(
             f"this environment takes no effects, the tasks need {len(effects)}; "
             "use the environment's own tasks"
         )
@@ -98,7 +99,7 @@ class ESMAML(Algorithm):
             return noise.
 
     Raises:
-        ValueError: for values out of range, or tasks that the environment cannot have.
+        Sim2RealError: for values out of range, or tasks that the environment cannot have.
     """
 
     def __init__(
@@ -131,12 +132,12 @@ class ESMAML(Algorithm):
         clean_final: Sequence[str],
     ) -> None:
         if tasks_per_member < 1 or final_episodes < 1:
-            raise ValueError(
+            raise Sim2RealError(
                 f"algorithm: tasks_per_member={tasks_per_member} and "
                 f"final_episodes={final_episodes} must be at least 1"
             )
         if meta_estimator not in ("zeroth_order", "first_order"):
-            raise ValueError(
+            raise Sim2RealError(
                 f"algorithm.meta_estimator={meta_estimator!r} is not one of "
                 "zeroth_order, first_order"
             )
@@ -271,15 +272,15 @@ class ESMAML(Algorithm):
         """Take over a state that `state_dict` returned.
 
         Raises:
-            ValueError: for a state of another policy, or with and without normalized observations.
+            CheckpointError: for a state of another policy or another normalization.
         """
         if dict(state["policy"]) != self.policy.shape:
-            raise ValueError(
+            raise CheckpointError(
                 f"checkpoint: its policy is {dict(state['policy'])}, this run's is "
                 f"{self.policy.shape}; give the run the checkpoint's env and policy"
             )
         if (state["normalizer"] is None) != (self.normalizer is None):
-            raise ValueError(
+            raise CheckpointError(
                 "checkpoint: normalize_observations differs between the checkpoint and this run; "
                 "set algorithm.normalize_observations as it was"
             )

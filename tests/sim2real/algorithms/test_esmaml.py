@@ -10,7 +10,11 @@ import numpy as np
 import pytest
 import torch
 
+from envs.effects import make
 from envs.errors import ParameterError
+from envs.randomization import Draw, Randomization
+from envs.simulation import Simulation
+from envs.tasks.hopper import Hopper
 from envs.toys import AngleBias, BiasedCartPole, Nav2D, NavGoals, NoisyNav2D
 from sim2real.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
 from sim2real.algorithms.esmaml import ESMAML, make_shards
@@ -121,6 +125,26 @@ def test_resumes_bit_for_bit(between: dict) -> None:
     assert other.normalizer is not None
     np.testing.assert_array_equal(one.normalizer.std, other.normalizer.std)
     assert one.frames == other.frames > 0
+
+
+def make_hopper(**changes: Any) -> ESMAML:
+    """ES-MAML on a few short Hopper episodes with randomized physics."""
+    draws = [
+        Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0),
+        Draw(make("ground_friction"), low=1.5, high=2.5),
+    ]
+    env = partial(Simulation, Hopper(max_steps=15))
+    options = {**OPTIONS, **SMALL, "pairs": 3, **changes}
+    return ESMAML(env, Randomization(draws), HIDDEN, QUICK, 0, **options)
+
+
+def test_physics_runs_the_same_on_any_rows_and_shards() -> None:
+    """On MuJoCo with randomized physics, one row and two shards give the same bits."""
+    runs = [make_hopper(), make_hopper(num_rows=1), make_hopper(num_rows=7, shards=2)]
+    metrics = [[run.iterate() for _ in range(2)] for run in runs]
+    assert metrics[0] == metrics[1] == metrics[2]
+    for run in runs[1:]:
+        np.testing.assert_array_equal(run.theta, runs[0].theta)
 
 
 def test_same_seed_same_run_other_seed_other_run() -> None:
