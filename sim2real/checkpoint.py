@@ -200,7 +200,7 @@ class CheckpointStore:
             kept = f"the newest whole one is {newest}" if newest else "there is none before it"
             raise DiskError(
                 f"the checkpoint of iteration {iteration} could not be written to {self.folder} "
-                f"({error.strerror or error}); {kept}; free some space, then resume"
+                f"({error.strerror or error}); {kept}; {DiskError.remedy(error)}, then resume"
             ) from error
 
     def latest(self) -> Path | None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
 
 class Sim2RealError(ValueError):
     """Base of every error that a user of `sim2real` can cause; its text says what to do instead."""
@@ -17,6 +21,11 @@ class DamagedCheckpointError(CheckpointError):
 
 class DiskError(Sim2RealError):
     """A file of the run could not be written, such as on a full disk."""
+
+    @staticmethod
+    def remedy(error: OSError) -> str:
+        """Return what can be done about an error of the file system."""
+        return "free some space" if error.errno in NO_ROOM else "make the folder writable"
 
 
 class RenderError(Sim2RealError):

@@ -15,34 +15,31 @@ up to there are whole.
 
 from __future__ import annotations
 
-import inspect
 import logging
 import signal
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import torch
+from typing import cast
 
 from envs.randomization import Tasks
 from envs.rows import Rows
 from sim2real import plots
 from sim2real.adapt import Adaptation
 from sim2real.algorithms.base import Algorithm
-from sim2real.checkpoint import FOLDER, CheckpointStore, find, restore, run_folder
-from sim2real.errors import CheckpointError, DiskError, RenderError, Sim2RealError, Stopped
-from sim2real.evaluate import Evaluation, evaluate_grid
-from sim2real.metrics import MetricsFile
+from sim2real.checkpoint import find
+from sim2real.errors import RenderError, Sim2RealError, Stopped
+from sim2real.evaluate import Adaptable, Evaluation, evaluate_grid
+from sim2real.learner import build, identity
+from sim2real.loggers import Loggers
 from sim2real.policy import MLPPolicy
 from sim2real.progress import Progress
+from sim2real.run_files import SCORE, RunFiles
 from sim2real.stopping import Stopping
 from sim2real.video import Video
 
 log = logging.getLogger(__name__)
-STEP = "train/iteration"
 
 
 def run(
@@ -53,9 +50,9 @@ def run(
     adapt: Adaptation,
     algorithm: Callable[..., Algorithm],
     eval: Evaluation | None,
-    logger: Any,
+    logger: Loggers,
     seed: int,
-    device: str | torch.device,
+    device: str,
     iterations: int | None,
     frames: int | None,
     checkpoint_every: int,
@@ -94,21 +91,19 @@ def run(
         Stopped: after a signal.
     """
     budget = Budget(iterations, frames)
-    if checkpoint_every < 1:
-        raise Sim2RealError(f"checkpoint_every={checkpoint_every} must be at least 1 iteration")
     source = None if resume is None else find(resume)
-    learner = build(
-        algorithm, env=env, tasks=params, policy=policy, adapt=adapt, seed=seed, device=device
-    )
+    parts = {"env": env, "tasks": params, "policy": policy, "adapt": adapt, "device": device}
+    learner = build(algorithm, **parts, seed=seed)
     files = RunFiles(Path(out), identity(learner, env), checkpoint_every, keep_checkpoints)
     files.begin(learner, source)
-    learn(learner, budget, files)
+    with logger.opened(files.out, files.config):
+        learn(learner, budget, files, logger)
     try:
-        finish(learner, files, env, eval, video, seed)
+        with files.writing():
+            finish(learner, files, env, eval, video, seed)
     except KeyboardInterrupt:
-        raise _stopped(
-            files, "training is complete, its evaluation is not", signal.SIGINT
-        ) from None
+        what = "training is complete, its evaluation is not"
+        raise _stopped(files, what, signal.SIGINT) from None
     return learner
 
 
@@ -152,106 +147,7 @@ class Budget:
         return algorithm.iteration if self.iterations is not None else algorithm.frames
 
 
-class RunFiles:
-    """What a run keeps in its folder while it trains: metrics.csv, timing.csv and checkpoints.
-
-    Args:
-        out: the folder.
-        identity: what a checkpoint must share with a run that continues it.
-        every: iterations between checkpoints.
-        keep: how many of the newest checkpoints stay.
-    """
-
-    def __init__(self, out: Path, identity: dict[str, Any], every: int, keep: int) -> None:
-        self.out, self.identity = out, identity
-        self.metrics, self.timing = (
-            MetricsFile(out / "metrics.csv"),
-            MetricsFile(out / "timing.csv"),
-        )
-        self.store = CheckpointStore(out / FOLDER, keep)
-        self._every, self._saved, self._score = every, 0, float("nan")
-
-    def begin(self, algorithm: Algorithm, source: Path | None) -> None:
-        """Start afresh, or from the checkpoint `source` of another run or of this one.
-
-        Raises:
-            CheckpointError: for a checkpoint that does not fit, or a folder that already holds a
-                run.
-        """
-        if source is None:
-            if newest := self.store.latest():
-                raise CheckpointError(
-                    f"{self.out} already holds a run; continue it with resume={newest}"
-                )
-            return
-        restore(source, algorithm, self.identity)
-        self._saved = algorithm.iteration
-        former = run_folder(source)
-        with self.writing():
-            self.out.mkdir(parents=True, exist_ok=True)
-            self.store.adopt(source)
-            for file in (self.metrics, self.timing):
-                file.cut(STEP, algorithm.iteration, MetricsFile(former / file.path.name))
-        log.info("continuing %s after iteration %d", source, algorithm.iteration)
-
-    def record(
-        self, algorithm: Algorithm, metrics: dict[str, float], seconds: float, steps: int
-    ) -> None:
-        """Write the rows of an iteration of so many seconds and steps; and a checkpoint if due."""
-        self._score = metrics.get("train/return", float("nan"))
-        step = {STEP: algorithm.iteration}
-        with self.writing():
-            self.out.mkdir(parents=True, exist_ok=True)
-            self.metrics.write(step | metrics)
-            self.timing.write(
-                step | {"time/seconds": seconds, "time/fps": steps / max(seconds, 1e-9)}
-            )
-        if algorithm.iteration >= self._saved + self._every:
-            self.save(algorithm)
-
-    def save(self, algorithm: Algorithm) -> None:
-        """Write a checkpoint of the present state, unless there is one."""
-        if algorithm.iteration > self._saved:
-            facts = {**self.identity, "frames": algorithm.frames, "train/return": self._score}
-            self.store.save(algorithm, algorithm.iteration, facts, self._score)
-            self._saved = algorithm.iteration
-
-    @contextmanager
-    def writing(self) -> Any:
-        """Say in one sentence what it means that a file could not be written."""
-        try:
-            yield
-        except OSError as error:
-            newest = self.store.latest()
-            resume = f"continue with resume={newest}" if newest else "nothing was saved yet"
-            raise DiskError(
-                f"the run's files in {self.out} could not be written ({error.strerror or error}); "
-                f"the run stops; free some space, then {resume}"
-            ) from error
-
-
-def build(algorithm: Callable[..., Algorithm], **parts: Any) -> Algorithm:
-    """Make the algorithm from those parts that it takes."""
-    takes = inspect.signature(algorithm).parameters
-    return algorithm(**{name: part for name, part in parts.items() if name in takes})
-
-
-def identity(algorithm: Algorithm, env: Callable[..., Rows]) -> dict[str, Any]:
-    """Return what tells whether a checkpoint fits: the task's name and the policy's shape."""
-    keywords = getattr(env, "keywords", {})
-    task = (
-        type(keywords["task"]).__name__
-        if "task" in keywords
-        else getattr(env, "func", env).__name__
-    )
-    return {
-        "task": task,
-        "algorithm": type(algorithm).__name__,
-        "policy": dict(getattr(getattr(algorithm, "policy", None), "shape", {})),
-    }
-
-
-def learn(algorithm: Algorithm, budget: Budget, files: RunFiles) -> None:
+def learn(algorithm: Algorithm, budget: Budget, files: RunFiles, logger: Loggers) -> None:
     """Iterate until the budget is spent, keeping the run's files.
 
     Raises:
@@ -263,13 +159,11 @@ def learn(algorithm: Algorithm, budget: Budget, files: RunFiles) -> None:
             try:
                 metrics = algorithm.iterate()
             except KeyboardInterrupt:
-                raise _stopped(
-                    files, "the iteration in progress was abandoned", stopping.signal
-                ) from None
-            files.record(algorithm, metrics, time.monotonic() - start, algorithm.frames - steps)
-            progress.update(
-                budget.spent(algorithm), algorithm.frames, metrics.get("train/return", float("nan"))
-            )
+                what = "the iteration in progress was abandoned"
+                raise _stopped(files, what, stopping.signal) from None
+            seconds, steps = time.monotonic() - start, algorithm.frames - steps
+            logger.log(files.record(algorithm, metrics, seconds, steps), algorithm.frames)
+            progress.update(budget.spent(algorithm), algorithm.frames, metrics.get(SCORE))
         files.save(algorithm)
     if stopping.signal:
         raise _stopped(files, f"stopped after iteration {algorithm.iteration}", stopping.signal)
@@ -277,12 +171,8 @@ def learn(algorithm: Algorithm, budget: Budget, files: RunFiles) -> None:
 
 def _stopped(files: RunFiles, what: str, number: int) -> Stopped:
     newest = files.store.latest()
-    how = (
-        f"to continue, run the same command with resume={newest}"
-        if newest
-        else "no checkpoint was written yet"
-    )
-    return Stopped(f"{what}; {how}", 128 + number)
+    again = f"to continue, run the same command with resume={newest}"
+    return Stopped(f"{what}; {again if newest else 'there is no checkpoint yet'}", 128 + number)
 
 
 def finish(
@@ -302,12 +192,6 @@ def finish(
         except RenderError as error:
             log.warning("no video: %s", error)
     if evaluation is not None:
-        with Progress(1, "evaluation") as progress:
-            evaluate_grid(
-                algorithm,
-                evaluation,
-                seed,
-                files.out,
-                name=f"seed {seed}",
-                progress=progress.report,
-            )  # type: ignore[arg-type]
+        learner, name = cast(Adaptable, algorithm), f"seed {seed}"
+        with Progress(1, "task") as progress:
+            evaluate_grid(learner, evaluation, seed, files.out, name=name, progress=progress.report)

@@ -19,6 +19,7 @@ from sim2real import train
 from sim2real.algorithms.base import Algorithm
 from sim2real.checkpoint import listing, read_metadata
 from sim2real.errors import CheckpointError, DiskError, RenderError, Sim2RealError, Stopped
+from sim2real.loggers import Loggers
 from sim2real.metrics import MetricsFile
 from sim2real.progress import Progress, clock
 
@@ -69,7 +70,7 @@ def go(out: Path, events: dict[int, Any] | None = None, **changes: Any) -> Walk:
         "adapt": None,
         "algorithm": lambda seed: Walk(seed, events),
         "eval": None,
-        "logger": None,
+        "logger": Loggers([]),
         "seed": 0,
         "device": "cpu",
         "iterations": 10,

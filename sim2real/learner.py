@@ -1,0 +1,37 @@
+"""Making the algorithm of a run from its parts, and saying what a checkpoint must share with it.
+
+learner = build(algorithm, env=env, tasks=params, policy=policy, adapt=adapt, seed=0)
+restore(path, learner, expected=identity(learner, env))
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from envs.rows import Rows
+from sim2real.algorithms.base import Algorithm
+
+
+def build(algorithm: Callable[..., Algorithm], **parts: Any) -> Algorithm:
+    """Make the algorithm from those parts that it takes."""
+    takes = inspect.signature(algorithm).parameters
+    return algorithm(**{name: part for name, part in parts.items() if name in takes})
+
+
+def identity(algorithm: Algorithm, env: Callable[..., Rows]) -> dict[str, Any]:
+    """Return what tells whether a checkpoint fits: the task, the algorithm and the policy's shape.
+
+    Args:
+        algorithm: as `build` made it.
+        env: what makes its environment: a class, or a partial with the task among its arguments.
+    """
+    given = getattr(env, "keywords", {})
+    maker = getattr(env, "func", env)
+    policy = getattr(algorithm, "policy", None)
+    return {
+        "task": type(given["task"]).__name__ if "task" in given else maker.__name__,
+        "algorithm": type(algorithm).__name__,
+        "policy": dict(getattr(policy, "shape", {})),
+    }
