@@ -1,0 +1,29 @@
+"""What every test can rely on: small thread counts, pictures without a screen, skips that say why."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before torch and numpy are imported
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import pytest
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test whose machine, robot or library is not there."""
+    if item.get_closest_marker("gpu"):
+        import torch
+
+        if not torch.cuda.is_available():
+            pytest.skip("needs a CUDA device")
+    if item.get_closest_marker("hardware") and "SIM2REAL_PORT" not in os.environ:
+        pytest.skip("needs a robot; name its serial port in SIM2REAL_PORT")
+    if item.get_closest_marker("render"):
+        from sim2real.errors import RenderError
+        from sim2real.video import backend
+
+        try:
+            backend()
+        except RenderError as error:
+            pytest.skip(str(error))

@@ -1,0 +1,111 @@
+"""conf/ as documentation and as configuration: every key explained, every choice and experiment composes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sim2real.catalogue import CONF, groups, options, summary
+from sim2real.config import compose, prepare
+from sim2real.targets import build
+
+FILES = sorted(CONF.rglob("*.yaml"))
+KEY = re.compile(r"^(?P<indent>[ -]*)(?P<key>[A-Za-z_][\w.]*|override /\w+):(?P<value>.*)$")
+CHOICES = [(g, o) for g in groups() if g not in ("run", "experiment") for o in options(g)]
+
+
+def unexplained(path: Path, root: Path = CONF) -> list[str]:
+    """Return the keys of a YAML file that have no comment beside or above them.
+
+    In robot/, keys without a value are joints' names, which are the user's own words.
+    """
+    names = path.parent.name == "robot"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    found = []
+    for number, line in enumerate(lines):
+        match = KEY.match(line)
+        beside = match is not None and ("#" in match["value"] or (names and not match["value"]))
+        above = (
+            number > 0
+            and lines[number - 1].strip().startswith("#")
+            and "@package" not in lines[number - 1]
+        )
+        if match is not None and not beside and not above:
+            found.append(f"{path.relative_to(root)}:{number + 1} {match['key']}")
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(CONF)))
+def test_every_key_has_a_comment(path: Path) -> None:
+    """Beside or above each key stands what it means; the first line says what the file is."""
+    assert unexplained(path) == []
+    assert summary(path)
+
+
+def test_a_key_without_a_comment_is_found(tmp_path: Path) -> None:
+    """The check is not satisfied by a comment somewhere else in the file."""
+    file = tmp_path / "some.yaml"
+    file.write_text("# a file\n\nfirst: 1\nsecond: 2  # told\n# told\nthird: 3\nfourth:\n  - 5\n")
+    assert [line.split()[-1] for line in unexplained(file, tmp_path)] == ["first", "fourth"]
+
+
+@pytest.mark.parametrize("name", options("experiment"))
+def test_experiments_compose(name: str) -> None:
+    """Each experiment composes and fits the signatures of what it names."""
+    tree = compose([f"+experiment={name}"])
+    assert tree["iterations"] or tree["frames"]
+
+
+@pytest.mark.parametrize(("group", "option"), CHOICES)
+def test_choices_compose(group: str, option: str) -> None:
+    """Each choice of each group composes with the defaults of the rest and fits its signatures."""
+    tree = compose([f"{group}={option}"])
+    assert tree[group] is None or tree[group]["_target_"]
+
+
+@pytest.mark.parametrize("name", options("experiment"))
+def test_experiments_can_be_built(name: str, tmp_path: Path) -> None:
+    """What an experiment names can be made, and its tasks fit its environment."""
+    verb, arguments = prepare(compose([f"+experiment={name}", "logger=csv"]), tmp_path)
+    assert callable(verb)
+    effects = arguments["params"].effects
+    rows = arguments["env"](num_rows=2, **({"effects": effects} if effects else {}))
+    arguments["params"].check(rows.space)
+    if arguments.get("eval") is not None:
+        assert arguments["eval"].grid.values(rows.space).shape[1] == rows.space.size
+
+
+def test_the_hopper_grid_is_that_of_the_literature() -> None:
+    """Twelve masses from 0.5 to 11.5 kg by fifteen frictions from 0.1 to 2.9, the training range inside."""
+    grid = build(compose(["eval=grid_hopper"])["eval"], "eval").grid
+    mass, friction = (axis.values for axis in grid.axes)
+    assert (len(mass), mass[0], mass[-1], round(mass[1] - mass[0], 9)) == (12, 0.5, 11.5, 1.0)
+    assert (len(friction), friction[0], friction[-1], round(friction[1] - friction[0], 9)) == (
+        15,
+        0.1,
+        2.9,
+        0.2,
+    )
+
+
+def test_three_episodes_of_adaptation() -> None:
+    """The main job adapts in three episodes, the unchanged policy's own counted."""
+    assert build(compose(["+experiment=esmaml"])["adapt"], "adapt").episodes == 3
+
+
+def test_fixed_is_one_robot() -> None:
+    """`params=fixed` draws 6 kg and friction 2 and nothing else."""
+    draws = build(compose(["params=fixed"])["params"], "params").draws
+    assert [(d.effect.name, d.low, d.high) for d in draws] == [
+        ("link_mass", 6, 6),
+        ("ground_friction", 2, 2),
+    ]
+
+
+def test_the_defaults_leave_room_for_an_experiment() -> None:
+    """An entry for `experiment` in the defaults list would make +experiment=NAME an error."""
+    root = yaml.safe_load((CONF / "config.yaml").read_text())
+    assert not any("experiment" in str(entry) for entry in root["defaults"])
