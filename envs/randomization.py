@@ -67,7 +67,10 @@ class Draw:
 
     def __post_init__(self) -> None:
         name = self.effect.label()
-        needs = {"uniform": ("low", "high"), "normal": ("mean", "std")}
+        needs: dict[str, tuple[str, ...]] = {
+            "uniform": ("low", "high"),
+            "normal": ("mean", "std"),
+        }
         needs["truncated_normal"] = needs["uniform"] + needs["normal"]
         if self.distribution not in needs:
             raise ParameterError(
@@ -102,7 +105,8 @@ class Draw:
             return rng.uniform(self.low, self.high, shape)  # type: ignore[arg-type]
         low, high = self.reach
         a, b = (low - self.mean) / self.std, (high - self.mean) / self.std  # type: ignore[operator]
-        return truncnorm.rvs(a, b, loc=self.mean, scale=self.std, size=shape, random_state=rng)
+        law = truncnorm(a, b, loc=self.mean, scale=self.std)
+        return np.asarray(law.rvs(size=shape, random_state=rng))
 
 
 class Randomization:

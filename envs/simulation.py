@@ -149,10 +149,10 @@ class Simulation:
         """Return the action with 0 in rows that are not finite, and those rows if any."""
         if action.shape != (n, self.action_size):
             raise TaskError(f"action must have shape ({n}, {self.action_size}), got {action.shape}")
-        finite = np.isfinite(action)
+        finite: np.ndarray = np.isfinite(action)
         if finite.all():
             return action, None
-        refused = ~finite.all(1)
+        refused = np.asarray(~finite.all(1))
         return np.where(refused[:, None], 0.0, action), refused
 
     def _state(self, ids: np.ndarray | None) -> State:
@@ -170,5 +170,5 @@ class Simulation:
 
 def _not_finite(x: np.ndarray) -> np.ndarray:
     """Return which rows of x (n, k) hold NaN or infinity, (n,)."""
-    finite = np.isfinite(x)
-    return np.zeros(len(x), dtype=bool) if finite.all() else ~finite.all(1)
+    finite: np.ndarray = np.isfinite(x)
+    return np.zeros(len(x), dtype=bool) if finite.all() else np.asarray(~finite.all(1))

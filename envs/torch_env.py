@@ -17,6 +17,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase, Transform
 
+from envs.errors import TaskError
 from envs.randomization import Tasks
 from envs.rows import Rows
 
@@ -64,32 +65,24 @@ class RowsEnv(EnvBase):
 
     def _make_specs(self) -> None:
         n, rows = self.batch_size[0], self.rows
-        params = Composite(
-            {
-                name: Unbounded((n,), dtype=torch.float64, device=self.device)
-                for name in rows.space.names
-            },
-            shape=(n,),
-        )
+        seen, acted = torch.Size((n, rows.observation_size)), torch.Size((n, rows.action_size))
+        one, each = torch.Size((n, 1)), torch.Size((n,))
+        flag = Binary(n=1, shape=one, dtype=torch.bool, device=self.device)
+        value = Unbounded(each, dtype=torch.float64, device=self.device)
         self.observation_spec = Composite(
-            observation=Unbounded(
-                (n, rows.observation_size), dtype=self._float, device=self.device
-            ),
-            failed=Binary(n=1, shape=(n, 1), dtype=torch.bool, device=self.device),
-            params=params,
-            shape=(n,),
+            observation=Unbounded(seen, dtype=self._float, device=self.device),
+            failed=flag.clone(),
+            params=Composite({name: value.clone() for name in rows.space.names}, shape=each),
+            shape=each,
         )
         low, high = (
-            torch.as_tensor(x, dtype=self._float).expand(n, -1)
+            torch.as_tensor(x, dtype=self._float, device=self.device).expand(acted)
             for x in (rows.action_low, rows.action_high)
         )
-        self.action_spec = Bounded(
-            low, high, (n, rows.action_size), device=self.device, dtype=self._float
-        )
-        self.reward_spec = Unbounded((n, 1), dtype=self._float, device=self.device)
-        flag = Binary(n=1, shape=(n, 1), dtype=torch.bool, device=self.device)
+        self.action_spec = Bounded(low, high, acted, device=self.device, dtype=self._float)
+        self.reward_spec = Unbounded(one, dtype=self._float, device=self.device)
         self.full_done_spec = Composite(
-            done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=(n,)
+            done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=each
         )
 
     def _set_seed(self, seed: int | None) -> None:
@@ -179,6 +172,10 @@ class RandomizeParams(Transform):
         tasks: the distribution; its `per` ("reset" or "row") says how long a row keeps its draw.
 
     The draws come from the environment's own generator, so that `set_seed` decides them too.
+
+    Raises:
+        ParameterError: at the first reset, tasks that do not fit the environment's parameters.
+        TaskError: at a reset, an environment that is not one over rows.
     """
 
     def __init__(self, tasks: Tasks) -> None:
@@ -186,7 +183,12 @@ class RandomizeParams(Transform):
         self.tasks = tasks
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
-        env = self.parent.base_env  # type: ignore[union-attr]
+        env = getattr(self.parent, "base_env", None)
+        if not isinstance(env, RowsEnv):
+            raise TaskError(
+                f"RandomizeParams draws for a RowsEnv or MujocoEnv, not for {type(env).__name__};"
+                " put it into a TransformedEnv over one of them"
+            )
         if env.tasks is not self.tasks:
             env.randomize(self.tasks)
         return tensordict

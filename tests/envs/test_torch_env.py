@@ -7,11 +7,11 @@ import pytest
 import torch
 from tensordict import TensorDictBase
 from torchrl.collectors import Collector
-from torchrl.envs import Compose, EnvBase, RewardSum, TransformedEnv
+from torchrl.envs import Compose, EnvBase, PendulumEnv, RewardSum, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from envs.effects import make
-from envs.errors import ParameterError
+from envs.errors import ParameterError, TaskError
 from envs.mujoco import MujocoEnv
 from envs.randomization import Draw, Randomization
 from envs.tasks import (
@@ -232,3 +232,10 @@ def test_restarting_without_transforms_is_the_same(per: str) -> None:
     assert set(ours.keys(True)) == set(expected.keys(True))
     for key in expected.keys(True, True):
         assert torch.equal(ours[key], expected[key]), key
+
+
+def test_parameters_need_rows() -> None:
+    """Over an environment of another kind the transform says what it is for."""
+    env = TransformedEnv(PendulumEnv(), RandomizeParams(randomization()))
+    with pytest.raises(TaskError, match="RowsEnv or MujocoEnv, not for PendulumEnv"):
+        env.reset()
