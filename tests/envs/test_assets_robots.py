@@ -46,6 +46,16 @@ def test_nominal_actuators_follow_from_the_servos(robot_and_model):
         assert armature == pytest.approx(servo.type.armature, rel=1e-3)
 
 
+def test_commands_stay_within_the_joints(robot_and_model):
+    """The angles that a servo may be commanded to lie within its joint's range, if it has one."""
+    robot, model = robot_and_model
+    for servo in robot.servos:
+        joint = model.joint(model.actuator_trnid[model.actuator(servo.name).id, 0])
+        if model.jnt_limited[joint.id]:
+            low, high = joint.range
+            assert low <= servo.position[0] < servo.position[1] <= high
+
+
 def test_home_is_a_rest(robot_and_model):
     """Left alone at its home pose with its home command, the robot stays near it for a second."""
     _, model = robot_and_model
