@@ -34,15 +34,13 @@ def main() -> None:
     if {"--help", "-h"} & set(sys.argv[1:]):
         print(overview())
         return
-    full = os.environ.get(FULL) == "1"
-    os.environ[FULL] = "1"  # Hydra then hands its errors on, and they are said here
     try:
         sys.argv[1:] = precheck(sys.argv[1:])
         launch()
     except KeyboardInterrupt as stop:
         sys.exit(_say(str(stop) or "interrupted", getattr(stop, "exit_code", 130)))
     except Exception as error:
-        sentence = None if full else explained(error)
+        sentence = None if os.environ.get(FULL) == "1" else explained(error)
         if sentence is None:
             raise
         sys.exit(_say(sentence, 2))
@@ -75,7 +73,12 @@ def launch() -> None:
 
     from sim2real.config import CONF
 
-    hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(job)()
+    before = os.environ.get(FULL, "0")
+    os.environ[FULL] = "1"  # Hydra then hands its errors on, and `main` says them
+    try:
+        hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(job)()
+    finally:
+        os.environ[FULL] = before
 
 
 def job(config: Any) -> None:

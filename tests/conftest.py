@@ -1,4 +1,4 @@
-"""What every test can rely on: small thread counts, pictures without a screen, skips that say why."""
+"""What every test can rely on: one thread, pictures without a screen, skips that say why."""
 
 from __future__ import annotations
 

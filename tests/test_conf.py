@@ -1,4 +1,4 @@
-"""conf/ as documentation and as configuration: every key explained, every choice and experiment composes."""
+"""conf/ as documentation and as configuration: each key explained, each choice composes."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_experiments_can_be_built(name: str, tmp_path: Path) -> None:
 
 
 def test_the_hopper_grid_is_that_of_the_literature() -> None:
-    """Twelve masses from 0.5 to 11.5 kg by fifteen frictions from 0.1 to 2.9, the training range inside."""
+    """Masses from 0.5 to 11.5 kg in 12 steps, frictions from 0.1 to 2.9 in 15."""
     grid = build(compose(["eval=grid_hopper"])["eval"], "eval").grid
     mass, friction = (axis.values for axis in grid.axes)
     assert (len(mass), mass[0], mass[-1], round(mass[1] - mass[0], 9)) == (12, 0.5, 11.5, 1.0)

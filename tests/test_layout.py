@@ -75,7 +75,8 @@ def test_a_wrong_arrow_is_found(tmp_path: Path) -> None:
     """The walk sees imports inside functions and those made by name."""
     file = tmp_path / "wrong.py"
     file.write_text(
-        'import importlib\ndef f():\n    from sim2real import es\n    importlib.import_module("torch.nn")\n'
+        "import importlib\ndef f():\n    from sim2real import es\n"
+        "    importlib.import_module('torch.nn')\n"
     )
     assert list(imports(file)) == ["importlib", "sim2real", "torch.nn"]
 
