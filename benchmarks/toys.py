@@ -39,9 +39,7 @@ RESULTS = Path(__file__).parent / "results" / "toys.csv"
 TEST_TASKS = 500
 POLICY = partial(MLPPolicy, hidden=(), activation="tanh", output="linear", initial="zero")
 TRAINING: dict[str, Any] = {
-    "num_rows": 300,
     "shards": 1,
-    "refill": 100,
     "sigma": 0.1,
     "learning_rate": 0.01,
     "optimizer": "sgd",
@@ -120,6 +118,8 @@ def run(name: str, operator: str, seed: int) -> dict[str, Any]:
         experiment.operators[operator],
         seed,
         pairs=experiment.pairs,
+        num_rows=2 * experiment.pairs,
+        refill=2 * experiment.pairs // 3,
         clean_final=experiment.clean,
         **TRAINING,
     )

@@ -219,7 +219,8 @@ class Slots:
         """Gather the rows' weights, once for as long as the rows and weights stay the same."""
         if len(ids) == self._num_rows:
             return self._arrays
-        if self._selected_ids is None or not np.array_equal(ids, self._selected_ids):
+        last = self._selected_ids
+        if last is None or len(ids) != len(last) or (ids != last).any():
             self._selected = [array[ids] for array in self._arrays]
             self._selected_ids = ids.copy()
         return self._selected

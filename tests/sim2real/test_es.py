@@ -36,9 +36,9 @@ def quadratic(thetas: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("orthogonal", [False, True])
 def test_gradient_of_a_quadratic(estimator: str, orthogonal: bool) -> None:
     """With SGD of rate 1 a step is the gradient; for a quadratic that is the plain one, -A m."""
-    strategy = make(pairs=20_000, estimator=estimator, orthogonal=orthogonal)
+    strategy = make(pairs=8_000, estimator=estimator, orthogonal=orthogonal)
     strategy.tell(quadratic(strategy.ask()))
-    np.testing.assert_allclose(strategy.mean - START, -CURVATURE @ START, atol=0.12)
+    np.testing.assert_allclose(strategy.mean - START, -CURVATURE @ START, atol=0.2)
 
 
 def test_gradient_equals_finite_differences_of_the_smoothed_fitness() -> None:

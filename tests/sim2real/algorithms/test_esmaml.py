@@ -88,8 +88,8 @@ def test_hill_climbing_beats_the_gradient_beats_no_adaptation() -> None:
     """After a short training on Nav-2D, K = 20, adapted returns order as published."""
     scores = {}
     for name, adapt in (("none", NoAdaptation()), ("gradient", GRADIENT), ("climb", CLIMB)):
-        algorithm = make_nav(adapt)
-        for _ in range(20):
+        algorithm = make_nav(adapt, pairs=40, num_rows=80, refill=25)
+        for _ in range(10):
             algorithm.iterate()
         scores[name] = score(algorithm)[1]
     assert scores["climb"] > scores["gradient"] + 5
@@ -102,7 +102,7 @@ def test_first_order_learns_to_adapt() -> None:
         GRADIENT, meta_estimator="first_order", pairs=20, first_order_queries=60, learning_rate=0.1
     )
     untrained = score(algorithm)[1]
-    for _ in range(25):
+    for _ in range(12):
         algorithm.iterate()
     assert score(algorithm)[1] > untrained + 3
 

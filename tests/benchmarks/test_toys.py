@@ -1,0 +1,55 @@
+"""The comparison of adaptation operators: its table, and its findings on a few seeds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.toys import EXPERIMENTS, read, run, table, write
+from sim2real.stats import bootstrap, mean
+
+CORNERS, CORRUPTED = "corners, K = 20", "nav2d, 30 % corrupted"
+
+
+def make_row(operator: str, seed: int, after: float) -> dict[str, Any]:
+    """One row of results on the corners."""
+    keys = {"experiment": CORNERS, "operator": operator, "seed": seed, "iterations": 1}
+    return keys | {"frames": 1, "cpu_seconds": 2.0, "before": -400.0, "after": after}
+
+
+def test_table_compares_each_operator_with_the_next(tmp_path: Path) -> None:
+    """Rows survive the CSV file; means, intervals and gaps by seed are those of the numbers."""
+    rows = [make_row("gradient", seed, -300.0 - seed) for seed in range(3)]
+    rows += [make_row("hill climbing", seed, -200.0 - seed) for seed in (2, 0, 1)]
+    write(tmp_path / "toys.csv", rows)
+    lines = list(table(read(tmp_path / "toys.csv")))
+    assert len(lines) == 4
+    assert "| **-201.0 [-202.0, -200.0]** | 100.0 [100.0, 100.0] |" in lines[2]
+    assert lines[3].startswith(f"| {CORNERS} | gradient | -400.0 [-400.0, -400.0] |")
+    assert read(tmp_path / "missing.csv") == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize(
+    ("name", "better", "worse"),
+    [
+        ("nav2d, K = 20", "hill climbing", "gradient"),
+        ("nav2d, K = 20", "gradient", "none"),
+        (CORNERS, "hill climbing", "gradient"),
+        (CORNERS, "hill climbing", "none"),
+        ("corners, K = 5", "hill climbing", "gradient"),
+        (CORRUPTED, "batch", "average"),
+    ],
+)
+def test_findings(name: str, better: str, worse: str) -> None:
+    """Over 3 seeds the gap between two operators has an interval above 0."""
+    assert {better, worse} < set(EXPERIMENTS[name].operators)
+    gaps = [run(name, better, seed)["after"] - run(name, worse, seed)["after"] for seed in range(3)]
+    interval = bootstrap(
+        np.array(gaps)[:, None], mean, np.random.default_rng(0), draws=2000, resample="rows"
+    )
+    assert interval.low > 0
