@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import ClassVar
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule
-from torch import nn
+from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase, TransformedEnv
 
@@ -31,18 +31,26 @@ def make_env(rows: Rows) -> TransformedEnv:
     return TransformedEnv(RowsEnv(rows, seed=SEED), RandomizeParams(make_tasks()))
 
 
-def make_actor(gait: Gait) -> TensorDictModule:
-    """Return the policy as TorchRL takes it, for float64 observations too."""
-    network = nn.Sequential(Single(), *controller(gait).network())
-    return TensorDictModule(network, in_keys=["observation"], out_keys=["action"])
+class Actor(TensorDictModuleBase):
+    """The policy as TorchRL takes it, for float64 observations too.
 
+    It reads and writes the tensordict by itself: `TensorDictModule` looks for pandas in the file
+    system at each call where it is not installed, which costs 0.2 ms.
 
-class Single(nn.Module):
-    """Makes its input float32."""
+    Args:
+        gait: which policy.
+    """
 
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Return x (..., O) in single precision; itself if it is."""
-        return x.float()
+    in_keys: ClassVar[list[str]] = ["observation"]
+    out_keys: ClassVar[list[str]] = ["action"]
+
+    def __init__(self, gait: Gait) -> None:
+        super().__init__()
+        self.network = controller(gait).network()
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Add the action to the tensordict."""
+        return tensordict.set("action", self.network(tensordict.get("observation").float()))
 
 
 class BatchedEnv(Row):
@@ -68,7 +76,7 @@ class BatchedEnv(Row):
 
     def build(self) -> None:
         """Make the environment."""
-        self._actor = make_actor(self._gait)
+        self._actor = Actor(self._gait)
         self._env = make_env(make_simulation(self.simulations))
 
     def run(self) -> Timing:
@@ -78,7 +86,7 @@ class BatchedEnv(Row):
     def record(self) -> Tape:
         """Do the work of a run on rows that record it, and return the tape of what is timed."""
         recorder = Recorder(make_simulation(self.simulations))
-        self._actor = make_actor(self._gait)
+        self._actor = Actor(self._gait)
         env = make_env(recorder)  # type: ignore[arg-type]
         start = self._warm(env)
         recorder.restart()
@@ -140,7 +148,7 @@ class Collected(Row):
         """Make the collector and let it deliver one batch."""
         self._collector = Collector(
             self._make,  # pyright: ignore[reportArgumentType]
-            make_actor(self._gait),
+            Actor(self._gait),
             frames_per_batch=self._frames,
             total_frames=-1,
             no_cuda_sync=True,

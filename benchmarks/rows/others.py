@@ -15,7 +15,7 @@ from torchrl.envs import GymEnv, ParallelEnv
 
 from benchmarks.load import process_tree
 from benchmarks.rows.base import Row, Timing
-from benchmarks.rows.batched import make_actor
+from benchmarks.rows.batched import Actor
 from benchmarks.world import THREADS, Gait, controller
 
 TASK = "Hopper-v5"
@@ -128,7 +128,7 @@ class TorchRLParallel(Row):
         before = set(process_tree())
         self._env, self._actor = (
             ParallelEnv(THREADS, _gym_env, mp_start_method="spawn"),
-            make_actor(self._gait),
+            Actor(self._gait),
         )
         with torch.no_grad():
             self._tensordict = self._env.reset()
