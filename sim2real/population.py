@@ -17,6 +17,7 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -111,7 +112,7 @@ class Population:
             )
         self.policy = policy
         self.space = shards[0].space
-        self._shards = [_Shard(rows, policy, min(refill, rows.num_rows)) for rows in shards]
+        self._shards = [Shard(rows, policy, min(refill, rows.num_rows)) for rows in shards]
 
     @property
     def num_rows(self) -> int:
@@ -125,7 +126,7 @@ class Population:
             members: what to run. Its cohort is used up.
             normalizer: mean and std of the observations, frozen meanwhile; None feeds them raw.
         """
-        job = _Job(members, self.policy.observation_size, len(self._shards))
+        job = Job(members, self.policy.observation_size, len(self._shards))
         job.normalize(normalizer)
         threads = [
             threading.Thread(target=_guard, args=(shard, job), daemon=True)
@@ -144,7 +145,7 @@ class Population:
         return job.results()
 
 
-def _guard(shard: _Shard, job: _Job) -> None:
+def _guard(shard: Shard, job: Job) -> None:
     """Run a shard in a thread and hand its error to the one that waits."""
     try:
         shard.run(job)
@@ -153,7 +154,7 @@ def _guard(shard: _Shard, job: _Job) -> None:
         job.stop()
 
 
-class _Job:
+class Job:
     """One run of a population, shared by the shards: its queue and its outcomes."""
 
     def __init__(self, members: Members, observation_size: int, num_shards: int) -> None:
@@ -222,6 +223,35 @@ class _Job:
         members, episodes = np.array(taken, np.int64).reshape(-1, 2).T
         return members, episodes
 
+    def give_back(self, members: np.ndarray, episodes: np.ndarray) -> None:
+        """Put episodes that were taken back at the head of the queue."""
+        with self._changed:
+            self._running -= len(members)
+            pairs = zip(members.tolist(), episodes.tolist(), strict=True)
+            self._queue.extendleft(reversed(list(pairs)))
+            self._changed.notify_all()
+
+    def inputs(
+        self, members: np.ndarray, episodes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return all that episodes depend on.
+
+        Args:
+            members: (k,).
+            episodes: one of each, (k,), of its present stage.
+
+        Returns:
+            The policies' parameters (k, P) float32, the tasks' (k, Q) and the seeds (k,) uint64.
+        """
+        finals = episodes >= self.finals.start
+        thetas = self.cohort.results[members]
+        if not finals.all():
+            adapting = ~finals
+            thetas[adapting] = self.cohort.candidates(members[adapting], episodes[adapting])
+        own = self.members
+        values = np.where(finals[:, None], own.final_values[members], own.values[members])
+        return thetas, values, own.seeds[members, episodes]
+
     def complete(self, members: np.ndarray, episodes: np.ndarray) -> None:
         """Report episodes as over; their outcomes are written."""
         adapting = episodes < self.finals.start
@@ -247,7 +277,39 @@ class _Job:
         )
 
 
-class _Shard:
+class Feed(Protocol):
+    """Where a shard gets episodes from and writes their outcomes, by member and episode."""
+
+    collect: bool  # whether sums of observations are wanted, and observations normalized
+    mean: np.ndarray  # (O,)
+    scale: np.ndarray  # (O,)
+    returns: np.ndarray  # (J, E)
+    lengths: np.ndarray  # (J, E)
+    failed: np.ndarray  # (J, E)
+    sums: np.ndarray  # (J, E, O)
+    squares: np.ndarray  # (J, E, O)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether episodes wait for a row."""
+        ...
+
+    def take(self, active: int, free: int) -> tuple[np.ndarray, np.ndarray]:
+        """Take members' episodes off the queue, at most `free`."""
+        ...
+
+    def inputs(
+        self, members: np.ndarray, episodes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the policies' parameters, the tasks' and the seeds of episodes."""
+        ...
+
+    def complete(self, members: np.ndarray, episodes: np.ndarray) -> None:
+        """Report episodes as over; their outcomes are written."""
+        ...
+
+
+class Shard:
     """One batched environment, its policies and the books of the episodes in its rows."""
 
     def __init__(self, rows: Rows, policy: MLPPolicy, refill: int) -> None:
@@ -261,50 +323,45 @@ class _Shard:
         self._active = np.zeros(count, bool)
         self._ids = np.flatnonzero(self._active)  # (n,) rows with an episode in them
 
-    def run(self, job: _Job) -> None:
+    def run(self, job: Job) -> None:
         """Work until the job is done."""
-        self._active[:] = False
-        self._ids = np.flatnonzero(self._active)
+        self.clear()
         while not job.done:
-            self._fill(job)
-            if len(self._ids):
-                self._step(job)
+            self.fill(job)
+            if self.active:
+                self.step(job)
             else:
                 job.wait()
 
-    def _fill(self, job: _Job) -> None:
+    @property
+    def active(self) -> int:
+        """Rows with an episode in them."""
+        return len(self._ids)
+
+    def clear(self) -> None:
+        """Forget the episodes in the rows."""
+        self._active[:] = False
+        self._ids = np.flatnonzero(self._active)
+
+    def fill(self, job: Feed) -> None:
         """Start queued episodes in free rows."""
-        active = len(self._ids)
-        free = self.num_rows - active
-        if free == 0 or not job.waiting or (active and free < self._refill):
+        free = self.num_rows - self.active
+        if free == 0 or not job.waiting or (self.active and free < self._refill):
             return
-        members, episodes = job.take(active, free)
+        members, episodes = job.take(self.active, free)
         if not len(members):
             return
         ids = np.flatnonzero(~self._active)[: len(members)]
         self._member[ids], self._episode[ids] = members, episodes
-        self._slots.load(ids, self._candidates(job, members, episodes))
-        finals = episodes >= job.finals.start
-        values = np.where(
-            finals[:, None], job.members.final_values[members], job.members.values[members]
-        )
-        seeds = job.members.seeds[members, episodes]
+        thetas, values, seeds = job.inputs(members, episodes)
+        self._slots.load(ids, thetas)
         self._observation[ids] = self._rows.reset(ids, values, seeds)
         for book in (self._sums, self._squares, self._returns, self._lengths):
             book[ids] = 0
         self._active[ids] = True
         self._ids = np.flatnonzero(self._active)
 
-    @staticmethod
-    def _candidates(job: _Job, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
-        finals = episodes >= job.finals.start
-        thetas = job.cohort.results[members]
-        if not finals.all():
-            adapting = ~finals
-            thetas[adapting] = job.cohort.candidates(members[adapting], episodes[adapting])
-        return thetas
-
-    def _step(self, job: _Job) -> None:
+    def step(self, job: Feed) -> None:
         """Advance every running episode by one control step."""
         full = len(self._ids) == self.num_rows
         ids, view = (None, slice(None)) if full else (self._ids, self._ids)
@@ -322,7 +379,7 @@ class _Shard:
         if over.any():
             self._finish(job, self._ids[over], step.failed[over])
 
-    def _finish(self, job: _Job, ids: np.ndarray, failed: np.ndarray) -> None:
+    def _finish(self, job: Feed, ids: np.ndarray, failed: np.ndarray) -> None:
         """Write down the outcomes of episodes that are over and free their rows."""
         members, episodes = self._member[ids], self._episode[ids]
         job.returns[members, episodes] = self._returns[ids]
