@@ -45,7 +45,7 @@ $(VENV)/.bench: $(VENV)/.installed
 
 # Rendering off screen needs EGL or OSMesa from the system; everything else works without.
 graphics:
-	@if ldconfig -p 2>/dev/null | grep -Eq 'libEGL\.so|libOSMesa\.so' || [ "$$(uname)" != Linux ]; then :; \
+	@if PATH="$$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep -Eq 'libEGL\.so|libOSMesa\.so' || [ "$$(uname)" != Linux ]; then :; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	  echo "Installing libegl1 and libgl1-mesa-dri for off-screen rendering"; \
 	  { apt-get -qq update && DEBIAN_FRONTEND=noninteractive \
