@@ -1,13 +1,12 @@
 """The effects that every verb knows, by their standard names.
 
     effect = make("link_mass", where="torso", how="set")
+    plant = Plant(spec, [effect], fixed=load_effects("effects.yaml"))
 
 `EFFECTS` maps the names of the vocabulary to classes; `register` adds one of the user's own.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 from envs.effects.base import (
     Bound,
@@ -20,6 +19,7 @@ from envs.effects.base import (
 )
 from envs.effects.command import CommandDelay, PacketLoss, ProfileAcceleration, ProfileVelocity
 from envs.effects.contact import ContactStiffness, GroundFriction
+from envs.effects.file import load_effects, write_effects
 from envs.effects.friction import (
     Armature,
     Cogging,
@@ -29,6 +29,7 @@ from envs.effects.friction import (
     ViscousFriction,
 )
 from envs.effects.inertia import CenterOfMass, GravityTilt, LinkMass, Payload
+from envs.effects.registry import EFFECTS, make, register
 from envs.effects.sensing import (
     EncoderOffset,
     ObservationDelay,
@@ -39,28 +40,6 @@ from envs.effects.sensing import (
 from envs.effects.servo import DeadZone, DerivativeGain, MotorStrength, PositionGain, TorqueLimit
 from envs.effects.structure import Backlash, JointCompliance
 from envs.effects.supply import SupplySag, SupplyVoltage, ThermalDerating
-from envs.errors import EffectError, did_you_mean
-
-EFFECTS: dict[str, type[Effect]] = {}
-
-
-def register(effect: type[Effect]) -> type[Effect]:
-    """Add an effect class under its name; raises EffectError if another class has that name."""
-    if EFFECTS.setdefault(effect.name, effect) is not effect:
-        raise EffectError(
-            f"effect {effect.name!r} is already {EFFECTS[effect.name].__name__};"
-            " choose another name"
-        )
-    return effect
-
-
-def make(name: str, **arguments: Any) -> Effect:
-    """Return the effect of that standard name; raises EffectError with the nearest one if none."""
-    if name not in EFFECTS:
-        known = ", ".join(sorted(EFFECTS))
-        raise EffectError(f"no effect {name!r}{did_you_mean(name, EFFECTS)}; there are: {known}")
-    return EFFECTS[name](**arguments)
-
 
 for _effect in (
     *(CoulombFriction, ViscousFriction, StribeckFriction, LoadDependentFriction, Cogging, Armature),
@@ -82,6 +61,8 @@ __all__ = [
     "FieldEffect",
     "Measurement",
     "SubstepRule",
+    "load_effects",
     "make",
     "register",
+    "write_effects",
 ]

@@ -36,6 +36,7 @@ class GroundFriction(FieldEffect):
     unit = ""
     hows: ClassVar[tuple[How, ...]] = ("set", "scale")
     field = "geom_friction"
+    typical = (0.3, 1.5)
     looks_like = "feet that slip, or grip, when the tangential load changes"
     source = (
         "MuJoCo documentation, Computation, contact parameters: element-wise maximum of"
@@ -48,8 +49,9 @@ class GroundFriction(FieldEffect):
         where: str | None = None,
         how: How | None = None,
         friction_mode: FrictionMode = "contact",
+        **arguments: Any,
     ) -> None:
-        super().__init__(where, how)
+        super().__init__(where, how, **arguments)
         if friction_mode not in ("contact", "seed"):
             raise EffectError(
                 f"friction_mode={friction_mode!r} is unknown; it can be: contact, seed"

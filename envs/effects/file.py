@@ -26,8 +26,8 @@ from typing import Any
 
 import yaml
 
-from envs.effects import make
 from envs.effects.base import Effect
+from envs.effects.registry import make
 from envs.errors import EffectError, did_you_mean
 
 KEYS = ("effect", "where", "side", "value", "ci", "unit", "extra")

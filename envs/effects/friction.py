@@ -29,6 +29,7 @@ def stiffen(spec: mujoco.MjSpec, where: str | None) -> None:
             joint.name == where or (where is None and joint.name in driven)
         ):
             joint.solimp_friction = STIFF_SOLIMP
+            joint.solref_friction = [2 * spec.option.timestep, 1.0]
 
 
 class CoulombFriction(FieldEffect):

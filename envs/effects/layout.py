@@ -87,6 +87,7 @@ class Layout:
         self.qvel = np.zeros((batch.nsim, nominal.nv))
         self._nominal_of = {int(j): i for i, j in enumerate(keep)}
         self._nominal = nominal
+        self._bias = batch.bind("qfrc_bias")  # bound here: a field is zero until the call after it
 
     def address(self, joint: int) -> tuple[int, int]:
         """Return the columns in qpos and qvel of a scalar joint of the simulated model."""
@@ -115,7 +116,7 @@ class Layout:
         self.raw_qpos[ids], self.raw_qvel[ids] = raw_qpos, raw_qvel
         with quiet_engine():
             self._batch.forward(ids)
-        load = self._batch.bind("qfrc_bias")[ids]  # what the joints must carry, (n, nv)
+        load = self._bias[ids]  # what the joints must carry, (n, nv)
         for joint in self.joints:
             rest = joint.settle(ids, load[:, self._model.jnt_dofadr[joint.motor]])  # type: ignore[attr-defined]
             raw_qpos[:, self._model.jnt_qposadr[joint.joint]] = rest  # type: ignore[attr-defined]

@@ -298,9 +298,7 @@ class _SamplingDelay(Measurement):
         if new.any():
             started, samples = rows[new], self.times.shape[1]
             self.qpos[started], self.qvel[started] = qpos[new][:, None], qvel[new][:, None]
-            self.times[started] = self.now[started][:, None] + np.arange(
-                -samples + 1, 1
-            )  # all of the past: at rest
+            self.times[started] = self.now[started][:, None]
             self.newest[started] = samples - 1
             self.fresh[started] = False
         going = rows[~new]

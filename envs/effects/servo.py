@@ -13,6 +13,7 @@ import numpy as np
 
 from envs.effects.base import Bound, Effect, FieldBound, FieldEffect, SubstepRule, find
 from envs.effects.history import arriving
+from envs.effects.registry import EFFECTS
 from envs.errors import EffectError
 from envs.params import How, Parameter
 
@@ -58,8 +59,6 @@ class ActuatorEffect(Effect):
 
 
 def _possible(model: mujoco.MjModel, actuators: list[int]) -> str:
-    from envs.effects import EFFECTS  # the registry imports this module
-
     kinds = [e for e in EFFECTS.values() if issubclass(e, ActuatorEffect)]
     names = sorted(e.name for e in kinds if any(e.can(model, i) for i in actuators))
     return f"it can have: {', '.join(names) or 'none of these effects'}"

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from envs.plant import Plant
 
 FROZEN = 1e9  # kg·m²: a joint that does not move
+BETWEEN = 0.05  # of the link's inertia: what lies between a spring and a play at one joint
 STIFF_LIMIT = (0.99, 0.999, 1e-4, 0.5, 2.0)  # solimp of the play's ends
 SOFTEST_STEP = 0.25  # largest (dt w)² of a spring that the explicit integration carries well
 
@@ -51,13 +52,15 @@ class Series(Bound):
         self.rotor = int(model.jnt_dofadr[motor])
         self.armature, self.value = plant.field("dof_armature"), np.zeros(plant.num_rows)
         self.least = least_rotor(plant, motor)
+        others = [part for part in plant.layout.joints if part.motor == motor]  # type: ignore[attr-defined]
+        self.between = BETWEEN * link_inertia(model, motor) if others else 0.0
         plant.layout.joints.append(self)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Free the joint where the value is not 0, and give it its size."""
         self.value[ids] = values[:, 0]
         loose, rotor = values[:, 0] > 0, self.armature[ids, self.rotor]
-        self.armature[ids, self.v] = np.where(loose, 0.0, FROZEN)
+        self.armature[ids, self.v] = np.where(loose, self.between, FROZEN)
         self.armature[ids, self.rotor] = np.where(loose, np.maximum(rotor, self.least), rotor)
 
     def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
@@ -134,7 +137,7 @@ class SeriesEffect(Effect):
             name=self.joint_name(motor.name), type=motor.type, axis=motor.axis, pos=motor.pos
         )
         added.damping, added.stiffness, added.frictionloss = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 0.0
-        added.armature, added.ref, added.springref, added.margin = 0.0, 0.0, 0.0, 0.0
+        added.armature, added.ref, added.springref, added.margin = FROZEN, 0.0, 0.0, 0.0
         added.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         added.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         self.shape(added, spec.option.timestep)
@@ -266,7 +269,11 @@ class _Spring(Series):
         model = plant.model
         self.stiffness, self.damping = plant.field("jnt_stiffness"), plant.field("dof_damping")
         rotor = max(float(model.dof_armature[self.rotor]), self.least)
-        reduced = 1.0 / (1.0 / rotor + 1.0 / max(link_inertia(model, motor), 1e-12))
+        link = max(link_inertia(model, motor), 1e-12)
+        names = [model.joint(j).name for j in range(model.njnt)]
+        if sum(name.startswith(model.joint(motor).name + SERIES) for name in names) > 1:
+            link *= BETWEEN
+        reduced = 1.0 / (1.0 / rotor + 1.0 / link)
         self.smallest = model.opt.timestep**2 / (SOFTEST_STEP * reduced)  # rad/(N·m)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:

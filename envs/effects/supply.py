@@ -44,9 +44,13 @@ class SupplyVoltage(Effect):
     experiment = "full-speed moves at two supply voltages; log the voltage"
 
     def __init__(
-        self, where: str | None = None, how: How | None = None, drive: Drive | None = None
+        self,
+        where: str | None = None,
+        how: How | None = None,
+        drive: Drive | None = None,
+        **arguments: Any,
     ) -> None:
-        super().__init__(where, how)
+        super().__init__(where, how, **arguments)
         if drive not in (None, "voltage", "current"):
             raise EffectError(
                 f"supply_voltage: drive={drive!r} is unknown; it can be: voltage, current"
