@@ -28,6 +28,7 @@ from sim2real.algorithms.base import Algorithm
 from sim2real.checkpoint import FOLDER, find, restore, run_folder
 from sim2real.errors import Sim2RealError
 from sim2real.grid import Box, Grid, training_range
+from sim2real.learner import build, identity
 from sim2real.normalizer import Normalizer
 from sim2real.policy import MLPPolicy
 from sim2real.population import Population, draw_seeds, evaluate_adaptation
@@ -226,8 +227,6 @@ def run(
     Raises:
         Sim2RealError: nothing to evaluate, or a checkpoint that is damaged or does not fit.
     """
-    from sim2real.train import build, identity  # train evaluates too, so it imports this module
-
     if eval is None:
         raise Sim2RealError("eval=null leaves nothing to evaluate; choose eval=NAME")
     parts = {"env": env, "tasks": params, "policy": policy, "adapt": adapt, "device": device}

@@ -82,12 +82,14 @@ def figure(
 
 def label(parameter: Parameter) -> str:
     """Return an axis label: `Torso mass (kg)` for `link_mass.torso`."""
-    effect, _, where = parameter.name.partition(".")
-    words = WORDS.get(effect, effect.replace("_", " "))
-    text = f"{where} {words}".strip().replace("_", " ")
+    effect, _, rest = parameter.name.partition(".")
+    words = WORDS.get(effect, effect)
+    place = parameter.where or ""
+    text = " ".join([place, words, rest.removeprefix(place).strip(".")]).strip().replace("_", " ")
     way = {"add": "added ", "scale": "", "set": ""}[parameter.how]
     unit = "factor" if parameter.how == "scale" else parameter.unit
-    return (way + text).capitalize() + (f" ({unit})" if unit else "")
+    text = way + text
+    return text[0].upper() + text[1:] + (f" ({unit})" if unit else "")
 
 
 def learning_curve(
@@ -212,7 +214,8 @@ def heatmaps(
     count = len(maps) + (gain is not None)
     everything = np.concatenate(list(maps.values()))
     low, high = min(0.0, float(everything.min())), float(everything.max())
-    with figure(path, 1, count, (3.3 * count + 0.9, 3.5)) as (fig, axes):
+    width = 3.3 if count <= 3 else 2.6  # inches
+    with figure(path, 1, count, (width * count + 0.9, width + 0.2)) as (fig, axes):
         for ax, (title, values) in zip(axes[0], maps.items(), strict=False):
             image = _map(ax, grid, values, title, box, cmap="viridis", vmin=low, vmax=high)
         bar = fig.colorbar(image, ax=list(axes[0, : len(maps)]), pad=0.02, fraction=0.05, aspect=30)

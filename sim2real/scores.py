@@ -147,7 +147,7 @@ class GridScores:
                 table.add(where, policy, *cells, None, float(np.mean(self.frames)))
             if self.adaptation_episodes:
                 gain = self.after[:, mask] - self.before[:, mask]
-                gained = [self.interval(gain, statistic, draws, rng) for statistic in (mean, wins)]
+                gained = [self.interval(x, mean, draws, rng) for x in (gain, wins(gain))]
                 table.add(where, "gain by adaptation", gained[0], None, None, gained[1], None)
         return table
 
@@ -205,7 +205,13 @@ class GridScores:
     def description(self) -> dict:
         """Return all that `csv` leaves out, as JSON holds it."""
         axes = [
-            {"parameter": axis.parameter, "unit": p.unit, "how": p.how, "values": list(axis.values)}
+            {
+                "parameter": axis.parameter,
+                "where": p.where,
+                "unit": p.unit,
+                "how": p.how,
+                "values": list(axis.values),
+            }
             for axis, p in zip(self.grid.axes, self.parameters, strict=True)
         ]
         runs = [
@@ -246,7 +252,7 @@ class GridScores:
                 f"{folder}: no whole evaluation there ({error}); evaluate again"
             ) from error
         parameters = tuple(
-            Parameter(a["parameter"], a["parameter"], unit=a["unit"], how=a["how"])
+            Parameter(a["parameter"], a["parameter"], a["where"], unit=a["unit"], how=a["how"])
             for a in about["axes"]
         )
         return cls(

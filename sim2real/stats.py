@@ -154,12 +154,12 @@ def probability_of_improvement(
 
 
 def wins(differences: np.ndarray) -> np.ndarray:
-    """Return the share of positive values over the last two axes (..., n, C), zeros counted half.
+    """Return 1 for each positive difference, 1/2 for a tie and 0 for a loss, in the same shape.
 
-    As a statistic of paired differences it is the probability of improvement of pairs that belong
-    together, such as before and after adaptation under the same seeds.
+    Their mean is the probability of improvement of pairs that belong together, such as before and
+    after adaptation under the same seeds.
     """
-    return (np.sign(differences).mean(axis=(-2, -1)) + 1) / 2
+    return (np.sign(differences) + 1) / 2
 
 
 def _wins_of_pairs(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -125,6 +125,7 @@ def test_labels_say_what_a_value_does_to_the_model() -> None:
     factor = Parameter("motor_strength", "motor_strength", neutral=1.0, how="scale")
     assert plots.label(factor) == "Motor strength (factor)"
     assert plots.label(FRICTION) == "Ground friction coefficient"
+    assert plots.label(Parameter("goal.x", "goal", unit="m", how="set")) == "Goal x (m)"
 
 
 def test_a_picture_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:

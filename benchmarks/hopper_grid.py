@@ -1,0 +1,366 @@
+"""Does adaptation help a Hopper of unknown mass on unknown ground? The study's grid, repeated.
+
+    python -m benchmarks.hopper_grid                    # 3 seeds, 20 million steps each: hours
+    python -m benchmarks.hopper_grid --seeds 0 --frames 1000000 --results outputs/try
+
+Trains `es_fixed` (one robot), `es_dr` (randomized robots) and `esmaml` (randomized robots and three
+episodes of adaptation) with the same budget of environment steps, evaluates each run over 12 masses
+by 15 frictions, and writes hopper_grid.csv, .md and .png, after every run anew. The policies of
+`es_dr` are also given `esmaml`'s adaptation, which tells training to adapt from adapting.
+
+Each run has a folder of its own: what is complete is skipped, what was interrupted is resumed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sim2real import plots
+from sim2real.checkpoint import find, read_metadata
+from sim2real.errors import Sim2RealError
+from sim2real.files import write_text
+from sim2real.grid import Box
+from sim2real.scores import GridScores, combine
+from sim2real.stats import (
+    Interval,
+    difference,
+    iqm,
+    iqm_of_columns,
+    mean,
+    probability_of_improvement,
+    share_above,
+    share_of_columns_above,
+    wins,
+)
+from sim2real.tables import Cell, Table
+
+RESULTS = Path(__file__).parent / "results"
+NAME = "hopper_grid"
+THRESHOLD, DRAWS = 2000.0, 5000
+BOX: Box = {"link_mass.torso": (1.0, 9.0), "ground_friction": (1.5, 2.5)}
+STUDY = {  # read off the colours of its figure, mean of 5 seeds, within about 50
+    "one robot": (830.0, 1310.0, 660.0, 0.11),
+    "uniform randomization": (1490.0, 2920.0, 970.0, 0.23),
+    "ES-Sim2Real, adapted": (1890.0, 3160.0, 1430.0, 0.49),
+}
+DIFFERENCES = """
+What differs from the study, beside the seeds:
+
+* **Robot.** Hopper-v5 of Gymnasium 1.4 on MuJoCo 4.0, 1000 steps an episode; the study used an
+  older Hopper, whose masses MuJoCo computed otherwise (torso 3.53 kg, now 3.67 kg).
+* **Friction.** Here `friction_mode: contact` writes the foot and the floor. The study wrote the
+  foot alone, and MuJoCo takes the larger of the two: its five frictions below 1.0 are one and
+  the same ground, so that its low frictions are easier than ours.
+* **Budget.** Here every method has the same number of environment steps, in the table. The study's
+  adaptive method took 200 times the steps of its baselines (0.6 to 0.8 billion against 3 million).
+* **Method.** Its baselines are PPO, its policies networks of 128 and 64 units, and its adaptation
+  is PPO; here all are evolution strategies on the policy of
+  `conf/experiment/esmaml.yaml`, adapted by hill climbing over 3 episodes.
+* **Numbers.** The study's are read off the colours of its figure, to about 50.
+"""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to train, and a way to adapt what was trained.
+
+    Args:
+        name: in the results.
+        experiment: that trains it.
+        evaluation: the experiment whose adaptation the evaluation uses.
+    """
+
+    name: str
+    experiment: str
+    evaluation: str
+
+
+METHODS = (
+    Method("es_fixed", "es_fixed", "es_fixed"),
+    Method("es_dr", "es_dr", "es_dr"),
+    Method("es_dr, adapted", "es_dr", "esmaml"),
+    Method("esmaml", "esmaml", "esmaml"),
+)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to run and where.
+
+    Args:
+        frames: environment steps of each training run.
+        seeds: of training.
+        out: folder of the runs.
+        results: folder of the tables and the picture.
+        overrides: further settings of every run, such as `algorithm.shards=1`; those of `eval` go
+            to the evaluations only.
+    """
+
+    frames: int
+    seeds: tuple[int, ...]
+    out: Path
+    results: Path
+    overrides: tuple[str, ...] = ()
+
+    def folder(self, method: Method, seed: int) -> Path:
+        """Return the training run's folder."""
+        return self.out / method.experiment / f"seed{seed}"
+
+    def evaluation(self, method: Method, seed: int) -> Path:
+        """Return the folder of the evaluation of a training run."""
+        adapted = "" if method.evaluation == method.experiment else f"_{method.evaluation}"
+        return self.folder(method, seed) / f"evaluation{adapted}"
+
+
+def run(plan: Plan) -> None:
+    """Do all that is not yet done, and write the results whenever there is more to tell."""
+    for seed in plan.seeds:
+        for method in METHODS:
+            train(plan, method, seed)
+            if evaluate(plan, method, seed):
+                collect(plan)
+    collect(plan)
+
+
+def train(plan: Plan, method: Method, seed: int) -> None:
+    """Train until the budget is spent, from the newest checkpoint if there is one."""
+    folder = plan.folder(method, seed)
+    done = trained(folder)
+    if done >= plan.frames:
+        return
+    own = [line for line in plan.overrides if not line.startswith("eval")]
+    resume = [f"resume={folder}"] if done else []
+    sim2real(
+        f"+experiment={method.experiment}",
+        f"seed={seed}",
+        "iterations=null",
+        f"frames={plan.frames}",
+        "eval=none",
+        "video=none",
+        f"hydra.run.dir={folder}",
+        *resume,
+        *own,
+    )
+
+
+def trained(folder: Path) -> int:
+    """Return the environment steps of the newest checkpoint in a run's folder; 0 without one."""
+    try:
+        return int(read_metadata(find(folder))["frames"])
+    except Sim2RealError:
+        return 0
+
+
+def evaluate(plan: Plan, method: Method, seed: int) -> bool:
+    """Evaluate a training run over the grid; return whether that was still to be done."""
+    folder, run_folder = plan.evaluation(method, seed), plan.folder(method, seed)
+    found = read(folder)
+    if found is not None and found.frames[0] == trained(run_folder):
+        return False
+    sim2real(
+        f"+experiment={method.evaluation}",
+        "run=evaluate",
+        f"checkpoint={run_folder}",
+        f"hydra.run.dir={folder}",
+        *plan.overrides,
+    )
+    return True
+
+
+def sim2real(*arguments: str) -> None:
+    """Run a job of the command line; a failure ends this program with its status."""
+    status = subprocess.run([sys.executable, "-m", "sim2real", *arguments]).returncode
+    if status:
+        print(
+            f"stopped: sim2real {' '.join(arguments)} ended with status {status}; "
+            "start this benchmark again to go on",
+            file=sys.stderr,
+        )
+        sys.exit(status)
+
+
+def read(folder: Path) -> GridScores | None:
+    """Return the scores in a folder, or None where no evaluation is complete."""
+    try:
+        return GridScores.read(folder)
+    except Sim2RealError:
+        return None
+
+
+def gather(plan: Plan) -> dict[str, GridScores]:
+    """Return the scores of all runs that are complete, by method."""
+    gathered = {}
+    for method in METHODS:
+        found = [read(plan.evaluation(method, seed)) for seed in plan.seeds]
+        if parts := [s for s in found if s is not None and s.frames[0] >= plan.frames]:
+            gathered[method.name] = combine(parts)
+    return gathered
+
+
+def collect(plan: Plan) -> None:
+    """Write hopper_grid.csv, .md and .png from what is complete."""
+    scores = gather(plan)
+    if not scores:
+        return
+    write_text(plan.results / f"{NAME}.csv", cells_csv(scores))
+    write_text(plan.results / f"{NAME}.md", page(plan, scores))
+    picture(scores, plan.results / f"{NAME}.png")
+
+
+def final(scores: GridScores) -> np.ndarray:
+    """Return the mean returns after adaptation, if there is any, of each run and cell, (R, C)."""
+    return scores.after.mean(axis=2)
+
+
+def cells_csv(scores: Mapping[str, GridScores]) -> str:
+    """Return one row for each method, run and cell."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    names = next(iter(scores.values())).grid.names
+    writer.writerow(["method", "run", "training_steps", *names, "before", "after"])
+    for method, found in scores.items():
+        before, after = found.before.mean(axis=2), final(found)
+        for r, (run, steps) in enumerate(zip(found.runs, found.frames, strict=True)):
+            for c, cell in enumerate(found.grid.cells().tolist()):
+                numbers = [f"{x:.6g}" for x in (before[r, c], after[r, c])]
+                writer.writerow([method, run, steps, *cell, *numbers])
+    return out.getvalue()
+
+
+def picture(scores: Mapping[str, GridScores], path: Path) -> None:
+    """Draw the grids of all methods on one scale."""
+    first = next(iter(scores.values()))
+    maps = {}
+    for method, found in scores.items():
+        if method == "esmaml":
+            maps["esmaml, before"] = found.before.mean(axis=(0, 2))
+            method = "esmaml, adapted"
+        maps[method] = found.after.mean(axis=(0, 2))
+    plots.heatmaps(first.grid, first.parameters, maps, path, box=BOX)
+
+
+def page(plan: Plan, scores: Mapping[str, GridScores]) -> str:
+    """Return the results as Markdown."""
+    complete = all(
+        len(scores[m.name].runs) == len(plan.seeds) if m.name in scores else False for m in METHODS
+    )
+    runs = ", ".join(f"{method} {len(found.runs)}" for method, found in scores.items())
+    partial = f"**Partial results.** Runs so far, of {len(plan.seeds)} each: {runs}."
+    parts = [
+        "# Hopper over 12 masses and 15 frictions",
+        *([] if complete else [partial]),
+        f"![Mean return over the grid]({NAME}.png)",
+        "Red: the range that training draws from (`es_fixed`: mass 6, friction 2). Returns are "
+        "after adaptation where there is any.",
+        methods_table(scores).markdown().strip(),
+        protocol(scores),
+        "## Comparisons",
+        comparisons(scores).markdown().strip(),
+        DIFFERENCES.strip(),
+        f"Made by `{command(plan)}`; each run's files are below its folder.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def protocol(scores: Mapping[str, GridScores]) -> str:
+    """Return how the numbers came about."""
+    note = list(scores.values())[-1].note().partition(";")[2].strip()
+    return f"Rows of the study: mean of 5 seeds, from its figure. Ours: {note}"
+
+
+def command(plan: Plan) -> str:
+    """Return the command line that repeats this."""
+    seeds = " ".join(map(str, plan.seeds))
+    sets = f" --set {' '.join(plan.overrides)}" if plan.overrides else ""
+    return f"python -m benchmarks.{NAME} --frames {plan.frames} --seeds {seeds}{sets}"
+
+
+def methods_table(scores: Mapping[str, GridScores]) -> Table:
+    """Return what each method reaches in each region, and what the study's methods did."""
+    rng = np.random.default_rng(0)
+    columns = ("method", "runs", "training steps", "whole grid", "inside", "outside")
+    table = Table((*columns, f"share > {THRESHOLD:g}", "IQM of the grid"))
+    for method, found in scores.items():
+        inside = found.grid.inside(BOX)
+        masks = (np.ones_like(inside), inside, ~inside)
+        for name, values in _versions(method, found):
+            cells: list[Cell] = [
+                found.interval(values[:, m], mean, DRAWS, rng) if m.any() else None for m in masks
+            ]
+            share = share_above if found.repeats > 1 else share_of_columns_above
+            shares = found.interval(values, share(THRESHOLD), DRAWS, rng)
+            middle = found.interval(
+                values, iqm if found.repeats > 1 else iqm_of_columns, DRAWS, rng
+            )
+            steps = float(np.mean(found.frames))
+            table.add(name, found.repeats, steps, *cells, shares, middle)
+    for name, numbers in STUDY.items():
+        table.add(f"the study: {name}", 5, None, *numbers, None)
+    return table
+
+
+def _versions(method: str, found: GridScores) -> list[tuple[str, np.ndarray]]:
+    if not found.adaptation_episodes:
+        return [(method, found.before)]
+    if method != "esmaml":
+        return [(method, found.after)]
+    return [("esmaml, before adapting", found.before), ("esmaml, adapted", found.after)]
+
+
+def comparisons(scores: Mapping[str, GridScores]) -> Table:
+    """Return who is better than whom, over training runs, and what adaptation gains."""
+    rng = np.random.default_rng(1)
+    table = Table(("comparison", "difference of mean return", "P(improvement)"))
+    pairs = (("es_dr", "es_fixed"), ("esmaml", "es_dr"), ("esmaml", "es_dr, adapted"))
+    for one, other in pairs:
+        if one in scores and other in scores:
+            table.add(f"{one} against {other}", *_compare(scores[one], scores[other], rng))
+    for method in ("es_dr, adapted", "esmaml"):
+        if method in scores:
+            found = scores[method]
+            gain = found.interval(found.after - found.before, mean, DRAWS, rng)
+            chance = found.interval(wins(found.after - found.before), mean, DRAWS, rng)
+            table.add(f"{method}: after against before adaptation", gain, chance)
+    return table
+
+
+def _compare(one: GridScores, other: GridScores, rng: np.random.Generator) -> Sequence[Cell]:
+    first, second = final(one), final(other)
+    if min(len(first), len(second)) > 1:
+        gap: Interval | float = difference(first, second, mean, rng, draws=DRAWS)
+        return gap, probability_of_improvement(first, second, rng, draws=DRAWS)
+    chance = (np.sign(first[:, None] - second[None]).mean() + 1) / 2
+    return float(first.mean() - second.mean()), float(chance)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Read the command line and run."""
+    parser = argparse.ArgumentParser(
+        prog=f"python -m benchmarks.{NAME}",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--frames", type=int, default=20_000_000, help="environment steps of each training run")
+    add("--seeds", type=int, nargs="+", default=[0, 1, 2], help="training seeds")
+    add("--out", type=Path, default=Path("outputs/bench_long") / NAME, help="folder of the runs")
+    add("--results", type=Path, default=RESULTS, help="folder of the tables and the picture")
+    add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="further settings of every run")
+    chosen = parser.parse_args(arguments)
+    if chosen.frames < 1 or min(chosen.seeds) < 0:
+        parser.error(f"--frames {chosen.frames} must be at least 1 and --seeds not negative")
+    seeds = tuple(dict.fromkeys(chosen.seeds))
+    run(Plan(chosen.frames, seeds, chosen.out.resolve(), chosen.results, tuple(chosen.set)))
+
+
+if __name__ == "__main__":
+    main()
