@@ -1,0 +1,139 @@
+"""The command line from end to end, in this process: folders, sweeps, exit statuses."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from sim2real import __main__ as entry
+from sim2real.targets import ConfigError, check
+
+TINY = ["+experiment=nav2d", "iterations=1", "eval=none", "algorithm.pairs=2", "adapt.queries=2"]
+TINY += ["algorithm.num_rows=4", "algorithm.refill=1", "env.max_steps=5", "logger=csv"]
+Run = Callable[..., int]
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
+    """Run the command line in an empty folder and return its exit status."""
+    monkeypatch.chdir(tmp_path)
+    root = logging.getLogger()
+    handlers, level = list(root.handlers), root.level
+
+    def call(*argv: str) -> int:
+        monkeypatch.setattr(sys, "argv", ["sim2real", *argv])
+        try:
+            entry.main()
+        except SystemExit as end:
+            return int(end.code or 0)
+        return 0
+
+    yield call
+    for handler in [h for h in root.handlers if h not in handlers]:
+        root.removeHandler(handler)
+        handler.close()
+    root.handlers, root.level = handlers, level
+
+
+def folders(root: Path) -> list[Path]:
+    """Return the folders of the runs below a folder, in order."""
+    return sorted(path.parent for path in root.rglob("manifest.json"))
+
+
+def test_a_run_writes_its_folder(run: Run, tmp_path: Path) -> None:
+    """outputs/<verb>/<experiment>/<time> holds manifest, whole configuration and metrics."""
+    assert run(*TINY, "seed=3") == 0
+    (folder,) = folders(tmp_path)
+    assert folder.relative_to(tmp_path).parts[:3] == ("outputs", "train", "nav2d")
+    assert json.loads((folder / "manifest.json").read_text())["seed"] == 3
+    assert yaml.safe_load((folder / "config.yaml").read_text())["algorithm"]["pairs"] == 2
+    assert len((folder / "metrics.csv").read_text().splitlines()) == 2
+    assert {path.name for path in (folder / ".hydra").iterdir()} >= {"overrides.yaml"}
+
+
+@pytest.mark.parametrize("launcher", [[], ["hydra/launcher=joblib", "hydra.launcher.n_jobs=1"]])
+def test_a_sweep_numbers_its_folders(run: Run, tmp_path: Path, launcher: list[str]) -> None:
+    """Jobs of a sweep lie in 0, 1, ... below one folder: names that need no quotes in a shell."""
+    assert run("-m", *TINY, "seed=0,1", "policy=linear,mlp", *launcher) == 0
+    found = folders(tmp_path)
+    assert [folder.name for folder in found] == ["0", "1", "2", "3"]
+    assert {folder.parent.parent for folder in found} == {tmp_path / "outputs" / "train" / "nav2d"}
+    seeds = [json.loads((folder / "manifest.json").read_text())["seed"] for folder in found]
+    assert seeds == [0, 0, 1, 1]
+    assert all((folder / "metrics.csv").exists() for folder in found)
+
+
+@pytest.mark.slow
+def test_a_sweep_in_two_processes_gives_the_same_numbers(run: Run, tmp_path: Path) -> None:
+    """The joblib launcher's workers compute what one process does."""
+    assert run("-m", *TINY, "seed=0,1") == 0
+    one = [folder / "metrics.csv" for folder in folders(tmp_path)]
+    command = [sys.executable, "-m", "sim2real", "-m", *TINY, "seed=0,1", "hydra/launcher=joblib"]
+    other = tmp_path / "other"
+    other.mkdir()
+    environment = os.environ | {"PYTHONPATH": str(Path(entry.__file__).resolve().parents[1])}
+    subprocess.run([*command, "hydra.launcher.n_jobs=2"], cwd=other, env=environment, check=True)
+    two = [folder / "metrics.csv" for folder in folders(other)]
+    assert [path.read_text() for path in two] == [
+        p.read_text() for p in one if other not in p.parents
+    ]
+
+
+def fails_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every verb fail in this way."""
+
+    def prepare(*_: Any) -> tuple[Any, dict[str, Any]]:
+        def verb() -> None:
+            raise error
+
+        return verb, {}
+
+    monkeypatch.setattr("sim2real.config.prepare", prepare)
+
+
+def test_ctrl_c_is_one_line(
+    run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An interrupted run says so in a line and exits with 130."""
+    fails_with(KeyboardInterrupt(), monkeypatch)
+    assert run(*TINY) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "sim2real: interrupted"
+
+
+def test_a_defect_shows_its_traceback(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What no user can cause is not dressed up as a user's mistake."""
+    fails_with(TypeError("a defect"), monkeypatch)
+    with pytest.raises(TypeError, match="a defect"):
+        run(*TINY)
+
+
+def test_a_refused_value_is_a_sentence(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    """A value that a constructor refuses ends the run with its sentence and status 2."""
+    assert run(*TINY, "algorithm.num_rows=0") == 2
+    assert "num_rows=0" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_the_traceback_is_there_on_demand(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """HYDRA_FULL_ERROR=1 raises instead of saying a sentence."""
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    with pytest.raises(ConfigError):
+        run("sed=1")
+
+
+def test_an_error_of_a_library_is_no_sentence() -> None:
+    """A library's ValueError is a defect; one that the project raises is for the user."""
+    with pytest.raises(ValueError) as theirs:
+        json.loads("{")
+    with pytest.raises(ValueError) as ours:
+        check({"_target_": "os.system"}, "env")
+    assert entry.explained(theirs.value) is None
+    assert entry.explained(ours.value) == str(ours.value)
