@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import torch
 
 from envs.effects.base import Effect
+from envs.plant import Fixed
 from envs.randomization import Tasks
 from envs.simulation import Simulation
 from envs.tasks.base import Task
@@ -30,6 +31,7 @@ class MujocoEnv(RowsEnv):
         dtype: of observations, actions and rewards.
         seed: of the episodes.
         tasks: draws each episode's parameters (see `RowsEnv`).
+        fixed: effects that every row has, with their values, as `load_effects` returns them.
 
     Raises:
         EffectError: an effect that the robot cannot have.
@@ -45,8 +47,10 @@ class MujocoEnv(RowsEnv):
         dtype: torch.dtype = torch.float32,
         seed: int = 0,
         tasks: Tasks | None = None,
+        fixed: Sequence[Fixed] = (),
     ) -> None:
-        super().__init__(Simulation(task, num_envs, effects, threads), device, dtype, seed, tasks)
+        simulation = Simulation(task, num_envs, effects, threads, fixed)
+        super().__init__(simulation, device, dtype, seed, tasks)
 
     @property
     def simulation(self) -> Simulation:

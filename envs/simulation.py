@@ -22,7 +22,7 @@ import numpy as np
 from envs.contact_forces import ContactForces
 from envs.effects.base import Effect
 from envs.errors import TaskError
-from envs.plant import Plant
+from envs.plant import Fixed, Plant
 from envs.quiet import no_deprecation_notice
 from envs.rows import Step
 from envs.tasks.base import State, Task
@@ -36,18 +36,25 @@ class Simulation:
         num_rows: N, episodes at a time.
         effects: what may differ per row.
         threads: CPU threads; 0 for all cores.
+        fixed: effects that every row has, with their values, as `load_effects` returns them.
 
     Raises:
         EffectError: an effect that the robot cannot have.
+        ParameterError: a fixed value outside its range.
     """
 
     def __init__(
-        self, task: Task, num_rows: int = 1, effects: Sequence[Effect] = (), threads: int = 0
+        self,
+        task: Task,
+        num_rows: int = 1,
+        effects: Sequence[Effect] = (),
+        threads: int = 0,
+        fixed: Sequence[Fixed] = (),
     ) -> None:
         self.task = task
         with no_deprecation_notice():
             self.plant = Plant(
-                task.spec(), effects, num_rows, threads, persistent=task.contact_forces
+                task.spec(), effects, num_rows, threads, persistent=task.contact_forces, fixed=fixed
             )
         self.num_rows = num_rows
         self.max_steps = task.max_steps
