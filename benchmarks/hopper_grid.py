@@ -34,11 +34,9 @@ from sim2real.stats import (
     Interval,
     difference,
     iqm,
-    iqm_of_columns,
     mean,
     probability_of_improvement,
     share_above,
-    share_of_columns_above,
     wins,
 )
 from sim2real.tables import Cell, Table
@@ -296,11 +294,8 @@ def methods_table(scores: Mapping[str, GridScores]) -> Table:
             cells: list[Cell] = [
                 found.interval(values[:, m], mean, DRAWS, rng) if m.any() else None for m in masks
             ]
-            share = share_above if found.repeats > 1 else share_of_columns_above
-            shares = found.interval(values, share(THRESHOLD), DRAWS, rng)
-            middle = found.interval(
-                values, iqm if found.repeats > 1 else iqm_of_columns, DRAWS, rng
-            )
+            shares = found.interval(values, share_above(THRESHOLD), DRAWS, rng)
+            middle = found.interval(values, iqm, DRAWS, rng)
             steps = float(np.mean(found.frames))
             table.add(name, found.repeats, steps, *cells, shares, middle)
     for name, numbers in STUDY.items():

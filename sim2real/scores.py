@@ -31,10 +31,8 @@ from sim2real.stats import (
     Statistic,
     bootstrap,
     iqm,
-    iqm_of_columns,
     mean,
     share_above,
-    share_of_columns_above,
     wins,
 )
 from sim2real.tables import Table
@@ -142,7 +140,7 @@ class GridScores:
         for name, mask in self.regions().items():
             where = f"{name} ({int(mask.sum())})"
             for policy, values in self._policies(mask).items():
-                statistics = self._statistics(threshold)
+                statistics = (mean, iqm, share_above(threshold))
                 cells = [self.interval(values, statistic, draws, rng) for statistic in statistics]
                 table.add(where, policy, *cells, None, float(np.mean(self.frames)))
             if self.adaptation_episodes:
@@ -156,11 +154,6 @@ class GridScores:
             return {"without adaptation": self.before[:, mask]}
         after = f"after {self.adaptation_episodes} episodes of adaptation"
         return {"before adaptation": self.before[:, mask], after: self.after[:, mask]}
-
-    def _statistics(self, threshold: float) -> tuple[Statistic, ...]:
-        if self.repeats > 1:
-            return mean, iqm, share_above(threshold)
-        return mean, iqm_of_columns, share_of_columns_above(threshold)
 
     def note(self) -> str:
         """Return what was run and what the intervals are over, in words."""

@@ -51,11 +51,6 @@ def iqm(values: np.ndarray) -> np.ndarray:
     return stats.trim_mean(values.reshape(*values.shape[:-2], -1), 0.25, axis=-1)
 
 
-def iqm_of_columns(values: np.ndarray) -> np.ndarray:
-    """Return the interquartile mean of the columns' means, of values (..., n, C)."""
-    return stats.trim_mean(np.asarray(values, dtype=np.float64).mean(axis=-2), 0.25, axis=-1)
-
-
 def mean(values: np.ndarray) -> np.ndarray:
     """Return the mean over the last two axes of values (..., n, C)."""
     return np.asarray(values, dtype=np.float64).mean(axis=(-2, -1))
@@ -64,11 +59,6 @@ def mean(values: np.ndarray) -> np.ndarray:
 def share_above(threshold: float) -> Statistic:
     """Return the statistic that is the share of values above a threshold."""
     return lambda values: (np.asarray(values) > threshold).mean(axis=(-2, -1))
-
-
-def share_of_columns_above(threshold: float) -> Statistic:
-    """Return the statistic that is the share of columns whose mean is above a threshold."""
-    return lambda values: (np.asarray(values).mean(axis=-2) > threshold).mean(axis=-1)
 
 
 def mean_and_std(values: np.ndarray) -> tuple[float, float]:

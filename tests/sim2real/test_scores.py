@@ -92,6 +92,16 @@ def test_one_run_speaks_of_its_adaptations_only() -> None:
     assert "say nothing about another training seed" in table.notes[0]
 
 
+def test_estimates_lie_in_their_intervals() -> None:
+    """Also where a few repeats of a few cells are far out, and cells cross the threshold."""
+    noisy = scores(runs=1, adaptations=2)
+    noise = np.random.default_rng(1).standard_cauchy(noisy.after.shape)
+    noisy = replace(noisy, after=noisy.after + 100 * noise)
+    after = row(summary(noisy), "whole grid", "after")
+    for name in ("mean return", "IQM", "share of cells > 1000"):
+        assert after[name].low <= after[name].value <= after[name].high
+
+
 def test_one_adaptation_of_one_run_has_values_without_intervals() -> None:
     """Nothing can be resampled, so there are plain numbers and a note."""
     table = summary(scores(runs=1, adaptations=1))

@@ -12,12 +12,10 @@ from sim2real.stats import (
     bootstrap,
     difference,
     iqm,
-    iqm_of_columns,
     mean,
     mean_and_std,
     probability_of_improvement,
     share_above,
-    share_of_columns_above,
     wins,
 )
 
@@ -35,24 +33,15 @@ def test_iqm_is_the_mean_of_the_middle_half() -> None:
     assert iqm(values.reshape(4, 2)) == 4.5
 
 
-def test_iqm_of_columns_averages_repeats_first() -> None:
-    """Repeats of one run in a column count as their mean, so an extreme repeat is not trimmed."""
-    values = np.array([[0.0, 2.0, 3.0, 100.0], [2.0, 2.0, 5.0, 300.0]])
-    assert iqm_of_columns(values) == 3.0
-    assert iqm(values) == pytest.approx((2 + 2 + 2 + 3) / 4, abs=1.0)
-
-
-def test_shares_count_values_or_columns() -> None:
-    """A point of the profile counts every value, or every column by its mean."""
-    values = np.array([[0.0, 3.0], [3.0, 3.0]])
-    assert share_above(2.0)(values) == 0.75
-    assert share_of_columns_above(1.0)(values) == 1.0
+def test_share_counts_the_values_above() -> None:
+    """A point of the performance profile; a value at the threshold is not above it."""
+    assert share_above(2.0)(np.array([[0.0, 3.0], [2.0, 3.0]])) == 0.5
 
 
 def test_statistics_reduce_the_last_two_axes() -> None:
     """A stack of tables gives the same numbers as the tables by themselves."""
     stack = rng().normal(size=(5, 3, 7))
-    for statistic in (iqm, iqm_of_columns, mean, share_above(0.1)):
+    for statistic in (iqm, mean, share_above(0.1)):
         np.testing.assert_allclose(statistic(stack), [statistic(table) for table in stack])
 
 
