@@ -14,21 +14,21 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
-from torchrl.envs import EnvBase, TransformedEnv
+from torchrl.envs import EnvBase
 
 from benchmarks.rows.base import Row, Timing
 from benchmarks.rows.physics import Recorder, Tape
 from benchmarks.world import THREADS, Gait, controller, make_simulation, make_tasks
 from envs.rows import Rows
-from envs.torch_env import RandomizeParams, RowsEnv
+from envs.torch_env import RowsEnv
 
 SEED = 7
 WARM_UP = 60  # control steps before the clock starts: the rows are then spread over their episodes
 
 
-def make_env(rows: Rows) -> TransformedEnv:
+def make_env(rows: Rows) -> RowsEnv:
     """Return the randomized Hopper as a user makes it."""
-    return TransformedEnv(RowsEnv(rows, seed=SEED), RandomizeParams(make_tasks()))
+    return RowsEnv(rows, seed=SEED, tasks=make_tasks())
 
 
 class Actor(TensorDictModuleBase):
@@ -94,7 +94,7 @@ class BatchedEnv(Row):
         return recorder.tape
 
     @torch.no_grad()
-    def _warm(self, env: TransformedEnv) -> TensorDictBase:
+    def _warm(self, env: RowsEnv) -> TensorDictBase:
         env.set_seed(SEED)
         tensordict = env.reset()
         for _ in range(WARM_UP):
@@ -102,7 +102,7 @@ class BatchedEnv(Row):
         return tensordict
 
     @torch.no_grad()
-    def _timed(self, env: TransformedEnv, tensordict: TensorDictBase) -> Timing:
+    def _timed(self, env: RowsEnv, tensordict: TensorDictBase) -> Timing:
         ended = []
         begin = time.perf_counter()
         for _ in range(self._steps):
