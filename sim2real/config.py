@@ -56,6 +56,7 @@ class Config:
     eval: dict[str, Any] | None
     logger: dict[str, Any]
     video: dict[str, Any] | None
+    cluster: dict[str, Any] | None
     seed: int
     device: Literal["auto", "cpu", "cuda"]
     iterations: int | None

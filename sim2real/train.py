@@ -19,6 +19,7 @@ import logging
 import signal
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -29,6 +30,7 @@ from sim2real import plots
 from sim2real.adapt import Adaptation
 from sim2real.algorithms.base import Algorithm
 from sim2real.checkpoint import find
+from sim2real.cluster import Cluster
 from sim2real.errors import RenderError, Sim2RealError, Stopped
 from sim2real.evaluate import Adaptable, Evaluation, evaluate_grid
 from sim2real.learner import build, identity
@@ -59,6 +61,7 @@ def run(
     keep_checkpoints: int,
     resume: str | Path | None,
     video: Video | None,
+    cluster: Cluster | None,
     out: Path,
 ) -> Algorithm:
     """Train.
@@ -80,6 +83,7 @@ def run(
         keep_checkpoints: how many of the newest stay; the best stays too.
         resume: a run folder or a checkpoint to continue; None starts afresh.
         video: the film of the trained policy; None for none.
+        cluster: where a population's episodes run; None for this machine.
         out: the run's folder.
 
     Returns:
@@ -96,14 +100,15 @@ def run(
     learner = build(algorithm, **parts, seed=seed)
     files = RunFiles(Path(out), identity(learner, env), checkpoint_every, keep_checkpoints)
     files.begin(learner, source)
-    with logger.opened(files.out, files.config):
-        learn(learner, budget, files, logger)
-    try:
-        with files.writing():
-            finish(learner, files, env, eval, video, seed)
-    except KeyboardInterrupt:
-        what = "training is complete, its evaluation is not"
-        raise _stopped(files, what, signal.SIGINT) from None
+    with cluster.attached(learner, env) if cluster else nullcontext():
+        with logger.opened(files.out, files.config):
+            learn(learner, budget, files, logger)
+        try:
+            with files.writing():
+                finish(learner, files, env, eval, video, seed)
+        except KeyboardInterrupt:
+            what = "training is complete, its evaluation is not"
+            raise _stopped(files, what, signal.SIGINT) from None
     return learner
 
 

@@ -79,6 +79,7 @@ def go(out: Path, events: dict[int, Any] | None = None, **changes: Any) -> Walk:
         "keep_checkpoints": 5,
         "resume": None,
         "video": None,
+        "cluster": None,
         "out": out,
     }
     learner = train.run(**(given | changes))
