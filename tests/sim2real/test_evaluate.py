@@ -16,6 +16,7 @@ from envs.errors import ParameterError
 from envs.rows import Rows
 from envs.toys import BiasedCartPole, Nav2D
 from sim2real.adapt import Adaptation, HillClimb, NoAdaptation
+from sim2real.config import compose, prepare
 from sim2real.errors import Sim2RealError
 from sim2real.evaluate import Evaluation, evaluate_grid, find_runs, run_cells
 from sim2real.grid import Grid
@@ -194,3 +195,24 @@ def test_nothing_to_evaluate_is_refused(tmp_path: Path) -> None:
         find_runs(tmp_path / "missing")
     with pytest.raises(Sim2RealError, match="holds no checkpoint"):
         find_runs(tmp_path)
+
+
+def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
+    """Two seeds of a sweep, trained and loaded by their folder, are two rows of the interval."""
+    small = ["algorithm.pairs=2", "algorithm.num_rows=16", "adapt.queries=2"]
+    for seed in (3, 4):
+        own = [f"seed={seed}", "iterations=1", "eval=none"]
+        verb, arguments = prepare(compose(["+experiment=nav2d", *small, *own]), tmp_path)
+        out = tmp_path / "sweep" / str(seed)
+        learner = verb(**arguments | {"out": out})
+        (out / "manifest.json").write_text(json.dumps({"seed": seed}), encoding="utf-8")
+    again = ["run=evaluate", f"checkpoint={tmp_path / 'sweep'}", "eval.adaptations=1"]
+    verb, arguments = prepare(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
+    scores = verb(**arguments)
+    assert scores.runs == ("seed 3", "seed 4")
+    assert scores.frames[1] == learner.frames
+    assert (scores.after[0] != scores.after[1]).any()
+    np.testing.assert_array_equal(
+        scores.after[1:], run_cells(learner, arguments["eval"], 0, "seed 4").after
+    )
+    assert "bootstrap over 2 training runs" in (tmp_path / "out" / "table.md").read_text("utf-8")
