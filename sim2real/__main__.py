@@ -11,6 +11,7 @@ import logging
 import os
 import re
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,8 @@ def main() -> None:
     """Run the command line."""
     sys.argv[1:] = [re.sub(r"^experiment=", "+experiment=", a) for a in sys.argv[1:]]
     if {"--help", "-h"} & set(sys.argv[1:]):
-        print(overview())
+        with suppress(BrokenPipeError):  # the reader, such as `head`, has seen enough
+            print(overview(), flush=True)
         return
     try:
         sys.argv[1:] = precheck(sys.argv[1:])

@@ -11,13 +11,14 @@ CONF = Path(__file__).resolve().parent.parent / "conf"
 EXPERIMENT = "experiment"
 _INTRODUCTION = """\
 sim2real: train policies in simulation that survive, and adapt to, the real robot; find what
-    separates the two.
+separates the two.
 
-  python -m sim2real +experiment=NAME            one job
-  python -m sim2real +experiment=NAME seed=3     the same with another value; GROUP=CHOICE swaps a
-  part python -m sim2real -m +experiment=NAME seed=0,1,2      a sweep; hydra/launcher=joblib runs
-  its jobs side by side python -m sim2real run=evaluate checkpoint=PATH        another verb
-  python -m sim2real +experiment=NAME --cfg job          show the configuration and run nothing"""
+  python -m sim2real +experiment=NAME               one job
+  python -m sim2real +experiment=NAME seed=3        the same with another value
+  python -m sim2real +experiment=NAME adapt=none    the same with another choice of a group
+  python -m sim2real -m +experiment=NAME seed=0,1   a sweep; hydra/launcher=joblib: side by side
+  python -m sim2real run=evaluate checkpoint=PATH   another verb
+  python -m sim2real +experiment=NAME --cfg job     show the configuration and run nothing"""
 
 
 def groups() -> list[str]:
