@@ -53,7 +53,7 @@ class Register:
         """Return the value's bytes, least first; negative numbers as two's complement."""
         return (value % (1 << 8 * self.size)).to_bytes(self.size, "little")
 
-    def decode(self, data: bytes) -> int:
+    def decode(self, data: bytes | bytearray) -> int:
         """Return the number that the bytes stand for."""
         return int.from_bytes(data[: self.size], "little", signed=self.signed)
 

@@ -1,0 +1,62 @@
+"""Time as the driver sees it: the machine's, or one that only waiting moves."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """A clock that never runs back."""
+
+    def now(self) -> float:
+        """Return the time [s] from some fixed moment."""
+        ...
+
+    def sleep_until(self, moment: float) -> None:
+        """Wait until the time is `moment` [s]; return at once if it has passed."""
+        ...
+
+    def pause(self) -> None:
+        """Let others have the processor for a moment, while waiting for bytes."""
+        ...
+
+
+class RealClock:
+    """The machine's monotonic clock; setting the date does not touch it."""
+
+    def now(self) -> float:
+        """Return the time [s]."""
+        return time.perf_counter()
+
+    def sleep_until(self, moment: float) -> None:
+        """Wait until the time is `moment` [s]."""
+        left = moment - self.now()
+        if left > 0:
+            time.sleep(left)
+
+    def pause(self) -> None:
+        """Sleep for 50 microseconds."""
+        time.sleep(5e-5)
+
+
+class VirtualClock:
+    """A clock that stands still but for those who wait on it.
+
+    Args:
+        start: the time that it shows at first [s].
+    """
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+
+    def now(self) -> float:
+        """Return the time [s]."""
+        return self._now
+
+    def sleep_until(self, moment: float) -> None:
+        """Go on to `moment` [s]."""
+        self._now = max(self._now, moment)
+
+    def pause(self) -> None:
+        """Do nothing: reading from the emulated port moves the clock."""

@@ -1,0 +1,225 @@
+"""The emulated bus: bytes in, bytes out, at the times a real bus would take.
+
+    bus = Bus(world, latency=0.001, rng=np.random.default_rng(0))
+    for arrival, data in bus.feed(ping_bytes, now=0.0, baud=1_000_000):
+        ...                                   # the host has `data` at time `arrival` [s]
+
+Half duplex, 10 bits a byte. A servo answers after its return delay and a turn-round of 50 µs (an
+assumption), the next one of a chain after it; each is sampled when its answer starts, so later ones
+are seen later. The adapter hands bytes over at most `latency` after the last of them. A chain of
+answers ends at a servo that is missing. Two servos of one ID answer one after the other.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hardware import protocol
+from hardware.emulator.servo import Servo
+from hardware.protocol import BROADCAST, Packet, Parser
+
+if TYPE_CHECKING:
+    from hardware.emulator.world import World
+
+TURN_ROUND = 5e-5  # s
+BYTE_GAP = 0.02  # s of silence after which an unfinished packet is forgotten
+Arrival = tuple[float, bytes]
+_SINGLE_NO_REPLY = (protocol.ACTION,)
+
+
+class Bus:
+    """The wire between a host and the servos of a world.
+
+    Args:
+        world: the servos, and the physics that goes on while bytes travel.
+        latency: most time that the adapter holds bytes back [s].
+        rng: for the phase of the adapter's flushes.
+    """
+
+    def __init__(self, world: World, latency: float, rng: np.random.Generator) -> None:
+        self._world, self._rng = world, rng
+        self.latency = latency
+        self._parser = Parser()
+        self._free = 0.0  # s, when the wire is idle again
+        self._byte = 1e-5  # s a byte takes
+        self._baud = 0
+        self.loss = world.hidden.robot["packet_loss"]
+
+    def feed(self, data: bytes, now: float, baud: int) -> list[Arrival]:
+        """Take bytes that the host writes, and return what comes back and when.
+
+        Args:
+            data: the bytes.
+            now: when the host writes them [s].
+            baud: the host's bits a second; servos set otherwise do not understand.
+
+        Returns:
+            (time [s], bytes) in order of time.
+        """
+        self._byte, self._baud = 10 / baud, baud
+        if now - self._free > BYTE_GAP:
+            self._parser.clear()
+        start = max(now, self._free)
+        self._free = start + len(data) * self._byte
+        arrivals: list[Arrival] = []
+        for packet in self._parser.feed(self._world.faults.incoming(data, start)):
+            self._world.advance(self._free)
+            arrivals += self._handle(packet)
+        return sorted(arrivals, key=lambda arrival: arrival[0])
+
+    def _handle(self, packet: Packet) -> list[Arrival]:
+        """Let the servos carry out a packet, and return their answers."""
+        if not packet.ok:
+            return self._send([self._status(s, protocol.BAD_CRC, b"") for s in self._at(packet.id)])
+        if packet.instruction in _GROUPS:
+            return _GROUPS[packet.instruction](self, packet.params)
+        if packet.instruction == protocol.STATUS:
+            return []
+        if packet.id == BROADCAST:
+            return self._broadcast(packet)
+        answers = []
+        for servo in self._at(packet.id):
+            if self._lost():
+                continue
+            replies = servo.answers(packet.instruction)
+            error, params = servo.execute(packet.instruction, packet.params, self._free)
+            if replies and packet.instruction not in _SINGLE_NO_REPLY:
+                answers.append(self._status(servo, error, params))
+        return self._send(answers)
+
+    def _broadcast(self, packet: Packet) -> list[Arrival]:
+        listening = [s for s in self._world.servos if self._hears(s)]
+        ordered = sorted(listening, key=lambda s: s.id)
+        answers = []
+        for servo in ordered:
+            if packet.instruction == protocol.FACTORY_RESET and packet.params == b"\xff":
+                continue  # forbidden for all at once: every servo would get the same ID
+            error, params = servo.execute(packet.instruction, packet.params, self._free)
+            if packet.instruction == protocol.PING:
+                answers.append(self._status(servo, error, params))
+        return self._send(answers)
+
+    def _sync_read(self, params: bytes) -> list[Arrival]:
+        if len(params) < 5:
+            return []
+        address, size = struct.unpack_from("<HH", params)
+        return self._chain(protocol.SYNC_READ, [(n, address, size) for n in params[4:]])
+
+    def _bulk_read(self, params: bytes) -> list[Arrival]:
+        return self._chain(protocol.BULK_READ, list(struct.iter_unpack("<BHH", _whole(params, 5))))
+
+    def _fast_sync_read(self, params: bytes) -> list[Arrival]:
+        if len(params) < 5:
+            return []
+        address, size = struct.unpack_from("<HH", params)
+        return self._fast_chain([(n, address, size) for n in params[4:]])
+
+    def _fast_bulk_read(self, params: bytes) -> list[Arrival]:
+        return self._fast_chain(list(struct.iter_unpack("<BHH", _whole(params, 5))))
+
+    def _sync_write(self, params: bytes) -> list[Arrival]:
+        if len(params) < 4:
+            return []
+        address, size = struct.unpack_from("<HH", params)
+        body = _whole(params[4:], size + 1)
+        for i in range(0, len(body), size + 1):
+            self._silent_write(body[i], address, body[i + 1 : i + 1 + size])
+        return []
+
+    def _bulk_write(self, params: bytes) -> list[Arrival]:
+        while len(params) >= 5:
+            number, address, size = struct.unpack_from("<BHH", params)
+            self._silent_write(number, address, params[5 : 5 + size])
+            params = params[5 + size :]
+        return []
+
+    def _silent_write(self, number: int, address: int, data: bytes) -> None:
+        for servo in self._at(number):
+            if not self._lost():
+                servo.heard = self._free
+                servo.write(address, data, self._free)
+
+    def _chain(self, instruction: int, wanted: list[tuple[int, int, int]]) -> list[Arrival]:
+        """Answers of several servos, one after the other, each sampled as it starts."""
+        answers: list[tuple[Servo, bytes]] = []
+        when = self._free
+        for number, address, size in wanted:
+            servos = [s for s in self._at(number) if s.answers(instruction)]
+            if not servos or self._lost():
+                break
+            for servo in servos:
+                when += servo.return_delay + TURN_ROUND
+                self._world.advance(when)
+                servo.heard = self._free
+                error, data = servo.read(address, size)
+                answer = self._status(servo, error, data)
+                answers.append(answer)
+                when += len(answer[1]) * self._byte
+        return self._send(answers)
+
+    def _fast_chain(self, wanted: list[tuple[int, int, int]]) -> list[Arrival]:
+        """One answer to which every servo adds its part; it ends at a servo that is missing."""
+        parts = []
+        when = self._free + TURN_ROUND
+        first: Servo | None = None
+        for number, address, size in wanted:
+            servo = next((s for s in self._at(number) if s.fast), None)
+            if servo is None or not servo.answers(protocol.FAST_SYNC_READ) or self._lost():
+                break
+            if first is None:
+                first = servo
+                when += servo.return_delay
+            self._world.advance(when)
+            servo.heard = self._free
+            error, data = servo.read(address, size)
+            parts.append((servo.flagged(error), servo.id, data.ljust(size, b"\0")))
+            when += (size + 4) * self._byte
+        if first is None:
+            return []
+        total = protocol.fast_length([size for _, _, size in wanted])
+        return self._send([(first, protocol.fast_status_packet(parts, total))])
+
+    def _status(self, servo: Servo, error: int, params: bytes) -> tuple[Servo, bytes]:
+        return servo, protocol.status_packet(servo.id, servo.flagged(error), params)
+
+    def _send(self, answers: list[tuple[Servo, bytes]]) -> list[Arrival]:
+        """Put answers on the wire one after the other; faults may drop, change or delay them."""
+        arrivals: list[Arrival] = []
+        for servo, data in answers:
+            if self._lost():
+                continue
+            self._free += servo.return_delay + TURN_ROUND + len(data) * self._byte
+            for late, piece in self._world.faults.outgoing(data, servo.id, self._free):
+                arrivals.append((self._free + late, piece))
+        if not arrivals:
+            return []
+        flush = self._free + float(self._rng.uniform(0, self.latency))
+        return [(max(time, flush), data) for time, data in arrivals]
+
+    def _at(self, number: int) -> Iterator[Servo]:
+        return (s for s in self._world.servos if s.id == number and self._hears(s))
+
+    def _hears(self, servo: Servo) -> bool:
+        return servo.baud == self._baud and not self._world.is_silent(servo, self._free)
+
+    def _lost(self) -> bool:
+        return self.loss > 0 and self._rng.random() < self.loss
+
+
+def _whole(data: bytes, size: int) -> bytes:
+    """The data without an unfinished entry at its end."""
+    return data[: len(data) // size * size]
+
+
+_GROUPS = {
+    protocol.SYNC_READ: Bus._sync_read,
+    protocol.BULK_READ: Bus._bulk_read,
+    protocol.FAST_SYNC_READ: Bus._fast_sync_read,
+    protocol.FAST_BULK_READ: Bus._fast_bulk_read,
+    protocol.SYNC_WRITE: Bus._sync_write,
+    protocol.BULK_WRITE: Bus._bulk_write,
+}

@@ -1,0 +1,44 @@
+"""The motion of a servo's goal: at once, or with limited speed and acceleration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class Profile:
+    """Goals of n servos on their way [counts]: trapezoids of speed, started anew by each command.
+
+    Args:
+        start: where the goals are, (n,).
+    """
+
+    def __init__(self, start: np.ndarray) -> None:
+        self.position = start.copy()  # counts
+        self.speed = np.zeros(len(start))  # counts/s
+        self.fastest = np.full(len(start), np.inf)  # counts/s
+        self.sharpest = np.full(len(start), np.inf)  # counts/s^2
+        self.shaped = False
+
+    def limit(self, servo: int, fastest: float, sharpest: float) -> None:
+        """Set a servo's limits [counts/s], [counts/s^2]; inf for none."""
+        self.fastest[servo], self.sharpest[servo] = fastest, sharpest
+        self.shaped = bool(np.isfinite(self.fastest).any() or np.isfinite(self.sharpest).any())
+
+    def jump(self, servo: int, position: float) -> None:
+        """Put a servo's goal somewhere, at rest."""
+        self.position[servo], self.speed[servo] = position, 0.0
+
+    def advance(self, goal: np.ndarray, dt: float) -> np.ndarray:
+        """Move towards the goals, (n,), for dt [s], and return the positions, (n,)."""
+        if not self.shaped:
+            self.position[:] = goal
+            return self.position
+        way = goal - self.position
+        step = np.where(np.isfinite(self.sharpest), self.sharpest, 1e12) * dt  # counts/s
+        brake = np.sqrt(2 * step / dt * np.abs(way) + (step / 2) ** 2) - step / 2
+        wanted = np.sign(way) * np.minimum(np.minimum(self.fastest, brake), np.abs(way) / dt)
+        speed = self.speed + np.clip(wanted - self.speed, -step, step)
+        arrives = (np.abs(way) <= np.abs(speed) * dt + 1e-9) & (np.abs(speed) <= 1.5 * step)
+        self.position = np.where(arrives, goal, self.position + speed * dt)
+        self.speed = np.where(arrives, 0.0, speed)
+        return self.position

@@ -1,0 +1,219 @@
+"""One servo on the emulated bus: what it answers to an instruction."""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+
+from hardware import protocol
+from hardware.emulator.firmware import Firmware
+from hardware.emulator.memory import PRESENT, PRESENT_END, Memory
+
+REBOOT_SILENCE = 0.2  # s, an assumption
+GOALS, GOALS_END = 100, 120
+TORQUE_ENABLE = 64
+FAST_FIRMWARE = 45  # older firmware leaves fast reads unanswered
+CLEAR_TURNS = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
+Answer = tuple[int, bytes]  # error, parameters
+
+
+class Servo:
+    """A servo's side of the protocol.
+
+    Args:
+        index: its place among the firmware's servos.
+        memory: its control table.
+        firmware: all servos' control loops.
+    """
+
+    def __init__(self, index: int, memory: Memory, firmware: Firmware) -> None:
+        self.index, self.memory, self._firmware = index, memory, firmware
+        self.silent_until = 0.0
+        self.heard = 0.0  # s, when an instruction last came
+        self.pending: deque[tuple[float, bytes]] = deque()  # delayed goals: when due, registers
+        self._registered: tuple[int, bytes] | None = None
+
+    @property
+    def id(self) -> int:
+        """Its number on the bus."""
+        return self.memory.data[7]
+
+    @property
+    def baud(self) -> int:
+        """The bits a second that it understands."""
+        bauds = self.memory.kind.bauds
+        return bauds[self.memory.data[8] % len(bauds)]
+
+    @property
+    def return_delay(self) -> float:
+        """How long it waits before it answers [s]."""
+        return self.memory.data[9] * self.memory.kind.units.return_delay
+
+    @property
+    def fast(self) -> bool:
+        """Whether it answers fast reads."""
+        return self.memory.data[6] >= FAST_FIRMWARE
+
+    def answers(self, instruction: int) -> bool:
+        """Say whether its status return level lets it answer this instruction."""
+        level = self.memory["status_return_level"]
+        if instruction == protocol.PING:
+            return True
+        reads = (protocol.READ, protocol.SYNC_READ, protocol.BULK_READ)
+        fast = (protocol.FAST_SYNC_READ, protocol.FAST_BULK_READ)
+        return level >= (1 if instruction in reads + fast else 2)
+
+    def flagged(self, error: int) -> int:
+        """Return the error byte: with the alert bit while a hardware error is latched."""
+        return error | (protocol.ALERT if self._firmware.errors[self.index] else 0)
+
+    def execute(self, instruction: int, params: bytes, now: float) -> Answer:
+        """Carry out an instruction and return what it answers."""
+        self.heard = now
+        match instruction:
+            case protocol.PING:
+                data = self.memory.data
+                return 0, bytes([data[0], data[1], data[6]])
+            case protocol.READ if len(params) == 4:
+                return self.read(*struct.unpack("<HH", params))
+            case protocol.WRITE if len(params) > 2:
+                return self.write(int.from_bytes(params[:2], "little"), params[2:], now), b""
+            case protocol.REG_WRITE if len(params) > 2:
+                return self._register(int.from_bytes(params[:2], "little"), params[2:]), b""
+            case protocol.ACTION:
+                return self._act(now), b""
+            case protocol.REBOOT:
+                self.reboot(now)
+                return 0, b""
+            case protocol.FACTORY_RESET if len(params) == 1:
+                return self._factory(params[0], now), b""
+            case protocol.CLEAR if params == CLEAR_TURNS:
+                self._firmware.clear_turns(self.index)
+                return 0, b""
+            case protocol.READ | protocol.WRITE | protocol.REG_WRITE | protocol.FACTORY_RESET:
+                return protocol.BAD_LENGTH, b""
+            case protocol.CLEAR:
+                return protocol.BAD_RANGE, b""
+        return protocol.UNKNOWN_INSTRUCTION, b""
+
+    def read(self, address: int, size: int) -> Answer:
+        """Return registers as they are now."""
+        if (address < PRESENT_END and address + size > PRESENT) or address + size > PRESENT_END:
+            self._refresh()
+        data = self.memory.read(address, size)
+        return (protocol.NO_ACCESS, b"") if data is None else (0, data)
+
+    def write(self, address: int, data: bytes, now: float) -> int:
+        """Write registers if that is allowed, and return the error number."""
+        i, memory, firmware = self.index, self.memory, self._firmware
+        error = memory.refusal(address, data, bool(firmware.torque_on[i]))
+        if error:
+            return error
+        if memory["bus_watchdog"] < 0 and _overlaps(address, len(data), GOALS, GOALS_END):
+            return protocol.BAD_RANGE
+        if firmware.errors[i] and _overlaps(address, len(data), TORQUE_ENABLE, TORQUE_ENABLE + 1):
+            return 0  # a servo that shut itself down ignores it
+        touched = memory.write(address, data)
+        if memory["drive_mode"] & 8 and touched & {100, 102, 104, 116}:
+            memory["torque_enable"] = 0 if firmware.errors[i] else 1
+            firmware.load(i)
+        self._take(touched, now)
+        return 0
+
+    def _take(self, touched: set[int], now: float) -> None:
+        firmware = self._firmware
+        goals = any(GOALS <= a < GOALS_END for a in touched)
+        if goals:
+            delay = firmware.hidden.robot["command_delay"]
+            if delay > 0:
+                self.pending.append((now + delay, bytes(self.memory.data[GOALS:GOALS_END])))
+            else:
+                firmware.load_goals(self.index)
+        if any(not GOALS <= a < GOALS_END for a in touched):
+            firmware.load(self.index)
+
+    def apply_due(self, now: float) -> None:
+        """Let the firmware have the delayed goals whose time has come."""
+        while self.pending and self.pending[0][0] <= now:
+            _, goals = self.pending.popleft()
+            data = self.memory.data
+            newest = bytes(data[GOALS:GOALS_END])
+            data[GOALS:GOALS_END] = goals
+            self._firmware.load_goals(self.index)
+            data[GOALS:GOALS_END] = newest
+
+    def _register(self, address: int, data: bytes) -> int:
+        torque = bool(self._firmware.torque_on[self.index])
+        error = self.memory.refusal(address, data, torque)
+        if not error:
+            self._registered = (address, data)
+            self.memory["registered_instruction"] = 1
+        return error
+
+    def _act(self, now: float) -> int:
+        if self._registered is None:
+            return protocol.FAIL
+        address, data = self._registered
+        self._registered = None
+        self.memory["registered_instruction"] = 0
+        return self.write(address, data, now)
+
+    def reboot(self, now: float) -> None:
+        """Start anew: RAM fresh, torque off, errors forgotten, silent for a while."""
+        self.memory.restart()
+        self._registered = None
+        self.pending.clear()
+        self._firmware.boot(self.index)
+        self.silent_until = now + REBOOT_SILENCE
+
+    def _factory(self, mode: int, now: float) -> int:
+        keep = {0xFF: (), 0x01: ("id",), 0x02: ("id", "baud_rate")}.get(mode)
+        if keep is None:
+            return protocol.BAD_RANGE
+        self.memory.factory(keep)
+        self.reboot(now)
+        return 0
+
+    def watch(self, now: float) -> None:
+        """Trip the bus watchdog if nothing was heard for as long as it allows."""
+        steps = self.memory.data[98]
+        if 0 < steps < 128 and self._firmware.torque_on[self.index]:
+            allowed = steps * self.memory.kind.units.watchdog
+            if now - self.heard > allowed:
+                self.memory["bus_watchdog"] = -1
+                self._firmware.hold(self.index)
+
+    def _refresh(self) -> None:
+        """Write what the firmware knows into the present registers."""
+        i, firmware = self.index, self._firmware
+        kind = self.memory.kind
+        units = kind.units
+        count, velocity, pwm, current = (values[i] for values in firmware.present())
+        way, speed = (values[i] for values in firmware.trajectory)
+        load = pwm / units.full_pwm * 1000
+        amps = load if kind.current is None else current / kind.current
+        moving = abs(velocity) / units.velocity > self.memory["moving_threshold"]
+        arrived = way == firmware.goal[i]
+        self.memory.data[PRESENT:PRESENT_END] = struct.pack(
+            "<HBBhhiiiiHB",
+            firmware.ticks % 32768,
+            int(moving),
+            (1 if arrived else 2) | (0x30 if firmware.goal[i] != way else 0),
+            _fit(pwm, 16),
+            _fit(amps, 16),
+            _fit(velocity / units.velocity, 32),
+            _fit(count, 32),
+            _fit(speed * units.angle / units.velocity, 32),
+            _fit(way, 32),
+            round(firmware.supply[i] / units.voltage),
+            min(max(round(firmware.temperature[i]), 0), 255),
+        )
+
+
+def _overlaps(address: int, size: int, start: int, end: int) -> bool:
+    return address < end and address + size > start
+
+
+def _fit(value: float, bits: int) -> int:
+    most = (1 << (bits - 1)) - 1
+    return min(max(round(float(value)), -most - 1), most)

@@ -1,0 +1,131 @@
+"""An emulated robot: servos, physics and bus under one clock.
+
+    world = World(load_robot("bench1"))
+    world.bus.feed(instruction_packet(1, PING), now=0.0, baud=1_000_000)
+    world.advance(0.5)                      # nothing happens on the bus, the robot moves on
+
+The same bytes at the same times give the same answers, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hardware.config import Robot
+from hardware.emulator.bus import Bus
+from hardware.emulator.faults import Fault, Faults
+from hardware.emulator.firmware import Firmware
+from hardware.emulator.hidden import Hidden, read_hidden
+from hardware.emulator.mechanics import Mechanics
+from hardware.emulator.memory import Memory
+from hardware.emulator.servo import REBOOT_SILENCE, Servo
+
+
+class World:
+    """The emulated robot behind a bus.
+
+    Args:
+        robot: the robot as it is; where a driver's file says otherwise, the driver is wrong.
+        hidden: the effects it hides; None reads the file that `robot.hidden` names.
+        faults: what goes wrong, and when.
+        seed: of all its randomness.
+        registers: EEPROM and RAM of servos at the start, by actuator, where they differ from what
+            the robot's file implies: `{"hinge": {"baud_rate": 1}}`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        hidden: Hidden | None = None,
+        faults: Sequence[Fault] = (),
+        seed: int = 0,
+        registers: Mapping[str, Mapping[str, int]] | None = None,
+    ) -> None:
+        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
+        self.robot = robot
+        self.hidden = hidden or read_hidden(robot.hidden, robot)
+        self.mechanics = Mechanics(robot, self.hidden)
+        memories = [
+            Memory(servo.type, _as_set_up(robot, i) | dict((registers or {}).get(servo.name, {})))
+            for i, servo in enumerate(robot.servos)
+        ]
+        self.firmware = Firmware(robot, memories, self.mechanics, self.hidden, streams[0])
+        self.servos = [Servo(i, memory, self.firmware) for i, memory in enumerate(memories)]
+        self.faults = Faults(faults, streams[1])
+        self._events = _events(faults)
+        self.bus = Bus(self, robot.bus.latency, streams[2])
+
+    @property
+    def time(self) -> float:
+        """Seconds since the start, as far as the physics went."""
+        return self.firmware.time
+
+    def advance(self, time: float) -> None:
+        """Let firmware and physics go on until this time [s]; never back.
+
+        A tick of the firmware that starts before or at `time` is run: what it measured is what a
+        client reads now, and what a client writes now is for the next tick.
+        """
+        firmware = self.firmware
+        while firmware.time <= time + 1e-9:
+            now = firmware.time
+            while self._events and self._events[0][0] <= now:
+                self._strike(*self._events.pop(0))
+            for servo in self.servos:
+                if servo.pending:
+                    servo.apply_due(now)
+                servo.watch(now)
+            firmware.tick()
+
+    def is_silent(self, servo: Servo, now: float) -> bool:
+        """Say whether a servo hears and says nothing now: it starts anew, or has no supply."""
+        return self.firmware.dark or now < servo.silent_until
+
+    def _strike(self, time: float, fault: Fault, starts: bool) -> None:
+        firmware = self.firmware
+        if fault.kind == "supply":
+            firmware.battery = fault.value if starts else firmware.full_battery
+        elif fault.kind == "blackout":
+            firmware.dark = starts
+            for servo in self.servos:
+                if starts:
+                    servo.reboot(time)
+                servo.silent_until = time + REBOOT_SILENCE
+        for servo in self.servos:
+            if fault.servo not in (None, servo.id):
+                continue
+            if fault.kind == "reboot" and starts:
+                servo.reboot(time)
+            elif fault.kind == "stuck":
+                self.mechanics.lock(servo.index, starts)
+            elif fault.kind == "slip" and starts:
+                firmware.slip[servo.index] += fault.value
+            elif fault.kind == "heat":
+                firmware.heating[servo.index] = fault.value if starts else 0.0
+
+
+def _as_set_up(robot: Robot, i: int) -> dict[str, int]:
+    """The EEPROM of a servo that was set up for this robot: ID, baud and return delay."""
+    servo = robot.servos[i]
+    kind = servo.type
+    delay = round(robot.bus.return_delay / kind.units.return_delay)
+    values = {
+        "id": servo.id,
+        "baud_rate": kind.bauds.index(robot.bus.baud),
+        "return_delay_time": delay,
+    }
+    eeprom = {n: v for n, v in robot.registers_of(servo).items() if kind.register(n).eeprom}
+    return values | eeprom
+
+
+def _events(faults: Sequence[Fault]) -> list[tuple[float, Fault, bool]]:
+    """(time, fault, whether it starts) of the faults in the servos, in order of time."""
+    events = []
+    for fault in faults:
+        if fault.kind in ("reboot", "stuck", "slip", "heat", "supply", "blackout"):
+            events.append((fault.start, fault, True))
+            if np.isfinite(fault.stop):
+                events.append((fault.stop, fault, False))
+    return sorted(events, key=lambda event: event[0])

@@ -1,0 +1,54 @@
+"""Emulated robots for the tests of the hardware."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import yaml
+
+from hardware.config import ROBOTS, Robot, make_robot
+
+
+def bench_data(count: int = 0, **changes: Any) -> dict[str, Any]:
+    """Return the keys of bench1, or of a chain of `count` of its servos."""
+    data = yaml.safe_load((ROBOTS / "bench1.yaml").read_text(encoding="utf-8"))
+    data |= changes
+    if count:
+        hinge = data["servos"]["hinge"]
+        servos = {f"hinge{i}": copy.deepcopy(hinge) | {"id": i} for i in range(1, count + 1)}
+        data["servos"] = servos
+    return data
+
+
+def many_benches(count: int, option: str) -> str:
+    """Return an MJCF of `count` pendulums of 100 g at 0.12 m, with one actuator each."""
+    bodies, actuators = [], []
+    for i in range(1, count + 1):
+        bodies.append(
+            f'<body pos="0 {0.1 * i} 0.3"><joint name="hinge{i}" axis="0 -1 0" armature="0.0018"/>'
+            '<geom type="sphere" pos="0 0 -0.12" size="0.012" mass="0.1"'
+            ' contype="0" conaffinity="0"/></body>'
+        )
+        actuators.append(f'<position name="hinge{i}" joint="hinge{i}" kp="1.3"/>')
+    return (
+        f'<mujoco><option integrator="implicitfast" {option}/><worldbody>'
+        + "".join(bodies)
+        + "</worldbody><actuator>"
+        + "".join(actuators)
+        + "</actuator></mujoco>"
+    )
+
+
+@pytest.fixture
+def chain(tmp_path) -> Callable[..., Robot]:
+    """Return a function that makes a robot of `count` pendulums with some keys changed."""
+
+    def make(count: int = 3, option: str = "", **changes: Any) -> Robot:
+        path = tmp_path / f"chain{count}.xml"
+        path.write_text(many_benches(count, option))
+        return make_robot(bench_data(count, model=str(path), name=f"chain{count}", **changes))
+
+    return make
