@@ -123,7 +123,7 @@ class Plant:
     def _collect(self, effects: Sequence[Effect]) -> None:
         """Sort what is bound by what it does."""
         history = [CommandHistory(self)] if self.model.nhistory else []
-        parts = [*self._bound, *self._shared.values(), *history, *self.layout.joints]
+        parts = [*self._bound, *self._shared.values(), *history]
         parts.sort(key=lambda part: part.order)
         self._parts = list({id(part): part for part in parts}.values())
         self._rules = [b for b in self._parts if isinstance(b, SubstepRule)]
@@ -272,8 +272,9 @@ class Plant:
         for name, base in self._live.items():
             self._fields[name][rows] = base[rows]
         self.applied[rows] = 0.0
-        for rule in self._rules:
-            rule.before_substep(rows)
+        with np.errstate(all="ignore"):  # a diverged row's numbers are its own affair
+            for rule in self._rules:
+                rule.before_substep(rows)
 
     def _advance(self, ids: np.ndarray | None, nstep: int, broken: np.ndarray) -> None:
         try:
@@ -286,8 +287,9 @@ class Plant:
         if not self.measures:
             return
         qpos, qvel = self.qpos[rows].copy(), self.qvel[rows].copy()
-        for measurement in self._measurements:
-            measurement.measure(rows, qpos, qvel)
+        with np.errstate(all="ignore"):
+            for measurement in self._measurements:
+                measurement.measure(rows, qpos, qvel)
         self._sensed[0][rows], self._sensed[1][rows] = qpos, qvel
 
     def measured(self, ids: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

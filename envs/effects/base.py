@@ -17,12 +17,13 @@ then as given:
 1. `CommandRule`: what arrives of the command (packet loss), once a control step;
 2. `SubstepRule`: before each physics substep (goal profiles 10, servo feedback 20, dead zone 30,
    supply 40, friction 50, applied torques 60); the command's delay is the engine's own and follows;
-3. `Measurement`: what the sensors say afterwards (sampling delay 10, side of the play 20, encoder
+3. `Measurement`: what the sensors say afterwards (side of a play 10, sampling delay 20, encoder
    offset 30, noise 40, quantization 50, speed filter 60).
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
@@ -196,6 +197,7 @@ class Effect(ABC):
             if (
                 isinstance(value, bool)
                 or not isinstance(value, int | float)
+                or not math.isfinite(value)
                 or not e.low <= value <= e.high
             ):
                 raise EffectError(
@@ -212,13 +214,12 @@ class Effect(ABC):
     def parameter(self, *scalar: str, **changes: Any) -> Parameter:
         """Return a Parameter with this effect's name, place, way, unit and the given changes."""
         own: dict[str, Any] = {
+            "side": self.side,
             "unit": self.unit,
             "neutral": {"add": 0.0, "scale": 1.0, "set": 0.0}[self.how],
             "how": self.how,
         }
-        return Parameter(
-            self.label(*scalar), self.name, self.where, self.side, **{**own, **changes}
-        )
+        return Parameter(self.label(*scalar), self.name, self.where, **{**own, **changes})
 
     def options(self) -> dict[str, Any]:
         """Return the arguments that are no numbers, by name, as `effects.yaml` keeps them."""

@@ -62,15 +62,10 @@ class ViscousFriction(FieldEffect):
     unit = "N·m·s/rad"
     hows: ClassVar[tuple[How, ...]] = ("add", "scale", "set")
     field = "dof_damping"
-    column = 0
     typical = (0.0, 0.1)
     looks_like = "lag in proportion to speed, and swings that die out exponentially"
     source = "tau = -K w; MuJoCo XML reference, joint/damping"
     experiment = "a swing with the motor switched off, which has no back-EMF"
-
-    def elements(self, model: mujoco.MjModel) -> tuple[np.ndarray]:
-        """Return the index of the linear coefficient."""
-        return (model.jnt_dofadr[joints(model, self.where)],)
 
 
 class Armature(FieldEffect):

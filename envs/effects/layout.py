@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from envs.effects.base import Bound
 from envs.quiet import quiet_engine
 
 SERIES = "/series/"  # in the name of a joint that an effect added
@@ -22,9 +21,10 @@ SERIES = "/series/"  # in the name of a joint that an effect added
 class SeriesJoint(Protocol):
     """What the layout needs to know of a joint that an effect added."""
 
-    order: int
     motor: int  # id of the joint before it, in the simulated model
     joint: int  # its own id there
+    q: int  # its columns in the simulated model's qpos and qvel
+    v: int
     motor_side: bool  # whether the encoder is on the motor's side of it
 
     def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
@@ -78,7 +78,7 @@ class Layout:
     def __init__(self, batch: Batch, nominal: mujoco.MjModel, keep: np.ndarray | None) -> None:
         self._batch, self._model, self._keep = batch, batch.model, keep
         self.raw_qpos, self.raw_qvel = batch.bind("qpos"), batch.bind("qvel")
-        self.joints: list[Bound] = []
+        self.joints: list[SeriesJoint] = []
         if keep is None:
             self.qpos, self.qvel = self.raw_qpos, self.raw_qvel
             return
@@ -118,10 +118,10 @@ class Layout:
             self._batch.forward(ids)
         load = self._bias[ids]  # what the joints must carry, (n, nv)
         for joint in self.joints:
-            rest = joint.settle(ids, load[:, self._model.jnt_dofadr[joint.motor]])  # type: ignore[attr-defined]
-            raw_qpos[:, self._model.jnt_qposadr[joint.joint]] = rest  # type: ignore[attr-defined]
-            if not (measured and joint.motor_side):  # type: ignore[attr-defined]
-                raw_qpos[:, self._model.jnt_qposadr[joint.motor]] -= rest  # type: ignore[attr-defined]
+            rest = joint.settle(ids, load[:, self._model.jnt_dofadr[joint.motor]])
+            raw_qpos[:, joint.q] = rest
+            if not (measured and joint.motor_side):
+                raw_qpos[:, self._model.jnt_qposadr[joint.motor]] -= rest
         self.raw_qpos[ids] = raw_qpos
         self.read(ids)
 
@@ -132,7 +132,7 @@ class Layout:
         raw_qpos, raw_qvel = self.raw_qpos[rows], self.raw_qvel[rows]
         qpos, qvel = raw_qpos[:, self._q], raw_qvel[:, self._v]
         for joint in self.joints:
-            q, v = self.address(joint.motor)  # type: ignore[attr-defined]
-            qpos[:, q] += raw_qpos[:, self._model.jnt_qposadr[joint.joint]]  # type: ignore[attr-defined]
-            qvel[:, v] += raw_qvel[:, self._model.jnt_dofadr[joint.joint]]  # type: ignore[attr-defined]
+            q, v = self.address(joint.motor)
+            qpos[:, q] += raw_qpos[:, joint.q]
+            qvel[:, v] += raw_qvel[:, joint.v]
         self.qpos[rows], self.qvel[rows] = qpos, qvel

@@ -1,6 +1,6 @@
 """Effects on what the robot's encoders say. The robot itself moves as before.
 
-A sensor says what was true when it sampled (`observation_delay`), on its side of a play, plus its
+A sensor says what was true on its side of a play when it sampled (`observation_delay`), plus its
 offset, plus noise, rounded to its counts; its speed is filtered.
 """
 
@@ -234,7 +234,7 @@ class VelocityFilter(_SensorEffect):
 class _SamplingDelay(Measurement):
     """See `ObservationDelay`. Keeps each row's states at its last K control steps."""
 
-    order = 10
+    order = 20
 
     def __init__(self, plant: Plant, longest: float) -> None:
         model = plant.nominal

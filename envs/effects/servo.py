@@ -251,6 +251,7 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
         for actuator in spec.actuators:
             wanted = self.where is None or actuator.name == self.where
             free = actuator.forcerange[0] >= actuator.forcerange[1]
+            free = free or actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_FALSE
             if wanted and free and actuator.gaintype != mujoco.mjtGain.mjGAIN_SO3:
                 actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
                 actuator.forcerange = [-UNLIMITED, UNLIMITED]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 FROZEN = 1e9  # kg·m²: a joint that does not move
 BETWEEN = 0.05  # of the link's inertia: what lies between a spring and a play at one joint
 STIFF_LIMIT = (0.99, 0.999, 1e-4, 0.5, 2.0)  # solimp of the play's ends
-SOFTEST_STEP = 0.25  # largest (dt w)² of a spring that the explicit integration carries well
+STABLE = 0.25  # largest (dt w)² of a spring that the explicit integration carries well
 
 
 class Series(Bound):
@@ -52,7 +52,7 @@ class Series(Bound):
         self.rotor = int(model.jnt_dofadr[motor])
         self.armature, self.value = plant.field("dof_armature"), np.zeros(plant.num_rows)
         self.least = least_rotor(plant, motor)
-        others = [part for part in plant.layout.joints if part.motor == motor]  # type: ignore[attr-defined]
+        others = [part for part in plant.layout.joints if part.motor == motor]
         self.between = BETWEEN * link_inertia(model, motor) if others else 0.0
         plant.layout.joints.append(self)
 
@@ -71,7 +71,7 @@ class Series(Bound):
 class MotorSide(Measurement):
     """Leaves a series joint out of what the encoder says."""
 
-    order = 20
+    order = 10
 
     def __init__(self, series: Series) -> None:
         self._series, self._layout = series, series.plant.layout
@@ -274,7 +274,7 @@ class _Spring(Series):
         if sum(name.startswith(model.joint(motor).name + SERIES) for name in names) > 1:
             link *= BETWEEN
         reduced = 1.0 / (1.0 / rotor + 1.0 / link)
-        self.smallest = model.opt.timestep**2 / (SOFTEST_STEP * reduced)  # rad/(N·m)
+        self.smallest = model.opt.timestep**2 / (STABLE * reduced)  # rad/(N·m)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         super().write(ids, values)

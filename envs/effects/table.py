@@ -30,8 +30,9 @@ plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagn
   `effects.yaml` uses.
 * **neutral** values (0 added, factor 1, the model's own) leave a plant as it is without the effect,
   to the last bit; `backlash` and `joint_compliance`, which add a joint, to 1e-7 rad. Give the
-  effect to a plant only if it is wanted: a rule before each substep costs an engine call each.
-* **extras** are constants given as arguments, or parameters of their own if listed in `free`.
+  effect to a plant only if it is wanted: with a substep rule the engine is called once a substep.
+* **extras** are constants given as arguments, or parameters of their own if listed in `free`. A
+  `Draw` has one range for all parameters of its effect, so leave them constant there.
 * Several effects at one place compose in the order given, fixed ones first: each adds to or scales
   what those before it left. The same effect fixed and drawn composes where it adds or scales, and
   is refused where it sets.
@@ -45,8 +46,8 @@ plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagn
    applied torques (`cogging`). Sums of torques and currents are those of the substep before.
 3. `command_delay` is the engine's own delay line. It comes after the profile, which makes no
    difference to the motion: the profile does not depend on when it runs.
-4. After the step, what the sensors say: sampled in the past (`observation_delay`), on the motor's
-   side of a play or spring, plus `encoder_offset`, plus `sensor_noise`, rounded (`quantization`);
+4. After the step, what the sensors say: on the motor's side of a play or spring, sampled in the
+   past (`observation_delay`), plus `encoder_offset`, plus `sensor_noise`, rounded (`quantization`);
    the speed filtered (`velocity_filter`). Once a control step: reading twice says the same.
 
 ## An effect of your own

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import warnings
+
 import mujoco
 import numpy as np
 import pytest
@@ -210,7 +212,8 @@ def test_a_broken_row_leaves_the_others_alone() -> None:
         p.set_params(ids, values)
         p.reset(ids, np.full((3, 1), 0.1), np.zeros((3, 1)), seeds)
     arm.layout.raw_qvel[1] = 1e12
-    with np.errstate(all="ignore"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         failed = arm.step(None, np.zeros((3, 1)), 4)
     clean.step(None, np.zeros((3, 1)), 4)
     assert list(failed) == [False, True, False]

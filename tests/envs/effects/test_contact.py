@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ BOX = """<mujoco><option timestep="0.001"/><worldbody>
   </worldbody></mujoco>"""
 
 
-def boxes(effects: list, values: list, solref: str = "") -> Plant:
+def boxes(effects: list, values: Any, solref: str = "") -> Plant:
     """Return boxes at rest on the floor, one for each row of values."""
     plant = Plant(mujoco.MjSpec.from_string(BOX.format(solref=solref)), effects, len(values), 1)
     n = len(values)

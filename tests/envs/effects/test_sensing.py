@@ -123,3 +123,13 @@ def test_the_chain_is_sampled_offset_noise_then_rounded(bench, one) -> None:
         expected = np.round((true[:-3] + 0.004) / 0.01) * 0.01
         assert measured[3:] == pytest.approx(expected, abs=1e-9)
     assert (logs[0] == logs[1]).all()
+
+
+def test_a_late_reading_is_the_motors_of_then(bench, one) -> None:
+    """With play before the encoder, the delay is that of the motor's angle, not of the link's."""
+    logs = []
+    for delay in (0.0, 0.010):
+        arm = bench([one("backlash"), make("observation_delay")], [[0.05, delay]], gravity=9.81)
+        arm.reset(0.1)
+        logs.append(arm.run(0.5 * np.sin(np.arange(200) * 0.1), nstep=5)[1])
+    assert logs[1][2:] == pytest.approx(logs[0][:-2], abs=1e-9)

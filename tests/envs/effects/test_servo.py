@@ -80,6 +80,11 @@ def test_torque_limit_gives_a_limit_to_an_actuator_without_one(bench, one) -> No
     arm.reset()
     arm.run(3.0, 1)
     assert arm.torque == pytest.approx([0.5, 30.0])
+    off = '<motor name="servo" joint="hinge" forcelimited="false" forcerange="-1 1"/>'
+    arm = bench([one("torque_limit")], [[0.5], [1e6]], off)  # the model has a range and no limit
+    arm.reset()
+    arm.run(3.0, 1)
+    assert arm.torque == pytest.approx([0.5, 3.0])
 
 
 def test_torque_limit_is_absent_at_the_models_own(bench, one) -> None:
