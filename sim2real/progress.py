@@ -11,10 +11,12 @@ from __future__ import annotations
 import logging
 import sys
 import time
+from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, TextIO
 
 from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
 
 log = logging.getLogger(__name__)
 
@@ -40,21 +42,24 @@ class Progress:
         every: float = 30.0,
         stream: TextIO | None = None,
     ) -> None:
-        stream = sys.stderr if stream is None else stream
+        terminal = stream or sys.stderr
         self.total, self.unit = total, unit
         self._start_done, self._start_frames = done, frames
         self._start = self._last_line = time.monotonic()
         self._every = every
         self._bar: Any = None
-        if stream.isatty():
-            layout = "{desc} {n_fmt}/{total_fmt} |{bar}| {postfix}{elapsed} + {remaining}"
+        self._lines = ExitStack()
+        if terminal is not None and terminal.isatty():
+            self._lines.enter_context(logging_redirect_tqdm())  # the log's lines go above the bar
+            layout = "{desc} {n_fmt}/{total_fmt} |{bar}| {elapsed}, {remaining} left{postfix}"
             self._bar = tqdm(
                 total=total,
                 initial=done,
                 desc=unit,
                 bar_format=layout,
-                file=stream,
+                file=terminal,
                 dynamic_ncols=True,
+                unit_scale=total >= 10_000,
             )
 
     def update(self, done: int, frames: int | None = None, score: float | None = None) -> None:
@@ -72,7 +77,7 @@ class Progress:
                 f"{(frames - self._start_frames) / max(now - self._start, 1e-9):,.0f} steps/s"
             )
         if self._bar is not None:
-            self._bar.set_postfix_str("".join(f"{word}, " for word in words), refresh=False)
+            self._bar.set_postfix_str(", ".join(words), refresh=False)
             self._bar.update(done - self._bar.n)
         elif now - self._last_line >= self._every or done >= self.total:
             self._last_line = now
@@ -91,6 +96,7 @@ class Progress:
         """Leave the bar as it is and end its line."""
         if self._bar is not None:
             self._bar.close()
+        self._lines.close()
 
     def __enter__(self) -> Progress:
         """Return itself."""

@@ -10,6 +10,7 @@ since a broken one can take its process with it. Without any, `RenderError` says
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import subprocess
 import sys
@@ -37,6 +38,7 @@ from sim2real.population import Members, Population, draw_seeds
 Act = Callable[[np.ndarray], np.ndarray]  # raw observation (O,) to action (A,)
 INSTALL = "install a software renderer, as root: apt-get install libegl1 libgl1-mesa-dri"
 VIDEO_STREAM = 3  # which of the seed's streams the film's task and luck are
+SIGNS = {"set": "=", "add": "+", "scale": "×"}  # what a parameter does to the model's own value
 MARGIN = 22  # px, height of a line of text
 
 
@@ -82,6 +84,7 @@ class Camera:
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, name: str | None) -> None:
+        logging.getLogger("OpenGL").setLevel(logging.WARNING)  # it tells of accelerators it lacks
         library = importlib.import_module(f"mujoco.{backend()}")
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._gl = library.GLContext(width, height)
@@ -275,8 +278,9 @@ class Video:
             clips = [
                 film(rows, act, values, luck, name, self, camera) for name, act in acts.items()
             ]
-        named = zip(rows.space.names, values, strict=True)
-        frames = compose(clips, ", ".join(f"{name} = {value:.3g}" for name, value in named))
+        named = zip(rows.space.parameters, values, strict=True)
+        words = [f"{p.name} {SIGNS[p.how]} {value:.3g} {p.unit}".rstrip() for p, value in named]
+        frames = compose(clips, ", ".join(words))
         path = folder / ("before_after.mp4" if len(clips) > 1 else "policy.mp4")
         write_mp4(path, frames, self.fps)
         return path
