@@ -106,6 +106,8 @@ def _number(value: float) -> str:
         return str(value)
     if abs(value) >= 1e6:
         return f"{value / 1e6:.1f} M"
+    if abs(value) >= 10_000:
+        return f"{value:,.0f}"
     if isinstance(value, int) or abs(value) >= 100:
         return f"{value:.0f}"
     return f"{value:.2f}" if abs(value) < 10 else f"{value:.1f}"

@@ -44,8 +44,8 @@ def test_csv_keeps_full_precision_and_splits_intervals(tmp_path: Path) -> None:
 
 def test_numbers_are_shown_with_the_digits_that_matter() -> None:
     """Whole from 100 up, one digit from 10, two below, millions shortened."""
-    shown = [show(x) for x in (1234.5, 99.94, 0.123, 3, 2.5e6, None, float("nan"))]
-    assert shown == ["1234", "99.9", "0.12", "3", "2.5 M", "–", "nan"]
+    shown = [show(x) for x in (403010, 1234.5, 99.94, 0.123, 3, 2.5e6, None, float("nan"))]
+    assert shown == ["403,010", "1234", "99.9", "0.12", "3", "2.5 M", "–", "nan"]
 
 
 def test_a_row_of_another_length_is_refused() -> None:
