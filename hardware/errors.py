@@ -18,6 +18,18 @@ class RobotError(HardwareError):
     """A robot's file is missing or wrong."""
 
 
+class LineError(HardwareError):
+    """The serial line cannot be used: the cable is out, or the port is not there."""
+
+
+class ServoError(HardwareError):
+    """A servo is missing, is another one, or does not do what it is told."""
+
+
+class SafetyError(HardwareError):
+    """The robot was stopped, or may not move, for the safety of itself and of others."""
+
+
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     """Return " (did you mean 'x'?)" for the nearest of the allowed names, or ""."""
     close = difflib.get_close_matches(name, list(allowed), n=1)

@@ -85,6 +85,7 @@ class Firmware:
         self.dark = False  # no supply at all
         self._strain, self._energy = np.zeros(n), np.zeros(n)
         self.errors = np.zeros(n, int)
+        self.born = np.zeros(n, int)  # tick at which each started
         self._raw = self._encoder()
         self.count = self._raw.copy()
         self._profile = Profile(self.count)
@@ -121,6 +122,7 @@ class Firmware:
         """Start a servo: torque off, RAM fresh, whole turns forgotten, goal where it is."""
         self.errors[i] = 0
         self._strain[i] = 0
+        self.born[i] = self.ticks
         self.torque_on[i] = False
         self.base[i] = -4096.0 * math.floor(self._raw[i] / 4096)
         self.load(i)

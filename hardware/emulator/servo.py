@@ -196,7 +196,7 @@ class Servo:
         arrived = way == firmware.goal[i]
         self.memory.data[PRESENT:PRESENT_END] = struct.pack(
             "<HBBhhiiiiHB",
-            firmware.ticks % 32768,
+            int(firmware.ticks - firmware.born[i]) % 32768,
             int(moving),
             (1 if arrived else 2) | (0x30 if firmware.goal[i] != way else 0),
             _fit(pwm, 16),

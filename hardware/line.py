@@ -1,0 +1,313 @@
+"""The host's end of the bus: dynamixel-sdk sends, and what comes back is read with care.
+
+    line = Line(port, clock, latency=0.001)
+    line.open(1_000_000)
+    line.read(1, 132, 4)                    # Reply(error=0, alert=False, data=b'...') or None
+    line.sync_read(120, 16, [1, 2, 3], fast=True)
+
+The SDK's own receiving code is not used in the loop, because over a bus with faults it (4.1.0)
+raises IndexError on a late answer to a fast read and on a short status, hides the alert bit in
+group reads, stays busy for ever after an unplugged cable, takes an old answer for a new one, and
+returns 0, a plausible position, for a servo that did not answer. Here a reply counts only if its
+CRC, its ID, its length and its order are right; everything else is counted by servo and left out.
+Bytes from before a request are thrown away, after a failure with a wait for those still to come.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from dynamixel_sdk import PacketHandler
+
+from hardware import protocol
+from hardware.clock import Clock
+from hardware.errors import LineError
+from hardware.protocol import BROADCAST, Packet, Parser, crc16
+
+if TYPE_CHECKING:
+    from dynamixel_sdk import PortHandler
+
+MARGIN = 0.002  # s beyond the bus's own time to wait for an answer
+TURN_ROUND = 1e-4  # s, the most that a servo takes beyond its return delay
+
+
+@dataclass
+class Counters:
+    """What happened to the requests to one servo."""
+
+    asked: int = 0
+    answered: int = 0
+    timeout: int = 0  # no answer in time
+    corrupt: int = 0  # an answer with a wrong CRC
+    short: int = 0  # an answer of another length than asked
+    foreign: int = 0  # an answer that was not asked for
+    stale: int = 0  # an answer from before
+    alert: int = 0  # an answer with the hardware error bit
+    error: int = 0  # an answer with an error number
+
+    def as_dict(self) -> dict[str, int]:
+        """Return the counts by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Reply:
+    """A servo's answer: its error number, whether it reports a hardware error, and its data."""
+
+    error: int
+    alert: bool
+    data: bytes
+
+
+class Line:
+    """Requests and answers over one port.
+
+    Args:
+        port: a port of dynamixel-sdk, or the emulator's.
+        clock: the time.
+        latency: how long the USB adapter may hold bytes back [s].
+        return_delay: how long a servo waits before it answers [s].
+    """
+
+    def __init__(
+        self, port: PortHandler, clock: Clock, latency: float, return_delay: float = 0.0005
+    ) -> None:
+        self.port, self.clock = port, clock
+        self.latency, self.return_delay = latency, return_delay
+        self.counters: defaultdict[int, Counters] = defaultdict(Counters)
+        self._handler = PacketHandler(2.0)
+        self._parser = Parser()
+        self._doubtful = False  # an answer failed to come; it may still be on its way
+
+    def open(self, baud: int) -> None:
+        """Open the port at this speed.
+
+        Raises:
+            LineError: there is no such port, or it cannot run at this speed.
+        """
+        with self._cable():
+            self.port.is_using = False
+            if not self.port.setBaudRate(baud):
+                raise LineError(f"{self.port.port_name}: the port cannot run at {baud} bits/s")
+
+    def close(self) -> None:
+        """Close the port; a cable that is out does no harm."""
+        try:
+            if self.port.is_open:
+                self.port.closePort()
+        except Exception:
+            self.port.is_open = False
+        self.port.is_using = False
+
+    def ping(self, number: int) -> list[Reply]:
+        """Return the answers to a ping: one, none, or several from servos that share the ID."""
+        packets = self._ask(number, protocol.PING, b"", [(number, 3)], to_the_end=True)
+        return [_reply(p) for p in packets]
+
+    def broadcast_ping(self) -> dict[int, tuple[int, int]]:
+        """Return {ID: (model number, firmware)} of every servo that hears this speed."""
+        sizes = [(number, 3) for number in range(253)]
+        found = {}
+        for packet in self._ask(BROADCAST, protocol.PING, b"", sizes, to_the_end=True):
+            found[packet.id] = struct.unpack("<HB", packet.params[1:4])
+        return found
+
+    def read(self, number: int, address: int, size: int) -> Reply | None:
+        """Read registers of one servo; None if no good answer came."""
+        body = struct.pack("<HH", address, size)
+        packets = self._ask(number, protocol.READ, body, [(number, size)])
+        return _reply(packets[0]) if packets else None
+
+    def write(self, number: int, address: int, data: bytes) -> Reply | None:
+        """Write registers of one servo; None if no good answer came."""
+        body = struct.pack("<H", address) + data
+        packets = self._ask(number, protocol.WRITE, body, [(number, 0)])
+        return _reply(packets[0]) if packets else None
+
+    def write_all(self, address: int, data: bytes) -> None:
+        """Write registers of every servo at once; nobody answers."""
+        self._ask(BROADCAST, protocol.WRITE, struct.pack("<H", address) + data, [])
+
+    def reboot(self, number: int) -> Reply | None:
+        """Start a servo anew; None if no good answer came."""
+        packets = self._ask(number, protocol.REBOOT, b"", [(number, 0)])
+        return _reply(packets[0]) if packets else None
+
+    def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
+        """Write the same registers of several servos; nobody answers."""
+        size = len(next(iter(values.values())))
+        body = struct.pack("<HH", address, size)
+        body += b"".join(bytes([number]) + data for number, data in values.items())
+        self._ask(BROADCAST, protocol.SYNC_WRITE, body, [])
+
+    def sync_read(
+        self, address: int, size: int, numbers: Sequence[int], fast: bool
+    ) -> dict[int, Reply]:
+        """Read the same registers of several servos; those without a good answer are left out."""
+        body = struct.pack("<HH", address, size) + bytes(numbers)
+        wanted = [(number, size) for number in numbers]
+        if not fast:
+            packets = self._ask(BROADCAST, protocol.SYNC_READ, body, wanted)
+            return {p.id: _reply(p) for p in packets}
+        length = 8 + sum(s + 4 for _, s in wanted)
+        packets = self._ask(BROADCAST, protocol.FAST_SYNC_READ, body, wanted, fast=length)
+        return self._split(packets[0], wanted) if packets else {}
+
+    def _split(self, packet: Packet, wanted: Sequence[tuple[int, int]]) -> dict[int, Reply]:
+        """Cut a fast answer into its servos' parts, each with its own CRC."""
+        replies: dict[int, Reply] = {}
+        raw, start = packet.raw, 8
+        for number, size in wanted:
+            end = start + 2 + size
+            tail = int.from_bytes(raw[end : end + 2], "little")
+            if raw[start + 1] != number or crc16(raw[:end]) != tail:
+                self.counters[number].corrupt += 1
+                return {}
+            error = raw[start]
+            replies[number] = self._count(number, error, raw[start + 2 : end])
+            start = end + 2
+        return replies
+
+    def _count(self, number: int, error: int, data: bytes) -> Reply:
+        reply = Reply(error & ~protocol.ALERT, bool(error & protocol.ALERT), data)
+        counters = self.counters[number]
+        counters.answered += 1
+        counters.alert += reply.alert
+        counters.error += reply.error != 0
+        return reply
+
+    def _ask(
+        self,
+        number: int,
+        instruction: int,
+        body: bytes,
+        wanted: Sequence[tuple[int, int]],
+        to_the_end: bool = False,
+        fast: int = 0,
+    ) -> list[Packet]:
+        """Send an instruction and return the good answers, in order.
+
+        Args:
+            number: to whom.
+            instruction: what.
+            body: its parameters.
+            wanted: (ID, bytes) of each answer.
+            to_the_end: listen until the time is over, to hear more than was asked for.
+            fast: bytes of the one packet that answers a fast read, else 0.
+        """
+        with self._cable():
+            if self._doubtful:
+                self._drain()
+            self._parser.clear()
+            sent = self._send(number, instruction, body)
+            if not wanted:
+                return []
+            for each, _ in wanted if number == BROADCAST and not to_the_end else wanted[:1]:
+                self.counters[each].asked += 1
+            answer = fast or sum(11 + size for _, size in wanted)
+            waits = 1 if fast else len(wanted)
+            span = (sent + answer) * 10 / self.port.getBaudRate()
+            span += waits * (self.return_delay + TURN_ROUND) + self.latency + MARGIN
+            return self._receive(wanted, span, to_the_end, fast)
+
+    def _send(self, number: int, instruction: int, body: bytes) -> int:
+        length = len(body) + 3
+        packet = [0, 0, 0, 0, number, length & 0xFF, length >> 8, instruction, *body, 0, 0]
+        self.port.is_using = False
+        result = self._handler.txPacket(self.port, packet)
+        self.port.is_using = False
+        if result != 0:
+            raise LineError(f"{self.port.port_name}: a packet could not be sent ({result})")
+        return len(packet)
+
+    def _receive(
+        self, wanted: Sequence[tuple[int, int]], span: float, to_the_end: bool, fast: int
+    ) -> list[Packet]:
+        port, good = self.port, []
+        port.setPacketTimeoutMillis(span * 1000)
+        left = [BROADCAST] if fast else [number for number, _ in wanted]
+        sizes = {BROADCAST: fast} if fast else {n: 11 + size for n, size in wanted}
+        while True:
+            data = port.readPort(4096)
+            for packet in self._parser.feed(bytes(data)):
+                if self._fits(packet, left, sizes, to_the_end, bool(fast)):
+                    good.append(packet)
+            if not to_the_end and not left:
+                self._doubtful = False
+                return good
+            if not data:
+                if port.isPacketTimeout():
+                    break
+                self.clock.pause()
+        if not to_the_end:
+            self._doubtful = True
+            for number in (n for n, _ in wanted) if fast else left:
+                self.counters[number].timeout += 1
+        return good
+
+    def _fits(
+        self,
+        packet: Packet,
+        left: list[int],
+        sizes: Mapping[int, int],
+        several: bool,
+        fast: bool,
+    ) -> bool:
+        """Say whether this packet answers the request, and count it if it does not."""
+        if packet.instruction != protocol.STATUS:
+            return False  # our own bytes, echoed by a half-duplex adapter
+        counters = self.counters[packet.id]
+        if not packet.ok:
+            counters.corrupt += 1
+            return False
+        if packet.id not in sizes or (packet.id not in left and not several):
+            counters.foreign += 1
+            return False
+        if not fast and len(packet.params) + 10 != sizes[packet.id]:
+            counters.short += 1
+            if packet.error and packet.id in left:
+                counters.error += 1
+                left.remove(packet.id)  # it answered, but with an error and without data
+            return False
+        if fast and len(packet.raw) != sizes[packet.id]:
+            counters.short += 1
+            return False
+        if packet.id in left:
+            left.remove(packet.id)
+        if not fast:
+            self._count(packet.id, packet.params[0], packet.params[1:])
+        return True
+
+    def _drain(self) -> None:
+        """Let answers that are late come in, and forget them."""
+        self._doubtful = False
+        self.port.setPacketTimeoutMillis((self.latency + MARGIN) * 1000)
+        while True:
+            data = self.port.readPort(4096)
+            if not data:
+                if self.port.isPacketTimeout():
+                    return
+                self.clock.pause()
+
+    @contextmanager
+    def _cable(self) -> Iterator[None]:
+        """Turn what the operating system says of a lost port into a LineError."""
+        try:
+            yield
+        except LineError:
+            raise
+        except Exception as error:
+            self.port.is_using = False
+            if isinstance(error, OSError) or type(error).__module__ == "termios":
+                name = self.port.port_name
+                raise LineError(f"{name}: the port is gone ({error}); is the cable in?") from error
+            raise
+
+
+def _reply(packet: Packet) -> Reply:
+    return Reply(packet.error, packet.alert, packet.params[1:])
