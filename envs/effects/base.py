@@ -356,12 +356,21 @@ class FieldEffect(Effect):
         return (index,) if self.column is None else (index, self.column)
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the one parameter; the range keeps the field at or above its minimum."""
+        """Return the one parameter; the range keeps the field at or above its minimum.
+
+        Raises:
+            EffectError: no such place, or a factor on a field that is 0 there.
+        """
         nominal = np.asarray(getattr(model, self.field)[self.elements(model)], dtype=np.float64)
         if self.how == "add":
             low = float(np.max(self.minimum - nominal))
             return (self.parameter(low=low),)
         if self.how == "scale":
+            if not nominal.any():
+                raise EffectError(
+                    f"{self.label()}: the model's {self.field} is 0 there, and a factor changes"
+                    " nothing; use how: add"
+                )
             return (self.parameter(low=0.0),)
         return (self.parameter(low=self.minimum, neutral=float(nominal.flat[0])),)
 

@@ -49,14 +49,15 @@ STANDARD = [
 
 ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
   <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 {floor}"/>
-  <body name="upper"><joint name="shoulder" axis="0 1 0" armature="0.01" damping="0.05"/>
+  <body name="upper"><joint name="shoulder" axis="0 1 0" armature="0.01" damping="0.05"
+    frictionloss="0.002"/>
     <geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0" mass="0.1"/>
     <body name="lower" pos="0.1 0 0"><joint name="elbow" axis="0 1 0" armature="0.005"/>
       <geom name="foot" type="capsule" size="0.01" fromto="0 0 0 0.1 0 0.02" mass="0.1"/>
   </body></body></worldbody>
   <actuator><position name="a" joint="shoulder" kp="3" kv="0.1" forcerange="-1 1" damping="0.02"/>
   <position name="b" joint="elbow" kp="2" kv="0.05" forcerange="-1 1"/></actuator></mujoco>"""
-PLACES = {"joint": "elbow", "actuator": "b", "body": "lower", "contact": "foot", "robot": None}
+PLACES = {"joint": "shoulder", "actuator": "b", "body": "lower", "contact": "foot", "robot": None}
 NEEDED = {"supply_sag": {"voltage": 5.0, "torque_constant": 0.35}}
 
 
@@ -256,7 +257,7 @@ def test_values_outside_their_range_are_refused_before_anything_is_written() -> 
     """The message names parameter, value, row and range; the rows stay as they were."""
     plant = Plant(arm(), [effect("backlash")], 2, 1)
     plant.set_params(np.arange(2), np.array([[0.01], [0.02]]))
-    with pytest.raises(ParameterError, match=r"backlash.elbow = -0.1 rad \(row 1\)"):
+    with pytest.raises(ParameterError, match=r"backlash.shoulder = -0.1 rad \(row 1\)"):
         plant.set_params(np.arange(2), np.array([[0.03], [-0.1]]))
     assert plant.params[:, 0] == pytest.approx([0.01, 0.02])
 
@@ -266,3 +267,9 @@ def test_the_page_is_up_to_date() -> None:
     written = Path(__file__).parents[3] / "docs" / "effects.md"
     assert written.read_text(encoding="utf-8") == page()
     assert set(re.findall(r"^### (\w+)", page(), re.MULTILINE)) == set(EFFECTS)
+
+
+def test_a_factor_on_nothing_is_refused() -> None:
+    """A model without friction there cannot have more of it by a factor."""
+    with pytest.raises(EffectError, match=r"coulomb_friction\.elbow.*is 0 there.*how: add"):
+        Plant(arm(), [make("coulomb_friction", where="elbow", how="scale")], 1, 1)
