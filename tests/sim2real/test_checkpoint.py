@@ -191,8 +191,8 @@ def test_another_task_or_policy_is_refused_with_both_values(tmp_path: Path) -> N
     walk = Walk()
     with pytest.raises(CheckpointError, match=r"task Walk, this run has task Hopper"):
         restore(tmp_path, walk, {"task": "Hopper"})
-    with pytest.raises(CheckpointError, match=r"'hidden': \[4\].*'hidden': \[8, 8\]"):
-        restore(tmp_path, walk, {"policy": {"hidden": [8, 8]}})
+    with pytest.raises(CheckpointError, match=r"policy\.hidden \[4\], .*policy\.hidden \[8, 8\]"):
+        restore(tmp_path, walk, {"policy": {"hidden": (8, 8)}})
     assert not walk.theta.any()
 
 
@@ -240,7 +240,8 @@ def test_a_stranger_s_checkpoint_runs_no_code(tmp_path: Path, adapter: str | Non
     target = tmp_path / "stranger" / "checkpoint-000000000001.torchrl"
     target.parent.mkdir()
     objects = tmp_path / "objects.npz"
-    np.savez(objects, **{str(i): np.array([Bomb(mark)], object) for i in range(9)})
+    bombs = {str(i): np.array([Bomb(mark)], object) for i in range(9)}
+    np.savez(objects, **bombs)  # type: ignore[arg-type]
     meta = json.dumps({"_type": "<class 'tensordict._td.TensorDict'>"}).encode()
     files = {
         "arrays.npz": objects.read_bytes(),
