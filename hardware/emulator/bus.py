@@ -45,6 +45,7 @@ class Bus:
         self.latency = latency
         self._parser = Parser()
         self._free = 0.0  # s, when the wire is idle again
+        self._flushed = 0.0  # s, when the adapter last handed bytes over
         self._byte = 1e-5  # s a byte takes
         self._baud = 0
         self.loss = world.hidden.robot["packet_loss"]
@@ -198,6 +199,7 @@ class Bus:
         if not arrivals:
             return []
         flush = self._free + float(self._rng.uniform(0, self.latency))
+        flush = self._flushed = max(flush, self._flushed)  # bytes do not overtake each other
         return [(max(time, flush), data) for time, data in arrivals]
 
     def _at(self, number: int) -> Iterator[Servo]:
