@@ -33,6 +33,7 @@ from sim2real.targets import ConfigError, build, check, locate
 ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
 INHERITED = (
     "env",
+    "effects",
     "params",
     "policy",
     "adapt",
@@ -57,6 +58,7 @@ class Config:
     logger: dict[str, Any]
     video: dict[str, Any] | None
     cluster: dict[str, Any] | None
+    effects: str | None
     seed: int
     device: Literal["auto", "cpu", "cuda"]
     iterations: int | None

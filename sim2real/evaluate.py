@@ -28,7 +28,7 @@ from sim2real.algorithms.base import Algorithm
 from sim2real.checkpoint import FOLDER, find, restore, run_folder
 from sim2real.errors import Sim2RealError
 from sim2real.grid import Box, Grid, training_range
-from sim2real.learner import build, identity
+from sim2real.learner import build, identity, with_effects
 from sim2real.normalizer import Normalizer
 from sim2real.policy import MLPPolicy
 from sim2real.population import Population, draw_seeds, evaluate_adaptation
@@ -198,6 +198,7 @@ def evaluate_grid(
 def run(
     *,
     env: Callable[..., Rows],
+    effects: str | None,
     params: Tasks,
     policy: Callable[..., MLPPolicy],
     adapt: Adaptation,
@@ -213,6 +214,7 @@ def run(
     Args:
         env: makes the environment; like all down to `algorithm` it is the checkpoint's own unless
             it was chosen.
+        effects: an effects.yaml that is put into the simulator; None for the model as it is.
         params: the tasks that it was trained on.
         policy: makes the policy.
         adapt: how it adapts.
@@ -229,6 +231,7 @@ def run(
     """
     if eval is None:
         raise Sim2RealError("eval=null leaves nothing to evaluate; choose eval=NAME")
+    env = with_effects(env, effects)
     parts = {"env": env, "tasks": params, "policy": policy, "adapt": adapt, "device": device}
     sources = find_runs(checkpoint)
     learner = build(algorithm, **parts, seed=seed)

@@ -8,16 +8,42 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any
 
+from envs.effects.file import load_effects
 from envs.rows import Rows
 from sim2real.algorithms.base import Algorithm
+from sim2real.errors import Sim2RealError
 
 
 def build(algorithm: Callable[..., Algorithm], **parts: Any) -> Algorithm:
     """Make the algorithm from those parts that it takes."""
     takes = inspect.signature(algorithm).parameters
     return algorithm(**{name: part for name, part in parts.items() if name in takes})
+
+
+def with_effects(env: Callable[..., Rows], effects: str | Path | None) -> Callable[..., Rows]:
+    """Return what makes the environment with the effects of a file in it.
+
+    Args:
+        env: makes the environment.
+        effects: an effects.yaml, or None for the model as it is.
+
+    Raises:
+        EffectError: a file that is missing or wrong.
+        Sim2RealError: an environment that has no robot to put effects into.
+    """
+    if effects is None:
+        return env
+    if "fixed" not in inspect.signature(env).parameters:
+        maker = getattr(env, "func", env).__name__
+        raise Sim2RealError(
+            f"effects={effects}: {maker} simulates no robot that could have them; leave effects out, "
+            "or choose an env of the simulator, such as env=hopper"
+        )
+    return partial(env, fixed=load_effects(effects))
 
 
 def identity(algorithm: Algorithm, env: Callable[..., Rows]) -> dict[str, Any]:

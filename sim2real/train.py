@@ -33,7 +33,7 @@ from sim2real.checkpoint import find
 from sim2real.cluster import Cluster
 from sim2real.errors import RenderError, Sim2RealError, Stopped
 from sim2real.evaluate import Adaptable, Evaluation, evaluate_grid
-from sim2real.learner import build, identity
+from sim2real.learner import build, identity, with_effects
 from sim2real.loggers import Loggers
 from sim2real.policy import MLPPolicy
 from sim2real.progress import Progress
@@ -47,6 +47,7 @@ log = logging.getLogger(__name__)
 def run(
     *,
     env: Callable[..., Rows],
+    effects: str | None,
     params: Tasks,
     policy: Callable[..., MLPPolicy],
     adapt: Adaptation,
@@ -68,6 +69,7 @@ def run(
 
     Args:
         env: makes the environment; see `ESMAML`.
+        effects: an effects.yaml that is put into the simulator; None for the model as it is.
         params: the tasks to train on.
         policy: makes the policy.
         adapt: how it adapts.
@@ -96,6 +98,7 @@ def run(
     """
     budget = Budget(iterations, frames)
     source = None if resume is None else find(resume)
+    env = with_effects(env, effects)
     parts = {"env": env, "tasks": params, "policy": policy, "adapt": adapt, "device": device}
     learner = build(algorithm, **parts, seed=seed)
     files = RunFiles(Path(out), identity(learner, env), checkpoint_every, keep_checkpoints)

@@ -65,6 +65,7 @@ def go(out: Path, events: dict[int, Any] | None = None, **changes: Any) -> Walk:
     """Train a walk for 10 iterations with a checkpoint every 4."""
     given: dict[str, Any] = {
         "env": World,
+        "effects": None,
         "params": None,
         "policy": None,
         "adapt": None,
