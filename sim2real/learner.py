@@ -40,8 +40,8 @@ def with_effects(env: Callable[..., Rows], effects: str | Path | None) -> Callab
     if "fixed" not in inspect.signature(env).parameters:
         maker = getattr(env, "func", env).__name__
         raise Sim2RealError(
-            f"effects={effects}: {maker} simulates no robot that could have them; leave effects out, "
-            "or choose an env of the simulator, such as env=hopper"
+            f"effects={effects}: {maker} simulates no robot that could have them; "
+            "leave effects out, or choose an env of the simulator, such as env=hopper"
         )
     return partial(env, fixed=load_effects(effects))
 

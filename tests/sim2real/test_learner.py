@@ -32,5 +32,5 @@ def test_effects_need_a_robot(tmp_path: Path) -> None:
     path.write_text("[]", encoding="utf-8")
     with pytest.raises(Sim2RealError, match="Nav2D simulates no robot"):
         with_effects(Nav2D, path)
-    with pytest.raises(EffectError, match="missing.yaml"):
+    with pytest.raises(EffectError, match=r"missing\.yaml"):
         with_effects(partial(Simulation, Hopper()), tmp_path / "missing.yaml")
