@@ -27,7 +27,8 @@ from sim2real.metrics import MetricsFile
 log = logging.getLogger(__name__)
 STEP = "train/iteration"
 SCORE = "train/return"
-DECISIVE = ("env", "params", "policy", "adapt", "algorithm", "seed")  # they decide what is computed
+# Keys of the configuration that decide what is computed.
+DECISIVE = ("env", "effects", "params", "policy", "adapt", "algorithm", "seed")
 PACKAGES = ("mujoco", "numpy", "torch")
 
 
