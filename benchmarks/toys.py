@@ -162,8 +162,8 @@ def score(algorithm: ESMAML, experiment: Experiment) -> tuple[float, float]:
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Return the Markdown table: means over seeds with bootstrap intervals, and the gaps."""
     rng = np.random.default_rng(0)
-    yield "| task | adaptation | before | after | above the next | CPU s |"
-    yield "|---|---|---|---|---|---|"
+    yield "| task | adaptation | before | after | gain | above the next | CPU s |"
+    yield "|---|---|---|---|---|---|---|"
     for name, experiment in EXPERIMENTS.items():
         mine = [row for row in rows if row["experiment"] == name]
         columns = {
@@ -178,12 +178,13 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
             if rest and len(columns[rest[0]]) == len(found):
                 paired = _column(found, "after") - _column(columns[rest[0]], "after")
                 gap = _show(bootstrap(paired, mean, rng, draws=5000, resample="rows"))
-            before, after = (
-                _show(bootstrap(_column(found, key), mean, rng, draws=5000, resample="rows"))
-                for key in ("before", "after")
+            scores = [_column(found, "before"), _column(found, "after")]
+            before, after, gain = (
+                _show(bootstrap(values, mean, rng, draws=5000, resample="rows"))
+                for values in (*scores, scores[1] - scores[0])
             )
             seconds = _column(found, "cpu_seconds").mean()
-            yield f"| {name} | {operator} | {before} | **{after}** | {gap} | {seconds:.0f} |"
+            yield f"| {name} | {operator} | {before} | **{after}** | {gain} | {gap} | {seconds:.0f} |"
 
 
 def _seed(row: dict[str, Any]) -> int:

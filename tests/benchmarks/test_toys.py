@@ -27,7 +27,8 @@ def test_table_compares_each_operator_with_the_next(tmp_path: Path) -> None:
     write(tmp_path / "toys.csv", rows)
     lines = list(table(read(tmp_path / "toys.csv")))
     assert len(lines) == 4
-    assert "| **-201.0 [-202.0, -200.0]** | 100.0 [100.0, 100.0] |" in lines[2]
+    after, gain, gap = "-201.0 [-202.0, -200.0]", "199.0 [198.0, 200.0]", "100.0 [100.0, 100.0]"
+    assert f"| **{after}** | {gain} | {gap} |" in lines[2]
     assert lines[3].startswith(f"| {CORNERS} | gradient | -400.0 [-400.0, -400.0] |")
     assert read(tmp_path / "missing.csv") == []
 
