@@ -78,7 +78,7 @@ class Progress:
             )
         if self._bar is not None:
             self._bar.set_postfix_str(", ".join(words), refresh=False)
-            self._bar.update(done - self._bar.n)
+            self._bar.update(min(done, self.total) - self._bar.n)
         elif now - self._last_line >= self._every or done >= self.total:
             self._last_line = now
             left = (now - self._start) * max(self.total - done, 0) / max(done - self._start_done, 1)

@@ -162,17 +162,17 @@ def learn(algorithm: Algorithm, budget: Budget, files: RunFiles, logger: Loggers
         Stopped: after a signal; see the module's text.
     """
     with Stopping() as stopping, budget.progress(algorithm) as progress:
-        while not budget.done(algorithm) and not stopping.signal:
-            start, steps = time.monotonic(), algorithm.frames
-            try:
+        try:
+            while not budget.done(algorithm) and not stopping.signal:
+                start, steps = time.monotonic(), algorithm.frames
                 metrics = algorithm.iterate()
-            except KeyboardInterrupt:
-                what = "the iteration in progress was abandoned"
-                raise _stopped(files, what, stopping.signal) from None
-            seconds, steps = time.monotonic() - start, algorithm.frames - steps
-            logger.log(files.record(algorithm, metrics, seconds, steps), algorithm.frames)
-            progress.update(budget.spent(algorithm), algorithm.frames, metrics.get(SCORE))
-        files.save(algorithm)
+                seconds, steps = time.monotonic() - start, algorithm.frames - steps
+                logger.log(files.record(algorithm, metrics, seconds, steps), algorithm.frames)
+                progress.update(budget.spent(algorithm), algorithm.frames, metrics.get(SCORE))
+            files.save(algorithm)
+        except KeyboardInterrupt:
+            what = "the iteration in progress was abandoned"
+            raise _stopped(files, what, stopping.signal) from None
     if stopping.signal:
         raise _stopped(files, f"stopped after iteration {algorithm.iteration}", stopping.signal)
 

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -38,24 +39,27 @@ from sim2real.population import Members, Population, draw_seeds
 Act = Callable[[np.ndarray], np.ndarray]  # raw observation (O,) to action (A,)
 INSTALL = "install a software renderer, as root: apt-get install libegl1 libgl1-mesa-dri"
 VIDEO_STREAM = 3  # which of the seed's streams the film's task and luck are
+LIBRARIES = ("egl", "osmesa")
+OFF = ("disable", "disabled", "off", "false", "0")  # as MuJoCo reads MUJOCO_GL
 SIGNS = {"set": "=", "add": "+", "scale": "×"}  # what a parameter does to the model's own value
 MARGIN = 22  # px, height of a line of text
 
 
 @cache
 def backend() -> str:
-    """Return the GL library that works here, "egl" or "osmesa"; MUJOCO_GL chooses it if set.
+    """Return the GL library that works here, "egl" or "osmesa"; MUJOCO_GL may choose it.
 
     Raises:
         RenderError: if none does.
     """
     asked = os.environ.get("MUJOCO_GL", "").lower()
-    candidates = [asked] if asked else ["egl", "osmesa"]
+    if asked in OFF:
+        raise RenderError(f"MUJOCO_GL={asked} turns drawing off; unset it, or set egl or osmesa")
+    candidates = (asked,) if asked in LIBRARIES else LIBRARIES
     for name in candidates:
-        if name in ("egl", "osmesa") and _works(name):
+        if _works(name):
             return name
-    tried = f"MUJOCO_GL={asked} does not" if asked else "neither EGL nor OSMesa does"
-    raise RenderError(f"drawing off-screen needs a GL library and {tried} work here; {INSTALL}")
+    raise RenderError(f"off screen, {' and '.join(candidates)} do not work here; {INSTALL}")
 
 
 def _works(name: str) -> bool:
@@ -68,6 +72,19 @@ def _works(name: str) -> bool:
     except (OSError, subprocess.TimeoutExpired):
         return False
     return ended.returncode == 0
+
+
+def _context(width: int, height: int) -> Any:
+    """Make a GL context and the current one."""
+    logging.getLogger("OpenGL").setLevel(logging.WARNING)  # it tells of accelerators it lacks
+    try:
+        context = importlib.import_module(f"mujoco.{backend()}").GLContext(width, height)
+        context.make_current()
+    except (ImportError, AttributeError, RuntimeError) as error:  # as PyOpenGL and drivers fail
+        raise RenderError(
+            f"{backend()} makes no context in this process ({error}); {INSTALL}"
+        ) from error
+    return context
 
 
 class Camera:
@@ -84,11 +101,8 @@ class Camera:
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, name: str | None) -> None:
-        logging.getLogger("OpenGL").setLevel(logging.WARNING)  # it tells of accelerators it lacks
-        library = importlib.import_module(f"mujoco.{backend()}")
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-        self._gl = library.GLContext(width, height)
-        self._gl.make_current()
+        self._gl = _context(width, height)
         self._scene = mujoco.MjvScene(model, maxgeom=2000)
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)

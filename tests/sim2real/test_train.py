@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import errno
-import io
 import logging
 import os
 import signal
@@ -21,7 +20,6 @@ from sim2real.checkpoint import listing, read_metadata
 from sim2real.errors import CheckpointError, DiskError, RenderError, Sim2RealError, Stopped
 from sim2real.loggers import Loggers
 from sim2real.metrics import MetricsFile
-from sim2real.progress import Progress, clock
 
 
 class Walk(Algorithm):
@@ -240,49 +238,3 @@ def test_without_graphics_a_run_goes_on_and_says_so(
     with caplog.at_level(logging.WARNING):
         go(tmp_path, video=Blind())
     assert "no video: nothing draws here; install x" in caplog.text
-
-
-def test_progress_without_a_terminal_is_a_line_now_and_then(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    """The line has iterations, return, speed and the time left; it is not written every time."""
-    with (
-        caplog.at_level(logging.INFO),
-        Progress(100, "iteration", stream=io.StringIO()) as progress,
-    ):
-        for i in range(1, 101):
-            progress.update(i, 1000 * i, 5.0)
-    (line,) = caplog.messages
-    assert line.startswith("iteration 100/100, return 5.0, ") and line.endswith(
-        " steps/s, 0:00 left"
-    )
-
-
-def test_progress_in_a_terminal_is_a_bar() -> None:
-    """It shows the newest return and speed, and starts where a resumed run does."""
-
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    terminal = Terminal()
-    with Progress(10, "iteration", done=4, stream=terminal) as progress:
-        progress.update(10, 3000, 7.25)
-    assert "4/10" in terminal.getvalue()
-    assert "10/10" in terminal.getvalue().split("\r")[-1] and "return 7.2" in terminal.getvalue()
-
-
-def test_durations_read_as_clocks() -> None:
-    """Hours appear when there are any."""
-    assert [clock(s) for s in (5, 125, 3725)] == ["0:05", "2:05", "1:02:05"]
-
-
-def test_a_metric_that_appears_later_adds_a_column(tmp_path: Path) -> None:
-    """Earlier rows leave it empty, and numbers keep all their digits."""
-    metrics = MetricsFile(tmp_path / "m.csv")
-    metrics.write({"i": 1, "a": 0.1 + 0.2})
-    metrics.write({"i": 2, "a": 1e-300, "b": 4.0})
-    metrics = MetricsFile(tmp_path / "m.csv")
-    metrics.write({"i": 3, "b": float("nan")})
-    lines = (tmp_path / "m.csv").read_text().splitlines()
-    assert lines == ["i,a,b", "1,0.30000000000000004,", "2,1e-300,4.0", "3,,nan"]

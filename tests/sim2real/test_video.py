@@ -130,11 +130,14 @@ def test_without_a_graphics_library_it_says_what_to_install(
     """One line names the package; MUJOCO_GL is named where the user set it."""
     monkeypatch.setattr(video, "_works", lambda name: False)
     monkeypatch.delenv("MUJOCO_GL", raising=False)
-    with pytest.raises(RenderError, match=r"neither EGL nor OSMesa .* apt-get install libegl1"):
+    with pytest.raises(RenderError, match=r"egl and osmesa do not work here; .*apt-get install"):
         video.backend.__wrapped__()
     monkeypatch.setenv("MUJOCO_GL", "disable")
-    with pytest.raises(RenderError, match="MUJOCO_GL=disable"):
+    with pytest.raises(RenderError, match="MUJOCO_GL=disable turns drawing off"):
         video.backend.__wrapped__()
+    monkeypatch.setenv("MUJOCO_GL", "glfw")
+    monkeypatch.setattr(video, "_works", lambda name: name == "osmesa")
+    assert video.backend.__wrapped__() == "osmesa"
 
 
 def test_clips_are_labelled_and_the_shorter_waits() -> None:
