@@ -317,6 +317,8 @@ def evaluate_adaptation(
     fresh = [draw_seeds(rng, adapt.episodes + episodes) for rng in rngs]
     seeds_after = np.stack(fresh)  # (n, A + F)
     adapted = population.run(Members(cohort, values, final_values, seeds_after), normalizer)
+    if not adapt.episodes:  # nothing has changed: the same policy on the same episodes
+        return AdaptationScores(adapted.final, adapted.final.copy(), adapted.frames)
     unadapted = Members(
         _unchanged(thetas), final_values, final_values, seeds_after[:, adapt.episodes :]
     )
