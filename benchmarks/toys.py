@@ -184,7 +184,8 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
                 for values in (*scores, scores[1] - scores[0])
             )
             seconds = _column(found, "cpu_seconds").mean()
-            yield f"| {name} | {operator} | {before} | **{after}** | {gain} | {gap} | {seconds:.0f} |"
+            cells = (name, operator, before, f"**{after}**", gain, gap, f"{seconds:.0f}")
+            yield f"| {' | '.join(cells)} |"
 
 
 def _seed(row: dict[str, Any]) -> int:
