@@ -80,6 +80,7 @@ class Line:
         self.port, self.clock = port, clock
         self.latency, self.return_delay = latency, return_delay
         self.counters: defaultdict[int, Counters] = defaultdict(Counters)
+        self.group = Counters()  # of answers that several servos share
         self._handler = PacketHandler(2.0)
         self._parser = Parser()
         self._doubtful = False  # an answer failed to come; it may still be on its way
@@ -261,7 +262,7 @@ class Line:
         """Say whether this packet answers the request, and count it if it does not."""
         if packet.instruction != protocol.STATUS:
             return False  # our own bytes, echoed by a half-duplex adapter
-        counters = self.counters[packet.id]
+        counters = self.group if packet.id == BROADCAST else self.counters[packet.id]
         if not packet.ok:
             counters.corrupt += 1
             return False

@@ -1,0 +1,330 @@
+"""The servos of one robot in SI units: find them, set them up, read them, command them.
+
+    driver = Driver(robot, port, clock)
+    driver.connect()                        # identity, settings, speed; torque stays off
+    driver.configure()
+    reading = driver.read()                 # Reading(position, velocity, current, fresh, ...)
+    driver.command(angles)
+    driver.torque_off()                     # verified servo by servo
+
+Nothing moves here by itself, and no limit is checked: `hardware/safety.py` does that.
+
+One read takes registers 120 to 135 of all servos: the servo's own millisecond counter, PWM,
+current, velocity and position. The counter proves that the answer is new: an old or doubled answer
+does not fit the time that has passed. A servo without a new answer keeps its last values and is not
+`fresh`.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from hardware import handshake
+from hardware.clock import Clock
+from hardware.config import Robot, Servo
+from hardware.errors import ServoError, listed
+from hardware.freshness import Freshness
+from hardware.line import TURN_ROUND, Line
+
+if TYPE_CHECKING:
+    from dynamixel_sdk import PortHandler
+
+_logger = logging.getLogger(__name__)
+
+BLOCK, BLOCK_SIZE = 120, 16  # realtime tick to present position
+HEALTH, HEALTH_SIZE = 64, 83  # torque enable to present temperature
+TORQUE, ERROR_STATUS, WATCHDOG, GOAL = 64, 70, 98, 116
+TURN = 4096
+RETRIES = 3
+
+
+class Reading(NamedTuple):
+    """What the servos measured, (n,) each, in the order of the robot's file."""
+
+    time: float  # s, when the read was asked for
+    position: np.ndarray  # rad
+    velocity: np.ndarray  # rad/s
+    current: np.ndarray  # A (0 for servos without such a sensor)
+    duty: np.ndarray  # of full PWM, -1 to 1
+    stamp: np.ndarray  # s, when each was measured, as the wire's timing has it
+    count: np.ndarray  # int64, the raw position register
+    fresh: np.ndarray  # bool: a new answer, not the last one held
+    alert: np.ndarray  # bool: the servo reports a hardware error
+
+
+class Health(NamedTuple):
+    """One servo's state beside its motion."""
+
+    torque: bool
+    errors: tuple[str, ...]  # of the hardware error status
+    position_p_gain: int
+    watchdog: int  # register; -1: it has tripped
+    goal: int  # counts
+    voltage: float  # V
+    temperature: float  # degrees Celsius
+
+
+ERROR_BITS = {
+    0: "input voltage",
+    2: "overheating",
+    3: "encoder",
+    4: "electric shock",
+    5: "overload",
+}
+
+
+class Driver:
+    """The servos of a robot over a port.
+
+    Args:
+        robot: the robot's file, calibration applied.
+        port: a port of dynamixel-sdk, or the emulator's.
+        clock: the time.
+    """
+
+    def __init__(self, robot: Robot, port: PortHandler, clock: Clock) -> None:
+        self.robot, self.clock = robot, clock
+        self.line = Line(port, clock, robot.bus.latency, max(robot.bus.return_delay, 1e-5))
+        self.ids = [servo.id for servo in robot.servos]
+        n = len(self.ids)
+        self._types = [servo.type for servo in robot.servos]
+        self._sign = np.array([servo.sign for servo in robot.servos], float)
+        self._zero = np.array([servo.zero for servo in robot.servos], float)
+        self._step = np.array([kind.units.angle for kind in self._types])
+        self._speed = np.array([kind.units.velocity for kind in self._types])
+        self._amps = np.array([kind.current or 0.0 for kind in self._types])
+        self._full = np.array([float(kind.units.full_pwm) for kind in self._types])
+        self._turns = np.zeros(n)  # whole turns between the register and the joint
+        self._values = np.zeros((4, n))  # PWM, current, velocity, position registers
+        self._ages = [Freshness() for _ in self.ids]
+        self._health_ages = [Freshness() for _ in self.ids]
+        self._stamp = np.zeros(n)
+        self._alert = np.zeros(n, bool)
+        self.fast = True
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def connect(self) -> None:
+        """Open the port and check every servo; nothing is written, nothing moves.
+
+        Raises:
+            LineError: the port cannot be used.
+            ServoError: a servo is missing, is another one, shares its ID, answers too slowly, or is
+                set so that it would move by itself; the message says what to do.
+        """
+        handshake.check_rate(self)
+        handshake.check_latency_timer(self)
+        self.line.open(self.robot.bus.baud)
+        handshake.check_servos(self)
+        self.fast = self._answers_fast()
+        self._values[3] = self._zero
+        self._ages = [Freshness() for _ in self.ids]
+        self._health_ages = [Freshness() for _ in self.ids]
+        reading = self.read()
+        if not reading.fresh.all():
+            name = self.robot.names[int(np.argmin(reading.fresh))]
+            raise ServoError(f"{name}: it answers pings, but not reads; check cable and supply")
+        self._find_turns()
+
+    def configure(self) -> None:
+        """Torque off, then write the robot's registers and verify each.
+
+        Raises:
+            ServoError: a register does not take its value.
+        """
+        self.torque_off()
+        for servo in self.robot.servos:
+            for name, value in self.robot.registers_of(servo).items():
+                self.write_register(servo, name, value)
+
+    def read(self) -> Reading:
+        """Read all servos once, and those that did not answer once more."""
+        asked = self.clock.now()
+        replies = self.line.sync_read(BLOCK, BLOCK_SIZE, self.ids, self.fast)
+        stamps = self._stamps(asked)
+        fresh = self._take(replies, self.ids, asked)
+        left = [number for number, new in zip(self.ids, fresh, strict=True) if not new]
+        if left:
+            again = self.clock.now()
+            late = self._take(self.line.sync_read(BLOCK, BLOCK_SIZE, left, False), left, again)
+            stamps = np.where(late, again, stamps)
+            fresh |= late
+        self._stamp = np.where(fresh, stamps, self._stamp)
+        pwm, current, velocity, count = self._values
+        return Reading(
+            time=asked,
+            position=self._sign * (count + TURN * self._turns - self._zero) * self._step,
+            velocity=self._sign * velocity * self._speed,
+            current=self._sign * current * self._amps,
+            duty=self._sign * pwm / self._full,
+            stamp=self._stamp.copy(),
+            count=count.astype(np.int64),
+            fresh=fresh,
+            alert=self._alert.copy(),
+        )
+
+    def counts(self, angles: np.ndarray) -> np.ndarray:
+        """Return the goal registers for these angles [rad], (n,) int64."""
+        exact = self._zero - TURN * self._turns + self._sign * np.asarray(angles) / self._step
+        return np.rint(exact).astype(np.int64)
+
+    def angles(self, counts: np.ndarray) -> np.ndarray:
+        """Return the angles [rad] of these goal registers, (n,)."""
+        return self._sign * (counts + TURN * self._turns - self._zero) * self._step
+
+    def command(self, angles: np.ndarray) -> np.ndarray:
+        """Send goal angles [rad], (n,), and return them as the servos' resolution has them."""
+        counts = self.counts(angles)
+        values = {n: struct.pack("<i", c) for n, c in zip(self.ids, counts.tolist(), strict=True)}
+        self.line.sync_write(GOAL, values)
+        return self.angles(counts)
+
+    def health(self, i: int) -> Health | None:
+        """Read one servo's state; None if it did not answer anew."""
+        asked = self.clock.now()
+        reply = self.line.read(self.ids[i], HEALTH, HEALTH_SIZE)
+        if reply is None or len(reply.data) != HEALTH_SIZE:
+            return None
+        data = reply.data
+        tick = struct.unpack_from("<H", data, BLOCK - HEALTH)[0]
+        if not self._health_ages[i].accept(tick, asked):
+            self.line.counters[self.ids[i]].stale += 1
+            return None
+        status = data[ERROR_STATUS - HEALTH]
+        units = self._types[i].units
+        return Health(
+            torque=bool(data[0]),
+            errors=tuple(name for bit, name in ERROR_BITS.items() if status >> bit & 1),
+            position_p_gain=struct.unpack_from("<H", data, 84 - HEALTH)[0],
+            watchdog=struct.unpack_from("<b", data, WATCHDOG - HEALTH)[0],
+            goal=struct.unpack_from("<i", data, GOAL - HEALTH)[0],
+            voltage=struct.unpack_from("<H", data, 144 - HEALTH)[0] * units.voltage,
+            temperature=float(data[146 - HEALTH]),
+        )
+
+    def write_register(self, servo: Servo, name: str, value: int) -> None:
+        """Write a register and read it back.
+
+        Raises:
+            ServoError: the servo does not answer, refuses, or keeps another value.
+        """
+        register = servo.type.register(name)
+        data = register.encode(value)
+        for _ in range(RETRIES):
+            reply = self.line.write(servo.id, register.address, data)
+            if reply is not None and reply.error:
+                raise ServoError(
+                    f"{servo.name} (ID {servo.id}) refuses {name} = {value} (error {reply.error}); "
+                    "EEPROM can only be written with torque off, and values have ranges"
+                )
+            if self.read_register(servo, name) == register.decode(data):
+                return
+        raise ServoError(f"{servo.name} (ID {servo.id}): {name} could not be set to {value}")
+
+    def read_register(self, servo: Servo, name: str) -> int:
+        """Read a register.
+
+        Raises:
+            ServoError: the servo does not answer.
+        """
+        register = servo.type.register(name)
+        for _ in range(RETRIES):
+            reply = self.line.read(servo.id, register.address, register.size)
+            if reply is not None and not reply.error:
+                return register.decode(reply.data)
+        raise ServoError(f"{servo.name} (ID {servo.id}) does not answer a read of {name}")
+
+    def torque_on(self) -> None:
+        """Switch all torque on, and verify.
+
+        Raises:
+            ServoError: a servo stays off; one that has shut itself down needs a reboot.
+        """
+        for servo in self.robot.servos:
+            try:
+                self.write_register(servo, "torque_enable", 1)
+            except ServoError as error:
+                raise ServoError(
+                    f"{servo.name} (ID {servo.id}): its torque stays off; if it shut itself down, "
+                    "find the reason, then reboot it"
+                ) from error
+
+    def torque_off(self) -> None:
+        """Switch all torque off, first all at once, then one by one until each has confirmed.
+
+        Raises:
+            ServoError: a servo did not confirm; it may still be powered: cut the supply.
+        """
+        for _ in range(2):
+            self.line.write_all(TORQUE, b"\x00")
+        unsure = []
+        for servo in self.robot.servos:
+            try:
+                self.write_register(servo, "torque_enable", 0)
+            except ServoError:
+                unsure.append(servo.name)
+        if unsure:
+            raise ServoError(f"torque may still be on in {listed(unsure)}: cut the supply")
+
+    def cycle_time(self, fast: bool | None = None) -> float:
+        """Return how long commanding and reading all servos takes on the wire [s]."""
+        n, bus = len(self), self.robot.bus
+        fast = self.fast if fast is None else fast
+        size = 14 + 5 * n + 14 + n + (8 + n * (BLOCK_SIZE + 4) if fast else n * (11 + BLOCK_SIZE))
+        waits = 1 if fast else n
+        return size * 10 / bus.baud + waits * (bus.return_delay + TURN_ROUND / 2) + bus.latency
+
+    def close(self) -> None:
+        """Close the port; torque stays as it is."""
+        self.line.close()
+
+    def _take(self, replies: dict, numbers: list[int], asked: float) -> np.ndarray:
+        """Keep the new answers; return which servos gave one, (n,) bool."""
+        fresh = np.zeros(len(self), bool)
+        for number in numbers:
+            reply = replies.get(number)
+            if reply is None or len(reply.data) != BLOCK_SIZE or reply.error:
+                continue
+            i = self.ids.index(number)
+            tick, _, pwm, current, velocity, count = struct.unpack("<HHhhii", reply.data)
+            known = self._ages[i].known
+            if not self._ages[i].accept(tick, asked):
+                self.line.counters[number].stale += 1
+                continue
+            turns = round((self._values[3, i] - count) / TURN) if known else 0
+            self._turns[i] += turns
+            self._values[:, i] = pwm, current, velocity, count
+            self._alert[i] = reply.alert
+            fresh[i] = True
+        return fresh
+
+    def _stamps(self, asked: float) -> np.ndarray:
+        """When each servo of a group read is sampled, from the bytes and delays before it [s]."""
+        bus, n = self.robot.bus, len(self)
+        byte, order = 10 / bus.baud, np.arange(n)
+        first = asked + (14 + n) * byte
+        if self.fast:
+            wait = bus.return_delay + TURN_ROUND / 2
+            return first + wait + order * (BLOCK_SIZE + 4) * byte
+        each = bus.return_delay + TURN_ROUND / 2
+        return first + (order + 1) * each + order * (11 + BLOCK_SIZE) * byte
+
+    def _answers_fast(self) -> bool:
+        """Probe fast reads twice; older firmware leaves them unanswered."""
+        for _ in range(2):
+            if len(self.line.sync_read(BLOCK, BLOCK_SIZE, self.ids, True)) == len(self):
+                return True
+        _logger.warning("%s: no fast reads; plain ones are used", self.robot.name)
+        return False
+
+    def _find_turns(self) -> None:
+        """Choose whole turns so that each joint starts within its limits, if it can."""
+        for i, servo in enumerate(self.robot.servos):
+            middle = sum(servo.position) / 2
+            angle = servo.angle(self._values[3, i])
+            self._turns[i] = servo.sign * round((middle - angle) / (TURN * self._step[i]))

@@ -1,0 +1,324 @@
+"""The only hand that moves a robot: limits on every command, and torque off whatever happens.
+
+    with Guard(driver) as guard:            # torque off at the end, also on Ctrl-C and exceptions
+        guard.arm()                         # safe start: goal = present position, then torque on
+        guard.move_to(start, speed=0.5)     # slowly to where the episode starts
+        while True:
+            pace.wait()
+            reading = guard.read()
+            sent = guard.command(angles)    # Sent(angles, limited): what was really sent, and why
+
+A command is refused if it is not finite, clamped to each joint's limits, and moved from the last
+command by at most `max_step` and the joint's velocity. The robot is stopped, torque off and
+verified, with a SafetyError that says why, when answers fail to come, a servo reports an error,
+starts anew, gets too hot, has its watchdog trip, does not take its goals or does not follow them.
+While armed, the servos' own watchdogs stop them if this program dies.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import math
+import signal
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import FrameType, TracebackType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from hardware.driver import Driver, Health, Reading
+from hardware.errors import LineError, SafetyError, ServoError, listed
+from hardware.pace import Pace
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Policy:
+    """When to stop.
+
+    Args:
+        misses: stop after so many readings in a row without one servo's answer.
+        hottest: stop this far below the servo's own temperature limit [K].
+        stray: stop when a joint is this far from its command [rad] ...
+        patience: ... for this long [s].
+        odd_voltage: stop when the supply differs from the robot's file by this part of it.
+    """
+
+    misses: int = 5
+    hottest: float = 5.0
+    stray: float = 0.5
+    patience: float = 0.5
+    odd_voltage: float = 0.2
+
+
+class Sent(NamedTuple):
+    """A command as it was sent: angles [rad], (n,), and for each why it is not what was asked."""
+
+    angles: np.ndarray
+    limited: tuple[str, ...]  # "", "limit", "step"
+
+
+class Guard:
+    """Arms, commands, watches and stops the servos of a driver.
+
+    Args:
+        driver: connected and configured servos.
+        policy: when to stop.
+        dry_run: read and check everything, but write no goal and no torque.
+    """
+
+    def __init__(self, driver: Driver, policy: Policy | None = None, dry_run: bool = False) -> None:
+        self.driver, self.policy, self.dry_run = driver, policy or Policy(), dry_run
+        robot = driver.robot
+        self.armed = False
+        self.low = np.array([servo.position[0] for servo in robot.servos])
+        self.high = np.array([servo.position[1] for servo in robot.servos])
+        speed = np.array([servo.velocity for servo in robot.servos])
+        self.most_step = np.minimum(robot.max_step, speed / robot.rate)
+        self.last: np.ndarray | None = None  # the last command [rad], (n,)
+        self._goals = np.zeros(len(driver), np.int64)
+        self._misses = np.zeros(len(driver), int)
+        self._astray = np.zeros(len(driver))
+        self._seen = math.nan
+        self._turn = 0
+        self._unheard = np.zeros(len(driver), int)
+        self._hopeless = np.zeros(len(driver), int)
+        self._old_handlers: dict[int, Any] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self._old_handlers[number] = signal.signal(number, self._on_signal)
+        atexit.register(self.stop)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            self.stop()
+        finally:
+            atexit.unregister(self.stop)
+            for number, handler in self._old_handlers.items():
+                signal.signal(number, handler)
+            self._old_handlers.clear()
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Torque off first, then what the signal usually does; a second one does not break in."""
+        for each in self._old_handlers:
+            signal.signal(each, signal.SIG_IGN)
+        self.stop()
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        raise SystemExit(128 + number)
+
+    def arm(self) -> Reading:
+        """Switch torque on without a movement, and return where the robot is.
+
+        Raises:
+            SafetyError: a servo is outside its limits, or reports an error.
+            ServoError: a servo does not do as it is told; torque is off again.
+        """
+        driver = self.driver
+        reading = self._whole_reading()
+        self._check_start(reading)
+        self.last = reading.position.copy()
+        if self.dry_run:
+            self.armed = True
+            return reading
+        try:
+            self._set_watchdogs(0)
+            for servo, goal in zip(driver.robot.servos, reading.count.tolist(), strict=True):
+                driver.write_register(servo, "goal_position", goal)
+            self._goals = reading.count.copy()
+            self._set_watchdogs(round(driver.robot.watchdog / 0.02))
+            self.armed = True
+            driver.torque_on()
+        except (ServoError, LineError):
+            self.armed = True
+            self.stop()
+            raise
+        self._misses[:], self._astray[:], self._unheard[:] = 0, 0, 0
+        self._hopeless[:] = 0
+        return reading
+
+    def command(self, angles: np.ndarray) -> Sent:
+        """Send what is safe of the wanted angles [rad], (n,), and return what was sent.
+
+        Raises:
+            SafetyError: the robot is not armed, or an angle is not finite; the robot is stopped.
+        """
+        if not self.armed or self.last is None:
+            raise SafetyError("the robot is not armed; call arm() first")
+        wanted = np.asarray(angles, float)
+        if wanted.shape != self.last.shape or not np.isfinite(wanted).all():
+            self._stop_for(f"the command {wanted} is not {len(self.last)} finite angles")
+        allowed = np.clip(wanted, self.low, self.high)
+        sent = np.clip(allowed, self.last - self.most_step, self.last + self.most_step)
+        limited = np.where(sent != allowed, "step", np.where(allowed != wanted, "limit", ""))
+        self.last = exact = sent
+        if not self.dry_run:
+            sent = self._do(lambda: self.driver.command(exact))
+            self._goals = self.driver.counts(sent)
+        return Sent(sent, tuple(limited.tolist()))
+
+    def read(self) -> Reading:
+        """Read all servos, and one servo's health in turn; stop if something is wrong.
+
+        Raises:
+            SafetyError: with the servo and the reason; the robot is stopped.
+        """
+        reading = self._do(self.driver.read)
+        if self.armed:
+            self._check_reading(reading)
+            self._turn = (self._turn + 1) % len(self.driver)
+            self._check_health(self._turn, self._do(lambda: self.driver.health(self._turn)))
+        return reading
+
+    def move_to(self, angles: np.ndarray, speed: float = 0.5) -> Reading:
+        """Go to a pose [rad], (n,), at this speed [rad/s], and return the last reading.
+
+        Raises:
+            SafetyError: something went wrong on the way; the robot is stopped.
+        """
+        rate = self.driver.robot.rate
+        pace = Pace(self.driver.clock, rate)
+        goal = np.clip(np.asarray(angles, float), self.low, self.high)
+        reading = self.read()
+        while self.last is not None and np.abs(goal - self.last).max() > 1e-3:
+            pace.wait()
+            reading = self.read()
+            step = np.clip(goal - self.last, -speed / rate, speed / rate)
+            before = self.last
+            self.command(self.last + step)
+            if np.array_equal(before, self.last) and np.abs(step).max() < 2e-3:
+                break
+        return reading
+
+    def stop(self) -> None:
+        """Switch torque off and verify; safe to call at any time, as often as you like.
+
+        Raises:
+            ServoError: a servo did not confirm; it may still be powered: cut the supply.
+        """
+        if not self.armed or self.dry_run:
+            self.armed = False
+            return
+        self.armed = False
+        try:
+            self.driver.torque_off()
+        except LineError as error:
+            steps = self.driver.robot.watchdog
+            raise ServoError(
+                f"torque off could not be sent ({error}); the servos' watchdogs stop them after "
+                f"{steps:g} s, but keep them powered: cut the supply"
+            ) from error
+
+    def _whole_reading(self) -> Reading:
+        """Read until every servo has answered anew."""
+        for _ in range(10):
+            reading = self.driver.read()
+            if reading.fresh.all():
+                return reading
+            self.driver.clock.sleep_until(self.driver.clock.now() + 0.01)
+        silent = [
+            n for n, new in zip(self.driver.robot.names, reading.fresh, strict=True) if not new
+        ]
+        raise SafetyError(f"no answers from {listed(silent)}: torque stays off")
+
+    def _check_start(self, reading: Reading) -> None:
+        step = 2 * np.pi / 4096
+        for i, servo in enumerate(self.driver.robot.servos):
+            q = reading.position[i]
+            if not servo.position[0] - step <= q <= servo.position[1] + step:
+                raise SafetyError(
+                    f"{servo.name} is at {q:.3f} rad, outside its limits {list(servo.position)}; "
+                    "move it by hand, or calibrate"
+                )
+            if reading.alert[i]:
+                health = self.driver.health(i)
+                what = listed(health.errors) if health else "an error"
+                raise SafetyError(f"{servo.name} reports {what}: find the reason, then reboot it")
+
+    def _check_reading(self, reading: Reading) -> None:
+        policy, names = self.policy, self.driver.robot.names
+        self._misses = np.where(reading.fresh, 0, self._misses + 1)
+        if self._misses.max() >= policy.misses:
+            name = names[int(np.argmax(self._misses))]
+            self._stop_for(f"{name} gave no new answer {policy.misses} times in a row")
+        if reading.alert.any():
+            i = int(np.argmax(reading.alert))
+            health = self._do(lambda: self.driver.health(i))
+            what = listed(health.errors) if health else "a hardware error"
+            self._stop_for(f"{names[i]} reports {what}; find the reason, then reboot it")
+        now = reading.time
+        passed = 0.0 if math.isnan(self._seen) else now - self._seen
+        self._seen = now
+        if self.last is not None and not self.dry_run:
+            far = np.abs(reading.position - self.last) > policy.stray
+            self._astray = np.where(far & reading.fresh, self._astray + passed, 0.0)
+            if self._astray.max() > policy.patience:
+                i = int(np.argmax(self._astray))
+                self._stop_for(
+                    f"{names[i]} is at {reading.position[i]:.2f} rad and should be at "
+                    f"{self.last[i]:.2f}: it is stuck, or its horn slipped"
+                )
+
+    def _check_health(self, i: int, health: Health | None) -> None:
+        servo, policy = self.driver.robot.servos[i], self.policy
+        self._unheard[i] = 0 if health else self._unheard[i] + 1
+        if health is None:
+            if self._unheard[i] >= policy.misses:
+                self._stop_for(f"{servo.name} does not tell its state")
+            return
+        limit = servo.type.defaults["temperature_limit"] - policy.hottest
+        volts = self.driver.robot.supply.voltage
+        if health.errors:
+            self._stop_for(f"{servo.name} reports {listed(health.errors)}; find the reason")
+        if not self.dry_run and health.watchdog < 0:
+            self._stop_for(f"{servo.name}: its bus watchdog tripped: commands came too late")
+        if not self.dry_run and not health.torque:
+            self._stop_for(f"{servo.name} has no torque: it started anew; configure and arm again")
+        if health.temperature >= limit:
+            self._stop_for(f"{servo.name} has {health.temperature:.0f} °C; let it cool")
+        if abs(health.voltage - volts) > policy.odd_voltage * volts:
+            self._stop_for(
+                f"{servo.name} has {health.voltage:.1f} V, not {volts:.1f} V: the supply"
+            )
+        self._hopeless[i] = 0 if health.goal == self._goals[i] else self._hopeless[i] + 1
+        if not self.dry_run and self._hopeless[i] >= 2:
+            self._stop_for(
+                f"{servo.name} does not take its goals: it holds {health.goal}, {self._goals[i]} "
+                "was sent; its own position limits may be narrower than the robot's file says"
+            )
+
+    def _set_watchdogs(self, steps: int) -> None:
+        for servo in self.driver.robot.servos:
+            self.driver.write_register(servo, "bus_watchdog", steps)
+
+    def _do(self, action: Callable[[], Any]) -> Any:
+        """Talk to the servos; a lost line stops the robot."""
+        try:
+            return action()
+        except LineError as error:
+            self.armed = False
+            raise SafetyError(
+                f"{error}; the servos' watchdogs stop them after "
+                f"{self.driver.robot.watchdog:g} s; torque stays off until they are armed again"
+            ) from error
+
+    def _stop_for(self, reason: str) -> None:
+        """Stop the robot and raise the reason."""
+        _logger.error("stopped: %s", reason)
+        try:
+            self.stop()
+        except ServoError as error:
+            raise SafetyError(f"{reason}; and {error}") from error
+        raise SafetyError(f"{reason}; the robot was stopped, torque is off")

@@ -1,0 +1,502 @@
+"""What goes wrong with servo robots, one test each: detected, survived or stopped, as it should be.
+
+The numbers are those of the list in docs/hardware.md.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from hardware.driver import Driver
+from hardware.emulator.faults import Fault
+from hardware.emulator.loopback import LoopbackPort
+from hardware.emulator.world import World
+from hardware.errors import LineError, SafetyError, ServoError
+from hardware.pace import Pace
+from hardware.safety import Guard
+
+
+class Rig:
+    """Three emulated servos with faults, their driver and their guard, armed."""
+
+    def __init__(self, robot, faults=(), registers=None, believed=None, **guard) -> None:
+        self.world = World(robot, faults=faults, registers=registers)
+        self.clock = VirtualClock()
+        self.port = LoopbackPort(self.world, self.clock)
+        self.driver = Driver(believed or robot, self.port, self.clock)
+        self.driver.connect()
+        self.driver.configure()
+        self.guard = Guard(self.driver, **guard)
+        self.readings = []
+
+    def run(self, steps: int, goal: float | Callable[[int], np.ndarray] = 0.0) -> None:
+        """Arm if need be, and run the control loop."""
+        if not self.guard.armed:
+            self.guard.arm()
+        pace = Pace(self.clock, self.driver.robot.rate)
+        for k in range(steps):
+            pace.wait()
+            self.readings.append(self.guard.read())
+            angles = goal(k) if callable(goal) else np.full(len(self.driver), goal)
+            self.sent = self.guard.command(angles)
+
+    @property
+    def powered(self) -> list[bool]:
+        """Which servos have torque."""
+        return self.world.firmware.torque_on.tolist()
+
+    def count(self, name: str) -> list[int]:
+        """Return one counter of each servo."""
+        return [getattr(self.driver.line.counters[n], name) for n in self.driver.ids]
+
+
+def wave(k: int) -> np.ndarray:
+    """Return a slow motion of three servos."""
+    return np.full(3, 0.3 * np.sin(k / 10))
+
+
+START = 1.0  # s, when faults begin: after the robot was armed
+
+
+@pytest.fixture
+def rig(chain):
+    """Return a function that makes a rig of three servos."""
+
+    def make(*faults: Fault, registers=None, robot=None, **kwargs) -> Rig:
+        return Rig(robot or chain(3), faults, registers, **kwargs)
+
+    return make
+
+
+def test_01_dropped_answers(rig):
+    """Lost answers are counted, asked for once more, and the last value is held meanwhile."""
+    r = rig(Fault("drop", start=START, probability=0.05))
+    r.run(300, wave)
+    assert r.powered == [True] * 3
+    assert all(np.isfinite(x.position).all() for x in r.readings)
+    assert sum(r.count("timeout")) > 10
+    assert sum(r.count("answered")) + sum(r.count("timeout")) == sum(r.count("asked"))
+    fresh = np.mean([x.fresh for x in r.readings])
+    assert fresh > 0.97
+
+
+def test_01_one_lost_answer_exactly(rig):
+    """One lost group answer costs each servo one timeout and one retry, and no reading."""
+    r = rig(Fault("drop", start=START, count=1))
+    r.run(80, wave)
+    assert sum(r.count("timeout")) in (1, 3)  # one health answer, or a whole fast answer
+    assert np.all([x.fresh for x in r.readings])
+
+
+@pytest.mark.parametrize("place", [0, 2, 3, 4, 5, 6, 7, 8, 9, -1])
+def test_02_corrupted_answers(rig, place):
+    """A damaged byte anywhere in answers costs retries, never an exception or a wrong value."""
+    r = rig(Fault("corrupt", start=START, stop=START + 0.1, value=place))
+    r.run(80, wave)
+    assert r.powered == [True] * 3
+    track = np.array([x.position[0] for x in r.readings])
+    assert np.abs(np.diff(track)).max() < 0.1
+    assert r.readings[-1].fresh.all()
+
+
+def test_03_corrupted_instructions(rig):
+    """Servos that answer with the CRC error, without data, are counted and asked again."""
+    r = rig(Fault("corrupt_command", start=START, stop=START + 0.06, value=8))
+    r.run(80, wave)
+    assert r.powered == [True] * 3
+    assert sum(r.count("timeout")) + sum(r.count("error")) > 0
+    assert r.readings[-1].fresh.all()
+
+
+@pytest.mark.parametrize("late", [0.003, 0.012, 0.02, 0.025, 0.04])
+def test_04_late_answers_are_never_fresh(rig, late):
+    """Late answers, whenever they come, are not taken for new ones; the last value is held."""
+    r = rig(Fault("late", start=START, stop=START + 0.3, value=late), policy=None)
+    pairs = []
+    original = r.driver.read
+
+    def read():
+        reading = original()
+        pairs.append((reading, r.world.firmware.count.copy()))
+        return reading
+
+    r.driver.read = read
+    try:
+        r.run(100, lambda k: np.full(3, 0.8 * np.sin(k / 6)))
+    except SafetyError as error:
+        assert "no new answer" in str(error) or "does not tell" in str(error)
+        assert r.powered == [False] * 3
+    for reading, true in pairs:
+        off = np.abs(reading.count - true)[reading.fresh]
+        assert off.max(initial=0) < 40  # 6 ms at the fastest
+
+
+def test_04_duplicates_are_never_fresh(rig):
+    """Doubled answers are thrown away before the next request."""
+    r = rig(Fault("duplicate", start=START, stop=START + 0.4))
+    r.run(80, wave)
+    counts = np.array([x.count[0] for x in r.readings])
+    assert all(x.fresh.all() for x in r.readings)
+    assert np.ptp(counts) > 300
+
+
+def test_05_two_servos_of_one_id(rig):
+    """Two servos of one ID are refused before torque goes on."""
+    with pytest.raises(ServoError, match="several servos answer as 1"):
+        rig(registers={"hinge2": {"id": 1}})
+
+
+def test_05_answers_of_another_id(rig):
+    """Answers under another ID are foreign and never a value."""
+    r = rig(Fault("foreign", start=START, stop=START + 0.06, servo=2, value=9))
+    r.run(80, wave)
+    assert r.readings[-1].fresh.all()
+    assert r.powered == [True] * 3
+
+
+@pytest.mark.parametrize("length", [0, 1, 5, 9, 11])
+def test_06_truncated_answers(rig, length):
+    """Answers cut short, to one byte or none, are missing answers."""
+    r = rig(Fault("truncate", start=START, stop=START + 0.06, value=length))
+    r.run(80, wave)
+    assert r.powered == [True] * 3
+    assert sum(r.count("timeout")) > 0
+    assert r.readings[-1].fresh.all()
+
+
+def test_07_a_servo_that_starts_anew(rig):
+    """A reboot in mid-run is seen within a second; torque goes off everywhere until armed."""
+    r = rig(Fault("reboot", start=START + 0.5, servo=2, count=1))
+    with pytest.raises(SafetyError, match=r"hinge2"):
+        r.run(200, wave)
+    assert r.clock.now() < START + 1.5
+    assert r.powered == [False] * 3
+    r.clock.sleep_until(r.clock.now() + 1)
+    r.driver.configure()
+    r.run(20)
+    assert r.powered == [True] * 3
+
+
+def test_08_low_supply(rig):
+    """A supply that sinks by a third stops the robot with its voltage."""
+    r = rig(Fault("supply", start=START + 0.5, value=3.6))
+    with pytest.raises(SafetyError, match=r"has 3\.6 V, not 5\.0 V"):
+        r.run(200, wave)
+    assert r.powered == [False] * 3
+
+
+def test_08_brown_out(rig):
+    """Without supply for 0.2 s no servo answers: stopped, and off when they are back."""
+    r = rig(Fault("blackout", start=START + 0.5, stop=START + 0.7))
+    with pytest.raises(SafetyError, match=r"no new answer|does not tell"):
+        r.run(200, wave)
+    r.clock.sleep_until(3.0)
+    r.world.advance(3.0)
+    assert r.powered == [False] * 3
+
+
+def test_09_overheating(rig):
+    """A servo that warms is stopped before its own limit, which only a reboot would clear."""
+    r = rig(Fault("heat", start=START, value=30.0, servo=3))
+    with pytest.raises(SafetyError, match=r"hinge3 has 6\d °C; let it cool"):
+        r.run(400, wave)
+    assert r.powered == [False] * 3
+    assert not r.world.firmware.errors.any()
+
+
+def test_09_overload(rig):
+    """An overload that a servo reports stops the robot, though group reads hide it in the SDK."""
+    r = rig()
+    r.run(20)
+    r.world.firmware.shut_down(1, 0x20)
+    with pytest.raises(SafetyError, match=r"hinge2 reports 'overload'"):
+        r.run(20)
+    assert r.powered == [False] * 3
+    with pytest.raises(SafetyError, match=r"hinge2 reports 'overload'.*reboot"):
+        r.guard.arm()
+    assert r.driver.line.reboot(2) is not None
+    r.clock.sleep_until(r.clock.now() + 0.5)
+    r.driver.configure()
+    r.run(10)
+    assert r.powered == [True] * 3
+
+
+def test_10_unplugged_cable(rig):
+    """Without the cable the watchdogs stop the robot; back again, it must be armed anew."""
+    r = rig()
+    r.run(20, wave)
+    r.port.unplugged = True
+    with pytest.raises(SafetyError, match=r"is the cable in\?.*watchdogs stop them after 0.1 s"):
+        r.run(5)
+    r.world.advance(r.clock.now() + 0.5)
+    assert [s.memory["bus_watchdog"] for s in r.world.servos] == [-1] * 3
+    r.port.unplugged = False
+    r.clock.sleep_until(r.clock.now() + 1)
+    r.driver.connect()
+    r.driver.configure()
+    assert r.powered == [False] * 3
+    with pytest.raises(SafetyError, match="not armed"):
+        r.guard.command(np.zeros(3))
+    r.run(20, wave)
+    assert r.powered == [True] * 3
+
+
+def test_11_stuck_servo_and_slipped_horn(rig):
+    """A joint that does not follow, or jumps, is named."""
+    r = rig(Fault("stuck", start=START, servo=2))
+    with pytest.raises(SafetyError, match=r"hinge2 is at .* and should be at .*: it is stuck"):
+        r.run(200, lambda k: np.full(3, min(0.02 * k, 1.9)))
+    assert r.powered == [False] * 3
+    r = rig(Fault("slip", start=START, servo=1, value=0.3))
+    r.run(100)
+    assert r.readings[-1].position[0] == pytest.approx(0.0, abs=0.1)
+    assert r.world.mechanics.angle[0] == pytest.approx(-0.3, abs=0.1)
+
+
+def test_11_reversed_joint(chain):
+    """A joint that counts the other way runs to its mirror image, as a look reveals."""
+    real = chain(3)
+    believed = chain(3)
+    servos = tuple(type(s)(**{**s.__dict__, "sign": -s.sign}) for s in believed.servos)
+    believed = type(believed)(**{**believed.__dict__, "servos": servos})
+    r = Rig(real, believed=believed)
+    r.run(60, 0.4)
+    assert r.readings[-1].position[0] == pytest.approx(0.35, abs=0.1)
+    assert r.world.mechanics.angle[0] == pytest.approx(-0.35, abs=0.1)
+
+
+def test_12_wrong_speed(rig):
+    """A factory servo at 57600 among others at 1 M is found, and the remedy printed."""
+    with pytest.raises(ServoError, match=r"from '3 \(hinge3\)'; found: 3 at 57600 bits/s: set its"):
+        rig(registers={"hinge3": {"baud_rate": 1}})
+
+
+def test_12_missing_and_wrong_servo(rig, chain):
+    """A missing servo, and one of another type, are named."""
+    with pytest.raises(ServoError, match=r"no answer at any speed from '2 \(hinge2\)'"):
+        rig(registers={"hinge2": {"id": 77}})
+    robot = chain(3)
+    servos = tuple(type(s)(**{**s.__dict__, "model": "xl430-w250"}) for s in robot.servos)
+    believed = type(robot)(**{**robot.__dict__, "servos": servos})
+    with pytest.raises(ServoError, match=r"servo 1 .* is xl330-m288, the robot's file says xl430"):
+        Rig(robot, believed=believed)
+
+
+def test_13_old_firmware_and_silent_writes(rig):
+    """Without fast reads plain ones are used; servos that do not answer writes still obey."""
+    r = rig(registers={"hinge2": {"firmware_version": 40}})
+    r.world.servos[1].memory["firmware_version"] = 40
+    r.driver.connect()
+    assert not r.driver.fast
+    r.run(30, wave)
+    assert r.readings[-1].fresh.all()
+    r = rig(registers={f"hinge{i}": {"status_return_level": 1} for i in (1, 2, 3)})
+    r.run(30, wave)
+    assert r.powered == [True] * 3
+    r.guard.stop()
+    assert r.powered == [False] * 3
+
+
+def test_14_watchdog_trip(rig):
+    """A host that stalls lets the servos stop, notices, and switches off."""
+    r = rig()
+    r.run(30, wave)
+    r.clock.sleep_until(r.clock.now() + 0.3)
+    r.world.advance(r.clock.now())
+    assert [s.memory["bus_watchdog"] for s in r.world.servos] == [-1] * 3
+    with pytest.raises(SafetyError, match="its bus watchdog tripped"):
+        r.run(10, wave)
+    assert r.powered == [False] * 3
+
+
+def test_15_late_host():
+    """Steps that take too long lose their deadlines; nothing is made up in a burst."""
+    clock = VirtualClock()
+    pace = Pace(clock, rate=50.0)
+    times = []
+    for _ in range(10):
+        pace.wait()
+        times.append(clock.now())
+        clock.sleep_until(clock.now() + 0.06)
+    assert pace.missed == 18
+    np.testing.assert_allclose(np.diff(times), 0.06)
+    for _ in range(5):
+        pace.wait()
+        times.append(clock.now())
+    assert np.diff(times[-5:]).min() == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_16_signals(rig, number):
+    """Ctrl-C and SIGTERM switch torque off before anything else happens."""
+    r = rig()
+    expected = KeyboardInterrupt if number == signal.SIGINT else SystemExit
+    before = signal.getsignal(number)
+    with pytest.raises(expected), r.guard:
+        r.run(10, wave)
+        assert r.powered == [True] * 3
+        os.kill(os.getpid(), number)
+        r.run(10, wave)
+    assert r.powered == [False] * 3
+    assert signal.getsignal(number) is before
+
+
+def test_16_exceptions_and_kill(rig):
+    """An exception switches torque off; a killed host leaves it to the watchdogs to stop."""
+    r = rig()
+    with pytest.raises(ZeroDivisionError), r.guard:
+        r.run(10, wave)
+        raise ZeroDivisionError
+    assert r.powered == [False] * 3
+    r = rig()
+    r.run(30, lambda k: np.full(3, 0.1 * k))
+    r.world.advance(r.clock.now() + 0.3)
+    stopped = r.world.firmware.goal.copy()
+    r.world.advance(r.clock.now() + 2.5)
+    np.testing.assert_array_equal(r.world.firmware.goal, stopped)
+    assert np.abs(r.world.firmware.velocity).max() < 0.3
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_17_commands_that_are_no_numbers(rig, bad):
+    """NaN and infinity are refused, and the robot is stopped."""
+    r = rig()
+    r.run(10)
+    with pytest.raises(SafetyError, match="is not 3 finite angles"):
+        r.guard.command(np.array([0.0, bad, 0.0]))
+    assert r.powered == [False] * 3
+
+
+def test_17_wild_commands(rig):
+    """Commands out of range are clamped, large steps slewed, and both are reported."""
+    r = rig()
+    r.run(100, 1e9)
+    assert r.sent.limited == ("limit",) * 3
+    np.testing.assert_allclose(r.sent.angles, 2.0, atol=2e-3)
+    r.run(1, -1.0)
+    assert r.sent.limited == ("step",) * 3
+    np.testing.assert_allclose(r.sent.angles, 2.0 - 0.16, atol=4e-3)
+    goals = np.array([s.memory["goal_position"] for s in r.world.servos])
+    np.testing.assert_array_equal(goals, r.driver.counts(r.sent.angles))
+
+
+def test_18_the_seam(chain):
+    """A joint that swings across the encoder's seam reads and commands without a jump."""
+    robot = chain(3, registers={"operating_mode": 4, "position_p_gain": 800, "pwm_slope": 255})
+    servos = tuple(type(s)(**{**s.__dict__, "zero": 4090}) for s in robot.servos)
+    robot = type(robot)(**{**robot.__dict__, "servos": servos})
+    r = Rig(robot)
+    r.run(150, lambda k: np.full(3, 0.6 * np.sin(k / 12)))
+    track = np.array([x.position[0] for x in r.readings])
+    counts = np.array([x.count[0] for x in r.readings])
+    assert counts.min() < 4096 < counts.max()
+    assert np.abs(np.diff(track)).max() < 0.15
+    assert np.ptp(track) > 0.8
+
+
+def test_19_goals_that_are_not_taken(rig):
+    """A goal that a servo silently refuses is found by reading it back."""
+    r = rig(registers={"hinge2": {"max_position_limit": 2200}})
+    with pytest.raises(SafetyError, match=r"hinge2 does not take its goals"):
+        r.run(200, 0.8)
+    assert r.powered == [False] * 3
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "message"),
+    [
+        ("drive_mode", 8, r"servo 2 \(hinge2\): drive mode 8: a goal would switch its torque on"),
+        ("drive_mode", 1, r"drive mode 1 reverses it or times its profile"),
+        ("homing_offset", 100, r"its own homing offset is 100; write homing_offset = 0"),
+        ("return_delay_time", 250, r"it waits 500 us before it answers; write return_delay_time"),
+    ],
+)
+def test_20_21_settings_of_a_servo(rig, register, value, message):
+    """Settings that would surprise are refused before torque, with the remedy."""
+    with pytest.raises(ServoError, match=message):
+        rig(registers={"hinge2": {register: value}})
+
+
+def test_21_a_rate_that_the_bus_cannot_reach(chain):
+    """A rate beyond the bus is refused with the largest possible one."""
+    bus = {"baud": 57600, "return_delay": 0.0005, "latency": 0.016}
+    with pytest.raises(ServoError, match=r"at most \d+ steps a second, not 50"):
+        Rig(chain(3, bus=bus))
+
+
+def test_dry_run_writes_nothing(rig):
+    """A dry run reads and checks, but no goal and no torque reach the servos."""
+    r = rig(dry_run=True)
+    before = [bytes(s.memory.data[64:120]) for s in r.world.servos]
+    r.run(50, wave)
+    assert r.powered == [False] * 3
+    assert [bytes(s.memory.data[64:120]) for s in r.world.servos] == before
+    assert r.sent.angles == pytest.approx(wave(49))
+
+
+def test_safe_start_does_not_move(rig):
+    """Arming far from zero moves nothing; going there is as slow as asked."""
+    r = rig()
+    r.world.mechanics.data.qpos[:] = 1.0
+    r.world.advance(r.clock.now() + 1.0)
+    r.clock.sleep_until(r.world.time)
+    start = r.guard.arm().position
+    r.clock.sleep_until(r.clock.now() + 0.06)
+    r.world.advance(r.clock.now())
+    np.testing.assert_allclose(r.world.mechanics.angle, start, atol=0.2)
+    begin = r.clock.now()
+    r.guard.move_to(np.zeros(3), speed=0.5)
+    assert r.clock.now() - begin >= np.abs(start).max() / 0.5 - 0.1
+
+
+def test_outside_limits_is_not_armed(rig):
+    """A joint outside its limits is not switched on."""
+    r = rig()
+    r.world.mechanics.data.qpos[:] = [0.0, 2.6, 0.0]
+    with pytest.raises(SafetyError, match=r"hinge2 is at 2.*outside its limits"):
+        r.guard.arm()
+    assert r.powered == [False] * 3
+
+
+def test_lost_port_in_connect(chain):
+    """A cable that is out is one sentence before anything else."""
+    world, clock = World(chain(3)), VirtualClock()
+    port = LoopbackPort(world, clock)
+    port.unplugged = True
+    with pytest.raises(LineError, match="is the cable in"):
+        Driver(world.robot, port, clock).connect()
+
+
+@pytest.mark.slow
+def test_22_an_hour_of_twelve_servos(chain):
+    """An hour at 50 Hz with 12 servos: nothing grows, nothing is missed, faster than 10 x real."""
+    import resource
+    import time
+
+    r = Rig(chain(12))
+    r.guard.arm()
+    pace = Pace(r.clock, 50.0)
+    began, base = time.perf_counter(), 0
+    for k in range(180_000):
+        pace.wait()
+        assert r.guard.read().fresh.all()
+        r.guard.command(np.full(12, 0.3 * np.sin(k / 20)))
+        pace.jitter.clear()
+        if k == 9_000:
+            base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    wall = time.perf_counter() - began
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - base
+    sys.stdout.write(
+        f"{3600 / wall:.1f} x real time, memory grew by {grown} kB, missed {pace.missed}\n"
+    )
+    assert pace.missed == 0
+    assert grown < 5_000
+    assert sum(r.count("timeout")) == 0
+    assert 3600 / wall > 10
