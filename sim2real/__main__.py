@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 FULL = "HYDRA_FULL_ERROR"
+WANTED = "SIM2REAL_FULL_ERROR"  # what the user set FULL to, while Hydra runs with 1
 PASSED_ON = (
     "--cfg",
     "-c",
@@ -27,6 +28,10 @@ PASSED_ON = (
     "--version",
 )
 OWN_FOLDER = ("--config-dir", "-cd", "--config-path", "-cp", "--config-name", "-cn")
+
+
+class Refused(BaseException):
+    """The sentence for a mistake; no Exception, so that Hydra lets it pass without a word."""
 
 
 def main() -> None:
@@ -41,6 +46,8 @@ def main() -> None:
         launch()
     except KeyboardInterrupt as stop:
         sys.exit(_say(str(stop) or "interrupted", getattr(stop, "exit_code", 130)))
+    except Refused as refused:
+        sys.exit(_say(str(refused), 2))
     except Exception as error:
         sentence = None if os.environ.get(FULL) == "1" else explained(error)
         if sentence is None:
@@ -76,6 +83,7 @@ def launch() -> None:
     from sim2real.config import CONF
 
     before = os.environ.get(FULL, "0")
+    os.environ[WANTED] = before
     os.environ[FULL] = "1"  # Hydra then hands its errors on, and `main` says them
     try:
         hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(job)()
@@ -84,15 +92,30 @@ def launch() -> None:
 
 
 def job(config: Any) -> None:
-    """Check, build and run one job in the folder that Hydra made for it."""
+    """Check, build and run one job in the folder that Hydra made for it.
+
+    Raises:
+        Refused: for a mistake of the user.
+    """
+    try:
+        _run(config)
+    except Exception as error:
+        sentence = None if os.environ.get(WANTED) == "1" else explained(error)
+        if sentence is None:
+            raise
+        raise Refused(sentence) from None
+
+
+def _run(config: Any) -> None:
     from hydra.core.hydra_config import HydraConfig
 
-    from sim2real.config import checked, prepare, save
+    from sim2real.config import checked, prepare, refuse_used, save
     from sim2real.manifest import write_manifest
 
     hydra = HydraConfig.get()
     out = Path(hydra.runtime.output_dir)
     tree = checked(config)
+    refuse_used(out, tree)
     write_manifest(out, seed=tree["seed"])
     save(tree, out)
     verb, arguments = prepare(tree, out)

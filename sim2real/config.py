@@ -143,6 +143,16 @@ def with_checkpoint(overrides: list[str]) -> list[str]:
     return kept + overrides
 
 
+def refuse_used(out: Path, tree: dict[str, Any]) -> None:
+    """Keep a new training out of a folder that holds another, before anything is written there.
+
+    Raises:
+        ConfigError: the folder has checkpoints and this run does not resume.
+    """
+    if tree.get("resume") is None and any((out / "checkpoints").glob("checkpoint-*")):
+        raise ConfigError(f"{out} already holds a run; continue it with resume={out}")
+
+
 def save(tree: dict[str, Any], out: Path) -> Path:
     """Write the configuration, all of it resolved, into the run's folder."""
     return write_text(out / RESOLVED, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
