@@ -6,12 +6,13 @@
 By default MuJoCo prints a warning for each simulation that diverges and appends it to
 MUJOCO_LOG.TXT in the working directory: among a thousand rows that is a flood. Nothing is lost by
 silence, since the warnings are counted for each simulation and its row ends as failed. The engine's
-setting belongs to the process, so it is put back at once and the user's own calls of MuJoCo stay as
-loud as they were.
+setting belongs to the process, so it is put back when the last of the blocks that run in several
+threads ends, and the user's own calls of MuJoCo stay as loud as they were.
 """
 
 from __future__ import annotations
 
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,16 +20,40 @@ from contextlib import contextmanager
 from mujoco import MjLogConfig
 
 
+class _Silence:
+    """Counts the blocks that want silence, over all threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._blocks = 0
+        self._loud = MjLogConfig.get()
+
+    def begin(self) -> None:
+        with self._lock:
+            if self._blocks == 0:
+                self._loud, silent = MjLogConfig.get(), MjLogConfig.get()
+                silent.logto_console = silent.logto_file = False
+                MjLogConfig.set(silent)
+            self._blocks += 1
+
+    def end(self) -> None:
+        with self._lock:
+            self._blocks -= 1
+            if self._blocks == 0:
+                MjLogConfig.set(self._loud)
+
+
+_silence = _Silence()
+
+
 @contextmanager
 def quiet_engine() -> Iterator[None]:
     """Send the engine's messages nowhere inside the block; takes 2 µs."""
-    loud, silent = MjLogConfig.get(), MjLogConfig.get()
-    silent.logto_console = silent.logto_file = False
-    MjLogConfig.set(silent)
+    _silence.begin()
     try:
         yield
     finally:
-        MjLogConfig.set(loud)
+        _silence.end()
 
 
 @contextmanager
