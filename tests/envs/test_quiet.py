@@ -1,4 +1,4 @@
-"""The engine is silent inside the block, in however many threads, and as loud as before after it."""
+"""The engine is silent in a block, in however many threads, and as loud as before after it."""
 
 from __future__ import annotations
 
