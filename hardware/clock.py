@@ -7,7 +7,9 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """A clock that never runs back."""
+    """A clock that never runs back; `jitter` [s] is how late it may wake who waits on it."""
+
+    jitter: float
 
     def now(self) -> float:
         """Return the time [s] from some fixed moment."""
@@ -24,6 +26,8 @@ class Clock(Protocol):
 
 class RealClock:
     """The machine's monotonic clock; setting the date does not touch it."""
+
+    jitter = 0.01
 
     def now(self) -> float:
         """Return the time [s]."""
@@ -46,6 +50,8 @@ class VirtualClock:
     Args:
         start: the time that it shows at first [s].
     """
+
+    jitter = 0.002
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start

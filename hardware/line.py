@@ -32,7 +32,6 @@ from hardware.protocol import BROADCAST, Packet, Parser, crc16
 if TYPE_CHECKING:
     from dynamixel_sdk import PortHandler
 
-MARGIN = 0.002  # s beyond the bus's own time to wait for an answer
 TURN_ROUND = 1e-4  # s, the most that a servo takes beyond its return delay
 
 
@@ -213,7 +212,7 @@ class Line:
             answer = fast or sum(11 + size for _, size in wanted)
             waits = 1 if fast else len(wanted)
             span = (sent + answer) * 10 / self.port.getBaudRate()
-            span += waits * (self.return_delay + TURN_ROUND) + self.latency + MARGIN
+            span += waits * (self.return_delay + TURN_ROUND) + self.latency + self.clock.jitter
             return self._receive(wanted, span, to_the_end, fast)
 
     def _send(self, number: int, instruction: int, body: bytes) -> int:
@@ -287,7 +286,7 @@ class Line:
     def _drain(self) -> None:
         """Let answers that are late come in, and forget them."""
         self._doubtful = False
-        self.port.setPacketTimeoutMillis((self.latency + MARGIN) * 1000)
+        self.port.setPacketTimeoutMillis((self.latency + self.clock.jitter) * 1000)
         while True:
             data = self.port.readPort(4096)
             if not data:

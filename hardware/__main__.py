@@ -1,0 +1,215 @@
+"""The command line for servos: python -m hardware {scan,calibrate,monitor,emulate} key=value ...
+
+    scan       find servos at every speed, and compare them with a robot's file
+    calibrate  torque off; move every joint through its range and to its zero; writes a JSON file
+    monitor    torque off; print what the servos measure, once a second
+    emulate    an emulated robot behind a device file, for any client, until Ctrl-C
+
+Keys:
+    robot=NAME       a robot of conf/robot, or a path (default: bench1)
+    port=DEVICE      the serial port, such as /dev/ttyUSB0; without it an emulated robot
+    file=PATH        calibrate: where to write (default: NAME.json); monitor: a calibration to apply
+    seconds=NUMBER   monitor, emulate: how long (default: until Ctrl-C)
+    hidden=PATH      emulate: a file of effects that the robot hides
+    link=PATH        emulate: a symbolic link to make to the device
+    seed=NUMBER      emulate: of its randomness (default: 0)
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from hardware.calibration import (
+    HALF_TURN,
+    Calibration,
+    Joint,
+    apply_calibration,
+    read_calibration,
+    write_calibration,
+)
+from hardware.config import Robot, load_robot
+from hardware.connect import make_driver
+from hardware.driver import Driver
+from hardware.emulator.pty import serve
+from hardware.emulator.world import World
+from hardware.errors import HardwareError, LineError, did_you_mean, listed
+from hardware.handshake import SPEEDS
+from hardware.tables import servo_by_number
+
+VERBS = ("scan", "calibrate", "monitor", "emulate")
+KEYS = {
+    "scan": ("robot", "port"),
+    "calibrate": ("robot", "port", "file"),
+    "monitor": ("robot", "port", "file", "seconds"),
+    "emulate": ("robot", "hidden", "link", "seconds", "seed"),
+}
+Keys = dict[str, str]
+Ask = Callable[[str], str]
+
+
+def main(arguments: list[str], ask: Ask = input) -> int:
+    """Run one verb and return the exit status: 0, 1 for a refusal, 2 for a wrong command line."""
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
+        print(__doc__)
+        return 0 if arguments else 2
+    verb = arguments[0]
+    try:
+        keys = _parse(verb, arguments[1:])
+    except HardwareError as error:
+        print(error, file=sys.stderr)
+        return 2
+    try:
+        robot = load_robot(keys.get("robot", "bench1"))
+        robot = replace(robot, port=keys.get("port"))
+        {"scan": scan, "calibrate": calibrate, "monitor": monitor, "emulate": emulate}[verb](
+            robot, keys, ask
+        )
+    except HardwareError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print()
+    return 0
+
+
+def _parse(verb: str, words: list[str]) -> Keys:
+    if verb not in VERBS:
+        hint = did_you_mean(verb, VERBS)
+        raise HardwareError(f"unknown command {verb!r}{hint}; there are {listed(VERBS)}")
+    keys = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or key not in KEYS[verb]:
+            hint = did_you_mean(key, KEYS[verb])
+            raise HardwareError(f"{verb} takes no {word!r}{hint}; it takes {listed(KEYS[verb])}")
+        keys[key] = value
+    return keys
+
+
+def _number(keys: Keys, key: str, default: float) -> float:
+    try:
+        return float(keys.get(key, default))
+    except ValueError:
+        raise HardwareError(f"{key}={keys[key]} is not a number") from None
+
+
+def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Print every servo found at every speed, and what differs from the robot's file."""
+    driver = make_driver(robot)
+    found: dict[int, int] = {}
+    try:
+        for baud in SPEEDS:
+            try:
+                driver.line.open(baud)
+            except LineError:
+                if baud == robot.bus.baud:
+                    raise
+                continue
+            for number, (model, firmware) in sorted(driver.line.broadcast_ping().items()):
+                name = servo_by_number(model) or f"model number {model}"
+                print(f"{baud:>8} bits/s  ID {number:>3}  {name}  firmware {firmware}")
+                found[number] = baud
+        if not found:
+            print("no servo answers at any speed: check supply, cable and adapter")
+        driver.connect()
+        ways = "fast reads" if driver.fast else "plain reads only"
+        rate = 1 / driver.cycle_time()
+        print(f"{robot.name}: all {len(driver)} servos are as its file says; {ways};")
+        print(f"the bus allows {rate:.0f} steps a second, {robot.rate:g} are asked for")
+    finally:
+        driver.close()
+
+
+def monitor(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Print positions, currents, voltages, temperatures and counters once a second; torque off."""
+    if "file" in keys:
+        robot = apply_calibration(robot, read_calibration(keys["file"]))
+    driver = make_driver(robot)
+    try:
+        driver.connect()
+        end = driver.clock.now() + _number(keys, "seconds", math.inf)
+        while driver.clock.now() < end:
+            _print_state(driver)
+            driver.clock.sleep_until(driver.clock.now() + 1)
+    finally:
+        driver.close()
+
+
+def _print_state(driver: Driver) -> None:
+    reading = driver.read()
+    for i, servo in enumerate(driver.robot.servos):
+        health = driver.health(i)
+        counters = driver.line.counters[servo.id]
+        lost = counters.timeout + counters.corrupt + counters.short + counters.stale
+        state = "no answer"
+        if health is not None:
+            errors = listed(health.errors) if health.errors else "no errors"
+            torque = "on" if health.torque else "off"
+            state = (
+                f"{health.voltage:4.1f} V {health.temperature:3.0f} °C torque {torque}, {errors}"
+            )
+        print(
+            f"{servo.name:>16} {reading.position[i]:8.4f} rad {reading.velocity[i]:7.2f} rad/s "
+            f"{reading.current[i]:7.3f} A  {state}; lost {lost} of {counters.asked}"
+        )
+
+
+def calibrate(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Switch torque off, take every joint's range and zero by hand, and write the file."""
+    path = Path(keys.get("file", f"{robot.name}.json"))
+    driver = make_driver(robot)
+    try:
+        driver.connect()
+        driver.torque_off()
+        joints = {}
+        for i, servo in enumerate(robot.servos):
+            low = _count(driver, i, ask, "one end of its range")
+            high = _count(driver, i, ask, "the other end")
+            zero = _count(driver, i, ask, "its zero")
+            up = _count(driver, i, ask, "a little to where its angle grows")
+            joints[servo.name] = Joint(
+                id=servo.id,
+                drive_mode=int(up < zero),
+                homing_offset=HALF_TURN - zero,
+                range_min=min(low, high),
+                range_max=max(low, high),
+                model=servo.model,
+            )
+        calibration = Calibration(joints, robot.name)
+        apply_calibration(robot, calibration)
+        write_calibration(path, calibration)
+        print(f"wrote {path}")
+    finally:
+        driver.close()
+
+
+def _count(driver: Driver, i: int, ask: Ask, where: str) -> int:
+    """Ask for a joint to be moved somewhere, and return its count there, whole turns included."""
+    ask(f"move {driver.robot.names[i]} to {where}, then press Enter ")
+    driver.clock.sleep_until(driver.clock.now() + 0.05)
+    reading = driver.read()
+    if not reading.fresh[i]:
+        raise LineError(f"{driver.robot.names[i]} did not answer; begin again")
+    return driver.robot.servos[i].count(float(reading.position[i]))
+
+
+def emulate(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Serve an emulated robot at a device file until Ctrl-C."""
+    hidden = Path(keys["hidden"]) if "hidden" in keys else robot.hidden
+    world = World(replace(robot, hidden=hidden), seed=int(_number(keys, "seed", 0)))
+    end = time.perf_counter() + _number(keys, "seconds", math.inf)
+    link = Path(keys["link"]) if "link" in keys else None
+
+    def ready(device: str) -> None:
+        print(f"{robot.name} at {device}, {robot.bus.baud} bits/s; Ctrl-C ends it", flush=True)
+
+    serve(world, ready, lambda: time.perf_counter() > end, link)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

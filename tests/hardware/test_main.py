@@ -1,0 +1,143 @@
+"""The command line finds, watches, calibrates and emulates servos."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
+
+import hardware.__main__ as command
+from hardware.clock import RealClock
+from hardware.config import load_robot
+from hardware.driver import Driver
+from hardware.emulator.world import World
+from hardware.safety import Guard
+
+
+@contextlib.contextmanager
+def emulated(*words: str) -> Iterator[tuple[str, subprocess.Popen]]:
+    """Run `python -m hardware emulate` and yield its device."""
+    run = [sys.executable, "-m", "hardware", "emulate", *words]
+    process = subprocess.Popen(run, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().split(" at ")[1].split(",")[0], process
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(10)
+
+
+def test_scan_and_monitor(capsys):
+    """A scan lists the emulated servo and its rate; the monitor prints its state."""
+    assert command.main(["scan", "robot=bench1"]) == 0
+    out = capsys.readouterr().out
+    assert " 1000000 bits/s  ID   1  xl330-m288  firmware 52" in out
+    assert "all 1 servos are as its file says; fast reads" in out
+    assert command.main(["monitor", "seconds=2"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("hinge   0.0000 rad") == 2
+    assert "5.0 V  25 °C torque off, no errors; lost 0" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "message"),
+    [
+        (["scann"], 2, "unknown command 'scann' (did you mean 'scan'?)"),
+        (["scan", "prt=1"], 2, "scan takes no 'prt=1' (did you mean 'port'?)"),
+        (["scan", "robot=bench"], 1, "no robot 'bench' (did you mean 'bench1'?)"),
+        (["scan", "port=/dev/no-such"], 1, "/dev/no-such: the port is gone"),
+        (["monitor", "seconds=x"], 1, "seconds=x is not a number"),
+        (["emulate", "hidden=/no/file.yaml"], 1, "/no/file.yaml: the effects cannot be read"),
+    ],
+)
+def test_refusals(capsys, words, status, message):
+    """What cannot be done is one sentence and an exit status."""
+    assert command.main(words) == status
+    assert message in capsys.readouterr().err
+
+
+def test_help(capsys):
+    """Help names all verbs and keys."""
+    assert command.main(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert all(word in out for word in (*command.VERBS, "robot=", "port=", "hidden=", "link="))
+
+
+def test_calibrate(tmp_path, monkeypatch, capsys):
+    """Moving the joint by hand, its zero elsewhere and turned round, gives that calibration."""
+    robot = load_robot("bench1")
+    worlds = []
+
+    def driver(robot):
+        worlds.append(World(robot))
+        return original(robot, worlds[0])
+
+    original = command.make_driver
+    monkeypatch.setattr(command, "make_driver", driver)
+    places = iter([-1.0, 1.2, 0.2, 0.1])
+
+    def ask(prompt: str) -> str:
+        assert prompt.startswith("move hinge to")
+        mechanics = worlds[0].mechanics
+        mechanics.data.qpos[:], mechanics.data.qvel[:] = next(places), 0.0
+        mechanics.lock(0, True)
+        return ""
+
+    path = tmp_path / "bench1.json"
+    assert command.main(["calibrate", f"file={path}"], ask) == 0
+    joint = json.loads(path.read_text())["joints"]["hinge"]
+    step = 2 * np.pi / 4096
+    assert joint["drive_mode"] == 1
+    assert joint["homing_offset"] == pytest.approx(-0.2 / step, abs=2)
+    assert joint["range_min"] == pytest.approx(2048 - 1.0 / step, abs=2)
+    assert joint["range_max"] == pytest.approx(2048 + 1.2 / step, abs=2)
+    assert robot.name in path.read_text()
+
+
+def test_device_file_with_the_bare_sdk(tmp_path):
+    """The SDK's own port drives the device file; a client that dies leaves the robot for others."""
+    link = tmp_path / "robot"
+    with emulated("robot=bench1", f"link={link}") as (device, process):
+        assert os.path.realpath(link) == device
+        handler = PacketHandler(2.0)
+        for _ in range(2):
+            port = PortHandler(device)
+            assert port.setBaudRate(1_000_000)
+            answers = [handler.ping(port, 1) for _ in range(5)]
+            assert (1200, COMM_SUCCESS, 0) in answers
+            assert handler.write2ByteTxRx(port, 1, 84, 321) == (COMM_SUCCESS, 0)
+            assert handler.read2ByteTxRx(port, 1, 84)[0] == 321
+            port.closePort()
+        port = PortHandler(device)
+        assert port.setBaudRate(57600)
+        assert handler.ping(port, 1)[1] != COMM_SUCCESS
+        port.closePort()
+        assert process.poll() is None
+    assert not link.exists()
+
+
+def test_device_file_with_our_driver():
+    """Our driver and guard move the robot behind a device file, in real time."""
+    with emulated("robot=bench1") as (device, _):
+        robot = load_robot("bench1")
+        driver = Driver(robot, PortHandler(device), RealClock())
+        driver.connect()
+        driver.configure()
+        with Guard(driver) as guard:
+            guard.arm()
+            guard.move_to(np.array([0.3]), speed=2.0)
+            time.sleep(0.03)
+            reading = guard.read()
+        assert reading.position[0] == pytest.approx(0.25, abs=0.12)
+        health = driver.health(0)
+        assert health is None or not health.torque
+        driver.close()
