@@ -161,11 +161,12 @@ class Line:
     def _split(self, packet: Packet, wanted: Sequence[tuple[int, int]]) -> dict[int, Reply]:
         """Cut a fast answer into its servos' parts, each with its own CRC."""
         replies: dict[int, Reply] = {}
-        raw, start = packet.raw, 8
+        raw, start, crc, done = packet.raw, 8, 0, 0
         for number, size in wanted:
             end = start + 2 + size
             tail = int.from_bytes(raw[end : end + 2], "little")
-            if raw[start + 1] != number or crc16(raw[:end]) != tail:
+            crc, done = crc16(raw[done:end], crc), end
+            if raw[start + 1] != number or crc != tail:
                 self.counters[number].corrupt += 1
                 return {}
             error = raw[start]

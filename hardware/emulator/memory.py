@@ -61,7 +61,10 @@ class Memory:
 
     def __getitem__(self, name: str) -> int:
         register = self.kind.registers[name]
-        return register.decode(self.data[register.address : register.address + register.size])
+        start = register.address
+        return int.from_bytes(
+            self.data[start : start + register.size], "little", signed=register.signed
+        )
 
     def __setitem__(self, name: str, value: int) -> None:
         register = self.kind.registers[name]

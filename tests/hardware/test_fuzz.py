@@ -94,7 +94,8 @@ def test_answers(count):
         if reply is not None and (reply.data != true or reply.error):
             wrong[kind.__name__] += 1
     port.answer = good
-    assert line.read(1, 132, 4).data == true
+    reply = line.read(1, 132, 4)
+    assert reply is not None and reply.data == true
     sys.stdout.write(f"\nanswers sent {sent}, wrong values taken {wrong}\n")
     assert wrong["flipped"] == wrong["burst"] == wrong["shuffled"] == 0
     expected = sent["scrambled"] / 65536
