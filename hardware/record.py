@@ -1,0 +1,75 @@
+"""Drive a robot along given angles and write down what it did, as a trajectory log.
+
+with Guard(driver) as guard:
+    guard.arm()
+    log = record(guard, angles)         # (T, n), one row a control step
+write_log("swing.csv", log)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from hardware.config import Robot
+from hardware.log import Log
+from hardware.pace import Pace
+from hardware.safety import Guard
+
+
+def joint_names(robot: Robot) -> list[str]:
+    """Return the joint that each servo turns, in the order of the robot's file."""
+    model = mujoco.MjModel.from_xml_path(str(robot.model))
+    joints = [model.actuator(name).trnid[0] for name in robot.names]
+    return [model.joint(int(joint)).name for joint in joints]
+
+
+def record(guard: Guard, angles: Iterable[np.ndarray], episode: int = 0) -> Log:
+    """Command the angles, one row a control step, and return the log of one episode.
+
+    Args:
+        guard: armed servos.
+        angles: wanted angles [rad], (n,) each; what was sent after every limit is `ctrl`.
+        episode: its number.
+
+    Returns:
+        A log with ctrl, qpos, qvel, current, stamp and torque of every servo, the wanted angles as
+        `action`, the duty as `sensor.duty_<servo>`, the raw position as `sensor.count_<servo>`, and
+        `flag.fresh` (0: an answer was missing, the last value is held).
+
+    Raises:
+        SafetyError: the robot was stopped on the way.
+    """
+    robot, clock = guard.driver.robot, guard.driver.clock
+    pace, rows, start = Pace(clock, robot.rate), [], None
+    for wanted in angles:
+        pace.wait()
+        reading = guard.read()
+        now = clock.now()
+        start = now if start is None else start
+        sent = guard.command(wanted)
+        rows.append((now - start, np.array(wanted, float), sent.angles, reading))
+    time, action, ctrl, readings = zip(*rows, strict=True)
+    columns: dict[str, Any] = {"episode": np.full(len(rows), episode), "time": np.array(time)}
+    pairs = list(zip(robot.names, joint_names(robot), strict=True))
+    for i, (name, _) in enumerate(pairs):
+        columns[f"ctrl.{name}"] = np.array([row[i] for row in ctrl])
+    for kind, field in (("qpos", "position"), ("qvel", "velocity")):
+        for i, (_, joint) in enumerate(pairs):
+            columns[f"{kind}.{joint}"] = np.array([getattr(r, field)[i] for r in readings])
+    for i, (name, joint) in enumerate(pairs):
+        columns[f"stamp.{joint}"] = np.array([r.stamp[i] - start for r in readings])
+        columns[f"current.{name}"] = np.array([r.current[i] for r in readings])
+        columns[f"torque.{name}"] = np.full(len(rows), float(guard.armed and not guard.dry_run))
+        columns[f"sensor.duty_{name}"] = np.array([r.duty[i] for r in readings])
+        columns[f"sensor.count_{name}"] = np.array([r.count[i] for r in readings])
+        columns[f"action.{name}"] = np.array([row[i] for row in action])
+    columns["flag.fresh"] = np.array([float(r.fresh.all()) for r in readings])
+    settings = {servo.name: robot.registers_of(servo) for servo in robot.servos}
+    meta = {"robot": robot.name, "model": str(robot.model.resolve()), "settings": settings}
+    meta |= {"rate": robot.rate, "command_delay": robot.command_delay}
+    meta["supply_voltage"] = robot.supply.voltage
+    return Log(columns, meta)
