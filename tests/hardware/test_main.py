@@ -37,10 +37,10 @@ def emulated(*words: str) -> Iterator[tuple[str, subprocess.Popen]]:
         process.wait(10)
 
 
-def patiently(action: Callable[[], tuple]) -> tuple:
+def patiently(action: Callable[..., tuple], *arguments: object) -> tuple:
     """Repeat what the SDK does until it is answered: a busy machine misses its 34 ms."""
     for _ in range(10):
-        answer = action()
+        answer = action(*arguments)
         if answer[-2] == COMM_SUCCESS:
             break
     return answer
@@ -122,9 +122,9 @@ def test_device_file_with_the_bare_sdk(tmp_path):
         for _ in range(2):
             port = PortHandler(device)
             assert port.setBaudRate(1_000_000)
-            assert patiently(lambda: handler.ping(port, 1)) == (1200, COMM_SUCCESS, 0)
-            assert patiently(lambda: handler.write2ByteTxRx(port, 1, 84, 321))[-1] == 0
-            assert patiently(lambda: handler.read2ByteTxRx(port, 1, 84))[0] == 321
+            assert patiently(handler.ping, port, 1) == (1200, COMM_SUCCESS, 0)
+            assert patiently(handler.write2ByteTxRx, port, 1, 84, 321)[-1] == 0
+            assert patiently(handler.read2ByteTxRx, port, 1, 84)[0] == 321
             port.closePort()
         port = PortHandler(device)
         assert port.setBaudRate(57600)
