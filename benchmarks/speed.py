@@ -174,11 +174,11 @@ def default_rows(scale: float = 1.0) -> list[Row]:
         ),
         TorchRLParallel(of(1500), gait),
         RawPhysics("raw_physics_es", 256, lambda: job.tape(256), THREADS),
-        ESPopulation("es_population", job, 32, "raw_physics_es"),
+        ESPopulation("es_population", job, 64, "raw_physics_es"),
         TwoProcesses("es_two_processes_torch", job, of(48), "torch", "raw_physics_es"),
         TwoProcesses("es_two_processes_numpy", job, of(48), "numpy", "raw_physics_es"),
         RawPhysics("raw_physics_es_fresh", 256, lambda: job_fresh.tape(256), THREADS),
-        ESPopulation("es_population_fresh", job_fresh, 32, "raw_physics_es_fresh"),
+        ESPopulation("es_population_fresh", job_fresh, 64, "raw_physics_es_fresh"),
         TwoProcesses(
             "es_two_processes_torch_fresh", job_fresh, of(512), "torch", "raw_physics_es_fresh"
         ),
