@@ -32,7 +32,7 @@ class Servo:
 
     Args:
         name: the actuator of the model that it stands for.
-        id: its number on the bus, 0 to 252.
+        id: its number on the bus, 0 to 251.
         model: its type.
         sign: 1 or -1: the direction of its counts along the joint.
         zero: the count at the joint's zero.
@@ -218,8 +218,8 @@ def _check(robot: Robot, place: str) -> None:
 
 def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
     kind = servo.type
-    if not 0 <= servo.id <= 252:
-        raise RobotError(f"{place}: id {servo.id}; it can be 0 to 252")
+    if not 0 <= servo.id <= 251:
+        raise RobotError(f"{place}: id {servo.id}; it can be 0 to 251")
     if servo.sign not in (1, -1):
         raise RobotError(f"{place}: sign {servo.sign}; it can be 1 or -1")
     low, high = servo.position

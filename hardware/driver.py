@@ -28,7 +28,7 @@ from hardware.clock import Clock
 from hardware.config import Robot, Servo
 from hardware.errors import ServoError, listed
 from hardware.freshness import Freshness
-from hardware.line import TURN_ROUND, Line
+from hardware.line import SHIELD, TURN_ROUND, Line
 
 if TYPE_CHECKING:
     from dynamixel_sdk import PortHandler
@@ -275,7 +275,8 @@ class Driver:
         """Return how long commanding and reading all servos takes on the wire [s]."""
         n, bus = len(self), self.robot.bus
         fast = self.fast if fast is None else fast
-        size = 14 + 5 * n + 14 + n + (8 + n * (BLOCK_SIZE + 4) if fast else n * (11 + BLOCK_SIZE))
+        block = BLOCK_SIZE + SHIELD
+        size = 19 + 5 * n + 14 + n + (8 + n * (block + 4) if fast else n * (11 + block))
         waits = 1 if fast else n
         return size * 10 / bus.baud + waits * (bus.return_delay + TURN_ROUND / 2) + bus.latency
 
@@ -297,6 +298,9 @@ class Driver:
                 self.line.counters[number].stale += 1
                 continue
             turns = round((self._values[3, i] - count) / TURN) if known else 0
+            if abs(turns) > 1:
+                self.line.counters[number].corrupt += 1
+                continue  # no servo turns so far in a step
             self._turns[i] += turns
             self._values[:, i] = pwm, current, velocity, count
             self._alert[i] = reply.alert
@@ -310,9 +314,9 @@ class Driver:
         first = asked + (14 + n) * byte
         if self.fast:
             wait = bus.return_delay + TURN_ROUND / 2
-            return first + wait + order * (BLOCK_SIZE + 4) * byte
+            return first + wait + order * (BLOCK_SIZE + SHIELD + 4) * byte
         each = bus.return_delay + TURN_ROUND / 2
-        return first + (order + 1) * each + order * (11 + BLOCK_SIZE) * byte
+        return first + (order + 1) * each + order * (11 + BLOCK_SIZE + SHIELD) * byte
 
     def _answers_fast(self) -> bool:
         """Probe fast reads twice; older firmware leaves them unanswered."""

@@ -11,6 +11,10 @@ group reads, stays busy for ever after an unplugged cable, takes an old answer f
 returns 0, a plausible position, for a servo that did not answer. Here a reply counts only if its
 CRC, its ID, its length and its order are right; everything else is counted by servo and left out.
 Bytes from before a request are thrown away, after a failure with a wait for those still to come.
+
+The protocol sends its CRC low byte first, so that the CRC misses one in 65536 of the short bursts
+of wrong bits that touch it. Reads therefore ask for two bytes more than wanted, and group writes
+end with an entry for nobody: what counts is never within 16 bits of the CRC.
 """
 
 from __future__ import annotations
@@ -32,6 +36,8 @@ from hardware.protocol import BROADCAST, Packet, Parser, crc16
 if TYPE_CHECKING:
     from dynamixel_sdk import PortHandler
 
+SHIELD = 2  # bytes read beyond the wanted ones
+NOBODY = 252  # an ID that no servo of a robot may have
 TURN_ROUND = 1e-4  # s, the most that a servo takes beyond its return delay
 
 
@@ -119,9 +125,9 @@ class Line:
 
     def read(self, number: int, address: int, size: int) -> Reply | None:
         """Read registers of one servo; None if no good answer came."""
-        body = struct.pack("<HH", address, size)
-        packets = self._ask(number, protocol.READ, body, [(number, size)])
-        return _reply(packets[0]) if packets else None
+        body = struct.pack("<HH", address, size + SHIELD)
+        packets = self._ask(number, protocol.READ, body, [(number, size + SHIELD)])
+        return _reply(packets[0], size) if packets else None
 
     def write(self, number: int, address: int, data: bytes) -> Reply | None:
         """Write registers of one servo; None if no good answer came."""
@@ -139,26 +145,32 @@ class Line:
         return _reply(packets[0]) if packets else None
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
-        """Write the same registers of several servos; nobody answers."""
+        """Write the same registers of several servos; nobody answers.
+
+        A last entry for a servo that is not there shields the others (see the module).
+        """
         size = len(next(iter(values.values())))
         body = struct.pack("<HH", address, size)
-        body += b"".join(bytes([number]) + data for number, data in values.items())
+        entries = {**values, NOBODY: bytes(size)}
+        body += b"".join(bytes([number]) + data for number, data in entries.items())
         self._ask(BROADCAST, protocol.SYNC_WRITE, body, [])
 
     def sync_read(
         self, address: int, size: int, numbers: Sequence[int], fast: bool
     ) -> dict[int, Reply]:
         """Read the same registers of several servos; those without a good answer are left out."""
-        body = struct.pack("<HH", address, size) + bytes(numbers)
-        wanted = [(number, size) for number in numbers]
+        body = struct.pack("<HH", address, size + SHIELD) + bytes(numbers)
+        wanted = [(number, size + SHIELD) for number in numbers]
         if not fast:
             packets = self._ask(BROADCAST, protocol.SYNC_READ, body, wanted)
-            return {p.id: _reply(p) for p in packets}
+            return {p.id: _reply(p, size) for p in packets}
         length = 8 + sum(s + 4 for _, s in wanted)
         packets = self._ask(BROADCAST, protocol.FAST_SYNC_READ, body, wanted, fast=length)
-        return self._split(packets[0], wanted) if packets else {}
+        return self._split(packets[0], wanted, size) if packets else {}
 
-    def _split(self, packet: Packet, wanted: Sequence[tuple[int, int]]) -> dict[int, Reply]:
+    def _split(
+        self, packet: Packet, wanted: Sequence[tuple[int, int]], kept: int
+    ) -> dict[int, Reply]:
         """Cut a fast answer into its servos' parts, each with its own CRC."""
         replies: dict[int, Reply] = {}
         raw, start, crc, done = packet.raw, 8, 0, 0
@@ -170,7 +182,7 @@ class Line:
                 self.counters[number].corrupt += 1
                 return {}
             error = raw[start]
-            replies[number] = self._count(number, error, raw[start + 2 : end])
+            replies[number] = self._count(number, error, raw[start + 2 : start + 2 + kept])
             start = end + 2
         return replies
 
@@ -310,5 +322,7 @@ class Line:
             raise
 
 
-def _reply(packet: Packet) -> Reply:
-    return Reply(packet.error, packet.alert, packet.params[1:])
+def _reply(packet: Packet, size: int | None = None) -> Reply:
+    """The packet's error and data, cut to size bytes."""
+    data = packet.params[1:]
+    return Reply(packet.error, packet.alert, data if size is None else data[:size])

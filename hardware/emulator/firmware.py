@@ -75,6 +75,8 @@ class Firmware:
         self._ff1, self._ff2 = np.zeros(n), np.zeros(n)
         self._vp, self._vi = np.zeros(n), np.zeros(n)
         self._slope, self._most_pwm = np.zeros(n), np.zeros(n)
+        self._safe = np.zeros((3, n))  # V at least, V at most, degrees at most
+        self._shutdown = np.zeros(n, int)
         self._last_speed = np.zeros(n)
         self._sum, self._error, self._derivative = np.zeros(n), np.zeros(n), np.zeros(n)
         self.pwm, self.current = np.zeros(n), np.zeros(n)
@@ -111,6 +113,9 @@ class Firmware:
         hidden = self.hidden
         self._noisy = bool(hidden["sensor_noise"].any() or hidden["quantization"].any())
         self._alpha = hidden["velocity_filter"]
+        self._numb = bool(hidden["dead_zone"].any())
+        self._capped = bool(np.isfinite(hidden["torque_limit"]).any())
+        self._offset = hidden["encoder_offset"]
         self._heats = bool(hidden["thermal_derating"].any())
 
     @property
@@ -160,6 +165,10 @@ class Firmware:
         self._slope[i] = slope * SLOPE if slope < FASTEST_SLOPE else np.inf
         self._simple = bool((self.mode == 3).all() or np.isin(self.mode, (3, 4)).all())
         self._only_p = not (self._ki.any() or self._kd.any() or self._ff1.any() or self._ff2.any())
+        self._sloped = bool(np.isfinite(self._slope).any())
+        low, high = memory["min_voltage_limit"], memory["max_voltage_limit"]
+        self._safe[:, i] = low * 0.1 - 0.05, high * 0.1 + 0.05, memory["temperature_limit"]
+        self._shutdown[i] = memory["shutdown"]
         on = bool(memory["torque_enable"]) and not self.errors[i]
         if on and not self.torque_on[i]:
             self._restart(i)
@@ -201,7 +210,7 @@ class Firmware:
 
     def _encoder(self) -> np.ndarray:
         """The encoders' raw counts, (n,)."""
-        angle = self.mechanics.angle + (self.hidden["encoder_offset"] + self.slip)
+        angle = self.mechanics.angle + (self._offset + self.slip)
         if self._noisy:
             step = self.hidden["quantization"]
             angle += self.hidden["sensor_noise"] * self._rng.normal(size=len(angle))
@@ -234,8 +243,8 @@ class Firmware:
 
     def _position_law(self, error: np.ndarray) -> np.ndarray:
         """PWM of the position law for errors [counts], (n,)."""
-        dead = self.hidden["dead_zone"]
-        if dead.any():
+        if self._numb:
+            dead = self.hidden["dead_zone"]
             error = np.where(np.abs(error) * self._res < dead, 0.0, error)
         pwm = self._kp * error
         if not self._only_p:
@@ -250,7 +259,7 @@ class Firmware:
             pwm = pwm + self._ki * self._sum
         self._error = error
         most = np.minimum(np.abs(self.goal_pwm), self._most_pwm)
-        return np.clip(pwm, -most, most)
+        return np.minimum(np.maximum(pwm, -most), most)
 
     def _any_law(self, position: np.ndarray) -> np.ndarray:
         """PWM of servos in any operating modes, for profiled goals [counts], (n,)."""
@@ -279,17 +288,19 @@ class Firmware:
     def _output(self, pwm: np.ndarray) -> None:
         """Drive the motors with PWM, (n,), and work out their currents."""
         on = self.torque_on
-        slope = self._slope * self._full / np.maximum(self.supply, 1e-3)
-        pwm = np.where(on, np.clip(pwm, self.pwm - slope, self.pwm + slope), 0.0)
+        if self._sloped:
+            slope = self._slope * self._full / np.maximum(self.supply, 1e-3)
+            pwm = np.clip(pwm, self.pwm - slope, self.pwm + slope)
+        pwm = np.where(on, pwm, 0.0)
         volts = pwm / self._full * self.supply
-        limit = self.hidden["torque_limit"]
-        if np.isfinite(limit).any():
+        if self._capped:
+            limit = self.hidden["torque_limit"]
             most = limit * self._r / (self._k * np.maximum(self.mechanics.strength, 1e-6))
             volts = np.clip(volts, -most, most)
         self.current = np.where(on, (volts - self._k * self._motor_speed()) / self._r, 0.0)
         self.pwm = pwm
         self.mechanics.drive(self._sign * self.flip * volts, on)
-        drawn = np.abs(self.current).sum() * self._sag
+        drawn = np.abs(self.current).sum() * self._sag if self._sag else 0.0
         self.supply[:] = 0.0 if self.dark else max(self.battery - drawn, 0.0)
 
     def _slow(self) -> None:
@@ -311,18 +322,13 @@ class Firmware:
     def _find_errors(self, volts: float) -> None:
         if self.dark:
             return
-        for i, memory in enumerate(self.memories):
-            error = 0
-            low, high = memory["min_voltage_limit"], memory["max_voltage_limit"]
-            if not low - 0.5 <= volts / 0.1 <= high + 0.5:
-                error |= VOLTAGE_ERROR
-            if self.temperature[i] > memory["temperature_limit"]:
-                error |= HEAT_ERROR
-            if self._strain[i] > OVERLOAD_TIME:
-                error |= OVERLOAD_ERROR
-            error &= memory["shutdown"]
-            if error & ~int(self.errors[i]):
-                self.shut_down(i, error)
+        low, high, hottest = self._safe
+        found = VOLTAGE_ERROR * ((volts < low) | (volts > high))
+        found |= HEAT_ERROR * (self.temperature > hottest)
+        found |= OVERLOAD_ERROR * (self._strain > OVERLOAD_TIME)
+        found &= self._shutdown
+        for i in np.flatnonzero(found & ~self.errors):
+            self.shut_down(int(i), int(found[i]))
 
     def shut_down(self, i: int, error: int) -> None:
         """Latch hardware errors of a servo and let its torque go; only a reboot clears them."""

@@ -118,7 +118,7 @@ class Mechanics:
     def drive(self, volts: np.ndarray, driven: np.ndarray) -> None:
         """Set the voltages [V along the joints], (n,), and which motors are on, (n,) bool."""
         self.data.ctrl[self._ctrl] = volts
-        if not np.array_equal(driven, self._driven):
+        if (driven != self._driven).any():
             self._driven = driven.copy()
             off = 0
             for i in np.flatnonzero(~driven):

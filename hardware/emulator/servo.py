@@ -12,6 +12,7 @@ from hardware.emulator.memory import PRESENT, PRESENT_END, Memory
 REBOOT_SILENCE = 0.2  # s, an assumption
 GOALS, GOALS_END = 100, 120
 TORQUE_ENABLE = 64
+GOAL_POSITION = {116, 117, 118, 119}
 FAST_FIRMWARE = 45  # older firmware leaves fast reads unanswered
 CLEAR_TURNS = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
 Answer = tuple[int, bytes]  # error, parameters
@@ -127,6 +128,8 @@ class Servo:
             delay = firmware.hidden.robot["command_delay"]
             if delay > 0:
                 self.pending.append((now + delay, bytes(self.memory.data[GOALS:GOALS_END])))
+            elif touched == GOAL_POSITION and not self.memory.data[10] & 4:
+                firmware.goal[self.index] = self.memory["goal_position"]
             else:
                 firmware.load_goals(self.index)
         if any(not GOALS <= a < GOALS_END for a in touched):

@@ -22,6 +22,8 @@ from hardware.emulator.mechanics import Mechanics
 from hardware.emulator.memory import Memory
 from hardware.emulator.servo import REBOOT_SILENCE, Servo
 
+WATCH = 5  # ticks between looks at the bus watchdogs
+
 
 class World:
     """The emulated robot behind a bus.
@@ -55,6 +57,7 @@ class World:
         self.servos = [Servo(i, memory, self.firmware) for i, memory in enumerate(memories)]
         self.faults = Faults(faults, streams[1])
         self._events = _events(faults)
+        self._delays = self.hidden.robot["command_delay"] > 0
         self.bus = Bus(self, robot.bus.latency, streams[2])
 
     @property
@@ -73,10 +76,12 @@ class World:
             now = firmware.time
             while self._events and self._events[0][0] <= now:
                 self._strike(*self._events.pop(0))
-            for servo in self.servos:
-                if servo.pending:
+            if firmware.ticks % WATCH == 0:
+                for servo in self.servos:
+                    servo.watch(now)
+            if self._delays:
+                for servo in self.servos:
                     servo.apply_due(now)
-                servo.watch(now)
             firmware.tick()
 
     def is_silent(self, servo: Servo, now: float) -> bool:

@@ -206,8 +206,8 @@ def test_heat_overload_and_voltage_shut_down():
 
 def test_temperature_tends_to_the_power():
     """A winding of i^2 R watts ends `heat` kelvins a watt above the room."""
-    world = started(load_robot("bench1"), faults=[Fault("stuck")])
-    world.servos[0].memory["shutdown"] = 0
+    masked = {"hinge": {"shutdown": 0}}
+    world = started(load_robot("bench1"), faults=[Fault("stuck")], registers=masked)
     put(world, goal_pwm=200, goal_position=4000)
     world.firmware._tau[:] = 0.2
     world.advance(2.0)
