@@ -1,8 +1,14 @@
 """Servos on a bus, the emulator that stands in for them, and the log that everybody shares.
 
-Needs numpy, PyYAML, dynamixel-sdk, pyserial and mujoco; knows neither the simulated worlds nor the
-algorithms.
+    log.py          the trajectory log (log_csv.py, log_parquet.py, log_columns.py)
+    config.py       a robot's YAML                 calibration.py  zeros, signs, ranges
+    tables.py       control tables and motors      protocol.py     packets
+    line.py         requests and answers           freshness.py    which answers are new
+    driver.py       servos in SI units             handshake.py    checks before any torque
+    safety.py       the hand that moves a robot    pace.py         a fixed rate
+    excite.py       motions that show a robot      record.py       a motion as a log
+    emulator/       a bus that is not there        connect.py      a driver for either
 
-    log.py        the trajectory log: one row a control step
-    config.py     a robot's YAML: its model, servos, bus and limits
+Needs numpy, PyYAML, dynamixel-sdk, pyserial and mujoco (log.py only numpy); knows neither the
+simulated worlds nor the algorithms. `docs/hardware.md` is the manual.
 """

@@ -1,10 +1,11 @@
 """A fixed rate: absolute deadlines, no drift, and no burst to catch up after a late step.
 
-pace = Pace(clock, rate=50.0)
-while running:
-    pace.wait()                 # until the next deadline
-    ...
-pace.missed, pace.jitter
+    pace = Pace(clock, rate=50.0)
+    while running:
+        pace.wait()                 # until the next deadline
+        ...
+
+Afterwards `pace.missed` and `pace.jitter` say how well it went.
 """
 
 from __future__ import annotations

@@ -1,20 +1,22 @@
 """Drive a robot along given angles and write down what it did, as a trajectory log.
 
-with Guard(driver) as guard:
-    guard.arm()
-    log = record(guard, angles)         # (T, n), one row a control step
-write_log("swing.csv", log)
+    with Guard(driver) as guard:
+        guard.arm()
+        log = record(guard, excite(robot, pose, 10.0, ("ramp", "swing"), rng))
+    write_log("swing.csv", log)
+
+The guard's limits and stops hold while it is driven.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from hardware.config import Robot
+from hardware.excite import Plan
 from hardware.log import Log
 from hardware.pace import Pace
 from hardware.safety import Guard
@@ -27,12 +29,16 @@ def joint_names(robot: Robot) -> list[str]:
     return [model.joint(int(joint)).name for joint in joints]
 
 
-def record(guard: Guard, angles: Iterable[np.ndarray], episode: int = 0) -> Log:
-    """Command the angles, one row a control step, and return the log of one episode.
+def record(guard: Guard, plan: Plan | np.ndarray, episode: int = 0) -> Log:
+    """Command a plan, one row a control step, and return the log of one episode.
+
+    Torque goes off and on at the time of the row that says so; switching can cost a step or two.
+    While it is off, `ctrl` is where the joints are.
 
     Args:
         guard: armed servos.
-        angles: wanted angles [rad], (n,) each; what was sent after every limit is `ctrl`.
+        plan: wanted angles [rad], (T, n), and where torque is on; what was sent after every limit
+            is `ctrl`.
         episode: its number.
 
     Returns:
@@ -44,15 +50,20 @@ def record(guard: Guard, angles: Iterable[np.ndarray], episode: int = 0) -> Log:
         SafetyError: the robot was stopped on the way.
     """
     robot, clock = guard.driver.robot, guard.driver.clock
-    pace, rows, start = Pace(clock, robot.rate), [], None
-    for wanted in angles:
+    if not isinstance(plan, Plan):
+        plan = Plan(np.asarray(plan, float), np.ones(len(plan), bool))
+    pace, rows, start, on = Pace(clock, robot.rate), [], None, True
+    for wanted, torque in zip(plan.angles, plan.torque.tolist(), strict=True):
         pace.wait()
         reading = guard.read()
         now = clock.now()
         start = now if start is None else start
-        sent = guard.command(wanted)
-        rows.append((now - start, np.array(wanted, float), sent.angles, reading))
-    time, action, ctrl, readings = zip(*rows, strict=True)
+        if torque != on:
+            guard.stiffen() if torque else guard.limp()
+            on = torque
+        sent = guard.command(wanted).angles if on else reading.position
+        rows.append((now - start, wanted, sent, reading, on and not guard.dry_run))
+    time, action, ctrl, readings, driven = zip(*rows, strict=True)
     columns: dict[str, Any] = {"episode": np.full(len(rows), episode), "time": np.array(time)}
     pairs = list(zip(robot.names, joint_names(robot), strict=True))
     for i, (name, _) in enumerate(pairs):
@@ -63,7 +74,7 @@ def record(guard: Guard, angles: Iterable[np.ndarray], episode: int = 0) -> Log:
     for i, (name, joint) in enumerate(pairs):
         columns[f"stamp.{joint}"] = np.array([r.stamp[i] - start for r in readings])
         columns[f"current.{name}"] = np.array([r.current[i] for r in readings])
-        columns[f"torque.{name}"] = np.full(len(rows), float(guard.armed and not guard.dry_run))
+        columns[f"torque.{name}"] = np.array(driven, float)
         columns[f"sensor.duty_{name}"] = np.array([r.duty[i] for r in readings])
         columns[f"sensor.count_{name}"] = np.array([r.count[i] for r in readings])
         columns[f"action.{name}"] = np.array([row[i] for row in action])

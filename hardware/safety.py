@@ -75,6 +75,7 @@ class Guard:
         self.driver, self.policy, self.dry_run = driver, policy or Policy(), dry_run
         robot = driver.robot
         self.armed = False
+        self._slack = False  # armed, but limp for a swing
         self.low = np.array([servo.position[0] for servo in robot.servos])
         self.high = np.array([servo.position[1] for servo in robot.servos])
         speed = np.array([servo.velocity for servo in robot.servos])
@@ -163,6 +164,8 @@ class Guard:
         allowed = np.clip(wanted, self.low, self.high)
         sent = np.clip(allowed, self.last - self.most_step, self.last + self.most_step)
         limited = np.where(sent != allowed, "step", np.where(allowed != wanted, "limit", ""))
+        if self._slack:
+            raise SafetyError("the robot is limp; call stiffen() before the next command")
         self.last = exact = sent
         if not self.dry_run:
             sent = self._do(lambda: self.driver.command(exact))
@@ -202,6 +205,46 @@ class Guard:
                 break
         return reading
 
+    def limp(self) -> None:
+        """Switch torque off for a swing; the robot stays armed and watched.
+
+        Raises:
+            SafetyError: the robot is not armed, or a servo did not confirm.
+        """
+        if not self.armed:
+            raise SafetyError("the robot is not armed; call arm() first")
+        if not self.dry_run:
+            self._switch(self.driver.torque_off)
+        self._slack = True
+
+    def stiffen(self) -> Reading:
+        """Switch torque on again where the robot is, and return the reading it holds.
+
+        Raises:
+            SafetyError: a joint is outside its limits, or a servo does not obey.
+        """
+        driver = self.driver
+        reading = self._whole_reading()
+        self._slack = False
+        outside = (reading.position < self.low - 0.01) | (reading.position > self.high + 0.01)
+        if outside.any():
+            i = int(np.argmax(outside))
+            name, angle = driver.robot.names[i], reading.position[i]
+            self._stop_for(f"{name} swung to {angle:.2f} rad, outside its limits")
+        self.last = reading.position.copy()
+        self._goals = reading.count.copy()
+        if not self.dry_run:
+            self._do(lambda: driver.command(reading.position))
+            self._switch(driver.torque_on)
+        self._astray[:], self._hopeless[:] = 0, 0
+        return reading
+
+    def _switch(self, action: Callable[[], None]) -> None:
+        try:
+            self._do(action)
+        except ServoError as error:
+            self._stop_for(str(error))
+
     def stop(self) -> None:
         """Switch torque off and verify; safe to call at any time, as often as you like.
 
@@ -211,7 +254,7 @@ class Guard:
         if not self.armed or self.dry_run:
             self.armed = False
             return
-        self.armed = False
+        self.armed = self._slack = False
         try:
             self.driver.torque_off()
         except LineError as error:
@@ -261,7 +304,7 @@ class Guard:
         now = reading.time
         passed = 0.0 if math.isnan(self._seen) else now - self._seen
         self._seen = now
-        if self.last is not None and not self.dry_run:
+        if self.last is not None and not self.dry_run and not self._slack:
             far = np.abs(reading.position - self.last) > policy.stray
             self._astray = np.where(far & reading.fresh, self._astray + passed, 0.0)
             if self._astray.max() > policy.patience:
@@ -282,6 +325,8 @@ class Guard:
         volts = self.driver.robot.supply.voltage
         if health.errors:
             self._stop_for(f"{servo.name} reports {listed(health.errors)}; find the reason")
+        if self._slack:
+            return
         if not self.dry_run and health.watchdog < 0:
             self._stop_for(f"{servo.name}: its bus watchdog tripped: commands came too late")
         if not self.dry_run and not health.torque:

@@ -1,8 +1,12 @@
 """A Dynamixel bus that is not there: the same bytes, timing and failures over a MuJoCo robot.
 
-world.py       the robot: servos, physics, bus, one clock      bus.py       bytes in, bytes out
-servo.py       what a servo answers                            memory.py    its control table
-firmware.py    its 1 kHz control loop                          profile.py   motion of its goal
-mechanics.py   MuJoCo, friction, play                          model.py     the edited model
-hidden.py      effects that the robot hides                    faults.py    what goes wrong
+    world.py       the robot: servos, physics, bus, one clock
+    bus.py         bytes in, bytes out, and when
+    servo.py       what a servo answers           memory.py    its control table
+    firmware.py    its 1 kHz control loop         profile.py   the motion of its goal
+    mechanics.py   MuJoCo, friction, play         model.py     the edited model
+    hidden.py      effects that the robot hides   faults.py    what goes wrong, and when
+    loopback.py    as a port of dynamixel-sdk     pty.py       as a device file
+
+Nothing here is shared with the simulated worlds, so that a diagnosis can be checked on it.
 """

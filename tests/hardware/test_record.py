@@ -10,6 +10,8 @@ from hardware.config import ROBOTS, load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import World
+from hardware.errors import SafetyError
+from hardware.excite import Plan
 from hardware.log import Log, check_names, read_log, write_log
 from hardware.record import joint_names, record
 from hardware.safety import Guard
@@ -103,6 +105,31 @@ def test_a_hidden_effect_is_a_gap():
     assert np.sqrt(np.mean(error**2)) > 5 * 2 * np.pi / 4096
 
 
+def test_swings_are_free():
+    """Where a plan lets go, the log says so, nothing is driven, and the arm swings on."""
+    robot = load_robot("bench1")
+    world = World(robot)
+    driver = make_driver(robot, world)
+    driver.connect()
+    driver.configure()
+    angles = np.full((150, 1), 1.0)
+    torque = np.arange(150) < 75
+    with Guard(driver) as guard:
+        guard.arm()
+        guard.move_to(np.array([1.0]), speed=2.0)
+        log = record(guard, Plan(angles, torque))
+        with pytest.raises(SafetyError, match="limp"):
+            guard.command(np.array([0.0]))
+        guard.stiffen()
+        guard.move_to(np.array([0.0]))
+        assert world.firmware.torque_on.all()
+    np.testing.assert_array_equal(log.column("torque.hinge"), torque)
+    free = log.column("qpos.hinge")[80:]
+    assert free.min() < -0.3
+    assert np.abs(log.column("current.hinge")[80:]).max() == 0
+    assert not world.firmware.torque_on.any()
+
+
 def test_quad_stands():
     """The quadruped stays upright on its feet while its servos hold it."""
     robot = load_robot("quad8")
@@ -112,6 +139,6 @@ def test_quad_stands():
     driver.configure()
     with Guard(driver) as guard:
         guard.arm()
-        record(guard, [home(robot)] * 50)
+        record(guard, np.tile(home(robot), (50, 1)))
     assert world.mechanics.data.qpos[2] > 0.07
     assert abs(world.mechanics.data.qpos[3]) > 0.98
