@@ -115,6 +115,15 @@ class Mechanics:
         """Torque of the motors at the joints [N·m], (n,)."""
         return self.data.actuator_force[self._actuators]
 
+    def sensors(self) -> dict[str, np.ndarray]:
+        """Return the values of the model's sensors by name, such as an IMU's, as last computed."""
+        model, values = self.model, self.data.sensordata
+        spans = zip(model.sensor_adr, model.sensor_dim, strict=True)
+        return {
+            model.sensor(i).name: values[start : start + size].copy()
+            for i, (start, size) in enumerate(spans)
+        }
+
     def drive(self, volts: np.ndarray, driven: np.ndarray) -> None:
         """Set the voltages [V along the joints], (n,), and which motors are on, (n,) bool."""
         self.data.ctrl[self._ctrl] = volts

@@ -142,3 +142,7 @@ def test_quad_stands():
         record(guard, np.tile(home(robot), (50, 1)))
     assert world.mechanics.data.qpos[2] > 0.07
     assert abs(world.mechanics.data.qpos[3]) > 0.98
+    imu = world.mechanics.sensors()
+    assert abs(imu["orientation"][0]) > 0.98
+    assert imu["accelerometer"][2] == pytest.approx(9.81, abs=1.0)
+    assert np.abs(imu["gyro"]).max() < 0.5
