@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 import pytest
 import torch
@@ -71,9 +73,10 @@ def test_specs_hold_with_parameters(per: str) -> None:
 
 def test_toys_are_environments_too() -> None:
     """Any rows and any distribution of tasks make an environment; the goals are its parameters."""
-    env = TransformedEnv(RowsEnv(Nav2D(3)), RandomizeParams(NavGoals()))
+    base = RowsEnv(Nav2D(3))
+    env = TransformedEnv(base, RandomizeParams(NavGoals()))
     check_env_specs(env)
-    names = set(env.base_env.rows.space.names)
+    names = set(base.rows.space.names)
     assert {key[1] for key in env.rollout(2).keys(True) if key[0] == "params"} == names
 
 
@@ -91,15 +94,16 @@ def test_specs_hold_in_double_precision() -> None:
 def test_a_partial_reset_changes_only_the_masked_rows() -> None:
     """Rows outside the mask keep observation, parameters and physics; those in it start anew."""
     env = randomized(4)
+    batch = cast(MujocoEnv, env.base_env).simulation.plant.batch
     td = env.rollout(8)[:, -1]["next"].clone()
     mask = torch.tensor([[False], [True], [False], [True]])
-    state = env.base_env.simulation.plant.batch.state.copy()
+    state = batch.state.copy()
     after = env.reset(td.clone().set("_reset", mask))
     kept, fresh = ~mask[:, 0], mask[:, 0]
     for key in ("observation", MASS, FRICTION):
         assert torch.equal(after[key][kept], td[key][kept])
         assert (after[key][fresh] != td[key][fresh]).any()
-    new = env.base_env.simulation.plant.batch.state
+    new = batch.state
     np.testing.assert_array_equal(new[kept.numpy()], state[kept.numpy()])
     assert (new[fresh.numpy()] != state[fresh.numpy()]).any(axis=1).all()
 
@@ -177,7 +181,7 @@ def test_a_collector_drives_it() -> None:
     """TorchRL's collector fills batches over resets, and RewardSum sums each episode by itself."""
     tasks = randomization()
     base = MujocoEnv(Hopper(), 4, tasks.effects, threads=1)
-    env = TransformedEnv(base, Compose(RandomizeParams(tasks), RewardSum()))
+    env = TransformedEnv(base, Compose(RandomizeParams(tasks), RewardSum()))  # pyright: ignore[reportCallIssue]
     collector = Collector(env, None, frames_per_batch=200, total_frames=400)
     batches = list(collector)
     assert [batch.shape for batch in batches] == [(4, 50), (4, 50)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ def test_effects_of_a_file_change_the_simulator(tmp_path: Path) -> None:
     """A kilogram in effects.yaml is a kilogram in every row of the environment."""
     path = tmp_path / "effects.yaml"
     path.write_text("- {effect: link_mass, where: torso, value: 1.0}\n", encoding="utf-8")
-    rows = with_effects(partial(Simulation, Hopper()), path)(num_rows=3)
-    plain = with_effects(partial(Simulation, Hopper()), None)(num_rows=3)
+    rows = cast(Simulation, with_effects(partial(Simulation, Hopper()), path)(num_rows=3))
+    plain = cast(Simulation, with_effects(partial(Simulation, Hopper()), None)(num_rows=3))
     torso = plain.plant.model.body("torso").id
     masses = rows.plant.batch.expand("body_mass")[:, torso]
     np.testing.assert_allclose(masses, plain.plant.model.body_mass[torso] + 1.0)
