@@ -10,6 +10,8 @@ import pytest
 import yaml
 
 from hardware.config import ROBOTS, Robot, make_robot
+from hardware.emulator.faults import Fault
+from tests.hardware.rig import Rig
 
 
 def bench_data(count: int = 0, **changes: Any) -> dict[str, Any]:
@@ -50,5 +52,15 @@ def chain(tmp_path) -> Callable[..., Robot]:
         path = tmp_path / f"chain{count}.xml"
         path.write_text(many_benches(count, option))
         return make_robot(bench_data(count, model=str(path), name=f"chain{count}", **changes))
+
+    return make
+
+
+@pytest.fixture
+def rig(chain):
+    """Return a function that makes a rig of three servos."""
+
+    def make(*faults: Fault, registers=None, robot=None, **kwargs) -> Rig:
+        return Rig(robot or chain(3), faults, registers, **kwargs)
 
     return make

@@ -1,0 +1,55 @@
+"""Three emulated servos with faults, their driver and their guard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hardware.clock import VirtualClock
+from hardware.driver import Driver
+from hardware.emulator.loopback import LoopbackPort
+from hardware.emulator.world import World
+from hardware.pace import Pace
+from hardware.safety import Guard
+
+START = 1.0  # s, when faults begin: after the robot was armed
+
+
+class Rig:
+    """Three emulated servos with faults, their driver and their guard, armed."""
+
+    def __init__(self, robot, faults=(), registers=None, believed=None, **guard) -> None:
+        self.world = World(robot, faults=faults, registers=registers)
+        self.clock = VirtualClock()
+        self.port = LoopbackPort(self.world, self.clock)
+        self.driver = Driver(believed or robot, self.port, self.clock)
+        self.driver.connect()
+        self.driver.configure()
+        self.guard = Guard(self.driver, **guard)
+        self.readings = []
+
+    def run(self, steps: int, goal: float | Callable[[int], np.ndarray] = 0.0) -> None:
+        """Arm if need be, and run the control loop."""
+        if not self.guard.armed:
+            self.guard.arm()
+        pace = Pace(self.clock, self.driver.robot.rate)
+        for k in range(steps):
+            pace.wait()
+            self.readings.append(self.guard.read())
+            angles = goal(k) if callable(goal) else np.full(len(self.driver), goal)
+            self.sent = self.guard.command(angles)
+
+    @property
+    def powered(self) -> list[bool]:
+        """Which servos have torque."""
+        return self.world.firmware.torque_on.tolist()
+
+    def count(self, name: str) -> list[int]:
+        """Return one counter of each servo."""
+        return [getattr(self.driver.line.counters[n], name) for n in self.driver.ids]
+
+
+def wave(k: int) -> np.ndarray:
+    """Return a slow motion of three servos."""
+    return np.full(3, 0.3 * np.sin(k / 10))
