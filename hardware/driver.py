@@ -141,6 +141,8 @@ class Driver:
         for servo in self.robot.servos:
             for name, value in self.robot.registers_of(servo).items():
                 self.write_register(servo, name, value)
+        self.read()
+        self._find_turns()  # another operating mode may count turns anew
 
     def read(self) -> Reading:
         """Read all servos once, and those that did not answer once more."""

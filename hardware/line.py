@@ -243,6 +243,7 @@ class Line:
     ) -> list[Packet]:
         port, good = self.port, []
         port.setPacketTimeoutMillis(span * 1000)
+        deadline = self.clock.now() + span  # the SDK's own is of the wall clock, which can be set
         left = [BROADCAST] if fast else [number for number, _ in wanted]
         sizes = {BROADCAST: fast} if fast else {n: 11 + size for n, size in wanted}
         while True:
@@ -254,7 +255,7 @@ class Line:
                 self._doubtful = False
                 return good
             if not data:
-                if port.isPacketTimeout():
+                if self.clock.now() >= deadline:
                     break
                 self.clock.pause()
         if not to_the_end:
@@ -299,11 +300,13 @@ class Line:
     def _drain(self) -> None:
         """Let answers that are late come in, and forget them."""
         self._doubtful = False
-        self.port.setPacketTimeoutMillis((self.latency + self.clock.jitter) * 1000)
+        span = self.latency + self.clock.jitter
+        self.port.setPacketTimeoutMillis(span * 1000)
+        deadline = self.clock.now() + span
         while True:
             data = self.port.readPort(4096)
             if not data:
-                if self.port.isPacketTimeout():
+                if self.clock.now() >= deadline:
                     return
                 self.clock.pause()
 

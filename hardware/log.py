@@ -24,6 +24,7 @@ is finite, so a reader need not ask.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -167,24 +168,27 @@ def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
 def write_log(path: str | Path, log: Log) -> Path:
     """Write a log, whole or not at all; CSV or Parquet, as the name ends.
 
-    A CSV's metadata goes to a JSON file of the same name, a Parquet's into its schema.
+    A CSV's metadata goes to a JSON file of the same name, a Parquet's into its schema; the model's
+    path is written as seen from the log.
 
     Raises:
         LogError: the ending is neither, or pyarrow is needed and missing.
     """
     path = Path(path)
-    sidecar = path.with_suffix(".json")
+    sidecar, meta = path.with_suffix(".json"), dict(log.meta)
+    if Path(meta.get("model", "")).is_absolute():
+        meta["model"] = os.path.relpath(meta["model"], path.parent.resolve())
     if path.suffix == ".parquet":
-        log_parquet.write(path, log.columns, log.meta)
+        log_parquet.write(path, log.columns, meta)
         return path
     if path.suffix != ".csv":
         raise LogError(f"{path}: a log is a .csv or a .parquet file; this name ends in neither")
     with whole_file(path) as temporary:
         log_csv.write(temporary, log.columns)
-        if log.meta:
+        if meta:
             with whole_file(sidecar) as text:
-                meta = json.dumps(log.meta, indent=1, ensure_ascii=False)
-                text.write_text(meta + "\n", encoding="utf-8")
+                words = json.dumps(meta, indent=1, ensure_ascii=False)
+                text.write_text(words + "\n", encoding="utf-8")
         else:
             sidecar.unlink(missing_ok=True)
     return path

@@ -45,6 +45,8 @@ class Policy:
         hottest: stop this far below the servo's own temperature limit [K].
         stray: stop when a joint is this far from its command [rad] ...
         patience: ... for this long [s].
+        outside: arm only if no joint is further outside its limits than this [rad]; the first
+            commands then lead it back in.
         odd_voltage: stop when the supply differs from the robot's file by this part of it.
     """
 
@@ -52,6 +54,7 @@ class Policy:
     hottest: float = 5.0
     stray: float = 0.5
     patience: float = 0.5
+    outside: float = 0.2
     odd_voltage: float = 0.2
 
 
@@ -226,7 +229,8 @@ class Guard:
         driver = self.driver
         reading = self._whole_reading()
         self._slack = False
-        outside = (reading.position < self.low - 0.01) | (reading.position > self.high + 0.01)
+        edge = self.policy.outside
+        outside = (reading.position < self.low - edge) | (reading.position > self.high + edge)
         if outside.any():
             i = int(np.argmax(outside))
             name, angle = driver.robot.names[i], reading.position[i]
@@ -277,13 +281,13 @@ class Guard:
         raise SafetyError(f"no answers from {listed(silent)}: torque stays off")
 
     def _check_start(self, reading: Reading) -> None:
-        step = 2 * np.pi / 4096
+        edge = self.policy.outside
         for i, servo in enumerate(self.driver.robot.servos):
             q = reading.position[i]
-            if not servo.position[0] - step <= q <= servo.position[1] + step:
+            if not servo.position[0] - edge <= q <= servo.position[1] + edge:
                 raise SafetyError(
-                    f"{servo.name} is at {q:.3f} rad, outside its limits {list(servo.position)}; "
-                    "move it by hand, or calibrate"
+                    f"{servo.name} is at {q:.3f} rad, outside its limits {list(servo.position)} "
+                    f"by more than {edge:g}; move it by hand, or calibrate"
                 )
             if reading.alert[i]:
                 health = self.driver.health(i)

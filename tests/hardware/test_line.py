@@ -8,7 +8,7 @@ import dynamixel_sdk as sdk
 import numpy as np
 import pytest
 
-from hardware.clock import VirtualClock
+from hardware.clock import RealClock, VirtualClock
 from hardware.emulator.faults import Fault
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
@@ -196,3 +196,19 @@ def test_unknown_port_and_speed():
         line.open(BAUD)
     with pytest.raises(LineError, match="cannot run at 4500000 bits/s"):
         line.open(4_500_000)
+
+
+def test_setting_the_date_does_no_harm(monkeypatch):
+    """A wall clock that runs back, or leaps, neither hangs a read nor cuts it short."""
+    stopped = sdk.PortHandler("nothing")
+    stopped.is_open, stopped.ser = True, None
+    monkeypatch.setattr(stopped, "clearPort", lambda: None)
+    monkeypatch.setattr(stopped, "writePort", len)
+    monkeypatch.setattr(stopped, "readPort", lambda _: b"")
+    wall = iter(range(10**9, 0, -(10**5)))
+    monkeypatch.setattr(stopped, "getCurrentTime", lambda: next(wall))
+    clock = RealClock()
+    line = Line(stopped, clock, latency=0.001)
+    began = clock.now()
+    assert line.read(1, 132, 4) is None
+    assert 0.01 < clock.now() - began < 1.0
