@@ -23,25 +23,41 @@ def read(path: Path) -> dict[str, np.ndarray]:
         LogError: the header or a cell is wrong; the message says row, line and column.
     """
     header: list[str] = []
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        try:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             header = [name.strip() for name in next(csv.reader(file), [])]
-            with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", message=".*input contained no data")
-                table = np.loadtxt(file, delimiter=",", ndmin=2, comments=None, quotechar='"')
-        except UnicodeDecodeError as error:
-            reason = f"{error.reason} at byte {error.start}"
-            raise LogError(f"{path}: this is not UTF-8 text ({reason})") from None
-        except ValueError as error:
-            _check_header(path, header)
-            _refuse_cell(path, len(header), header)
-            raise LogError(f"{path}: {error}") from None
-    _check_header(path, header)
-    if not table.size:
-        table = table.reshape(0, len(header))
-    if table.shape[1] != len(header):
-        _refuse_cell(path, len(header), header)
+        _check_header(path, header)
+        table = _table(path, header)
+    except UnicodeDecodeError as error:
+        reason = f"{error.reason} at byte {error.start}"
+        raise LogError(f"{path}: this is not UTF-8 text ({reason})") from None
     return keep_known(path, dict(zip(header, table.T.copy(), strict=True)))
+
+
+def _table(path: Path, header: list[str]) -> np.ndarray:
+    """Return all cells, (T, columns); columns that a log cannot have may hold text, read as 0."""
+    try:
+        table = _numbers(path, None)
+    except ValueError as error:
+        _refuse_cell(path, header)
+        kept = [i for i, name in enumerate(header) if known(name)]
+        if len(kept) == len(header):
+            raise LogError(f"{path}: {error}") from None
+        found = _numbers(path, kept)
+        table = np.zeros((len(found), len(header)))
+        table[:, kept] = found
+    if table.shape[1] != len(header) and table.size:
+        _refuse_cell(path, header)
+    return table if table.size else table.reshape(0, len(header))
+
+
+def _numbers(path: Path, columns: list[int] | None) -> np.ndarray:
+    with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*input contained no data")
+        next(file)
+        return np.loadtxt(
+            file, delimiter=",", ndmin=2, comments=None, quotechar='"', usecols=columns
+        )
 
 
 def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
@@ -77,8 +93,9 @@ def _check_header(path: Path, header: list[str]) -> None:
         raise LogError(f"{path}: column {twice[0]!r} is there {header.count(twice[0])} times")
 
 
-def _refuse_cell(path: Path, width: int, header: list[str]) -> None:
-    """Find the first cell that is not a number, and say where it is."""
+def _refuse_cell(path: Path, header: list[str]) -> None:
+    """Find the first cell of a log's columns that is not a number, and say where it is."""
+    width = len(header)
     with path.open(encoding="utf-8-sig", newline="") as file:
         rows = csv.reader(file)
         next(rows)
@@ -87,6 +104,8 @@ def _refuse_cell(path: Path, width: int, header: list[str]) -> None:
             if len(cells) != width:
                 raise LogError(f"{place}: {len(cells)} cells, but the header names {width} columns")
             for name, cell in zip(header, cells, strict=True):
+                if not known(name):
+                    continue
                 try:
                     float(cell)
                 except ValueError:

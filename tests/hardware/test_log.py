@@ -125,6 +125,8 @@ def test_unknown_columns_are_left_out_with_a_warning(tmp_path, caplog):
     path = write_text(tmp_path, "episode,time,ctrl.a,qpos.a,qvl.a\n0,0,1,1,9\n0,1,1,1,9\n")
     assert "qvl.a" not in read_log(path).columns
     assert "did you mean 'qvel'" in caplog.text
+    path = write_text(tmp_path, 'episode,note,time,ctrl.a,qpos.a\n0,"a, b",0,1,5\n0,,1,1,6\n')
+    assert list(read_log(path).column("qpos.a")) == [5, 6]
 
 
 def test_files_folders_and_lists(tmp_path):
