@@ -26,7 +26,7 @@ import numpy as np
 from hardware import handshake
 from hardware.clock import Clock
 from hardware.config import Robot, Servo
-from hardware.errors import ServoError, listed
+from hardware.errors import LineError, ServoError, listed
 from hardware.freshness import Freshness
 from hardware.line import SHIELD, TURN_ROUND, Line
 
@@ -40,6 +40,7 @@ HEALTH, HEALTH_SIZE = 64, 83  # torque enable to present temperature
 TORQUE, ERROR_STATUS, WATCHDOG, GOAL = 64, 70, 98, 116
 TURN = 4096
 RETRIES = 3
+FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0  # s between attempts to reconnect
 
 
 class Reading(NamedTuple):
@@ -130,6 +131,28 @@ class Driver:
             name = self.robot.names[int(np.argmin(reading.fresh))]
             raise ServoError(f"{name}: it answers pings, but not reads; check cable and supply")
         self._find_turns()
+
+    def reconnect(self, patience: float) -> None:
+        """After a lost cable: try again, ever more slowly, until the servos are back; torque off.
+
+        Args:
+            patience: how long to try [s].
+
+        Raises:
+            LineError: the port did not come back in that time.
+            ServoError: it did, but the servos are not as they were.
+        """
+        end, pause = self.clock.now() + patience, FIRST_PAUSE
+        while True:
+            self.line.close()
+            try:
+                self.connect()
+                return self.configure()
+            except LineError as error:
+                if self.clock.now() + pause > end:
+                    raise LineError(f"{error}; given up after {patience:g} s") from error
+            self.clock.sleep_until(self.clock.now() + pause)
+            pause = min(2 * pause, LONGEST_PAUSE)
 
     def configure(self) -> None:
         """Torque off, then write the robot's registers and verify each.

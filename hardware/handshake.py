@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 RETRIES = 3
 SPEEDS = (57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
+ADAPTERS = Path("/sys/bus/usb-serial/devices")
 MOVES_BY_ITSELF, REVERSED_OR_TIMED = 8, 5
 
 
@@ -42,7 +43,7 @@ def check_latency_timer(driver: Driver) -> None:
         ServoError: with the command that sets it.
     """
     name = Path(driver.line.port.port_name).name
-    timer = Path("/sys/bus/usb-serial/devices") / name / "latency_timer"
+    timer = ADAPTERS / name / "latency_timer"
     allowed = driver.robot.bus.latency
     if timer.is_file() and float(timer.read_text()) / 1000 > allowed:
         raise ServoError(

@@ -12,6 +12,7 @@ import sys
 import numpy as np
 import pytest
 
+from hardware import handshake
 from hardware.clock import VirtualClock
 from hardware.driver import Driver
 from hardware.emulator.faults import Fault
@@ -96,6 +97,30 @@ def test_10_unplugged_cable(rig):
     with pytest.raises(SafetyError, match="not armed"):
         r.guard.command(np.zeros(3))
     r.run(20, wave)
+    assert r.powered == [True] * 3
+
+
+def test_10_reconnecting_by_itself(rig, monkeypatch):
+    """A cable that comes back within the patience is taken up again, torque off; else given up."""
+    r = rig()
+    r.run(20, wave)
+    back = r.clock.now() + 1.5
+    monkeypatch.setattr(r.port, "unplugged", True)
+    with pytest.raises(SafetyError, match="is the cable in"):
+        r.run(5)
+    with pytest.raises(LineError, match=r"is the cable in\?; given up after 0.5 s"):
+        r.driver.reconnect(patience=0.5)
+    sleep = r.clock.sleep_until
+
+    def plug_in(moment: float) -> None:
+        sleep(moment)
+        r.port.unplugged = r.clock.now() < back
+
+    monkeypatch.setattr(r.clock, "sleep_until", plug_in)
+    r.driver.reconnect(patience=5.0)
+    assert back <= r.clock.now() < back + 1.5
+    assert r.powered == [False] * 3
+    r.run(10, wave)
     assert r.powered == [True] * 3
 
 
@@ -275,45 +300,24 @@ def test_20_21_settings_of_a_servo(rig, register, value, message):
         rig(registers={"hinge2": {register: value}})
 
 
+def test_21_latency_timer(rig, tmp_path, monkeypatch):
+    """An adapter that holds bytes for 16 ms is refused with the command that changes it."""
+    r = rig()
+    timer = tmp_path / "loopback:chain3" / "latency_timer"
+    timer.parent.mkdir()
+    timer.write_text("16\n")
+    monkeypatch.setattr(handshake, "ADAPTERS", tmp_path)
+    with pytest.raises(ServoError, match=r"latency timer is 16 ms.*says 1; run: setserial"):
+        r.driver.connect()
+    timer.write_text("1\n")
+    r.driver.connect()
+
+
 def test_21_a_rate_that_the_bus_cannot_reach(chain):
     """A rate beyond the bus is refused with the largest possible one."""
     bus = {"baud": 57600, "return_delay": 0.0005, "latency": 0.016}
     with pytest.raises(ServoError, match=r"at most \d+ steps a second, not 50"):
         Rig(chain(3, bus=bus))
-
-
-def test_dry_run_writes_nothing(rig):
-    """A dry run reads and checks, but no goal and no torque reach the servos."""
-    r = rig(dry_run=True)
-    before = [bytes(s.memory.data[64:120]) for s in r.world.servos]
-    r.run(50, wave)
-    assert r.powered == [False] * 3
-    assert [bytes(s.memory.data[64:120]) for s in r.world.servos] == before
-    assert r.sent.angles == pytest.approx(wave(49))
-
-
-def test_safe_start_does_not_move(rig):
-    """Arming far from zero moves nothing; going there is as slow as asked."""
-    r = rig()
-    r.world.mechanics.data.qpos[:] = 1.0
-    r.world.advance(r.clock.now() + 1.0)
-    r.clock.sleep_until(r.world.time)
-    start = r.guard.arm().position
-    r.clock.sleep_until(r.clock.now() + 0.06)
-    r.world.advance(r.clock.now())
-    np.testing.assert_allclose(r.world.mechanics.angle, start, atol=0.2)
-    begin = r.clock.now()
-    r.guard.move_to(np.zeros(3), speed=0.5)
-    assert r.clock.now() - begin >= np.abs(start).max() / 0.5 - 0.1
-
-
-def test_outside_limits_is_not_armed(rig):
-    """A joint outside its limits is not switched on."""
-    r = rig()
-    r.world.mechanics.data.qpos[:] = [0.0, 2.6, 0.0]
-    with pytest.raises(SafetyError, match=r"hinge2 is at 2.*outside its limits"):
-        r.guard.arm()
-    assert r.powered == [False] * 3
 
 
 def test_lost_port_in_connect(chain):
