@@ -1,10 +1,10 @@
 """A plant: many simulations of one robot, each with its own parameters, and nothing of a task.
 
     plant = Plant(mujoco.MjSpec.from_file("arm.xml"), [make("link_mass", where="arm")], num_rows=64)
-    plant.set_params(ids, values)                 # (n, P), each checked; constants of the model
-    follow plant.reset(ids, qpos, qvel, seeds) failed = plant.step(ids, ctrl, nstep=4)       # ids
-    None: all rows qpos, qvel = plant.measured(ids)              # what the robot's encoders would
-    say
+    plant.set_params(ids, values)                 # (n, P), each checked; the constants follow
+    plant.reset(ids, qpos, qvel, seeds)
+    failed = plant.step(ids, ctrl, nstep=4)       # ids None: all rows
+    qpos, qvel = plant.measured(ids)              # what the robot's encoders would say
 
 Contracts:
 

@@ -58,6 +58,8 @@ class Config:
     logger: dict[str, Any]
     video: dict[str, Any] | None
     cluster: dict[str, Any] | None
+    log: str | list[str] | None
+    model: str | None
     effects: str | None
     seed: int
     device: Literal["auto", "cpu", "cuda"]

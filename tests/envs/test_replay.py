@@ -1,0 +1,95 @@
+"""Replays against motions whose course is known in closed form."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import make
+from envs.errors import TaskError
+from envs.plant import Plant
+from envs.replay import DivergedError, Recording, replay, switchable
+
+SERVO = """
+<mujoco><option timestep="0.001" gravity="0 0 0"/>
+<worldbody>
+<body><joint name="a" damping="{damping}"/><geom size=".05" mass="{mass}"/></body>
+</worldbody>
+<actuator><{actuator} name="a" joint="a" {gain}/></actuator></mujoco>
+"""
+
+
+def motor(mass: float = 1.0) -> mujoco.MjSpec:
+    """Return one joint driven by a torque."""
+    xml = SERVO.format(damping=0, mass=mass, actuator="motor", gain="")
+    return mujoco.MjSpec.from_string(xml)
+
+
+def push(times: list[float], torques: list[float], **more: np.ndarray) -> Recording:
+    """Return a recording of torques that starts at rest."""
+    ctrl = np.array(torques)[:, None]
+    return Recording(np.array(times), ctrl, np.zeros(1), np.zeros(1), **more)
+
+
+def inertia(spec: mujoco.MjSpec) -> float:
+    """Return the inertia of the joint's body about it [kg m²]."""
+    model = spec.copy().compile()
+    return float(model.dof_M0[0])
+
+
+def test_a_constant_torque_gives_a_parabola_at_irregular_times() -> None:
+    """Under torque u the angle is u t² / (2 I), whenever it is asked for."""
+    spec, times = motor(), [0.0, 0.0134, 0.05, 0.0777, 0.2]
+    (path,) = replay(Plant(spec), [push(times, [0.001] * 5)])
+    expected = 0.001 * np.square(times) / (2 * inertia(spec))
+    np.testing.assert_allclose(path[:, 0], expected, atol=0.02 * expected[-1])
+
+
+def test_a_command_acts_at_the_first_step_not_before_its_time() -> None:
+    """A torque written at 10.4 ms starts to act in the step at 11 ms, one at 10 ms in that one."""
+    spec = motor()
+    rows = [push([0.0, start, 0.03], [0.0, 1.0, 1.0]) for start in (0.0104, 0.011, 0.010)]
+    late, same, earlier = (p[-1, 0] for p in replay(Plant(spec, num_rows=3), rows))
+    assert late == same < earlier
+
+
+def test_a_servo_that_is_off_exerts_nothing() -> None:
+    """While its torque is off the joint coasts; others in the batch keep their torque."""
+    spec = switchable(motor())
+    on = np.array([[True], [False], [False], [True]])
+    times, torques = [0.0, 0.05, 0.1, 0.15], [1.0] * 4
+    rows = [push(times, torques, powered=on), push(times, torques)]
+    off, free = replay(Plant(spec, num_rows=2), rows)
+    speed = np.diff(off[:, 0]) / 0.05
+    assert speed[1] == pytest.approx(speed[2], rel=1e-6)
+    assert free[-1, 0] > 1.5 * off[-1, 0]
+
+
+def test_candidates_run_side_by_side() -> None:
+    """The same recording under four armatures bends by the ratio of the inertias."""
+    spec = motor()
+    plant = Plant(spec, [make("armature", where="a")], num_rows=4)
+    own, added = inertia(spec), np.arange(4) * 0.01
+    plant.set_params(np.arange(4), added[:, None])
+    paths = replay(plant, [push([0.0, 0.1], [0.01, 0.01])] * 4)
+    turned = np.array([path[-1, 0] for path in paths])
+    np.testing.assert_allclose(turned / turned[0], own / (own + added), rtol=1e-6)
+
+
+def test_a_model_that_cannot_follow_is_named_with_the_moment() -> None:
+    """A gain far beyond what the time step carries diverges; which row and when is said."""
+    gain = 'kp="1e9"'
+    wild = SERVO.format(damping=0, mass=0.001, actuator="position", gain=gain)
+    plant = Plant(mujoco.MjSpec.from_string(wild), num_rows=2)
+    rows = [push([0.0, 0.5], [0.0, 0.0]), push([0.0, 0.5], [1.0, 1.0])]
+    with pytest.raises(DivergedError, match="recording 1 diverges at") as caught:
+        replay(plant, rows)
+    assert caught.value.row == 1
+    assert 0 < caught.value.time < 0.5
+
+
+def test_rows_and_recordings_must_agree() -> None:
+    """A plant of one row does not take two recordings."""
+    with pytest.raises(TaskError, match="2 recordings for a plant of 1 rows"):
+        replay(Plant(motor()), [push([0.0, 0.1], [0.0, 0.0])] * 2)
