@@ -133,8 +133,15 @@ class Robot:
         raise RobotError(f"{self.name} has no servo {name!r}{hint}; it has {listed(self.names)}")
 
     def registers_of(self, servo: Servo) -> dict[str, int]:
-        """Return the registers to write to this servo: the robot's, then its own."""
-        return {**self.registers, **servo.registers}
+        """Return the registers to write to this servo: the robot's, then its own.
+
+        A limit of torque becomes one of PWM: the part of the supply that stalls at that torque.
+        """
+        values = {**self.registers, **servo.registers}
+        if servo.torque is not None:
+            part = servo.torque / servo.type.stall_torque(self.supply.voltage)
+            values["goal_pwm"] = round(servo.type.units.full_pwm * min(part, 1.0))
+        return values
 
 
 def load_robot(name_or_path: str | Path) -> Robot:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from hardware.emulator.faults import Fault
 from hardware.errors import SafetyError
 from tests.hardware.rig import wave
 
@@ -17,6 +20,22 @@ def test_dry_run_writes_nothing(rig):
     assert r.powered == [False] * 3
     assert [bytes(s.memory.data[64:120]) for s in r.world.servos] == before
     assert r.sent.angles == pytest.approx(wave(49))
+
+
+def test_a_torque_limit_holds(rig, chain):
+    """A servo with a limit of torque never gives more, however far it is from its goal."""
+    robot = chain(3)
+    servos = tuple(replace(servo, torque=0.2) for servo in robot.servos)
+    r = rig(Fault("stuck"), robot=replace(robot, servos=servos))
+    seen = []
+
+    def goal(_: int) -> np.ndarray:
+        seen.append(np.abs(r.world.mechanics.torque).max())
+        return np.full(3, 1.5)
+
+    with pytest.raises(SafetyError, match="stuck"):
+        r.run(200, goal)
+    assert max(seen) == pytest.approx(0.2, rel=0.02)
 
 
 def test_safe_start_does_not_move(rig):
