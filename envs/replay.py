@@ -121,14 +121,28 @@ class _Plan:
 
 
 class _Power:
-    """Switches actuators off and on; nothing at all where none is ever off."""
+    """Switches actuators off and on; nothing at all where none is ever off.
+
+    An actuator that is off does not brake either: its `damping` (back-EMF) is 0 meanwhile, which
+    disabling alone leaves in force.
+    """
 
     def __init__(self, plant: Plant, recordings: Sequence[Recording]) -> None:
-        used = any(r.powered is not None and not r.powered.all() for r in recordings)
-        self._mask = plant.batch.expand("opt.disableactuator") if used else None  # (N,)
+        self._used = any(r.powered is not None and not r.powered.all() for r in recordings)
+        if self._used:
+            self._batch, self._bits = plant.batch, 1 << np.arange(plant.model.nu)
+            self._mask = plant.batch.expand("opt.disableactuator").reshape(plant.num_rows)
+            self._damping = plant.batch.expand("actuator_damping")  # (N, nu)
+            self._full = self._damping.copy()
+            self._off = np.zeros(plant.num_rows, np.int64)  # (N,) bit masks in force
 
     def switch(self, ids: np.ndarray, plans: Sequence[_Plan], step: int) -> None:
-        if self._mask is not None:
-            self._mask[ids] = np.array([plans[i].off[step] for i in ids]).reshape(
-                -1, *self._mask.shape[1:]
-            )
+        if not self._used:
+            return
+        off = np.array([plans[i].off[step] for i in ids])
+        changed = off != self._off[ids]
+        if changed.any():
+            ids, off = ids[changed], off[changed]
+            self._off[ids] = self._mask[ids] = off
+            self._damping[ids] = np.where(off[:, None] & self._bits, 0.0, self._full[ids])
+            self._batch.set_const(ids)

@@ -41,6 +41,7 @@ INHERITED = (
     "eval",
 )  # what a run says about itself
 OPTIONAL = ("eval", "video")  # groups that can be none
+DATA = ("robot",)  # groups that are read as they are: no class is made of them here
 RESOLVED = "config.yaml"
 
 
@@ -58,6 +59,12 @@ class Config:
     logger: dict[str, Any]
     video: dict[str, Any] | None
     cluster: dict[str, Any] | None
+    robot: dict[str, Any]
+    port: str | None
+    calibration: str | None
+    arm: bool
+    motions: list[str]
+    seconds: float
     log: str | list[str] | None
     model: str | None
     effects: str | None
@@ -117,7 +124,7 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
             tree[key] = None
     for key in _keys(verb):
         check(tree[key], key)
-        if isinstance(tree[key], dict) and "_target_" not in tree[key]:
+        if isinstance(tree[key], dict) and "_target_" not in tree[key] and key not in DATA:
             raise ConfigError(f"{key} has no _target_; choose one: {', '.join(options(key))}")
     if tree["seed"] < 0:
         raise ConfigError(f"seed={tree['seed']} must not be negative")

@@ -66,6 +66,19 @@ def test_a_servo_that_is_off_exerts_nothing() -> None:
     assert free[-1, 0] > 1.5 * off[-1, 0]
 
 
+def test_a_servo_that_is_off_does_not_brake() -> None:
+    """Back-EMF, the actuator's damping, ends with its torque and is back when that is on again."""
+    xml = SERVO.format(damping=0, mass=1.0, actuator="motor", gain='damping="0.1"')
+    spec, time = switchable(mujoco.MjSpec.from_string(xml)), np.arange(150) * 0.001
+    on = (time < 0.05) | (time >= 0.1)
+    coasting = Recording(time, np.zeros((150, 1)), np.zeros(1), np.ones(1), on[:, None])
+    (path,) = replay(Plant(spec), [coasting])
+    speed = np.diff(path[:, 0])
+    assert speed[60] == pytest.approx(speed[95], rel=1e-9)
+    assert speed[40] < speed[10]
+    assert speed[140] < speed[105]
+
+
 def test_candidates_run_side_by_side() -> None:
     """The same recording under four armatures bends by the ratio of the inertias."""
     spec = motor()
