@@ -42,9 +42,10 @@ def record(guard: Guard, plan: Plan | np.ndarray, episode: int = 0) -> Log:
         episode: its number.
 
     Returns:
-        A log with ctrl, qpos, qvel, current, stamp and torque of every servo, the wanted angles as
-        `action`, the duty as `sensor.duty_<servo>`, the raw position as `sensor.count_<servo>`, and
-        `flag.fresh` (0: an answer was missing, the last value is held).
+        A log with ctrl, qpos, qvel, current, stamp and torque of every servo, voltage and
+        temperature as last told (one servo a step tells them), the wanted angles as `action`, the
+        duty as `sensor.duty_<servo>`, the raw position as `sensor.count_<servo>`, and `flag.fresh`
+        (0: an answer was missing, the last value is held).
 
     Raises:
         SafetyError: the robot was stopped on the way.
@@ -62,8 +63,9 @@ def record(guard: Guard, plan: Plan | np.ndarray, episode: int = 0) -> Log:
             guard.stiffen() if torque else guard.limp()
             on = torque
         sent = guard.command(wanted).angles if on else reading.position
-        rows.append((now - start, wanted, sent, reading, on and not guard.dry_run))
-    time, action, ctrl, readings, driven = zip(*rows, strict=True)
+        state = list(guard.health)
+        rows.append((now - start, wanted, sent, reading, on and not guard.dry_run, state))
+    time, action, ctrl, readings, driven, states = zip(*rows, strict=True)
     columns: dict[str, Any] = {"episode": np.full(len(rows), episode), "time": np.array(time)}
     pairs = list(zip(robot.names, joint_names(robot), strict=True))
     for i, (name, _) in enumerate(pairs):
@@ -74,6 +76,10 @@ def record(guard: Guard, plan: Plan | np.ndarray, episode: int = 0) -> Log:
     for i, (name, joint) in enumerate(pairs):
         columns[f"stamp.{joint}"] = np.array([r.stamp[i] - start for r in readings])
         columns[f"current.{name}"] = np.array([r.current[i] for r in readings])
+        told = [state[i] for state in states if state[i] is not None]
+        if len(told) == len(rows):
+            columns[f"voltage.{name}"] = np.array([health.voltage for health in told])
+            columns[f"temperature.{name}"] = np.array([health.temperature for health in told])
         columns[f"torque.{name}"] = np.array(driven, float)
         columns[f"sensor.duty_{name}"] = np.array([r.duty[i] for r in readings])
         columns[f"sensor.count_{name}"] = np.array([r.count[i] for r in readings])

@@ -84,6 +84,7 @@ class Guard:
         speed = np.array([servo.velocity for servo in robot.servos])
         self.most_step = np.minimum(robot.max_step, speed / robot.rate)
         self.last: np.ndarray | None = None  # the last command [rad], (n,)
+        self.health: list[Health | None] = [None] * len(driver)  # the newest of each servo
         self._goals = np.zeros(len(driver), np.int64)
         self._misses = np.zeros(len(driver), int)
         self._astray = np.zeros(len(driver))
@@ -133,6 +134,7 @@ class Guard:
         driver = self.driver
         reading = self._whole_reading()
         self._check_start(reading)
+        self.health = [driver.health(i) for i in range(len(driver))]
         self.last = reading.position.copy()
         if self.dry_run:
             self.armed = True
@@ -321,6 +323,7 @@ class Guard:
     def _check_health(self, i: int, health: Health | None) -> None:
         servo, policy = self.driver.robot.servos[i], self.policy
         self._unheard[i] = 0 if health else self._unheard[i] + 1
+        self.health[i] = health or self.health[i]
         if health is None:
             if self._unheard[i] >= policy.misses:
                 self._stop_for(f"{servo.name} does not tell its state")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -13,7 +14,7 @@ from hardware.emulator.world import World
 from hardware.pace import Pace
 from hardware.safety import Guard
 
-START = 1.0  # s, when faults begin: after the robot was armed
+START = 0.99  # s, when faults begin: after arming, between two control steps
 
 
 class Rig:
@@ -33,6 +34,8 @@ class Rig:
         """Arm if need be, and run the control loop."""
         if not self.guard.armed:
             self.guard.arm()
+            period = 1 / self.driver.robot.rate
+            self.clock.sleep_until(period * math.ceil(self.clock.now() / period))
         pace = Pace(self.clock, self.driver.robot.rate)
         for k in range(steps):
             pace.wait()

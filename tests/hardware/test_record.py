@@ -76,6 +76,10 @@ def test_every_robot_is_driven(name, tmp_path):
     log = drive(name, steps=40, size=0.1)
     assert len(log) == 40
     assert log.column("flag.fresh").all()
+    for actuator in robot.names:
+        volts = log.column(f"voltage.{actuator}")
+        np.testing.assert_allclose(volts, robot.supply.voltage, atol=0.06)
+        assert (log.column(f"temperature.{actuator}") >= 25).all()
     model = mujoco.MjModel.from_xml_path(str(robot.model))
     joints = [model.joint(i).name for i in range(model.njnt)]
     check_names(log, joints, robot.names, driven=joint_names(robot))
