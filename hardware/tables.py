@@ -187,7 +187,7 @@ def _read_table(stem: str, indirect: int) -> dict[str, tuple[int, int]]:
     """Return {register: (address, size)} from the SDK's model file."""
     spec = find_spec("dynamixel_easy_sdk")
     if spec is None or spec.origin is None:
-        raise RobotError("control tables need dynamixel-sdk; install the extra 'hardware'")
+        raise RobotError("control tables need dynamixel-sdk; pip install dynamixel-sdk")
     file = Path(spec.origin).parent / "control_table" / f"{stem}.model"
     lines = file.read_text(encoding="utf-8").split("[control table]")[1].splitlines()
     table = {}
