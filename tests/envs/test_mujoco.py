@@ -20,7 +20,7 @@ def test_it_is_its_simulation() -> None:
     first = np.asarray(first, np.float32)
     np.testing.assert_array_equal(td["observation"].numpy(), first)
     td = env.rand_action(td)
-    step = plain.step(None, td["action"].numpy().astype(np.float64))
+    step = plain.step(None, np.asarray(td["action"], np.float64))
     data = env.step(td)["next"]
     np.testing.assert_array_equal(data["observation"].numpy(), step.observation.astype(np.float32))
     np.testing.assert_array_equal(data["reward"][:, 0].numpy(), step.reward.astype(np.float32))
