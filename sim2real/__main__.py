@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 FULL = "HYDRA_FULL_ERROR"
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # NumPy's and torch's
 WANTED = "SIM2REAL_FULL_ERROR"  # what the user set FULL to, while Hydra runs with 1
 PASSED_ON = (
     "--cfg",
@@ -36,6 +37,8 @@ class Refused(BaseException):
 
 def main() -> None:
     """Run the command line."""
+    for name in THREADS:  # the physics has a thread on each core: more would wait for each other
+        os.environ.setdefault(name, "1")
     sys.argv[1:] = [re.sub(r"^experiment=", "+experiment=", a) for a in sys.argv[1:]]
     if {"--help", "-h"} & set(sys.argv[1:]):
         with suppress(BrokenPipeError):  # the reader, such as `head`, has seen enough
