@@ -1,7 +1,9 @@
 """Making the algorithm of a run from its parts, and saying what a checkpoint must share with it.
 
-learner = build(algorithm, env=env, tasks=params, policy=policy, adapt=adapt, seed=0)
-restore(path, learner, expected=identity(learner, env))
+    learner = build(algorithm, env=env, tasks=params, policy=policy, adapt=adapt, seed=0)
+    restore(path, learner, expected=identity(learner, env))
+
+The verbs train and evaluate both begin so.
 """
 
 from __future__ import annotations
