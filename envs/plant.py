@@ -151,6 +151,13 @@ class Plant:
             self._live[name] = self.field(name).copy()
         return self._fields[name]
 
+    def field_values(self, name: str, ids: np.ndarray) -> np.ndarray:
+        """Return what a model field is in the rows ids (n,), (n, ...); read only."""
+        if name in self._fields:
+            return self._fields[name][ids]
+        own = np.asarray(getattr(self.model, name))
+        return np.broadcast_to(own, (len(ids), *own.shape))
+
     def share(self, name: str, make: Callable[[], T]) -> T:
         """Return the mechanism of that name, made once for all the effects that are parts of it."""
         return (
