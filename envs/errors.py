@@ -22,6 +22,10 @@ class TaskError(EnvsError):
     """A task, its model or the arguments of a call to it do not fit."""
 
 
+class RenderError(EnvsError):
+    """No picture can be drawn on this machine, or of this environment."""
+
+
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     """Return " (did you mean 'x'?)" for the nearest of the allowed names, or ""."""
     close = difflib.get_close_matches(name, list(allowed), n=1)

@@ -28,10 +28,6 @@ class DiskError(Sim2RealError):
         return "free some space" if error.errno in NO_ROOM else "make the folder writable"
 
 
-class RenderError(Sim2RealError):
-    """No picture can be drawn on this machine, or of this environment."""
-
-
 class Stopped(KeyboardInterrupt):
     """A run ended because it was told to (Ctrl-C, SIGTERM), after it wrote a checkpoint.
 

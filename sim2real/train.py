@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
+from envs.errors import RenderError
 from envs.randomization import Tasks
 from envs.rows import Rows
 from sim2real import plots
@@ -31,7 +32,7 @@ from sim2real.adapt import Adaptation
 from sim2real.algorithms.base import Algorithm
 from sim2real.checkpoint import find
 from sim2real.cluster import Cluster
-from sim2real.errors import RenderError, Sim2RealError, Stopped
+from sim2real.errors import Sim2RealError, Stopped
 from sim2real.evaluate import Adaptable, Evaluation, evaluate_grid
 from sim2real.learner import build, identity, with_effects
 from sim2real.loggers import Loggers

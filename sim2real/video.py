@@ -3,20 +3,15 @@
     video = Video(width=320, height=240, fps=25, seconds=10.0)
     path = video.record(algorithm, env, seed=0, folder=out / "videos")
 
-Drawing needs a system library, EGL or OSMesa; which one works is tried in a process of its own,
-since a broken one can take its process with it. Without any, `RenderError` says what to install.
+Drawing needs a system library, EGL or OSMesa. Without any, `RenderError` says what to install.
 """
 
 from __future__ import annotations
 
 import importlib
 import logging
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,63 +21,32 @@ import torch
 import torchrl  # noqa: F401 - must be imported before any GL context exists, else the process dies
 from PIL import Image, ImageDraw, ImageFont
 
+from envs.errors import RenderError
+from envs.pixels.library import INSTALL, library
 from envs.rows import Rows
 from envs.simulation import Simulation
 from sim2real.adapt import NoAdaptation
 from sim2real.algorithms.base import Algorithm
 from sim2real.algorithms.esmaml import ESMAML, make_shards
-from sim2real.errors import RenderError
 from sim2real.files import replacing
 from sim2real.normalizer import Normalizer
 from sim2real.population import Members, Population, draw_seeds
 
 Act = Callable[[np.ndarray], np.ndarray]  # raw observation (O,) to action (A,)
-INSTALL = "install a software renderer, as root: apt-get install libegl1 libgl1-mesa-dri"
 VIDEO_STREAM = 3  # which of the seed's streams the film's task and luck are
-LIBRARIES = ("egl", "osmesa")
-OFF = ("disable", "disabled", "off", "false", "0")  # as MuJoCo reads MUJOCO_GL
 SIGNS = {"set": "=", "add": "+", "scale": "×"}  # what a parameter does to the model's own value
 MARGIN = 22  # px, height of a line of text
-
-
-@cache
-def backend() -> str:
-    """Return the GL library that works here, "egl" or "osmesa"; MUJOCO_GL may choose it.
-
-    Raises:
-        RenderError: if none does.
-    """
-    asked = os.environ.get("MUJOCO_GL", "").lower()
-    if asked in OFF:
-        raise RenderError(f"MUJOCO_GL={asked} turns drawing off; unset it, or set egl or osmesa")
-    candidates = (asked,) if asked in LIBRARIES else LIBRARIES
-    for name in candidates:
-        if _works(name):
-            return name
-    raise RenderError(f"off screen, {' and '.join(candidates)} do not work here; {INSTALL}")
-
-
-def _works(name: str) -> bool:
-    """Return whether a context of that library can be made, asking another process."""
-    code = f"from mujoco.{name} import GLContext as C; c = C(8, 8); c.make_current(); c.free()"
-    environment = os.environ | {"MUJOCO_GL": name, "PYOPENGL_PLATFORM": name}
-    try:
-        command = [sys.executable, "-c", code]
-        ended = subprocess.run(command, env=environment, capture_output=True, timeout=60)
-    except (OSError, subprocess.TimeoutExpired):
-        return False
-    return ended.returncode == 0
 
 
 def _context(width: int, height: int) -> Any:
     """Make a GL context and the current one."""
     logging.getLogger("OpenGL").setLevel(logging.WARNING)  # it tells of accelerators it lacks
     try:
-        context = importlib.import_module(f"mujoco.{backend()}").GLContext(width, height)
+        context = importlib.import_module(f"mujoco.{library()}").GLContext(width, height)
         context.make_current()
     except (ImportError, AttributeError, RuntimeError) as error:  # as PyOpenGL and drivers fail
         raise RenderError(
-            f"{backend()} makes no context in this process ({error}); {INSTALL}"
+            f"{library()} makes no context in this process ({error}); {INSTALL}"
         ) from error
     return context
 
@@ -278,7 +242,7 @@ class Video:
         Raises:
             RenderError: when nothing can be drawn on this machine, or of this environment.
         """
-        backend()
+        library()
         rng = np.random.default_rng([seed, VIDEO_STREAM])
         tasks = getattr(algorithm, "tasks", None)
         (rows,) = make_shards(env, 1, 1, tasks.effects if tasks else ())

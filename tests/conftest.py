@@ -20,10 +20,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("hardware") and "SIM2REAL_PORT" not in os.environ:
         pytest.skip("needs a robot; name its serial port in SIM2REAL_PORT")
     if item.get_closest_marker("render"):
-        from sim2real.errors import RenderError
-        from sim2real.video import backend
+        from envs.errors import RenderError
+        from envs.pixels.library import library
 
         try:
-            backend()
+            library()
         except RenderError as error:
             pytest.skip(str(error))

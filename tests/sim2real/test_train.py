@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from torch import nn
 
+from envs.errors import RenderError
 from sim2real import train
 from sim2real.algorithms.base import Algorithm
 from sim2real.checkpoint import listing, read_metadata
-from sim2real.errors import CheckpointError, DiskError, RenderError, Sim2RealError, Stopped
+from sim2real.errors import CheckpointError, DiskError, Sim2RealError, Stopped
 from sim2real.loggers import Loggers
 from sim2real.metrics import MetricsFile
 

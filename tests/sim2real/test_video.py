@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from envs.effects import make
+from envs.errors import RenderError
+from envs.pixels.library import library
 from envs.randomization import Draw, Randomization
 from envs.simulation import Simulation
 from envs.tasks.hopper import Hopper
@@ -18,7 +20,6 @@ from envs.toys import Nav2D, NavGoals
 from sim2real import video
 from sim2real.adapt import HillClimb, NoAdaptation
 from sim2real.algorithms.esmaml import ESMAML
-from sim2real.errors import RenderError
 from sim2real.policy import MLPPolicy
 from sim2real.video import Camera, Clip, Video, compose, film, write_mp4
 
@@ -47,7 +48,7 @@ def learner(env: object, tasks: object, adapt: object) -> ESMAML:
 def draws() -> None:
     """Skip, with the line that says what to install, where nothing can be drawn."""
     try:
-        video.backend()
+        library()
     except RenderError as error:
         pytest.skip(str(error))
 
@@ -118,26 +119,10 @@ def test_the_film_s_return_is_that_of_the_whole_episode() -> None:
 
 def test_a_small_task_has_no_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is no MuJoCo model is refused by name."""
-    monkeypatch.setattr(video, "backend", lambda: "egl")
+    monkeypatch.setattr(video, "library", lambda: "egl")
     algorithm = learner(Nav2D, NavGoals(), NoAdaptation())
     with pytest.raises(RenderError, match="Nav2D is no MuJoCo task"):
         Video(64, 64, 25, 1.0).record(algorithm, Nav2D, 0, tmp_path)
-
-
-def test_without_a_graphics_library_it_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """One line names the package; MUJOCO_GL is named where the user set it."""
-    monkeypatch.setattr(video, "_works", lambda name: False)
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    with pytest.raises(RenderError, match=r"egl and osmesa do not work here; .*apt-get install"):
-        video.backend.__wrapped__()
-    monkeypatch.setenv("MUJOCO_GL", "disable")
-    with pytest.raises(RenderError, match="MUJOCO_GL=disable turns drawing off"):
-        video.backend.__wrapped__()
-    monkeypatch.setenv("MUJOCO_GL", "glfw")
-    monkeypatch.setattr(video, "_works", lambda name: name == "osmesa")
-    assert video.backend.__wrapped__() == "osmesa"
 
 
 def test_clips_are_labelled_and_the_shorter_waits() -> None:
