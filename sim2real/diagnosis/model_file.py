@@ -79,7 +79,9 @@ def why_not(effect: Effect) -> str | None:
         return "a position actuator cannot close its loop on the far side of a play or spring"
     if effect.name == "encoder_offset" and not effect.extra["servo"]:
         return LEFT_OUT["sensor_noise"]
-    if effect.name in SAID or (isinstance(effect, FieldEffect) and effect.field in FIELDS):
+    if effect.name in SAID or (
+        isinstance(effect, FieldEffect) and effect.field in (*FIELDS, *INERTIA)
+    ):
         return None
     return "this file knows no way to write it"
 
@@ -96,7 +98,7 @@ def apply(spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> mujoco.MjSpec:
     for name, (elements, put) in FIELDS.items():
         new = plant.batch.expanded(name)
         if new is not None:
-            for element, row in zip(elements(changed, model), _rows(name, model), strict=True):
+            for element, row in zip(elements(changed), _rows(name, model), strict=True):
                 if not np.array_equal(row[1], new[0][row[0]]):
                     put(element, new[0][row[0]])
     _inertias(changed, model, plant)
@@ -116,20 +118,20 @@ def _rows(name: str, model: mujoco.MjModel) -> list[tuple[Any, np.ndarray]]:
     return list(enumerate(values))
 
 
-def _joints(spec: mujoco.MjSpec, model: mujoco.MjModel) -> list[Any]:
-    return [spec.joint(model.joint(i).name) for i in range(model.njnt)]
+def _joints(spec: mujoco.MjSpec) -> list[Any]:
+    return sorted(spec.joints, key=lambda joint: joint.id)  # numbered by the compiler
 
 
-def _actuators(spec: mujoco.MjSpec, model: mujoco.MjModel) -> list[Any]:
-    return list(spec.actuators)
+def _actuators(spec: mujoco.MjSpec) -> list[Any]:
+    return sorted(spec.actuators, key=lambda actuator: actuator.id)
 
 
-def _geoms(spec: mujoco.MjSpec, model: mujoco.MjModel) -> list[Any]:
-    return [g for body in _bodies(spec, model) for g in body.geoms]
+def _geoms(spec: mujoco.MjSpec) -> list[Any]:
+    return sorted(spec.geoms, key=lambda geom: geom.id)
 
 
-def _bodies(spec: mujoco.MjSpec, model: mujoco.MjModel) -> list[Any]:
-    return list(spec.bodies)
+def _bodies(spec: mujoco.MjSpec) -> list[Any]:
+    return sorted(spec.bodies, key=lambda body: body.id)
 
 
 def _set(attribute: str) -> Put:
@@ -150,7 +152,7 @@ def _set_control_range(actuator: Any, value: np.ndarray) -> None:
 
 
 # The fields that effects write, but those of inertia: whose they are, and where they belong there.
-FIELDS: dict[str, tuple[Callable[[mujoco.MjSpec, mujoco.MjModel], Iterable[Any]], Put]] = {
+FIELDS: dict[str, tuple[Callable[[mujoco.MjSpec], Iterable[Any]], Put]] = {
     "dof_frictionloss": (_joints, _set("frictionloss")),
     "dof_damping": (_joints, _set_first("damping")),
     "dof_armature": (_joints, _set("armature")),
@@ -171,7 +173,6 @@ INERTIA = {
     "body_iquat": "iquat",
     "body_inertia": "inertia",
 }
-FIELDS_OF_BODIES = tuple(INERTIA)
 
 
 def _inertias(spec: mujoco.MjSpec, model: mujoco.MjModel, plant: Plant) -> None:
@@ -181,7 +182,7 @@ def _inertias(spec: mujoco.MjSpec, model: mujoco.MjModel, plant: Plant) -> None:
     if all(np.array_equal(now[n], getattr(model, n)) for n in INERTIA):
         return
     _free_inertias(spec)
-    for i, body in enumerate(_bodies(spec, model)):
+    for i, body in enumerate(_bodies(spec)):
         if i and now["body_mass"][i] > 0:
             body.explicitinertial = True
             for name, attribute in INERTIA.items():
@@ -204,7 +205,7 @@ def _shift_zero(spec: mujoco.MjSpec, model: mujoco.MjModel, effect: Effect, valu
         joint.ref, joint.springref = joint.ref + value, joint.springref + value
         joint.range = np.array(joint.range) + value
         for key in spec.keys:
-            qpos = np.array(key.qpos) if key.qpos.size else model.qpos0.copy()
+            qpos = np.array(key.qpos) if len(key.qpos) else model.qpos0.copy()
             qpos[model.joint(joint.name).qposadr[0]] += value
             key.qpos = qpos
 

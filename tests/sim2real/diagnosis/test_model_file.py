@@ -1,0 +1,133 @@
+"""model.xml: it moves as the model with effects.yaml does, and says what it leaves out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import EFFECTS, make
+from envs.plant import Plant
+from envs.replay import Recording, replay, switchable
+from sim2real.diagnosis import model_file
+
+ASSETS = Path(model_file.__file__).parents[2] / "envs" / "assets"
+CASES: list[tuple[str, dict[str, Any], tuple[float, ...]]] = [
+    ("coulomb_friction", {"where": "hinge"}, (0.03,)),
+    ("viscous_friction", {"where": "hinge"}, (0.01,)),
+    ("armature", {"where": "hinge"}, (0.002,)),
+    ("backlash", {"where": "hinge", "side": "motor"}, (0.05,)),
+    ("joint_compliance", {"where": "hinge", "side": "motor", "damping": 0.002}, (0.3,)),
+    ("position_gain", {"where": "hinge"}, (0.5,)),
+    ("motor_strength", {}, (0.7,)),
+    ("torque_limit", {"where": "hinge"}, (0.2,)),
+    ("supply_voltage", {}, (0.8,)),
+    ("command_delay", {}, (0.0213,)),
+    ("encoder_offset", {"where": "hinge"}, (0.1,)),
+    ("link_mass", {"where": "arm"}, (0.05,)),
+    ("center_of_mass", {"where": "arm"}, (-0.02,)),
+    ("payload", {"where": "arm"}, (0.08,)),
+    ("gravity_tilt", {}, (0.1, 0.2)),
+]
+
+
+def swing(model: mujoco.MjModel) -> Recording:
+    """Return 2 s of steps and a sine for one joint, from rest at 0."""
+    time = np.arange(0, 2.0, 0.02)
+    goal = np.where(time < 1, 0.6, 0.4 * np.sin(2 * np.pi * 2 * time))
+    goal[0] = 0.0
+    return Recording(time, goal[:, None], np.zeros(model.nq), np.zeros(model.nv))
+
+
+def moved(spec: mujoco.MjSpec, effects: Any = ()) -> np.ndarray:
+    """Return where the joint goes, (T,) rad."""
+    plant = Plant(switchable(spec), fixed=effects)
+    return replay(plant, [swing(plant.nominal)])[0][:, 0]
+
+
+@pytest.mark.parametrize(("name", "arguments", "values"), CASES, ids=[c[0] for c in CASES])
+def test_replay_of_the_file_equals_replay_with_the_effect(
+    name: str, arguments: dict[str, Any], values: tuple[float, ...], tmp_path: Path
+) -> None:
+    """The model as given with the effect, and the file alone, move alike; the effect is felt."""
+    spec = mujoco.MjSpec.from_file(str(ASSETS / "bench1.xml"))
+    effects = [(make(name, **arguments), values)]
+    left_out = model_file.write(tmp_path / "model.xml", spec, effects)
+    alone = moved(mujoco.MjSpec.from_file(str(tmp_path / "model.xml")))
+    expected = moved(spec, effects)
+    assert left_out == {}
+    assert np.abs(expected - moved(spec)).max() > 5e-3
+    np.testing.assert_allclose(alone, expected, atol=2e-5)
+
+
+def test_several_effects_compose(tmp_path: Path) -> None:
+    """Effects on the same fields and on a joint's structure are in the file together."""
+    spec = mujoco.MjSpec.from_file(str(ASSETS / "bench1.xml"))
+    effects = [
+        (make("position_gain", where="hinge"), (0.8,)),
+        (make("motor_strength"), (0.9,)),
+        (make("coulomb_friction", where="hinge"), (0.02,)),
+        (make("backlash", where="hinge", side="motor"), (0.03,)),
+        (make("link_mass", where="arm"), (0.03,)),
+    ]
+    model_file.write(tmp_path / "model.xml", spec, effects)
+    alone = moved(mujoco.MjSpec.from_file(str(tmp_path / "model.xml")))
+    np.testing.assert_allclose(alone, moved(spec, effects), atol=5e-5)
+
+
+def test_what_mjcf_cannot_say_is_listed_with_its_reason(tmp_path: Path) -> None:
+    """Such effects are returned and stand in a comment; the rest is still written."""
+    spec = mujoco.MjSpec.from_file(str(ASSETS / "bench1.xml"))
+    effects = [
+        (make("stribeck_friction", where="hinge"), (0.02,)),
+        (make("backlash", where="hinge", side="link"), (0.03,)),
+        (make("viscous_friction", where="hinge"), (0.01,)),
+    ]
+    left_out = model_file.write(tmp_path / "model.xml", spec, effects)
+    text = (tmp_path / "model.xml").read_text()
+    assert set(left_out) == {"stribeck_friction.hinge", "backlash.hinge"}
+    assert all(f"Only in effects.yaml: {label} (" in text for label in left_out)
+    assert "In this file: viscous_friction.hinge = 0.01 N·m·s/rad" in text
+    alone = moved(mujoco.MjSpec.from_file(str(tmp_path / "model.xml")))
+    np.testing.assert_allclose(alone, moved(spec, effects[2:]), atol=2e-5)
+
+
+def test_a_body_keeps_its_inertia_where_geoms_would_say_otherwise(tmp_path: Path) -> None:
+    """Hopper's model takes inertia from geoms; the written mass counts nevertheless."""
+    from envs import HopperPolito
+
+    spec = HopperPolito(domain="source").spec()
+    effect = make("link_mass", where="torso")
+    model_file.write(tmp_path / "model.xml", spec, [(effect, (1.0,))])
+    nominal = spec.copy().compile()
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    change = model.body_mass - nominal.body_mass
+    torso = model.body("torso").id
+    assert change[torso] == pytest.approx(1.0, abs=1e-5)
+    assert np.delete(change, torso) == pytest.approx(0.0, abs=1e-5)
+    np.testing.assert_allclose(model.body_inertia, nominal.body_inertia, rtol=1e-4)
+
+
+def test_contacts_are_written(tmp_path: Path) -> None:
+    """Friction and stiffness of the contact reach foot and floor."""
+    from envs import HopperPolito
+
+    spec = HopperPolito(domain="source").spec()
+    effects = [(make("ground_friction"), (0.7,)), (make("contact_stiffness"), (0.25,))]
+    model_file.write(tmp_path / "model.xml", spec, effects)
+    nominal = spec.copy().compile()
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    for geom in ("foot_geom", "floor"):
+        assert model.geom(geom).friction[0] == pytest.approx(0.7)
+        expected = nominal.geom(geom).solref[0] * 2
+        assert model.geom(geom).solref[0] == pytest.approx(expected, rel=1e-5)
+
+
+def test_every_effect_is_said_or_has_a_reason() -> None:
+    """No effect of the vocabulary is unknown to the file."""
+    spoken = set(model_file.SAID) | set(model_file.LEFT_OUT)
+    plain = {"coulomb_friction", "viscous_friction", "armature", "link_mass"}
+    assert set(EFFECTS) <= spoken | plain
