@@ -151,6 +151,10 @@ class Plant:
             self._live[name] = self.field(name).copy()
         return self._fields[name]
 
+    def varies(self, name: str) -> bool:
+        """Return whether an effect writes that model field, so that rows may differ in it."""
+        return name in self._fields
+
     def field_values(self, name: str, ids: np.ndarray) -> np.ndarray:
         """Return what a model field is in the rows ids (n,), (n, ...); read only."""
         if name in self._fields:
