@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from envs.simulation import Simulation
     from envs.tasks import (
         Ant,
+        Bench1,
         HalfCheetah,
         Hopper,
         HopperPolito,
         InvertedPendulum,
+        ServoTask,
         State,
         Swimmer,
         Task,
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
 __all__ = [
     "EFFECTS",
     "Ant",
+    "Bench1",
     "Draw",
     "Effect",
     "EffectError",
@@ -56,6 +59,7 @@ __all__ = [
     "RandomizeParams",
     "Rows",
     "RowsEnv",
+    "ServoTask",
     "Simulation",
     "State",
     "Step",

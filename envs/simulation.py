@@ -25,7 +25,7 @@ from envs.errors import TaskError
 from envs.plant import Fixed, Plant
 from envs.quiet import no_deprecation_notice
 from envs.rows import Step
-from envs.tasks.base import State, Task
+from envs.tasks.base import Commanded, State, Task
 
 
 class Simulation:
@@ -54,19 +54,26 @@ class Simulation:
         self.task = task
         with no_deprecation_notice():
             self.plant = Plant(
-                task.spec(), effects, num_rows, threads, persistent=task.contact_forces, fixed=fixed
+                task.spec(),
+                effects,
+                num_rows,
+                threads,
+                persistent=task.contact_forces,
+                fixed=_fixed(task, effects, fixed),
             )
         self.num_rows = num_rows
         self.max_steps = task.max_steps
         self.space = self.plant.space
         task.setup(self.plant.nominal)
-        low, high = self.plant.model.actuator_ctrlrange.T
-        self.action_low, self.action_high = low.copy(), high.copy()  # (A,)
-        self.action_size = len(low)
+        self.action_low, self.action_high = task.action_range(self.plant.nominal)  # (A,)
+        self.action_size = len(self.action_low)
         self._extra = None if task.extra_field is None else self.plant.batch.bind(task.extra_field)
         self._forces = ContactForces(self.plant) if task.contact_forces else None
         self._steps = np.zeros(num_rows, dtype=np.int64)  # (N,)
         self._seeds = np.zeros(num_rows, dtype=np.uint64)  # (N,)
+        self._rest = task.rest(self.plant.nominal)  # (nu,)
+        self._action = np.zeros((num_rows, self.action_size))
+        self._goal = np.tile(self._rest, (num_rows, 1))
         self.observation_size = task.observe(self._state(None)).shape[1]
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
@@ -110,7 +117,9 @@ class Simulation:
                 )
             if not np.isfinite(given).all():
                 raise TaskError(f"{name} holds NaN or infinity; give finite numbers")
-        self.plant.reset(ids, qpos, qvel, self._seeds[ids])
+        self._action[ids], self._goal[ids] = 0.0, self._rest
+        held = self._goal[ids] if self.task.commands else None
+        self.plant.reset(ids, qpos, qvel, self._seeds[ids], held)
         if self._forces:
             self._forces.clear(ids)
         return self._observe(ids, self._state(ids))
@@ -124,14 +133,13 @@ class Simulation:
         rows = slice(None) if ids is None else ids
         n = self.num_rows if ids is None else len(ids)
         action, refused = self._checked(action, n)
-        before = self._state(ids)
-        if ids is None:  # these are views of what the step changes
-            before = State(
-                before.qpos.copy(),
-                before.qvel.copy(),
-                None if before.extra is None else before.extra.copy(),
-            )
-        failed = self.plant.step(ids, action, self.task.frame_skip)
+        # views of what the step changes, where all rows step
+        before = self.state() if ids is None else self._state(ids)
+        goal = self.task.command(before, action)
+        failed = self.plant.step(ids, goal, self.task.frame_skip)
+        self._steps[rows] += 1
+        if self.task.commands:
+            self._action[rows], self._goal[rows] = action, goal
         if self._forces:
             self._forces.compute(ids)
         after = self._state(ids)
@@ -148,7 +156,6 @@ class Simulation:
             reward[failed] = 0.0
             observation[failed] = 0.0
             terminated = terminated | failed
-        self._steps[rows] += 1
         truncated = self._steps[rows] >= self.max_steps
         return Step(observation, reward, terminated, truncated, failed)
 
@@ -162,17 +169,42 @@ class Simulation:
         refused = np.asarray(~finite.all(1))
         return np.where(refused[:, None], 0.0, action), refused
 
+    def state(self, ids: np.ndarray | None = None) -> State:
+        """Return a copy of the true state of the rows ids (None: all)."""
+        here = self._state(ids)
+        return here._replace(
+            qpos=here.qpos.copy(),
+            qvel=here.qvel.copy(),
+            extra=None if here.extra is None else here.extra.copy(),
+            forces=None if here.forces is None else here.forces.copy(),
+        )
+
     def _state(self, ids: np.ndarray | None) -> State:
         rows = slice(None) if ids is None else ids
         extra = None if self._extra is None else self._extra[rows]
         forces = None if self._forces is None else self._forces.values[rows]
-        return State(self.plant.qpos[rows], self.plant.qvel[rows], extra, forces)
+        return State(
+            self.plant.qpos[rows], self.plant.qvel[rows], extra, forces, self._commanded(rows)
+        )
+
+    def _commanded(self, rows: np.ndarray | slice) -> Commanded | None:
+        if not self.task.commands:
+            return None
+        time = self._steps[rows] * self.task.dt
+        return Commanded(time, self._action[rows].copy(), self._goal[rows].copy())
 
     def _observe(self, ids: np.ndarray | None, state: State) -> np.ndarray:
         if self.plant.measures:
             qpos, qvel = self.plant.measured(ids)
             state = state._replace(qpos=qpos, qvel=qvel)
         return self.task.observe(state)
+
+
+def _fixed(task: Task, effects: Sequence[Effect], fixed: Sequence[Fixed]) -> list[Fixed]:
+    """Return all fixed effects: the user's, and the task's own where the user says nothing."""
+    given = {(effect.name, effect.where) for effect in [*effects, *(e for e, _ in fixed)]}
+    own = [(e, values) for e, values in task.fixed() if (e.name, e.where) not in given]
+    return [*own, *fixed]
 
 
 def _not_finite(x: np.ndarray) -> np.ndarray:

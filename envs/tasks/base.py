@@ -7,9 +7,10 @@ holds no state of an episode: one object serves any number of rows.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 import mujoco
 import numpy as np
@@ -17,6 +18,9 @@ import numpy as np
 from envs.errors import TaskError
 from envs.noise import normal, uniform
 from envs.quiet import no_deprecation_notice
+
+if TYPE_CHECKING:
+    from envs.effects.base import Effect
 
 
 class State(NamedTuple):
@@ -26,6 +30,15 @@ class State(NamedTuple):
     qvel: np.ndarray  # (n, nv) [m/s, rad/s]
     extra: np.ndarray | None = None  # (n, ...): the task's `extra_field` of MjData
     forces: np.ndarray | None = None  # (n, bodies, 6) [N·m, N]: on each body, MjData's cfrc_ext
+    command: Commanded | None = None  # of a task that makes commands of its actions
+
+
+class Commanded(NamedTuple):
+    """What was asked of n robots last, and when in their episodes they are."""
+
+    time: np.ndarray  # (n,) s from the episode's start
+    action: np.ndarray  # (n, A) the last one, 0 before the first
+    goal: np.ndarray  # (n, nu) the command that was made of it, the pose of the start before
 
 
 class Task(ABC):
@@ -41,6 +54,8 @@ class Task(ABC):
         reset_noise: largest, or for normal velocities standard, deviation of the starting state
             from the model's own.
         velocity_noise: law of the noise on the starting velocities.
+        commands: whether `command` makes the actuators' commands of the actions; else they are the
+            actions.
     """
 
     frame_skip: ClassVar[int]
@@ -50,6 +65,7 @@ class Task(ABC):
     contact_forces: bool = False
     reset_noise: ClassVar[float]
     velocity_noise: ClassVar[Literal["uniform", "normal"]] = "uniform"
+    commands: ClassVar[bool] = False
 
     @abstractmethod
     def spec(self) -> mujoco.MjSpec:
@@ -70,6 +86,26 @@ class Task(ABC):
         else:
             qvel = self.reset_noise * (2.0 * uniform(seeds, 1, self.nv) - 1.0)
         return np.tile(self.start, (n, 1)) + noise, qvel
+
+    def fixed(self) -> Sequence[tuple[Effect, Sequence[float]]]:
+        """Return the effects, with values, that the task's robot has of its own; none by default.
+
+        One that the user fixes or draws at the same place replaces it.
+        """
+        return ()
+
+    def action_range(self, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and the largest action, (A,) each: the actuators' ranges by default."""
+        low, high = model.actuator_ctrlrange.T
+        return low.copy(), high.copy()
+
+    def rest(self, model: mujoco.MjModel) -> np.ndarray:
+        """Return the command held before an episode of a task that commands, (nu,)."""
+        return np.zeros(model.nu)
+
+    def command(self, state: State, action: np.ndarray) -> np.ndarray:
+        """Return the actuators' commands, (n, nu), for actions (n, A) in a state (n)."""
+        return action
 
     @abstractmethod
     def observe(self, state: State) -> np.ndarray:

@@ -1,0 +1,202 @@
+"""A task on a servo robot: the same functions for its simulation and for the robot itself.
+
+    task = Quad8(fidelity="servo")
+    state = task.measured(angle, speed, commanded, orientation=quaternion, position=tracked)
+    goal = task.command(state, policy(task.observe(state)))        # rad, within the robot's limits
+
+`observe`, `command`, `reward` and `terminated` depend on nothing but the state, and that on nothing
+but what a robot measures: the servos' angles, speeds and torques, an IMU, the time since the
+episode's start and the last action. Where the base is (`position`) only the reward uses.
+
+Two fidelities simulate the same servos (see `envs.tasks.servo.drive`). `servo` also has the
+commands' delay, goals and angles in counts, and speeds filtered as the firmware does.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal, get_args
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import Effect
+from envs.effects.registry import make
+from envs.errors import TaskError, did_you_mean
+from envs.noise import uniform
+from envs.quiet import no_deprecation_notice
+from envs.tasks.base import Commanded, State, Task
+from envs.tasks.servo.drive import COUNT, ideal, servo
+from envs.tasks.servo.robot import read_machine
+
+Fidelity = Literal["ideal", "servo"]
+ASSETS = Path(__file__).parents[2] / "assets"
+TIMESTEP = 0.001  # s, of the physics: one pass of the firmware's loop
+SPEED_FILTER = 0.005  # s, of a servo's reported speed; no maker publishes it
+START_NOISE = 0.02  # rad, largest deviation of the starting angles from the pose at home
+
+
+class ServoTask(Task):
+    """One task on one servo robot with n servos.
+
+    Args:
+        fidelity: "ideal" (stiff position actuators) or "servo" (motor and firmware).
+        robot: the robot's file: a name in conf/robot, a path, or what such a file holds.
+        seconds: length of an episode [s].
+
+    Attributes:
+        asset: the model's file in envs/assets; its keyframe `home` is where episodes start.
+        machine: the robot's limits, rate and servos.
+
+    Raises:
+        TaskError: an unknown fidelity, robot or servo, or a rate that the physics cannot keep.
+    """
+
+    asset: ClassVar[str]
+    commands = True
+    extra_field = "actuator_force"
+    camera = "side"
+    frame_skip: int
+
+    def __init__(self, fidelity: Fidelity, robot: str | Mapping[str, Any], seconds: float) -> None:
+        if fidelity not in get_args(Fidelity):
+            hint = did_you_mean(str(fidelity), get_args(Fidelity))
+            raise TaskError(
+                f"fidelity={fidelity!r} is unknown{hint};"
+                f" it can be: {', '.join(get_args(Fidelity))}"
+            )
+        self.fidelity = fidelity
+        with no_deprecation_notice():
+            spec = mujoco.MjSpec.from_file(str(ASSETS / self.asset))
+        self.machine = read_machine(robot, [a.name for a in spec.actuators])
+        steps = 1.0 / (self.machine.rate * TIMESTEP)
+        if round(steps) < 1 or abs(steps - round(steps)) > 1e-9:
+            raise TaskError(
+                f"{self.machine.name}: a rate of {self.machine.rate} per second is no whole number"
+                f" of physics steps of {TIMESTEP} s; choose a divisor of {1 / TIMESTEP:.0f}"
+            )
+        self.frame_skip = round(steps)
+        self.max_steps = round(seconds * self.machine.rate)
+        if self.max_steps < 1:
+            raise TaskError(f"seconds={seconds} is less than one control step")
+        self.setup(self.spec().compile())
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return the robot with its actuators at this fidelity."""
+        machine = self.machine
+        with no_deprecation_notice():
+            spec = mujoco.MjSpec.from_file(str(ASSETS / self.asset))
+        spec.option.timestep = TIMESTEP
+        for i, actuator in enumerate(spec.actuators):
+            kind = machine.kinds[i]
+            if self.fidelity == "ideal":
+                ideal(actuator, kind)
+            else:
+                settings = machine.registers[i], machine.voltage, machine.delay, TIMESTEP
+                servo(actuator, kind, *settings)
+        return spec
+
+    def setup(self, model: mujoco.MjModel) -> None:
+        """Read off where the servos and the pose at home stand in the model."""
+        super().setup(model)
+        home = model.key("home")
+        self.start = home.qpos.copy()
+        joints = model.actuator_trnid[:, 0]
+        self.q, self.v = model.jnt_qposadr[joints], model.jnt_dofadr[joints]  # (n,) each
+        self._damping = model.actuator_damping.copy()  # (n,) back-EMF
+
+    def fixed(self) -> Sequence[tuple[Effect, Sequence[float]]]:
+        """Return what the servos' own sensors do: counts, and a filter on the speed."""
+        if self.fidelity == "ideal":
+            return ()
+        return ((make("quantization"), (COUNT,)), (make("velocity_filter"), (SPEED_FILTER,)))
+
+    def rest(self, model: mujoco.MjModel) -> np.ndarray:
+        """Return the pose at home as the servos' goals [rad], (n,)."""
+        return model.key("home").ctrl.copy()
+
+    def initial(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return states at rest near home, each servo off by up to 20 mrad."""
+        qpos = np.tile(self.start, (len(seeds), 1))
+        noise = 2.0 * uniform(seeds, 0, len(self.q)) - 1.0
+        qpos[:, self.q] += START_NOISE * noise
+        return qpos, np.zeros((len(seeds), self.nv))
+
+    def command(self, state: State, action: np.ndarray) -> np.ndarray:
+        """Return the goals to send [rad], (n, servos): within the robot's limits, in counts."""
+        machine, last = self.machine, commanded(state).goal
+        goal = np.clip(self.wanted(state, action), machine.low, machine.high)
+        goal = np.clip(goal, last - machine.most_step, last + machine.most_step)
+        return goal if self.fidelity == "ideal" else np.round(goal / COUNT) * COUNT
+
+    @abstractmethod
+    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+        """Return the goals that an action asks for [rad], (n, servos), before any limit."""
+
+    def measured(
+        self,
+        angle: np.ndarray,
+        speed: np.ndarray,
+        command: Commanded,
+        orientation: np.ndarray | None = None,
+        gyro: np.ndarray | None = None,
+        position: np.ndarray | None = None,
+        torque: np.ndarray | None = None,
+    ) -> State:
+        """Return the state that n robots measure.
+
+        Args:
+            angle: of the servos [rad], (n, servos) in the order of the model's actuators.
+            speed: of the servos [rad/s], (n, servos).
+            command: time, last action and last goals.
+            orientation: of the base, a unit quaternion w x y z, (n, 4); None for level.
+            gyro: angular velocity about the base's own axes [rad/s], (n, 3); None for 0.
+            position: of the base from an external tracker [m], (n, 3); None where it is unknown:
+                the reward is then that of a robot that stays where it is.
+            torque: of the motors [N·m], (n, servos); None for 0.
+        """
+        n = len(angle)
+        qpos, qvel = np.tile(self.start, (n, 1)), np.zeros((n, self.nv))
+        qpos[:, self.q], qvel[:, self.v] = angle, speed
+        self.place(qpos, qvel, orientation, gyro, position)
+        torque = np.zeros((n, len(self.q))) if torque is None else torque
+        return State(qpos, qvel, torque + self._damping * speed, None, command)
+
+    def place(
+        self,
+        qpos: np.ndarray,
+        qvel: np.ndarray,
+        orientation: np.ndarray | None,
+        gyro: np.ndarray | None,
+        position: np.ndarray | None,
+    ) -> None:
+        """Write what is measured of the base into qpos (n, nq) and qvel (n, nv); it has none."""
+
+    def torque(self, state: State) -> np.ndarray:
+        """Return the motors' torques [N·m], (n, servos): what the law asks less back-EMF."""
+        if state.extra is None:
+            raise TaskError(
+                f"{type(self).__name__} needs the motors' torques: give State.extra ="
+                " actuator_force, or build the state with measured(torque=...)"
+            )
+        return state.extra - self._damping * state.qvel[:, self.v]
+
+    def power(self, state: State) -> np.ndarray:
+        """Return the sum of |torque x speed| over the servos [W], (n,)."""
+        return np.abs(self.torque(state) * state.qvel[:, self.v]).sum(1)
+
+
+def commanded(state: State) -> Commanded:
+    """Return what was commanded; raises TaskError for a state that does not say."""
+    if state.command is None:
+        raise TaskError(
+            "a servo task needs the time, the last action and the last goals: give State.command"
+        )
+    return state.command
+
+
+def clock(state: State, frequency: float) -> np.ndarray:
+    """Return the phase of a rhythm [1/s] at the state's time [rad], (n,)."""
+    return 2.0 * np.pi * frequency * commanded(state).time

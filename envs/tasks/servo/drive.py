@@ -1,0 +1,109 @@
+"""Two ways to simulate a position servo, `ideal` and `servo`, both as one MuJoCo actuator.
+
+    ideal(spec.actuator("knee"), "xl330-m288")
+    servo(spec.actuator("knee"), "xl330-m288", {"position_p_gain": 800}, 5.0, 0.001, 0.001)
+
+`ideal` is what one writes who knows a servo as "a thing that goes where it is told": stiff,
+critically damped, limited by the data sheet's stall torque, acting at once.
+
+`servo` is the motor and its firmware: PWM = P / divisor * counts of error, no more than the PWM
+limit; V = PWM / 885 * supply; torque = K (V - K w) / R. The last term, back-EMF, is the actuator's
+`damping`, outside the limit on the voltage. Together they are a direct-current motor driven by
+voltage, and an affine actuator, so that every effect on servos applies. Gains are in register
+units; an integral gain is refused, as no affine actuator has one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import mujoco
+
+from envs.errors import TaskError, did_you_mean
+
+COUNT = 2.0 * math.pi / 4096.0  # rad, one step of an X-series encoder and of its goals
+FULL_PWM = 885  # counts of full duty
+TICK = 0.001  # s, one pass of the firmware's loop
+SLOPE = 1.977  # V/s, one step of the PWM slope register; the manual's 1.977 mV a millisecond
+NO_SLOPE = 255  # the register's largest value, taken as no limit
+DERIVATIVE = 16  # divisor of the D gain register
+STIFF = 10.0  # N·m/rad, what a naive model takes for a small servo
+LINEAR = 1  # the engine's number for linear interpolation of a delay line
+
+
+class Kind(NamedTuple):
+    """A servo type at its output: constant [N·m/A], resistance [ohm], P divisor, stall [N·m]."""
+
+    constant: float
+    resistance: float
+    divisor: int
+    stall: float
+
+
+KINDS = {
+    # constant, resistance, divisor: identified in Rhoban's BAM, params/xl330; stall: e-manual, 5 V
+    "xl330-m288": Kind(0.386, 3.40, 256, 0.52),
+    # sqrt(0.215 N·m / 1.47 A * 5 V / 40.1 rad/s) and 5 V / 1.47 A of its data sheet
+    "xl330-m077": Kind(0.135, 3.40, 256, 0.215),
+}
+
+
+def kind(name: str) -> Kind:
+    """Return a servo type's constants; raises TaskError for an unknown one."""
+    if name not in KINDS:
+        raise TaskError(
+            f"the servo type {name!r} is not simulated{did_you_mean(name, KINDS)};"
+            f" there are: {', '.join(KINDS)}"
+        )
+    return KINDS[name]
+
+
+def ideal(actuator: mujoco.MjsActuator, name: str) -> None:
+    """Make an actuator the naive model of a servo type."""
+    stall = kind(name).stall
+    actuator.set_to_position(kp=STIFF, dampratio=1.0)
+    actuator.damping[:] = 0.0
+    actuator.forcerange = [-stall, stall]
+
+
+def servo(
+    actuator: mujoco.MjsActuator,
+    name: str,
+    registers: Mapping[str, int],
+    volts: float,
+    delay: float,
+    timestep: float,
+) -> None:
+    """Make an actuator the motor and firmware of a servo type.
+
+    Args:
+        actuator: of the spec.
+        name: the servo's type.
+        registers: its settings, raw values; those left out are the factory's.
+        volts: of the supply [V].
+        delay: from a command's writing to its effect [s].
+        timestep: of the physics [s].
+
+    Raises:
+        TaskError: a type or a setting that is not simulated.
+    """
+    motor = kind(name)
+    if registers.get("position_i_gain", 0):
+        raise TaskError(
+            f"{actuator.name}: position_i_gain={registers['position_i_gain']} is not simulated;"
+            " set it to 0"
+        )
+    full = volts * motor.constant / motor.resistance  # N·m at full duty
+    duty = full / FULL_PWM / COUNT  # N·m/rad for a gain of one PWM step a count
+    kp = registers["position_p_gain"] / motor.divisor * duty
+    kv = registers.get("position_d_gain", 0) / DERIVATIVE * duty * TICK
+    limit = full * registers.get("pwm_limit", FULL_PWM) / FULL_PWM
+    actuator.set_to_position(kp=kp, kv=kv)
+    actuator.damping[:] = [motor.constant**2 / motor.resistance, 0.0, 0.0]
+    actuator.forcerange = [-limit, limit]
+    if delay > 0:
+        actuator.delay = delay
+        actuator.nsample = math.ceil(delay / timestep) + 1
+        actuator.interp = LINEAR
