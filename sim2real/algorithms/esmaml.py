@@ -33,9 +33,13 @@ from sim2real.population import Members, Population, Results, draw_seeds
 
 
 def make_shards(
-    env: Callable[..., Rows], num_rows: int, shards: int, effects: Sequence[Effect] = ()
+    env: Callable[..., Rows],
+    num_rows: int,
+    shards: int,
+    effects: Sequence[Effect] = (),
+    threads: int = 1,
 ) -> list[Rows]:
-    """Split rows over as many environments of one thread each.
+    """Split rows over as many environments of one thread each, unless told otherwise.
 
     Args:
         env: makes the environment from `num_rows`, and from `threads` and `effects` if it takes
@@ -43,6 +47,7 @@ def make_shards(
         num_rows: rows in all.
         shards: environments; one per core uses the machine fully.
         effects: what may differ per row.
+        threads: CPU threads of each environment; 0 for all cores.
 
     Raises:
         Sim2RealError: for more shards than rows, or effects for an environment that takes none.
@@ -50,7 +55,7 @@ def make_shards(
     if not 1 <= shards <= num_rows:
         raise Sim2RealError(f"shards={shards} must be between 1 and num_rows={num_rows}")
     takes = inspect.signature(env).parameters
-    extra: dict[str, Any] = {"threads": 1} if "threads" in takes else {}
+    extra: dict[str, Any] = {"threads": threads} if "threads" in takes else {}
     if effects and "effects" not in takes:
         raise Sim2RealError(
             f"this environment takes no effects, the tasks need {len(effects)}; "
