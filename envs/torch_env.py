@@ -121,7 +121,11 @@ class RowsEnv(EnvBase):
         self._last[ids] = self.rows.reset(ids, self._values[ids], seeds)
         no = torch.zeros((self.rows.num_rows, 1), dtype=torch.bool, device=self.device)
         flags = {"done": no.clone(), "terminated": no.clone(), "truncated": no.clone()}
-        return {"observation": self._tensor(self._last, self._float), "failed": no, **flags}
+        return {**self._seen(ids), "failed": no, **flags}
+
+    def _seen(self, ids: np.ndarray | None) -> dict[str, torch.Tensor]:
+        """Return what every row sees, after the rows ids (None: all) moved or started."""
+        return {"observation": self._tensor(self._last, self._float)}
 
     def _draw(self, ids: np.ndarray) -> None:
         if self.tasks is None:
@@ -138,7 +142,7 @@ class RowsEnv(EnvBase):
         self._last = step.observation
         return self._tensordict(
             {
-                "observation": self._tensor(self._last, self._float),
+                **self._seen(None),
                 "reward": self._tensor(step.reward[:, None], self._float),
                 "done": self._tensor((step.terminated | step.truncated)[:, None], torch.bool),
                 "terminated": self._tensor(step.terminated[:, None], torch.bool),

@@ -8,6 +8,13 @@
 
 from __future__ import annotations
 
+from envs.effects.appearance import (
+    CameraShift,
+    CameraTurn,
+    Colour,
+    LightDirection,
+    LightLevel,
+)
 from envs.effects.base import (
     Bound,
     CommandRule,
@@ -49,6 +56,7 @@ for _effect in (
     *(CommandDelay, PacketLoss, ProfileVelocity, ProfileAcceleration),
     *(ObservationDelay, EncoderOffset, SensorNoise, Quantization, VelocityFilter),
     *(LinkMass, CenterOfMass, Payload, GravityTilt, GroundFriction, ContactStiffness),
+    *(Colour, LightLevel, LightDirection, CameraShift, CameraTurn),
 ):
     register(_effect)
 

@@ -125,6 +125,19 @@ class Layout:
         self.raw_qpos[ids] = raw_qpos
         self.read(ids)
 
+    def seen(self, raw: np.ndarray) -> np.ndarray:
+        """Return what encoders see of positions of the simulated model: (..., nq) of the nominal.
+
+        A joint on whose motor's side the encoder sits is left out.
+        """
+        if self._keep is None:
+            return raw
+        qpos = raw[..., self._q]
+        for joint in self.joints:
+            if not joint.motor_side:
+                qpos[..., self.address(joint.motor)[0]] += raw[..., joint.q]
+        return qpos
+
     def read(self, rows: np.ndarray | slice) -> None:
         """Bring qpos and qvel up to date with the batch."""
         if self._keep is None:

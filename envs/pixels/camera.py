@@ -25,7 +25,9 @@ class Lens:
         rays = np.stack([x, y, -np.ones_like(x)], axis=-1)
         self.rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)  # (S, S, 3), unit
 
-    def window(self, centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, ...]:
+    def window(
+        self, centers: np.ndarray, radii: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, int, int]:
         """Return the part of each image in which spheres appear.
 
         Args:
@@ -35,7 +37,6 @@ class Lens:
         Returns:
             top, left: (n,) first row and column; height, width: of all the windows alike.
         """
-        n = len(centers)
         depth = -centers[..., 2] - radii  # (n, K), of the nearest point
         behind = -centers[..., 2] + radii < NEAR
         close = ~behind & (depth < NEAR)
@@ -53,7 +54,6 @@ class Lens:
             extent = int(max(1, (last - first).max(initial=1)))
             bounds.append((np.minimum(first, self.size - extent).astype(int), extent))
         (top, height), (left, width) = bounds
-        assert top.shape == (n,)
         return top, left, height, width
 
 

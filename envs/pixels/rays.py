@@ -29,11 +29,11 @@ class RayRenderer(Renderer):
 
     def __init__(self, simulation: Simulation, size: int, camera: str | None = None) -> None:
         super().__init__(simulation, size, camera)
-        model, bind = self.model, self.plant.batch.bind
+        model = self.model
         self._lens = Lens(float(model.cam_fovy[self.camera]), size)
-        self._eyes, self._frames = bind("cam_xpos"), bind("cam_xmat")  # (N, ncam, 3), (.., 9)
-        self._places, self._turns = bind("geom_xpos"), bind("geom_xmat")
-        self._lights = bind("light_xdir") if model.nlight else None  # (N, nlight, 3)
+        self._eyes, self._frames = self.watch("cam_xpos", "cam_xmat")  # (N, ncam, 3), (.., 9)
+        self._places, self._turns = self.watch("geom_xpos", "geom_xmat")
+        self._lights = self.watch("light_xdir")[0] if model.nlight else None  # (N, nlight, 3)
         shown = model.geom_group < GROUPS
         self._groups = (np.arange(mujoco.mjNGROUP) < GROUPS).astype(np.uint8)
         self._planes = np.flatnonzero((model.geom_type == PLANE) & shown)

@@ -48,6 +48,8 @@ STANDARD = [
 ]
 
 ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+    <light dir="0 0 -1"/>
+    <camera name="side" pos="0 -1 0" xyaxes="1 0 0 0 0 1"/>
   <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 {floor}"/>
   <body name="upper"><joint name="shoulder" axis="0 1 0" armature="0.01" damping="0.05"
     frictionloss="0.002"/>

@@ -1,0 +1,216 @@
+"""Effects on what a camera sees, and on nothing that moves.
+
+They belong to the same parameter space as the physical ones: an episode draws its colours, its
+light and where the camera stands as it draws masses and frictions.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import Bound, Effect, find
+from envs.effects.inertia import rotations
+from envs.errors import EffectError
+from envs.params import Parameter
+
+if TYPE_CHECKING:
+    from envs.plant import Plant
+
+UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0])  # a geom of this colour shows its material's
+FLOOR = "world"  # the body that carries the floor and everything else that is fixed
+
+
+class Appearance(Effect):
+    """An effect that a camera sees, while the physics stays as it is to the last bit."""
+
+    looks_like = "nothing in a log: only images change"
+    source = "appearance randomization, Tobin et al. 2017"
+    experiment = "photographs of the robot at several times of the day"
+
+
+class Colour(Appearance):
+    """The colour of a body's geoms, in shares of full brightness; the body `world` is the floor."""
+
+    name = "colour"
+    place = "body"
+    unit = "1"
+    composes = True
+    typical = (-0.3, 0.3)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return what is added to red, green and blue."""
+        self._geoms(model)
+        return tuple(self.parameter(c, low=-1.0, high=1.0) for c in ("red", "green", "blue"))
+
+    def _geoms(self, model: mujoco.MjModel) -> np.ndarray:
+        body = find(model, "body", self.where)
+        geoms = np.flatnonzero(model.geom_bodyid == body)
+        if not geoms.size:
+            raise EffectError(f"body {self.where!r} has no geom whose colour could change")
+        return geoms
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the colours of each row."""
+        return _Paint(plant, self._geoms(plant.model))
+
+
+class _Paint(Bound):
+    def __init__(self, plant: Plant, geoms: np.ndarray) -> None:
+        self._rgba, self._geoms = plant.field("geom_rgba"), geoms  # (N, ngeom, 4), (G,)
+        model = plant.model
+        self._shown = model.geom_rgba[geoms].copy()  # (G, 4)
+        for k, geom in enumerate(geoms):
+            material = model.geom_matid[geom]
+            if material >= 0 and (self._shown[k] == UNPAINTED).all():
+                self._shown[k] = model.mat_rgba[material]
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        painted = values.any(axis=1)
+        ids, values = ids[painted], values[painted]
+        if len(ids):
+            at = (ids[:, None], self._geoms)
+            own = self._rgba[at]
+            base = np.where((own == UNPAINTED).all(-1, keepdims=True), self._shown, own)
+            base[..., :3] = np.clip(base[..., :3] + values[:, None, :], 0.0, 1.0)
+            self._rgba[at] = base
+
+
+class LightLevel(Appearance):
+    """A factor on what all the lights of the model give; the camera's own headlight stays."""
+
+    name = "light_level"
+    place = "robot"
+    hows = ("scale",)
+    unit = "factor"
+    composes = True
+    typical = (0.5, 1.5)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the factor."""
+        _need(model.nlight, "light")
+        return (self.parameter(low=0.0, high=10.0),)
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the lights of each row."""
+        return _Dimmer(plant)
+
+
+class _Dimmer(Bound):
+    def __init__(self, plant: Plant) -> None:
+        self._fields = [plant.field(name) for name in ("light_diffuse", "light_ambient")]
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        for field in self._fields:
+            field[ids] *= values[:, :1, None]
+
+
+class LightDirection(Appearance):
+    """Where the lights shine from: turned about the world's x axis, then about its y axis."""
+
+    name = "light_direction"
+    place = "robot"
+    unit = "rad"
+    constants = True
+    typical = (-0.5, 0.5)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the two angles."""
+        _need(model.nlight, "light")
+        return tuple(self.parameter(axis, low=-np.pi, high=np.pi) for axis in ("x", "y"))
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the lights' directions of each row."""
+        return _Beam(plant)
+
+
+class _Beam(Bound):
+    def __init__(self, plant: Plant) -> None:
+        self._direction = plant.field("light_dir")  # (N, nlight, 3)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        turned = values.any(axis=1)
+        ids, values = ids[turned], values[turned]
+        if len(ids):
+            turns = _about(1, values[:, 1]) @ _about(0, values[:, 0])
+            self._direction[ids] = self._direction[ids] @ turns.transpose(0, 2, 1)
+
+
+class CameraShift(Appearance):
+    """How far the cameras stand from where the model has them, along their own axes."""
+
+    name = "camera_shift"
+    place = "robot"
+    unit = "m"
+    constants = True
+    composes = True
+    typical = (-0.2, 0.2)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the three distances."""
+        _need(model.ncam, "camera")
+        return tuple(self.parameter(way) for way in ("right", "up", "back"))
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the cameras' positions of each row."""
+        return _Stand(plant)
+
+
+class _Stand(Bound):
+    def __init__(self, plant: Plant) -> None:
+        self._position = plant.field("cam_pos")  # (N, ncam, 3)
+        self._axes = rotations(plant.model.cam_quat)  # (ncam, 3, 3), columns: right, up, back
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self._position[ids] += np.einsum("cij,nj->nci", self._axes, values)
+
+
+class CameraTurn(Appearance):
+    """How far the cameras look away from where the model has them look: right, then up."""
+
+    name = "camera_turn"
+    place = "robot"
+    unit = "rad"
+    constants = True
+    typical = (-0.1, 0.1)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the two angles."""
+        _need(model.ncam, "camera")
+        return tuple(self.parameter(way, low=-np.pi, high=np.pi) for way in ("right", "up"))
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the cameras' orientations of each row."""
+        return _Aim(plant)
+
+
+class _Aim(Bound):
+    def __init__(self, plant: Plant) -> None:
+        self._quat = plant.field("cam_quat")  # (N, ncam, 4)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        for row, (right, up) in zip(ids, values, strict=True):
+            if not (right or up):
+                continue
+            turn = np.zeros(4)  # about the camera's own y, then its new x
+            mujoco.mju_euler2Quat(turn, np.array([-right, up, 0.0]), "yxz")
+            for camera in range(self._quat.shape[1]):
+                own = self._quat[row, camera].copy()
+                mujoco.mju_mulQuat(self._quat[row, camera], own, turn)
+
+
+def _about(axis: int, angle: np.ndarray) -> np.ndarray:
+    """Return rotations by angles (n,) about one of the axes, (n, 3, 3)."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turn = np.zeros((len(angle), 3, 3))
+    turn[:, axis, axis] = 1.0
+    turn[:, i, i] = turn[:, j, j] = np.cos(angle)
+    turn[:, j, i], turn[:, i, j] = np.sin(angle), -np.sin(angle)
+    return turn
+
+
+def _need(count: int, what: str) -> None:
+    if count == 0:
+        raise EffectError(f"the model has no {what}; add one to its MJCF")

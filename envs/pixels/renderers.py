@@ -1,0 +1,31 @@
+"""The renderers by name: one switch between rays and OpenGL."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from envs.errors import TaskError, did_you_mean
+from envs.pixels.base import Renderer
+from envs.pixels.gl import GLRenderer
+from envs.pixels.rays import RayRenderer
+from envs.simulation import Simulation
+
+RENDERERS: dict[str, type[Renderer]] = {"rays": RayRenderer, "gl": GLRenderer}
+Kind = Literal["rays", "gl"]
+
+
+def make_renderer(
+    kind: Kind, simulation: Simulation, size: int, camera: str | None = None
+) -> Renderer:
+    """Return a renderer of the simulation's rows.
+
+    Raises:
+        TaskError: an unknown kind, a size out of range, or a camera that the model lacks.
+        RenderError: `gl` on a machine where nothing can be drawn.
+    """
+    if kind not in RENDERERS:
+        raise TaskError(
+            f"renderer={kind!r} is unknown{did_you_mean(kind, RENDERERS)};"
+            f" it can be: {', '.join(RENDERERS)}"
+        )
+    return RENDERERS[kind](simulation, size, camera)
