@@ -75,6 +75,9 @@ class Config:
     checkpoint_every: int
     keep_checkpoints: int
     checkpoint: str | list[str] | None
+    runs: str | list[str] | None
+    baseline: str | None
+    expect: dict[str, Any] | None
     resume: str | None
 
 

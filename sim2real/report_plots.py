@@ -1,0 +1,120 @@
+"""Pictures of a report: bars over each sweep, and learning curves.
+
+pictures = draw(study, "ppo_source", out, draws=2000)
+pictures[0]                 # ("plots/sweep_udr.png", "udr over width after as many steps; ...")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim2real import plots
+from sim2real.runs import Group, Study
+from sim2real.stats import Interval, bootstrap, iqm
+
+INK, BAR, EDGE = plots.INK, plots.COLOURS[0], plots.COLOURS[1]
+CURVES = len(plots.COLOURS)  # lines that one picture can tell apart
+
+
+def draw(study: Study, baseline: str | None, out: Path, draws: int) -> list[tuple[str, str]]:
+    """Draw every picture that the runs allow.
+
+    Args:
+        study: the runs.
+        baseline: the experiment that stands beside each sweep.
+        out: the report's folder.
+        draws: resamples of each interval.
+
+    Returns:
+        Their paths below `out` and captions.
+    """
+    pictures = []
+    for experiment in dict.fromkeys(group.experiment for group in study.groups):
+        groups = study.find(experiment)
+        keys = list(groups[0].swept)
+        values = [next(iter(group.swept.values()), None) for group in groups]
+        if len(keys) == 1 and len(groups) > 1 and all(_is_number(value) for value in values):
+            pictures.append(_sweep(study, groups, keys[0], baseline, out, draws))
+    main = [group for group in study.groups if not group.swept and _curves(group)]
+    for part in range(0, len(main), CURVES):
+        pictures.append(_learning(main[part : part + CURVES], part // CURVES, out, draws))
+    return pictures
+
+
+def _sweep(
+    study: Study, groups: Sequence[Group], key: str, baseline: str | None, out: Path, draws: int
+) -> tuple[str, str]:
+    """Draw bars over a sweep on each robot, between the baseline and training on that robot."""
+    budget = max(set.intersection(*(set(group.runs) for group in groups)), default=None)
+    name, place = key.rpartition(".")[2], f"plots/sweep_{groups[0].experiment}.png"
+    width = 0.75 * (len(groups) + 2) + 1.2
+    with plots.figure(out / place, 1, len(study.robots), (width * len(study.robots), 3.6)) as (
+        _,
+        axes,
+    ):
+        for ax, robot in zip(axes[0], study.robots, strict=True):
+            bars = _bars(study, groups, baseline, robot, budget)
+            for x, (_, values, colour) in enumerate(bars):
+                _bar(ax, x, values, colour, draws)
+            labels = [label for label, _, _ in bars]
+            ax.set_xticks(range(len(bars)), labels, rotation=60, ha="right")
+            ax.set_title(f"tested on {robot}")
+            ax.set_xlabel(f"{groups[0].experiment}: {name}")
+            ax.grid(axis="y")
+        axes[0, 0].set_ylabel("Return (IQM over runs)")
+    after = "the largest number of steps of each" if budget is None else "as many steps"
+    caption = f"{groups[0].experiment} over {name} after {after}; dots are runs, lines 95 %"
+    return place, caption
+
+
+def _bars(
+    study: Study, groups: Sequence[Group], baseline: str | None, robot: str, budget: int | None
+) -> list[tuple[str, np.ndarray, str]]:
+    bars = [
+        (_text(next(iter(group.swept.values()))), study.returns(group, robot, budget), BAR)
+        for group in groups
+    ]
+    beside = study.find(baseline) if baseline else []
+    other = [g for g in study.groups if g.trained_on != groups[0].trained_on]
+    above = [g for g in other if g.trained_on == robot]
+    for group in [*beside[:1], *above[:1]]:
+        where = 0 if group in beside else len(bars)
+        shared = budget if budget in group.runs else None
+        bars.insert(where, (group.label, study.returns(group, robot, shared), EDGE))
+    return bars
+
+
+def _bar(ax: Any, x: int, values: np.ndarray, colour: str, draws: int) -> None:
+    rng = np.random.default_rng(0)
+    middle: Interval | float = float(iqm(values[:, None]))
+    if len(values) > 1:
+        middle = bootstrap(values[:, None], iqm, rng, draws=draws, resample="rows")
+        ax.plot([x, x], [middle.low, middle.high], color=INK, linewidth=1.6)
+    ax.bar(x, middle.value if isinstance(middle, Interval) else middle, 0.66, color=colour)
+    spread = np.linspace(-0.18, 0.18, len(values)) if len(values) > 1 else [0.0]
+    ax.plot(x + np.array(spread), values, ".", color=INK, markersize=3, alpha=0.55)
+
+
+def _learning(groups: Sequence[Group], number: int, out: Path, draws: int) -> tuple[str, str]:
+    place = f"plots/learning_curves{number or ''}.png"
+    plots.learning_curve(
+        {group.label: _curves(group) for group in groups}, out / place, draws=draws
+    )
+    return place, "Return during training, mean over runs with 95 % intervals"
+
+
+def _curves(group: Group) -> list[Path]:
+    files = [run.folder / "metrics.csv" for run in group.at()]
+    return [file for file in files if file.is_file()]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
