@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
+from torch import nn
 
 from envs.randomization import Tasks
 from envs.rows import Rows
@@ -31,18 +32,35 @@ from sim2real.grid import Box, Grid, training_range
 from sim2real.learner import build, identity, with_effects
 from sim2real.normalizer import Normalizer
 from sim2real.policy import MLPPolicy
-from sim2real.population import Population, draw_seeds, evaluate_adaptation
+from sim2real.population import AdaptationScores, Population, draw_seeds, evaluate_adaptation
 from sim2real.progress import Progress
+from sim2real.rollout import play
 from sim2real.scores import GridScores, combine
 
 log = logging.getLogger(__name__)
 ROUNDS = 16  # episodes of a chunk per row: long enough that rows which idle at its end cost little
+ROWS = 256  # episodes side by side of a policy that does not adapt
 EVALUATION, INTERVALS = 1, 2  # streams of randomness that follow from one seed
 Report = Callable[[int, int], None]
 
 
+class Trained(Protocol):
+    """What can be evaluated: a trained policy; `PPO` and `SAC` are some."""
+
+    frames: int
+    tasks: Any
+
+    def module(self) -> nn.Module:
+        """Return the deterministic policy."""
+        ...
+
+    def world(self, num_rows: int) -> Rows:
+        """Make rows of what it was trained in."""
+        ...
+
+
 class Adaptable(Protocol):
-    """What can be evaluated: a trained policy that adapts; `ESMAML` is one."""
+    """What can be evaluated before and after it adapts; `ESMAML` is one."""
 
     frames: int
     population: Population
@@ -90,7 +108,7 @@ class Evaluation:
 
 
 def run_cells(
-    algorithm: Adaptable,
+    algorithm: Adaptable | Trained,
     evaluation: Evaluation,
     seed: int,
     name: str,
@@ -108,24 +126,18 @@ def run_cells(
     Raises:
         ParameterError: a grid that leaves the parameter space of the policy's simulator.
     """
-    space, adapt = algorithm.population.space, algorithm.adapt
+    cells = _Cells(algorithm, evaluation)
+    space = cells.space
     grid, repeats = evaluation.grid, evaluation.adaptations
     values = np.repeat(grid.values(space), repeats, axis=0)  # (C A, P)
     seeds = draw_seeds(np.random.default_rng([seed, EVALUATION]), len(values))
-    work = len(values) * (adapt.episodes + 2 * evaluation.episodes)
+    spent = cells.adaptation_episodes
+    work = len(values) * (spent + (2 if spent else 1) * evaluation.episodes)
     log.info("evaluating %d cells, %d episodes", grid.size, work)
-    chunks = max(1, min(work // (ROUNDS * algorithm.population.num_rows), len(values)))
+    chunks = max(1, min(work // (ROUNDS * cells.num_rows), len(values)))
     parts, steps, done = [], 0, 0
     for chunk in np.array_split(np.arange(len(values)), chunks):
-        scores = evaluate_adaptation(
-            algorithm.population,
-            algorithm.theta,
-            algorithm.normalizer,
-            adapt,
-            values[chunk],
-            seeds[chunk],
-            evaluation.episodes,
-        )
+        scores = cells.run(values[chunk], seeds[chunk])
         parts.append(np.stack([scores.before, scores.after]))  # (2, n, E)
         steps, done = steps + scores.steps, done + len(chunk)
         if progress is not None:
@@ -146,12 +158,47 @@ def run_cells(
         (algorithm.frames,),
         (steps,),
         evaluation.episodes,
-        adapt.episodes,
+        cells.adaptation_episodes,
         before,
         after,
         before_sd,
         after_sd,
     )
+
+
+class _Cells:
+    """Runs cells of a grid: on the population of an algorithm that adapts, else on fresh rows."""
+
+    def __init__(self, algorithm: Adaptable | Trained, evaluation: Evaluation) -> None:
+        self._algorithm, self._episodes = algorithm, evaluation.episodes
+        population = getattr(algorithm, "population", None)
+        self._rows = None if population else cast(Trained, algorithm).world(ROWS)
+        self.space = population.space if population else cast(Rows, self._rows).space
+        self.num_rows = population.num_rows if population else ROWS
+        adapt = getattr(algorithm, "adapt", None)
+        self.adaptation_episodes = adapt.episodes if adapt else 0
+
+    def run(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:
+        """Run robots (n, P) under seeds (n,)."""
+        if self._rows is not None:
+            return self._act(values, seeds)
+        own = cast(Adaptable, self._algorithm)
+        return evaluate_adaptation(
+            own.population, own.theta, own.normalizer, own.adapt, values, seeds, self._episodes
+        )
+
+    def _act(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:
+        """Run a policy that does not adapt, under the luck that one which does would have."""
+        rows, own = cast(Rows, self._rows), cast(Trained, self._algorithm)
+        luck = [draw_seeds(np.random.default_rng(int(seed)), self._episodes) for seed in seeds]
+        robots = np.repeat(values, self._episodes, axis=0)  # (n E, P)
+        returns, steps = [], 0
+        for part in np.array_split(np.arange(len(robots)), -(-len(robots) // ROWS)):
+            played = play(rows, own.module(), robots[part], np.concatenate(luck)[part])
+            returns.append(played.returns)
+            steps += int(played.lengths.sum())
+        scores = np.concatenate(returns).reshape(len(values), -1)  # (n, E)
+        return AdaptationScores(scores, scores.copy(), steps)
 
 
 def report(scores: GridScores, evaluation: Evaluation, seed: int, out: Path) -> None:
@@ -172,7 +219,7 @@ def report(scores: GridScores, evaluation: Evaluation, seed: int, out: Path) -> 
 
 
 def evaluate_grid(
-    algorithm: Adaptable,
+    algorithm: Adaptable | Trained,
     evaluation: Evaluation,
     seed: int,
     out: Path,

@@ -16,13 +16,22 @@ from typing import Any
 
 from envs.effects.file import load_effects
 from envs.rows import Rows
+from sim2real.adapt import NoAdaptation
 from sim2real.algorithms.base import Algorithm
 from sim2real.errors import Sim2RealError
 
 
 def build(algorithm: Callable[..., Algorithm], **parts: Any) -> Algorithm:
-    """Make the algorithm from those parts that it takes."""
+    """Make the algorithm from those parts that it takes.
+
+    Raises:
+        Sim2RealError: a way to adapt for an algorithm whose policy does not adapt.
+    """
     takes = inspect.signature(algorithm).parameters
+    adapt = parts.get("adapt")
+    if "adapt" not in takes and adapt is not None and not isinstance(adapt, NoAdaptation):
+        name = getattr(algorithm, "func", algorithm).__name__
+        raise Sim2RealError(f"{name} trains no policy that adapts; use adapt=none")
     return algorithm(**{name: part for name, part in parts.items() if name in takes})
 
 

@@ -154,6 +154,11 @@ class ESMAML(Algorithm):
             action_low=rows[0].action_low,
             action_high=rows[0].action_high,
         )
+        if not isinstance(self.policy, MLPPolicy):
+            raise Sim2RealError(
+                "algorithm=esmaml searches parameters of an MLPPolicy, "
+                f"{type(self.policy).__name__} is none; use policy=linear or policy=mlp"
+            )
         self.population = Population(rows, self.policy, refill)
         tasks.check(self.population.space)
         self._clean = [self.population.space.index(name) for name in clean_final]

@@ -113,8 +113,9 @@ class PPO(Algorithm):
         worlds, start, acting, sorting = (
             np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)
         )
-        (rows,) = make_shards(env, num_rows, 1, tasks.effects, threads=0)
-        self.tasks, self.stream = tasks, EpisodeStream(rows, tasks, worlds)
+        self._env, self.tasks = env, tasks
+        rows = self.world(num_rows)
+        self.stream = EpisodeStream(rows, tasks, worlds)
         self.policy = make_policy(policy, rows, start, device)
         self._acting, self._sorting = acting, sorting
         self._steps, self._epochs, self._minibatch = steps, epochs, minibatch_size
@@ -130,6 +131,10 @@ class PPO(Algorithm):
         self.normalizer = Normalizer(size) if normalize_observations else None
         self._reward_scale = RewardScale(num_rows, gamma) if normalize_rewards else None
         self.frames = self.iteration = 0
+
+    def world(self, num_rows: int) -> Rows:
+        """Make rows of what it trains in, stepped by all cores."""
+        return make_shards(self._env, num_rows, 1, self.tasks.effects, threads=0)[0]
 
     def module(self) -> nn.Module:
         """Return the deterministic policy of raw observations."""

@@ -20,6 +20,7 @@ from sim2real.config import compose, prepare
 from sim2real.errors import Sim2RealError
 from sim2real.evaluate import Evaluation, evaluate_grid, find_runs, run_cells
 from sim2real.grid import Grid
+from sim2real.learner import build
 from sim2real.normalizer import Normalizer
 from sim2real.policy import MLPPolicy
 from sim2real.population import Population
@@ -216,3 +217,17 @@ def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
         scores.after[1:], run_cells(learner, arguments["eval"], 0, "seed 4").after
     )
     assert "bootstrap over 2 training runs" in (tmp_path / "out" / "table.md").read_text("utf-8")
+
+
+def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) -> None:
+    """An untrained PPO policy, near 0 everywhere: each goal's score is that of standing still."""
+    words = ["env=nav2d", "params=goals", "algorithm=ppo", "eval=grid_goals"]
+    _, arguments = prepare(compose(words), tmp_path)
+    parts = {"env": arguments["env"], "tasks": arguments["params"], "policy": arguments["policy"]}
+    learner = build(arguments["algorithm"], **parts, seed=0, device="cpu")
+    scores = run_cells(learner, evaluation(episodes=3, adaptations=2), 0, "run")  # type: ignore[arg-type]
+    still = run_cells(Trained(NoAdaptation()), evaluation(episodes=3, adaptations=2), 0, "run")
+    assert scores.adaptation_episodes == 0 and scores.after.shape == (1, 6, 2)
+    np.testing.assert_array_equal(scores.before, scores.after)
+    np.testing.assert_allclose(scores.after, still.after, rtol=0.2)
+    assert scores.steps[0] == 6 * 2 * 3 * 100

@@ -12,8 +12,9 @@ import pytest
 from envs import Hopper, Simulation
 from envs.errors import EffectError
 from envs.toys import Nav2D
+from sim2real.config import compose, prepare
 from sim2real.errors import Sim2RealError
-from sim2real.learner import with_effects
+from sim2real.learner import build, with_effects
 
 
 def test_effects_of_a_file_change_the_simulator(tmp_path: Path) -> None:
@@ -35,3 +36,20 @@ def test_effects_need_a_robot(tmp_path: Path) -> None:
         with_effects(Nav2D, path)
     with pytest.raises(EffectError, match=r"missing\.yaml"):
         with_effects(partial(Simulation, Hopper()), tmp_path / "missing.yaml")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["algorithm=ppo", "adapt=hillclimb"], "PPO trains no policy that adapts; use adapt=none"),
+        (["policy=actor_critic"], "ActorCritic is none; use policy=linear or policy=mlp"),
+    ],
+)
+def test_parts_that_do_not_go_together_are_refused(
+    words: list[str], sentence: str, tmp_path: Path
+) -> None:
+    """A way to adapt for a policy that cannot, and a network that evolution cannot search."""
+    _, given = prepare(compose(["env=nav2d", "params=goals", *words]), tmp_path)
+    parts = {name: given[name] for name in ("env", "policy", "adapt", "device")}
+    with pytest.raises(Sim2RealError, match=sentence):
+        build(given["algorithm"], **parts, tasks=given["params"], seed=0)

@@ -23,6 +23,14 @@ NAV2D = (
     "algorithm.pairs=8",
     "adapt.queries=4",
 )
+PPO = (
+    "env=inverted_pendulum",
+    "algorithm=ppo",
+    "iterations=40",
+    "checkpoint_every=3",
+    "algorithm.num_rows=8",
+    "algorithm.epochs=2",
+)
 HOPPER = ("+experiment=esmaml", "frames=null", "iterations=20", "checkpoint_every=2")
 
 
@@ -99,6 +107,11 @@ def check(experiment: tuple[str, ...], folder: Path, last: int, seconds: float) 
 def test_nav2d_survives_three_kills(tmp_path: Path) -> None:
     """SIGKILL at three random points of Nav-2D changes no bit of state or metrics."""
     check(NAV2D, tmp_path, 40, 0.05)
+
+
+def test_ppo_survives_three_kills(tmp_path: Path) -> None:
+    """The same for PPO, whose episodes in progress are part of its state."""
+    check(PPO, tmp_path, 40, 0.05)
 
 
 @pytest.mark.slow
