@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware import log_csv, log_parquet
+from hardware import log_bam, log_csv, log_parquet, log_sage
 from hardware.errors import LogError, did_you_mean, listed
 from hardware.files import whole_file
 from hardware.log_columns import ACTUATOR_KINDS, JOINT_KINDS, REQUIRED
@@ -121,13 +121,15 @@ class Log:
 
 
 def read_log(path: str | Path) -> Log:
-    """Read one CSV or Parquet file, a LeRobot episode included.
+    """Read one CSV or Parquet file, a LeRobot episode, a JSON of BAM, or a folder of SAGE.
 
     Raises:
         LogError: the file is missing, is not a log, or breaks a rule of `Log`; the message says
             file, row and column.
     """
     path = Path(path)
+    if path.is_dir() and log_sage.is_log(path):
+        return Log(*log_sage.read(path), path)
     if not path.is_file():
         near = [p.name for p in path.parent.glob("*.*")] if path.parent.is_dir() else []
         raise LogError(f"{path}: there is no such log{did_you_mean(path.name, near)}")
@@ -135,15 +137,20 @@ def read_log(path: str | Path) -> Log:
         columns, meta = log_csv.read(path), {}
     elif path.suffix == ".parquet":
         columns, meta = log_parquet.read(path)
+    elif path.suffix == ".json":
+        return Log(*log_bam.read(path), path)
     else:
         raise LogError(
-            f"{path}: a log is a .csv or a .parquet file, this is {path.suffix or 'neither'}"
+            f"{path}: a log is a .csv or a .parquet file (or a .json of BAM), this is "
+            f"{path.suffix or 'neither'}"
         )
     return Log(columns, meta | _read_meta(path.with_suffix(".json")), path)
 
 
 def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
     """Read a file, all logs of a folder (sorted by name), a LeRobot data set, or a list of these.
+
+    A folder may hold logs of BAM (JSON files) and of SAGE (folders) as well.
 
     Raises:
         LogError: nothing is there, or a file breaks a rule of `read_log`.
@@ -154,15 +161,22 @@ def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
             raise LogError("an empty list of logs was given; name a file or a folder")
         return logs
     path = Path(source)
-    if not path.is_dir():
+    if not path.is_dir() or log_sage.is_log(path):
         return [read_log(path)]
     inside = path / "data" if (path / "meta" / "info.json").is_file() else path
     found = inside.rglob("*") if inside != path else inside.iterdir()
-    logs = (p for p in found if p.suffix in (".csv", ".parquet"))
-    files = sorted(p for p in logs if not p.name.startswith("."))
+    files = sorted(p for p in found if _is_log(p) and not p.name.startswith("."))
     if not files:
-        raise LogError(f"{path}: the folder holds no log (.csv or .parquet)")
+        raise LogError(
+            f"{path}: the folder holds no log (.csv or .parquet, a .json of BAM, a folder of SAGE)"
+        )
     return [read_log(file) for file in files]
+
+
+def _is_log(path: Path) -> bool:
+    if path.suffix in (".csv", ".parquet"):
+        return True
+    return log_sage.is_log(path) if path.is_dir() else log_bam.is_log(path)
 
 
 def write_log(path: str | Path, log: Log) -> Path:

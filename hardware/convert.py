@@ -1,0 +1,97 @@
+"""Turn logs of other tools into this project's own, with new names and a model where wanted.
+
+    python -m hardware.convert source=FOLDER to=FOLDER joints=pan,lift model=arm.xml
+
+`source` is anything that `hardware.log.read_logs` knows; `to` gets a CSV and a JSON for each log;
+`joints` are new names for joints and actuators, in the log's order; `model` is the MJCF.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from hardware.errors import HardwareError, LogError, did_you_mean, listed
+from hardware.log import Log, read_logs, write_log
+
+KEYS = ("source", "to", "joints", "model")
+
+
+def convert(
+    source: str | Path,
+    to: str | Path,
+    joints: Sequence[str] = (),
+    model: str | Path | None = None,
+) -> list[Path]:
+    """Read logs and write each as a CSV of the same name.
+
+    Args:
+        source: see `hardware.log.read_logs`.
+        to: a folder.
+        joints: new names, as many as the log has joints; none keeps them.
+        model: the MJCF that is named in the metadata.
+
+    Returns:
+        The files.
+
+    Raises:
+        LogError: a log that is damaged, another number of names, or two logs of one name.
+    """
+    logs = read_logs(source)
+    names = [log.path.stem if log.path else "log" for log in logs]
+    for name in names:
+        if names.count(name) > 1:
+            raise LogError(f"two logs are called {name!r}; convert their folders one by one")
+    Path(to).mkdir(parents=True, exist_ok=True)
+    extra = {} if model is None else {"model": str(Path(model).resolve())}
+    made = [renamed(log, joints) if joints else log for log in logs]
+    made = [Log(log.columns, {**log.meta, **extra}, log.path) for log in made]
+    return [write_log(Path(to) / f"{name}.csv", log) for name, log in zip(names, made, strict=True)]
+
+
+def renamed(log: Log, joints: Sequence[str]) -> Log:
+    """Return the log with other names for its joints, and for its actuators in the same order.
+
+    Raises:
+        LogError: another number of names than the log has joints, or actuators named otherwise.
+    """
+    if len(joints) != len(log.joints) or log.actuators != log.joints:
+        raise LogError(
+            f"{log.path}: it has joints {listed(log.joints)} and actuators "
+            f"{listed(log.actuators)}; {len(joints)} names cannot replace them"
+        )
+    new = dict(zip(log.joints, joints, strict=True))
+    columns = {_renamed(name, new): values for name, values in log.columns.items()}
+    settings = {new.get(name, name): value for name, value in log.settings.items()}
+    meta = {**log.meta, **({"settings": settings} if settings else {})}
+    return Log(columns, meta, log.path)
+
+
+def _renamed(column: str, new: dict[str, str]) -> str:
+    kind, _, name = column.partition(".")
+    if kind == "sensor":
+        old = next((joint for joint in new if name.endswith(f"_{joint}")), None)
+        return column if old is None else f"{column[: -len(old)]}{new[old]}"
+    return f"{kind}.{new[name]}" if name in new else column
+
+
+def main(words: Sequence[str]) -> str | None:
+    """Convert as the words say; return what is wrong with them, or None."""
+    keys = dict(word.partition("=")[::2] for word in words)
+    for key in keys:
+        if key not in KEYS:
+            return f"there is no key {key!r}{did_you_mean(key, KEYS)}; there are {listed(KEYS)}"
+    if not keys.get("source") or not keys.get("to"):
+        return __doc__
+    joints = [name for name in keys.get("joints", "").split(",") if name]
+    try:
+        files = convert(keys["source"], keys["to"], joints, keys.get("model"))
+    except HardwareError as error:
+        return str(error)
+    sys.stdout.write("".join(f"{file}\n" for file in files))
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
