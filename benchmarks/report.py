@@ -40,6 +40,8 @@ THRESHOLDS = (
     Threshold("es_population_fresh", "raw_physics_es_fresh", 0.88, 0.95),
     Threshold("es_population_fresh", "es_two_processes_torch_fresh", 2.5),
     Threshold("es_population_fresh", "es_two_processes_numpy_fresh", 1.5),
+    Threshold("pixels_gl", "pixels_gymenv", 15.0, 25.0),
+    Threshold("pixels_rays", "pixels_gymenv", 100.0, 150.0),
 )
 PACKAGES = ("mujoco", "torch", "torchrl", "gymnasium", "envpool", "numpy")
 

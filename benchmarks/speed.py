@@ -127,6 +127,7 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     from benchmarks.rows.batched import BatchedEnv, Collected, make_env
     from benchmarks.rows.others import TASK, EnvPool, GymnasiumTorch, TorchRLParallel, Vectorized
     from benchmarks.rows.physics import RawPhysics
+    from benchmarks.rows.pixels import BatchedPixels, Pixels
     from benchmarks.rows.population import ESPopulation, Evaluation, TwoProcesses
     from benchmarks.world import THREADS, Gait, make_simulation
 
@@ -185,4 +186,7 @@ def default_rows(scale: float = 1.0) -> list[Row]:
         TwoProcesses(
             "es_two_processes_numpy_fresh", job_fresh, of(512), "numpy", "raw_physics_es_fresh"
         ),
+        Pixels("pixels_gymenv", 1, of(60), "GymEnv(from_pixels=True), 84 x 84"),
+        BatchedPixels("gl", 32, of(40), f"N = 32, OpenGL in {THREADS} processes, 84 x 84"),
+        BatchedPixels("rays", 128, of(60), f"N = 128, rays on {THREADS} threads, 84 x 84"),
     ]
