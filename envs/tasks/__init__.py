@@ -5,7 +5,7 @@ from envs.tasks.base import State, Task
 from envs.tasks.half_cheetah import HalfCheetah
 from envs.tasks.hopper import Hopper, HopperPolito
 from envs.tasks.inverted_pendulum import InvertedPendulum
-from envs.tasks.servo import Bench1, ServoTask
+from envs.tasks.servo import Bench1, Hopper2, Quad8, ServoTask
 from envs.tasks.swimmer import Swimmer
 from envs.tasks.walker2d import Walker2d
 
@@ -14,8 +14,10 @@ __all__ = [
     "Bench1",
     "HalfCheetah",
     "Hopper",
+    "Hopper2",
     "HopperPolito",
     "InvertedPendulum",
+    "Quad8",
     "ServoTask",
     "State",
     "Swimmer",
