@@ -36,6 +36,10 @@ LEFT_OUT = {
     "sensor_noise": "it changes what is read, not how the robot moves",
     "quantization": "it changes what is read, not how the robot moves",
     "velocity_filter": "it changes what is read, not how the robot moves",
+    **dict.fromkeys(
+        ("colour", "light_level", "light_direction", "camera_shift", "camera_turn"),
+        "it changes images, not how the robot moves",
+    ),
 }
 SAID = (
     *("backlash", "joint_compliance"),
