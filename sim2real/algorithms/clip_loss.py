@@ -100,6 +100,31 @@ def entropy(log_std: Tensor) -> Tensor:
     return log_std.sum() + 0.5 * len(log_std) * (1 + LOG_2PI)
 
 
+class AutogradGradient:
+    """The gradient of `ClipLoss` for any network, by autograd.
+
+    Args:
+        policy: gets the gradient into `policy.theta.grad`.
+        loss: what is differentiated.
+    """
+
+    def __init__(self, policy: Network, loss: ClipLoss) -> None:
+        self._policy, self._loss = policy, loss
+
+    def __call__(self, batch: Batch) -> None:
+        """Write the gradient at the present parameters of a batch's loss."""
+        self._policy.theta.grad = None
+        with torch.enable_grad():
+            self._loss(self._policy, batch).backward()
+
+
+def make_gradient(policy: Network, loss: ClipLoss) -> AutogradGradient | PerceptronGradient:
+    """Return the faster way to differentiate the loss of that policy."""
+    if isinstance(policy, ActorCritic):
+        return PerceptronGradient(policy, loss)
+    return AutogradGradient(policy, loss)
+
+
 class PerceptronGradient:
     """The gradient of `ClipLoss` for an `ActorCritic`, written out.
 

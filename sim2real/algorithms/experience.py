@@ -15,6 +15,7 @@ import torch
 
 from sim2real.actor_critic import ActorCritic
 from sim2real.algorithms.stream import EpisodeStream
+from sim2real.conv_actor_critic import ConvActorCritic
 from sim2real.normalizer import Normalizer
 
 Tensor = torch.Tensor
@@ -61,7 +62,7 @@ def normalized(raw: np.ndarray, normalizer: Normalizer | None) -> np.ndarray:
 @torch.no_grad()
 def gather(
     stream: EpisodeStream,
-    policy: ActorCritic,
+    policy: ActorCritic | ConvActorCritic,
     steps: int,
     rng: np.random.Generator,
     normalizer: Normalizer | None,

@@ -27,14 +27,15 @@ from sim2real.algorithms.base import Algorithm
 from sim2real.algorithms.clip_loss import (
     Batch,
     ClipLoss,
-    PerceptronGradient,
     entropy,
     log_prob,
+    make_gradient,
 )
 from sim2real.algorithms.esmaml import make_shards
 from sim2real.algorithms.experience import Experience, gather
 from sim2real.algorithms.reward_scale import RewardScale
 from sim2real.algorithms.stream import EpisodeStream
+from sim2real.conv_actor_critic import ConvActorCritic
 from sim2real.errors import CheckpointError, Sim2RealError
 from sim2real.normalizer import Normalizer
 
@@ -81,7 +82,7 @@ class PPO(Algorithm):
         self,
         env: Callable[..., Rows],
         tasks: Tasks,
-        policy: Callable[..., ActorCritic],
+        policy: Callable[..., ActorCritic | ConvActorCritic],
         seed: int,
         device: str,
         *,
@@ -123,7 +124,7 @@ class PPO(Algorithm):
         self._gamma, self._lmbda = gamma, lmbda
         self._max_norm, self._target_kl = max_grad_norm, target_kl
         self._loss = ClipLoss(clip_epsilon, critic_coeff, entropy_coeff, normalize_advantage)
-        self._gradient = PerceptronGradient(self.policy, self._loss)
+        self._gradient = make_gradient(self.policy, self._loss)
         self._optimizer = torch.optim.Adam(
             [self.policy.theta], lr=learning_rate, eps=adam_eps, fused=True
         )
@@ -267,7 +268,7 @@ class PPO(Algorithm):
 
 def make_policy(
     policy: Callable[..., Any], rows: Rows, rng: np.random.Generator, device: str
-) -> ActorCritic:
+) -> ActorCritic | ConvActorCritic:
     """Make and initialize the actor and critic for rows.
 
     Raises:
@@ -279,10 +280,10 @@ def make_policy(
         action_low=rows.action_low,
         action_high=rows.action_high,
     )
-    if not isinstance(made, ActorCritic):
+    if not isinstance(made, ActorCritic | ConvActorCritic):
         raise Sim2RealError(
             f"algorithm=ppo trains an actor and a critic, {type(made).__name__} is none; "
-            "use policy=actor_critic"
+            "use policy=actor_critic, or policy=cnn for images"
         )
     made.initialize(torch.Generator().manual_seed(int(rng.integers(2**63))))
     return made.to(device)
