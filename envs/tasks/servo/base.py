@@ -28,8 +28,9 @@ from envs.errors import TaskError, did_you_mean
 from envs.noise import uniform
 from envs.quiet import no_deprecation_notice
 from envs.tasks.base import Commanded, State, Task
-from envs.tasks.servo.drive import COUNT, ideal, servo
+from envs.tasks.servo.drive import COUNT, ideal, servo, slope
 from envs.tasks.servo.robot import read_machine
+from envs.tasks.servo.slope import PwmSlope
 
 Fidelity = Literal["ideal", "servo"]
 ASSETS = Path(__file__).parents[2] / "assets"
@@ -108,10 +109,16 @@ class ServoTask(Task):
         self._damping = model.actuator_damping.copy()  # (n,) back-EMF
 
     def fixed(self) -> Sequence[tuple[Effect, Sequence[float]]]:
-        """Return what the servos' own sensors do: counts, and a filter on the speed."""
+        """Return counts and a filter on the speed, and a slow voltage where it is so set."""
         if self.fidelity == "ideal":
             return ()
-        return ((make("quantization"), (COUNT,)), (make("velocity_filter"), (SPEED_FILTER,)))
+        own: list[tuple[Effect, Sequence[float]]] = [
+            (make("quantization"), (COUNT,)),
+            (make("velocity_filter"), (SPEED_FILTER,)),
+        ]
+        machine = self.machine
+        rates = [slope(k, r) for k, r in zip(machine.kinds, machine.registers, strict=True)]
+        return own if np.isinf(rates).all() else [*own, (PwmSlope(np.array(rates)), ())]
 
     def rest(self, model: mujoco.MjModel) -> np.ndarray:
         """Return the pose at home as the servos' goals [rad], (n,)."""

@@ -60,6 +60,12 @@ def kind(name: str) -> Kind:
     return KINDS[name]
 
 
+def slope(name: str, registers: Mapping[str, int]) -> float:
+    """Return how fast the firmware lets a motor's torque change [N·m/s]; inf for no limit."""
+    motor, steps = kind(name), registers.get("pwm_slope", NO_SLOPE)
+    return math.inf if steps >= NO_SLOPE else steps * SLOPE * motor.constant / motor.resistance
+
+
 def ideal(actuator: mujoco.MjsActuator, name: str) -> None:
     """Make an actuator the naive model of a servo type."""
     stall = kind(name).stall
