@@ -183,12 +183,30 @@ class Guard:
         Raises:
             SafetyError: with the servo and the reason; the robot is stopped.
         """
+        reading = self.measure()
+        self.inspect()
+        return reading
+
+    def measure(self) -> Reading:
+        """Read all servos; stop if one is silent, in trouble or astray. A part of `read`.
+
+        Raises:
+            SafetyError: with the servo and the reason; the robot is stopped.
+        """
         reading = self._do(self.driver.read)
         if self.armed:
             self._check_reading(reading)
+        return reading
+
+    def inspect(self) -> None:
+        """Ask the next servo in turn for its health; stop if it is not well. A part of `read`.
+
+        Raises:
+            SafetyError: with the servo and the reason; the robot is stopped.
+        """
+        if self.armed:
             self._turn = (self._turn + 1) % len(self.driver)
             self._check_health(self._turn, self._do(lambda: self.driver.health(self._turn)))
-        return reading
 
     def move_to(self, angles: np.ndarray, speed: float = 0.5) -> Reading:
         """Go to a pose [rad], (n,), at this speed [rad/s], and return the last reading.

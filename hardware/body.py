@@ -1,0 +1,80 @@
+"""Sensors beside the servos: where the robot's base is, how it is turned, how fast it turns.
+
+    names: "orientation"  a unit quaternion w x y z, (4,)
+           "gyro"         angular velocity about the base's own axes [rad/s], (3,)
+           "position"     of the base, from an external tracker [m], (3,)
+
+A real robot's are whatever you plug in: write a class with these three members and hand it to
+`ServoBackend(sensors=...)`. The emulated robot has all that its model has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+from hardware.emulator.model import home_pose
+from hardware.emulator.world import World
+
+SIZES = {"orientation": 4, "gyro": 3, "position": 3}
+
+
+class BodySensors(Protocol):
+    """What is measured beside the servos, and how the robot gets back to its start."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return which of the quantities above it measures."""
+        ...
+
+    def measure(self, now: float) -> Mapping[str, np.ndarray]:
+        """Return the newest values by name; `now` is the clock's time [s]."""
+        ...
+
+    def put_back(self, now: float) -> None:
+        """Put the robot where episodes start; by hand, it can only be waited for."""
+        ...
+
+
+class EmulatedBody:
+    """The IMU of an emulated robot, a tracker of its base, and the hand that puts it back.
+
+    Args:
+        world: the robot. Its IMU is what its model has of the sensors `orientation` and `gyro`.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        mechanics = world.mechanics
+        imu = tuple(name for name in ("orientation", "gyro") if name in mechanics.sensors())
+        self._base = int(mechanics.model.body_rootid[mechanics.model.dof_bodyid[mechanics.dof[0]]])
+        turned = set(mechanics.qpos.tolist())
+        model = mechanics.model
+        self._home: list[tuple[slice, np.ndarray, slice]] = []
+        for name, values in home_pose(world.robot).items():
+            joint = model.joint(name)
+            if int(joint.qposadr[0]) not in turned:
+                start, dof = int(joint.qposadr[0]), int(joint.dofadr[0])
+                size = 6 if len(values) == 7 else 3 if len(values) == 4 else 1
+                place = slice(start, start + len(values)), values, slice(dof, dof + size)
+                self._home.append(place)
+        self.names: tuple[str, ...] = (*imu, "position") if self._home else imu
+
+    def measure(self, now: float) -> dict[str, np.ndarray]:
+        """Return what the robot's IMU and the tracker see now."""
+        self._world.advance(now)
+        mechanics = self._world.mechanics
+        values = {name: v for name, v in mechanics.sensors().items() if name in self.names}
+        if "position" in self.names:
+            values["position"] = mechanics.data.xpos[self._base].copy()
+        return values
+
+    def put_back(self, now: float) -> None:
+        """Put the base where it is in the keyframe `home`, at rest; the servos stay as they are."""
+        self._world.advance(now)
+        data = self._world.mechanics.data
+        for positions, values, speeds in self._home:
+            data.qpos[positions] = values
+            data.qvel[speeds] = 0.0

@@ -1,0 +1,180 @@
+"""The log of an episode on a robot, a row a control step: what was measured, asked for and sent.
+
+    log = StepLog(robot, folder=Path("logs"))
+    log.begin(measured)
+    log.add(time, action, wanted, sent, health, counters)       # as the command is written
+    log.outcome(reward, late)                                   # what came of it
+    log.follow(measured)                                        # the next row's measurement
+    log.finish({"missed": 0})                                   # writes logs/episode-0000.csv
+
+Beside the columns of every log there are `action.<i>` (what the policy said), `action.<servo>` (the
+goal that the task made of it) where `ctrl.<servo>` is what was sent; `sensor.count_`, `duty_`,
+`torque_`, `fresh_` and `lost_<servo>` (raw position, duty, N·m, whether the answer is new, answers
+lost so far), `sensor.<name>_<i>` of an IMU or tracker, `flag.late` (a deadline was missed in this
+step), `flag.limited` (the guard sent less than the goal), `flag.stopped` and `flag.end` (the
+episode's last measurement: nothing was sent any more, the last command holds).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hardware.backends import Measured
+from hardware.config import Robot
+from hardware.driver import Health
+from hardware.line import Counters
+from hardware.log import Log, write_log
+from hardware.record import joint_names
+from hardware.safety import Sent
+
+Row = dict[str, float]
+
+
+class StepLog:
+    """Gathers the rows of one episode after the other, and writes a file for each.
+
+    Args:
+        robot: whose log it is.
+        folder: where the files go; those there are numbered on from. None writes none.
+    """
+
+    def __init__(self, robot: Robot, folder: Path | None = None) -> None:
+        self.robot, self.folder = robot, folder
+        self.last: Log | None = None  # of the episode that ended last
+        self._joints = joint_names(robot)
+        self._number = 0 if folder is None else _next_number(folder)
+        self._rows: list[Row] = []
+        self._measured: Measured | None = None
+
+    def begin(self, measured: Measured) -> None:
+        """Start an episode with what was measured first."""
+        self._rows, self._measured = [], measured
+
+    def add(
+        self,
+        time: float,
+        action: np.ndarray,
+        wanted: np.ndarray,
+        sent: Sent,
+        health: Sequence[Health | None],
+        counters: Mapping[str, Counters],
+    ) -> None:
+        """Write down a command beside what was measured before it.
+
+        Args:
+            time: when it was written, from the episode's start [s].
+            action: what the policy said, (A,).
+            wanted: the goals asked for [rad], (n,).
+            sent: the goals sent.
+            health: the newest state of each servo; empty where there is none.
+            counters: of each servo.
+        """
+        assert self._measured is not None
+        row = {"time": time, **self._measurement(self._measured)}
+        names = self.robot.names
+        for i, name in enumerate(names):
+            row[f"ctrl.{name}"], row[f"action.{name}"] = float(sent.angles[i]), float(wanted[i])
+        row |= {f"action.{i}": float(value) for i, value in enumerate(action)}
+        row["flag.limited"] = float(any(sent.limited))
+        for name, state in zip(names, health, strict=False):
+            if state is not None:
+                row[f"voltage.{name}"], row[f"temperature.{name}"] = (
+                    state.voltage,
+                    state.temperature,
+                )
+        for name, count in counters.items():
+            row[f"sensor.lost_{name}"] = float(
+                count.timeout + count.corrupt + count.short + count.stale
+            )
+        flags = dict.fromkeys(("flag.late", "flag.stopped", "flag.end"), 0.0)
+        self._rows.append(row | {"reward": 0.0} | flags)
+
+    def outcome(self, reward: float, late: bool) -> None:
+        """Write down what the last command earned, and whether its step missed a deadline."""
+        self._rows[-1] |= {"reward": reward, "flag.late": float(late)}
+
+    def stopped(self) -> None:
+        """Mark the last command as the one after which the robot was stopped."""
+        if self._rows:
+            self._rows[-1]["flag.stopped"] = 1.0
+
+    def follow(self, measured: Measured) -> None:
+        """Take the measurement that the next row starts with."""
+        self._measured = measured
+
+    def finish(self, facts: Mapping[str, Any]) -> Log | None:
+        """End the episode and write its file; None if it has no rows.
+
+        Args:
+            facts: what the metadata shall say beside the robot's settings.
+        """
+        rows, measured = self._rows, self._measured
+        self._rows, self._measured = [], None
+        if not rows or measured is None:
+            return None
+        if measured.time > rows[-1]["time"]:
+            rows.append(rows[-1] | {"time": measured.time, **self._measurement(measured)})
+            rows[-1] |= {"reward": 0.0, "flag.late": 0.0, "flag.end": 1.0}
+        if len(rows) < 2:
+            return None
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        columns: dict[str, Any] = {"episode": np.full(len(rows), self._number)}
+        for name in names:
+            values = _filled([row.get(name) for row in rows])
+            columns[name] = np.array(values)
+        self.last = Log(columns, self._meta(facts))
+        if self.folder is not None:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            write_log(self.folder / f"episode-{self._number:04d}.csv", self.last)
+        self._number += 1
+        return self.last
+
+    def _measurement(self, measured: Measured) -> Row:
+        reading, row = measured.reading, {}
+        begin = reading.time - measured.time
+        for i, (name, joint) in enumerate(zip(self.robot.names, self._joints, strict=True)):
+            row |= {
+                f"qpos.{joint}": float(reading.position[i]),
+                f"qvel.{joint}": float(reading.velocity[i]),
+                f"stamp.{joint}": float(reading.stamp[i]) - begin,
+                f"current.{name}": float(reading.current[i]),
+                f"sensor.duty_{name}": float(reading.duty[i]),
+                f"sensor.count_{name}": float(reading.count[i]),
+                f"sensor.torque_{name}": float(measured.torque[i]),
+                f"sensor.fresh_{name}": float(reading.fresh[i]),
+            }
+        for name, values in measured.body.items():
+            row |= {f"sensor.{name}_{i}": float(value) for i, value in enumerate(values)}
+        return row | {"flag.fresh": float(reading.fresh.all())}
+
+    def _meta(self, facts: Mapping[str, Any]) -> dict[str, Any]:
+        robot = self.robot
+        settings = {servo.name: robot.registers_of(servo) for servo in robot.servos}
+        return {
+            "robot": robot.name,
+            "model": str(robot.model.resolve()),
+            "settings": settings,
+            "rate": robot.rate,
+            "command_delay": robot.command_delay,
+            "supply_voltage": robot.supply.voltage,
+            **facts,
+        }
+
+
+def _filled(values: list[float | None]) -> list[float]:
+    """Replace what was not known yet by the first value that was."""
+    known = next((value for value in values if value is not None), 0.0)
+    filled = []
+    for value in values:
+        known = known if value is None else value
+        filled.append(known)
+    return filled
+
+
+def _next_number(folder: Path) -> int:
+    numbers = [int(path.stem.split("-")[1]) for path in folder.glob("episode-*.csv")]
+    return max(numbers, default=-1) + 1
