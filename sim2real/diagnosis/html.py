@@ -202,7 +202,7 @@ def _windows(report: Report) -> list[dict[str, Any]]:
 def _chosen(pieces: list[tuple[Trace, svg.Span]]) -> list[tuple[str, Trace, svg.Span]]:
     """Return the piece with the largest gap before, a typical one, and that with the largest after.
 
-    Pieces that were chosen before are left out.
+    Pieces that overlap one chosen before are left out.
     """
     before = [svg.error(trace, "nominal", span) for trace, span in pieces]
     after = [svg.error(trace, "corrected", span) for trace, span in pieces]
@@ -211,14 +211,20 @@ def _chosen(pieces: list[tuple[Trace, svg.Span]]) -> list[tuple[str, Trace, svg.
         "A typical moment": np.argsort(np.abs(np.array(before) - np.median(before))),
         "Largest gap that is left": np.argsort(after)[::-1],
     }
-    taken: list[int] = []
-    chosen = []
+    chosen: list[tuple[str, Trace, svg.Span]] = []
     for title, order in orders.items():
-        first = next((int(i) for i in order if int(i) not in taken), None)
-        if first is not None:
-            taken.append(first)
-            chosen.append((title, *pieces[first]))
+        free = (pieces[i] for i in order if not any(_overlap(pieces[i], c[1:]) for c in chosen))
+        piece = next(free, None)
+        if piece is not None:
+            chosen.append((title, *piece))
     return chosen
+
+
+def _overlap(one: tuple[Trace, svg.Span], other: tuple[Trace, svg.Span]) -> bool:
+    """Return whether two pieces of one recording share some of it."""
+    (first, a), (second, b) = one, other
+    same = (first.log, first.episode) == (second.log, second.episode)
+    return same and a.start < b.end and b.start < a.end
 
 
 def _window(title: str, trace: Trace, span: svg.Span) -> dict[str, Any]:
