@@ -74,6 +74,7 @@ def view(report: Report) -> dict[str, Any]:
         "strip": _strip(report),
         "causes": [_cause(number, cause) for number, cause in enumerate(report.causes, 1)],
         "windows": _windows(report),
+        "fitted": any(not trace.held_out.all() for trace in evidence.traces),
         "recordings": _recordings(evidence.traces),
         "candidates": _candidates(evidence.candidates),
         "shown": SHOWN,

@@ -1,6 +1,6 @@
 """`model.xml`: the model with the effects that a diagnosis found, where MJCF can say them.
 
-    left_out = write("model.xml", spec, load_effects("effects.yaml"))
+    left_out = write(spec, load_effects("effects.yaml"), "model.xml")
 
 A comment at its top lists the effects that are in the file, and those that only `effects.yaml` can
 carry, each with the reason. Numbers have the six digits of MuJoCo's writer. What the effects did
@@ -50,13 +50,13 @@ SAID = (
 Put = Callable[[Any, np.ndarray], None]  # writes a row of a model's field into an element of a spec
 
 
-def write(path: str | Path, spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> dict[str, str]:
+def write(spec: mujoco.MjSpec, effects: Sequence[Fixed], path: str | Path) -> dict[str, str]:
     """Write the model with the effects, whole or not at all.
 
     Args:
-        path: the MJCF.
         spec: the model as given; it is copied, not changed.
         effects: each with its values, as `load_effects` returns them.
+        path: the MJCF.
 
     Returns:
         The effects that are not in the file, by label, with the reason.

@@ -55,7 +55,7 @@ def test_replay_of_the_file_equals_replay_with_the_effect(
     """The model as given with the effect, and the file alone, move alike; the effect is felt."""
     spec = mujoco.MjSpec.from_file(str(ASSETS / "bench1.xml"))
     effects = [(make(name, **arguments), values)]
-    left_out = model_file.write(tmp_path / "model.xml", spec, effects)
+    left_out = model_file.write(spec, effects, tmp_path / "model.xml")
     alone = moved(mujoco.MjSpec.from_file(str(tmp_path / "model.xml")))
     expected = moved(spec, effects)
     assert left_out == {}
@@ -73,7 +73,7 @@ def test_several_effects_compose(tmp_path: Path) -> None:
         (make("backlash", where="hinge", side="motor"), (0.03,)),
         (make("link_mass", where="arm"), (0.03,)),
     ]
-    model_file.write(tmp_path / "model.xml", spec, effects)
+    model_file.write(spec, effects, tmp_path / "model.xml")
     alone = moved(mujoco.MjSpec.from_file(str(tmp_path / "model.xml")))
     np.testing.assert_allclose(alone, moved(spec, effects), atol=5e-5)
 
@@ -86,7 +86,7 @@ def test_what_mjcf_cannot_say_is_listed_with_its_reason(tmp_path: Path) -> None:
         (make("backlash", where="hinge", side="link"), (0.03,)),
         (make("viscous_friction", where="hinge"), (0.01,)),
     ]
-    left_out = model_file.write(tmp_path / "model.xml", spec, effects)
+    left_out = model_file.write(spec, effects, tmp_path / "model.xml")
     text = (tmp_path / "model.xml").read_text()
     assert set(left_out) == {"stribeck_friction.hinge", "backlash.hinge"}
     assert all(f"Only in effects.yaml: {label} (" in text for label in left_out)
@@ -101,7 +101,7 @@ def test_a_body_keeps_its_inertia_where_geoms_would_say_otherwise(tmp_path: Path
 
     spec = HopperPolito(domain="source").spec()
     effect = make("link_mass", where="torso")
-    model_file.write(tmp_path / "model.xml", spec, [(effect, (1.0,))])
+    model_file.write(spec, [(effect, (1.0,))], tmp_path / "model.xml")
     nominal = spec.copy().compile()
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     change = model.body_mass - nominal.body_mass
@@ -117,7 +117,7 @@ def test_contacts_are_written(tmp_path: Path) -> None:
 
     spec = HopperPolito(domain="source").spec()
     effects = [(make("ground_friction"), (0.7,)), (make("contact_stiffness"), (0.25,))]
-    model_file.write(tmp_path / "model.xml", spec, effects)
+    model_file.write(spec, effects, tmp_path / "model.xml")
     nominal = spec.copy().compile()
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     for geom in ("foot_geom", "floor"):
