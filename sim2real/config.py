@@ -60,9 +60,13 @@ class Config:
     video: dict[str, Any] | None
     cluster: dict[str, Any] | None
     robot: dict[str, Any]
+    exam: dict[str, Any]
     port: str | None
     calibration: str | None
     arm: bool
+    dry_run: bool
+    episodes: int
+    settle: float
     motions: list[str]
     seconds: float
     log: str | list[str] | None

@@ -1,0 +1,82 @@
+"""One diagnosis of an exam, in a process of its own: it is given a case's logs and nothing else.
+
+    python -m sim2real.blind.answer outputs/exam/logs/case_007 outputs/exam/answers/case_007
+
+`task.json` among the logs says which effects may not be used and the seed. The answer is
+`report.json`; a diagnosis that fails leaves `error.txt`, which counts as wrong.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import traceback
+from pathlib import Path
+
+from sim2real.errors import Sim2RealError
+from sim2real.files import write_text
+
+REPORT, ERROR, TASK = "report.json", "error.txt", "task.json"
+LONGEST = 1800.0  # s after which a diagnosis counts as failed
+
+
+def answered(folder: Path) -> bool:
+    """Return whether a case has its answer, be it a failure."""
+    return (folder / REPORT).is_file() or (folder / ERROR).is_file()
+
+
+def ask(logs: Path, answer: Path) -> None:
+    """Start a process that diagnoses one case, and wait for its answer.
+
+    Args:
+        logs: the case's folder.
+        answer: the folder that gets the answer.
+    """
+    answer.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "sim2real.blind.answer", str(logs), str(answer)]
+    root = Path(__file__).parents[2]
+    paths = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "PYTHONPATH": paths}
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=LONGEST, env=environment, check=False
+        )
+        said = done.stderr[-4000:]
+    except subprocess.TimeoutExpired:
+        said = f"no answer within {LONGEST:g} s"
+    if not answered(answer):
+        write_text(answer / ERROR, said or "the process ended without a word")
+
+
+def answer(logs: Path, folder: Path) -> None:
+    """Diagnose one case in this process and write the answer, or what went wrong."""
+    try:
+        _diagnose(logs, folder)
+    except Exception:
+        write_text(folder / ERROR, traceback.format_exc())
+
+
+def _diagnose(logs: Path, folder: Path) -> None:
+    from hardware.log import read_logs
+    from sim2real.diagnose import diagnose
+
+    task = json.loads((logs / TASK).read_text(encoding="utf-8"))
+    report = diagnose(read_logs(logs), exclude=tuple(task["exclude"]), seed=task["seed"])
+    report.write(folder / REPORT)
+
+
+def main(arguments: list[str]) -> None:
+    """Answer the case of the command line.
+
+    Raises:
+        Sim2RealError: not two folders.
+    """
+    if len(arguments) != 2:
+        raise Sim2RealError("two folders are wanted: a case's logs, and where its answer goes")
+    answer(Path(arguments[0]), Path(arguments[1]))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,69 @@
+"""Cases of an exam: a balanced draw from one seed, and folders that keep the secret."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from hardware.log import read_logs
+from sim2real.blind import logs as logs_module
+from sim2real.blind import sizes
+from sim2real.blind.cases import KEY, Exam, Outline
+from sim2real.blind.hiding import EFFECTS
+from sim2real.errors import Sim2RealError
+
+FULL = Exam(["bench1", "arm6"], one=2, two=12, none=3, excluded=4)
+
+
+def test_every_robot_gets_every_effect_equally_often() -> None:
+    """One hidden effect: each effect and robot twice; two: each effect about equally often."""
+    drawn = FULL.draw(3)
+    single = Counter((one.robot, *one.effects) for one in drawn if one.kind == "one")
+    assert set(single.values()) == {2}
+    assert len(single) == 2 * len(EFFECTS)
+    pairs = Counter(e for one in drawn if one.kind == "two" for e in one.effects)
+    assert max(pairs.values()) - min(pairs.get(e, 0) for e in EFFECTS) <= 3
+    kinds = Counter(one.kind for one in drawn)
+    assert (kinds["two"], kinds["none"], kinds["excluded"]) == (24, 6, 8)
+
+
+def test_the_same_seed_draws_the_same_cases() -> None:
+    """Another seed draws others."""
+    assert FULL.draw(3) == FULL.draw(3)
+    assert [one.seed for one in FULL.draw(3)] != [one.seed for one in FULL.draw(4)]
+
+
+def test_a_sample_holds_every_kind() -> None:
+    """Even where its share of the kind would be less than a case."""
+    drawn = Exam(["bench1"], one=3, two=1, none=1, excluded=1, sample=8).draw(0)
+    assert {one.kind for one in drawn} == {"one", "two", "none", "excluded"}
+    assert len(drawn) == 8
+
+
+@pytest.mark.parametrize("wrong", [{"robots": []}, {"one": -1}, {"one": 0}, {"sample": 0}], ids=str)
+def test_an_exam_without_cases_is_refused(wrong: dict) -> None:
+    """With the value and what to do."""
+    given = {"robots": ["bench1"], "one": 1, "two": 0, "none": 0, "excluded": 0} | wrong
+    with pytest.raises(Sim2RealError, match=r"no case|must be at least 1"):
+        Exam(**given)
+
+
+def test_a_case_keeps_its_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a diagnosis is given names no effect; the key has a gap of the wanted size."""
+    monkeypatch.setattr(logs_module, "SECONDS", 4.0)
+    monkeypatch.setattr(logs_module, "AGAIN", 2.0)
+    monkeypatch.setattr(sizes, "TRIALS", 6)
+    exam = Exam(["bench1"], one=1, two=0, none=0, excluded=0)
+    logs, key = tmp_path / "logs", tmp_path / "keys"
+    assert exam.make(Outline("case_000", "one", "bench1", ("dead_zone",), 5), logs, key)
+    told = "".join(file.read_text() for file in logs.iterdir())
+    assert "dead_zone" not in told
+    case = json.loads((key / KEY).read_text())
+    assert case["truths"][0]["effect"] == "dead_zone"
+    assert 2.7 < case["gap"] / case["floor"] < 60
+    assert case["residue"] < case["gap"] / 2
+    assert [log.path.name for log in read_logs(logs)] == ["a.csv", "a_again.csv", "b.csv"]
+    assert all(log.model.is_file() for log in [*read_logs(logs), *read_logs(key)])

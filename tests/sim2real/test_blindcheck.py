@@ -1,0 +1,106 @@
+"""The exam from end to end, with a diagnosis that is told the truth, or nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from sim2real import blindcheck
+from sim2real.blind import logs as logs_module
+from sim2real.blind import sizes
+from sim2real.blind.cases import KEY, Exam
+from sim2real.blind.hiding import EFFECTS
+from sim2real.blindcheck import run
+from sim2real.errors import Sim2RealError
+from sim2real.files import write_text
+
+EXAM = Exam(["bench1"], one=1, two=0, none=1, excluded=0, sample=3)
+asked: list[str] = []
+
+
+def oracle(logs: Path, answer: Path) -> None:
+    """Answer with what the key says, in the form of a report."""
+    asked.append(logs.name)
+    key = json.loads((logs.parents[1] / "keys" / logs.name / KEY).read_text())
+    causes = [
+        {
+            "effect": t["effect"],
+            "where": t["joint"],
+            "side": t["side"],
+            "unit": "",
+            "equivalent": [],
+        }
+        | {"value": t["value"], "value_ci": [t["value"], t["value"]], "confidence": 1.0}
+        | {"extra": t["extra"] | ({"body": t["where"]} if t["where"] == "arm" else {})}
+        for t in key["truths"]
+    ]
+    found = {"verdict": "explained" if causes else "no_gap", "causes": causes, "seconds": 1.0}
+    found |= {"gap": {"closed": 1.0 if causes else None}, "where": [{"joint": "hinge"}]}
+    write_text(answer / "report.json", json.dumps(found))
+
+
+@pytest.fixture(scope="module")
+def exam(tmp_path_factory: pytest.TempPathFactory):
+    """A small exam, answered by the oracle: its folder and marks."""
+    out = tmp_path_factory.mktemp("exam")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(logs_module, "SECONDS", 3.0)
+        patch.setattr(logs_module, "AGAIN", 1.0)
+        patch.setattr(sizes, "TRIALS", 4)
+        patch.setattr(blindcheck, "ask", oracle)
+        asked.clear()
+        yield out, run(exam=EXAM, seed=1, resume=None, out=out)
+
+
+def test_who_knows_the_truth_passes(exam) -> None:
+    """Every effect is named, closes the gap of a log that was held back, and nothing is alarmed."""
+    _, marks = exam
+    hidden = [one for one in marks if one.kind == "one"]
+    assert len(marks) == 3 and len(hidden) == 2
+    assert all(one.rank1 and one.place for one in hidden)
+    assert all(one.closed > 0.5 for one in hidden)
+    assert [one.alarm for one in marks if one.kind == "none"] == [False]
+
+
+def test_the_tables_are_written(exam) -> None:
+    """For people and for programs."""
+    out, marks = exam
+    page = (out / "table.md").read_text()
+    assert f"{len(marks)} cases of seed 1: " in page
+    assert "| rank 1 right | 2 | 1.00 [0.34, 1.00] | ≥ 0.90 |" in page
+    assert json.loads((out / "score.json").read_text())["figures"]["place right"][0] == 2
+    assert (out / "plots" / "matrix.png").is_file()
+    assert len((out / "cases.csv").read_text().splitlines()) == 4
+
+
+def test_an_exam_goes_on_where_it_stopped(exam, tmp_path: Path) -> None:
+    """Cases and answers that are there are not made again."""
+    out, marks = exam
+    before = len(asked)
+    (out / "answers" / "case_001" / "report.json").unlink()
+    again = run(exam=EXAM, seed=1, resume=str(out), out=tmp_path)
+    assert again == marks
+    assert asked[before:] == ["case_001"]
+
+
+def test_a_key_that_was_changed_is_refused(exam, tmp_path: Path) -> None:
+    """Whoever changes the key after the logs are out gets no score."""
+    out, _ = exam
+    key = out / "keys" / "case_000" / KEY
+    text = key.read_text()
+    key.write_text(text.replace("bench1", "bench2"))
+    with pytest.raises(Sim2RealError, match="was changed after the exam was sealed"):
+        run(exam=EXAM, seed=1, resume=str(out), out=tmp_path)
+    key.write_text(text)
+
+
+def test_no_answer_folder_and_no_key_is_given_to_a_diagnosis(exam) -> None:
+    """Nothing in the folders that it is given names an effect or a key."""
+    out, _ = exam
+    told = {"command_delay", "armature", "supply_voltage"}  # words of the model and its robot
+    for file in (out / "logs").glob("case_*/*"):
+        text = file.read_text()
+        assert "keys" not in text
+        assert not any(effect in text for effect in EFFECTS if effect not in told)
