@@ -65,7 +65,7 @@ class Config:
     calibration: str | None
     arm: bool
     dry_run: bool
-    episodes: int
+    trials: int
     settle: float
     motions: list[str]
     seconds: float
