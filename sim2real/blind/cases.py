@@ -38,7 +38,7 @@ from sim2real.files import write_text
 
 KEY = "key.json"
 Kind = Literal["one", "two", "none", "excluded"]
-Wanted = tuple[Kind, str, tuple[str, ...]]  # kind, robot, effects
+Wanted = tuple[str, str, tuple[str, ...]]  # kind, robot, effects
 KINDS: tuple[Kind, ...] = ("one", "two", "none", "excluded")
 ALIKE = (  # effects that no log of positions tells apart: never hidden together
     {"command_delay", "observation_delay"},
@@ -148,12 +148,10 @@ class Exam:
 
     def _of(self, robot: str, order: np.random.Generator) -> list[Wanted]:
         local = [effect for effect, span in EFFECTS.items() if span.place == "joint"]
-        return [
-            *([("one", robot, (effect,)) for effect in EFFECTS] * self.one),
-            *[("two", robot, pair) for pair in _pairs(self.two, order)],
-            *([("none", robot, ())] * self.none),
-            *[("excluded", robot, (effect,)) for effect in _even(local, self.excluded, order)],
-        ]
+        cases: list[Wanted] = [("one", robot, (effect,)) for effect in EFFECTS] * self.one
+        cases += [("two", robot, pair) for pair in _pairs(self.two, order)]
+        cases += [("none", robot, ())] * self.none
+        return cases + [("excluded", robot, (e,)) for e in _even(local, self.excluded, order)]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
         """Record a case and write its two folders; False if the robot cannot show its effect.
@@ -175,12 +173,20 @@ class Exam:
             return False
         joint_of = {body: joint for joint, body in moved(robot).items()}
         case = Case(
-            *(outline.name, outline.kind, outline.robot, outline.seed),
-            *(*hidden, _residue(robot, outline.seed), exclude, tuple(moved(robot)), joint_of),
+            **asdict(outline, dict_factory=_without_effects),
+            **hidden._asdict(),
+            residue=_residue(robot, outline.seed),
+            exclude=exclude,
+            joints=tuple(moved(robot)),
+            bodies=joint_of,
         )
         write_task(logs, exclude)
         case.write(key)
         return True
+
+
+def _without_effects(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {name: value for name, value in fields if name != "effects"}
 
 
 def _record(robot: Robot, hidden: Hidden, seed: int, logs: Path, key: Path) -> bool:

@@ -103,7 +103,9 @@ def _delay(spec: mujoco.MjSpec, delay: float) -> None:
 
 def plans(robot: Robot, seed: int) -> dict[str, Plan]:
     """Return the motions: two whole ones, the first one's beginning again, one to be held back."""
-    kinds = [kind for kind in MOTIONS if kind != "swing" or robot.name not in NEVER_LIMP]
+    kinds: list[Kind] = [
+        kind for kind in MOTIONS if kind != "swing" or robot.name not in NEVER_LIMP
+    ]
     made = {
         name: excite(robot, _middle(robot), SECONDS, kinds, np.random.default_rng(s), SIZE)
         for name, s in zip(("a", "b", "held"), np.random.SeedSequence(seed).spawn(3), strict=True)

@@ -132,8 +132,13 @@ def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float
 
 def _failed(common: dict[str, Any]) -> Mark:
     kind = common["kind"]
-    wrong = {"none": {"alarm": True}, "excluded": {"recognized": False, "place": False}}
-    marks = wrong.get(kind, {"rank1": False, "rank3": False, "place": False, "closed": 0.0})
+    wrong: dict[str, dict[str, Any]] = {
+        "none": {"alarm": True},
+        "excluded": {"recognized": False, "place": False},
+    }
+    marks: dict[str, Any] = wrong.get(
+        kind, {"rank1": False, "rank3": False, "place": False, "closed": 0.0}
+    )
     return Mark(**common, **marks, answer="failed", first="failed", reason="the diagnosis failed")
 
 
