@@ -43,6 +43,10 @@ INHERITED = (
 OPTIONAL = ("eval", "video")  # groups that can be none
 DATA = ("robot",)  # groups that are read as they are: no class is made of them here
 RESOLVED = "config.yaml"
+ASSETS = Path(__file__).resolve().parent.parent / "envs" / "assets"
+
+# ${asset:demo/arm2.csv} is a file that comes with the project, wherever it is installed.
+OmegaConf.register_new_resolver("asset", lambda name: str(ASSETS / name), replace=True)
 
 
 @dataclass
@@ -69,6 +73,8 @@ class Config:
     settle: float
     motions: list[str]
     seconds: float
+    target: dict[str, Any] | None
+    episodes: int
     log: str | list[str] | None
     model: str | None
     effects: str | None
