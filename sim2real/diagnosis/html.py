@@ -82,6 +82,7 @@ def view(report: Report) -> dict[str, Any]:
         "inputs": _flat(evidence.inputs),
         "numerics": words.numerics(report.numerics),
         "command": _command(evidence.inputs),
+        "replayed": " ".join(_sources(evidence.inputs)),
         "names": ", ".join(_names(evidence.inputs)) or "recordings",
     }
 
@@ -138,13 +139,12 @@ def _units(report: Report) -> dict[str, str]:
 
 
 def _cell(share: float | None) -> dict[str, Any]:
-    return {"text": "", "tint": 0.0, "dark": False} if share is None else _shaded(share)
+    return {"text": "", "tint": 0.0} if share is None else _shaded(share)
 
 
 def _shaded(share: float) -> dict[str, Any]:
-    """Return a share as text and as a tint from 0 to 1; dark ones carry white text."""
-    tint = min(max(share, 0.0), 1.0) ** 0.8
-    return {"text": words.percent(share), "tint": round(0.9 * tint, 3), "dark": tint > 0.55}
+    """Return a share as text and as a tint, never so dark that the text is hard to read."""
+    return {"text": words.percent(share), "tint": round(0.8 * min(max(share, 0.0), 1.0) ** 0.8, 3)}
 
 
 def _cause(number: int, cause: Cause) -> dict[str, Any]:
@@ -327,10 +327,15 @@ def _command(inputs: Mapping[str, Any]) -> str:
     """Return the command line that makes this report again."""
     if "command" in inputs:
         return str(inputs["command"])
+    seed = [f"seed={inputs['seed']}"] if inputs.get("seed") else []
+    return " ".join(["python -m sim2real run=diagnose", *_sources(inputs), *seed])
+
+
+def _sources(inputs: Mapping[str, Any]) -> list[str]:
+    """Return log=... and model=..., quoted for a shell."""
     logs = inputs.get("logs", [])
     logs = [logs] if isinstance(logs, str) else list(map(str, logs))
     log = logs[0] if len(logs) == 1 else f"[{','.join(logs)}]"
     models = sorted({str(m) for m in inputs.get("models", [])})
     parts = [f"log={log}", *([f"model={models[0]}"] if len(models) == 1 else [])]
-    parts += [f"seed={inputs['seed']}"] if inputs.get("seed") else []
-    return "python -m sim2real run=diagnose " + shlex.join(parts)
+    return [shlex.quote(part) for part in parts]

@@ -131,3 +131,24 @@ def test_every_effect_is_said_or_has_a_reason() -> None:
     spoken = set(model_file.SAID) | set(model_file.LEFT_OUT)
     plain = {"coulomb_friction", "viscous_friction", "armature", "link_mass"}
     assert set(EFFECTS) <= spoken | plain
+
+
+def test_meshes_are_found_from_another_folder(tmp_path: Path) -> None:
+    """A model that reads files of its folder is written elsewhere and still loads."""
+    home, away = tmp_path / "home" / "shapes", tmp_path / "away"
+    home.mkdir(parents=True)
+    away.mkdir()
+    corners = ["0 0 0", "0.1 0 0", "0 0.1 0", "0 0 0.1"]
+    faces = ["1 3 2", "1 2 4", "1 4 3", "2 3 4"]
+    lines = [*(f"v {c}" for c in corners), *(f"f {f}" for f in faces)]
+    (home / "part.obj").write_text("\n".join(lines))
+    (tmp_path / "home" / "arm.xml").write_text(
+        '<mujoco><compiler meshdir="shapes"/><asset><mesh name="part" file="part.obj"/></asset>'
+        '<worldbody><body name="arm"><joint name="hinge"/><geom type="mesh" mesh="part"/></body>'
+        "</worldbody></mujoco>"
+    )
+    spec = mujoco.MjSpec.from_file(str(tmp_path / "home" / "arm.xml"))
+    effects = [(make("viscous_friction", where="hinge"), (0.01,))]
+    model_file.write(spec, effects, away / "model.xml")
+    model = mujoco.MjModel.from_xml_path(str(away / "model.xml"))
+    assert model.dof_damping[0] == pytest.approx(0.01)
