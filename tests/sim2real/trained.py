@@ -1,0 +1,25 @@
+"""Small trained runs on servo robots, for the verbs that read a checkpoint."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from sim2real.config import compose, prepare
+
+ES = ["env=bench1", "env.task.seconds=0.4", "policy=mlp", "iterations=1"]
+SMALL_ES = [*ES, "algorithm.num_rows=4", "algorithm.shards=1", "algorithm.pairs=2"]
+SMALL_PPO = [
+    *("env=bench1", "env.task.seconds=0.4", "algorithm=ppo", "policy=actor_critic"),
+    *("iterations=1", "algorithm.num_rows=4", "algorithm.steps=32", "algorithm.minibatch_size=32"),
+]
+
+
+def train(out: Path, overrides: list[str]) -> Path:
+    """Train as the command line does, and return the run's folder."""
+    (out / ".hydra").mkdir(parents=True)
+    (out / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(overrides))
+    verb, arguments = prepare(compose(overrides), out)
+    verb(**arguments)
+    return out
