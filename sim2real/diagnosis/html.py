@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import mujoco
 import numpy as np
 from markupsafe import Markup
 
 from envs.effects import EFFECTS
-from sim2real.diagnosis import svg, words
+from sim2real.diagnosis import figure, svg, words
 from sim2real.diagnosis.report import Candidate, Cause, Report, Trace, Where
 from sim2real.files import write_text
 
@@ -70,6 +71,7 @@ def view(report: Report) -> dict[str, Any]:
         "sentence": words.sentence(report),
         "details": words.details(report),
         "ladder": _ladder(report),
+        "robot": _robot(report),
         "regimes": _regimes(report.where),
         "strip": _strip(report),
         "causes": [_cause(number, cause) for number, cause in enumerate(report.causes, 1)],
@@ -97,7 +99,7 @@ def _ladder(report: Report) -> list[dict[str, Any]]:
     floor = gap.noise_floor / most
     return [
         {
-            "label": rung.label.replace("_", " "),
+            "label": " ".join(map(words.plain, rung.label.split(" "))),
             "value": words.quantity(rung.gap, gap.unit, gap.before),
             "ci": words.interval(rung.ci, gap.unit, gap.before),
             "picture": svg.track(
@@ -107,6 +109,18 @@ def _ladder(report: Report) -> list[dict[str, Any]]:
         }
         for rung, kind in zip(rungs, kinds, strict=False)
     ]
+
+
+def _robot(report: Report) -> Markup:
+    """Return a drawing of the robot, if a model that the inputs name is there to be read."""
+    for path in report.evidence.inputs.get("models", []):
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except ValueError:
+            continue
+        names = {model.joint(i).name for i in range(model.njnt)}
+        return figure.robot(model, {w.joint: w.share for w in report.where if w.joint in names})
+    return Markup("")
 
 
 def _regimes(where: Sequence[Where]) -> list[str]:

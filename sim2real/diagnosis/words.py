@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from sim2real.diagnosis.report import Report
 
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
+PEOPLE = ("coulomb", "stribeck")
 SUBTITLES = {
     "explained": "Explained",
     "partly_explained": "Partly explained",
@@ -59,7 +60,13 @@ def degrees(value: float, unit: str) -> str:
 def name(effect: str, where: str | None, side: str | None = None) -> str:
     """Return an effect and its place in words: `backlash at the elbow (link side)`."""
     place = f" at {where}" if where else ""
-    return effect.replace("_", " ") + place + (f" ({side} side)" if side else "")
+    return plain(effect) + place + (f" ({side} side)" if side else "")
+
+
+def plain(effect: str) -> str:
+    """Return an effect's standard name in words; people keep their capitals."""
+    words = [w.capitalize() if w in PEOPLE else w for w in effect.split("_")]
+    return " ".join(words)
 
 
 def sentence(report: Report) -> str:
