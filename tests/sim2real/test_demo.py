@@ -1,0 +1,31 @@
+"""The log of the diagnosis's demo is what its recipe makes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hardware.config import ASSETS
+from hardware.log import read_logs
+from sim2real.config import compose, prepare
+
+DEMO = ASSETS / "demo" / "arm2.csv"
+
+
+def test_the_shipped_log_is_made_by_its_experiment(tmp_path: Path) -> None:
+    """Recording the emulated arm with what it hides gives the same rows, to rounding."""
+    verb, arguments = prepare(compose(["+experiment=record_demo"]), tmp_path)
+    again = verb(**arguments)
+    (shipped,) = read_logs(str(DEMO))
+    assert list(again.columns) == list(shipped.columns)
+    for name, values in shipped.columns.items():
+        np.testing.assert_allclose(again.columns[name], values, atol=1e-6, err_msg=name)
+
+
+def test_the_shipped_log_names_its_robot_and_not_what_it_hides() -> None:
+    """The model lies beside it; the answer is in another file."""
+    (log,) = read_logs(str(DEMO))
+    assert log.model is not None and log.model.samefile(ASSETS / "arm2.xml")
+    assert not {"hidden", "effects"} & set(log.meta)
+    assert DEMO.stat().st_size < 5e5
