@@ -78,7 +78,9 @@ def _renamed(column: str, new: dict[str, str]) -> str:
 
 def main(words: Sequence[str]) -> str | None:
     """Convert as the words say; return what is wrong with them, or None."""
-    keys = dict(word.partition("=")[::2] for word in words)
+    keys: dict[str, str] = {}
+    for word in words:
+        key, _, keys[key] = word.partition("=")
     for key in keys:
         if key not in KEYS:
             return f"there is no key {key!r}{did_you_mean(key, KEYS)}; there are {listed(KEYS)}"
