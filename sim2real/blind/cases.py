@@ -167,7 +167,7 @@ class Exam:
             return False
         exclude: tuple[str, ...] = ()
         if outline.kind == "excluded":
-            rivals = withheld(robot, hidden.truths[0], read_log(logs / "a.csv"), hidden.floor)
+            rivals = withheld(robot, hidden.truths[0], read_log(logs / "a_again.csv"), hidden.floor)
             exclude = (*outline.effects, *rivals)
         if len(exclude) >= len(EFFECTS):
             return False
