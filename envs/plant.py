@@ -139,6 +139,28 @@ class Plant:
             self._sensed = self.qpos.copy(), self.qvel.copy()
         self._constants = any(effect.constants for effect in effects)
 
+    @property
+    def substep_rules(self) -> tuple[SubstepRule, ...]:
+        """What acts before each physics substep."""
+        return tuple(self._rules)
+
+    @property
+    def command_rules(self) -> tuple[CommandRule, ...]:
+        """What acts on the command of each control step."""
+        return tuple(self._commands)
+
+    @property
+    def measurements(self) -> tuple[Measurement, ...]:
+        """What changes the readings of the sensors."""
+        return tuple(self._measurements)
+
+    def take_warnings(self) -> np.ndarray:
+        """Return the rows in which the engine warned since the last look (n,), and forget it."""
+        warned = np.flatnonzero(self._warnings.any(axis=1))
+        if warned.size:
+            self._warnings[warned] = 0
+        return warned
+
     def field(self, name: str) -> np.ndarray:
         """Return a model field's values per row, (N, ...), for a bound effect to write."""
         if name not in self._fields:

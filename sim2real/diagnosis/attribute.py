@@ -1,0 +1,246 @@
+"""Which effects are missing: fitted one by one, judged on what they were not fitted to.
+
+    found = attribute(problem, candidates(data), floor, rng)
+    found.fit.members, found.equivalent
+
+Forward: every candidate is screened, the promising ones race (few steps for many, more for fewer),
+and the best on held-out windows joins if the lower bound of its gain is above zero and it closes
+enough to matter. Then back: each member is taken out and may be replaced, or stays out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.candidates import Candidate
+from sim2real.diagnosis.data import Data
+from sim2real.diagnosis.fit import FOLDS, Fit, Guess, Problem, refine, screen
+from sim2real.diagnosis.score import Blocks
+
+MOST = 4  # effects in all
+SCREENED, RACED, FITTED = 6.0, 15.0, 40.0  # s of windows that screening, race and fit look at
+RACE = ((8, 0), (4, 1), (3, 1))  # how many candidates run, and for how many steps
+SPREAD = (1.0, 0.55, 1.7)  # starts of a fit, as multiples of the guess
+PROMISE, LATER = 0.03, 0.15  # least share of the squared error that screening must promise
+SHARE = 0.03  # a joint with less of the gap is not suspected
+WORTH = 0.04  # least share of the first gap that a further effect closes
+ENOUGH = 0.25  # of the floor: least fall of the gap that counts
+CLOSE = 0.05  # share of what a cause closes within which another one is as good
+ALIKE = 3  # members of an equivalence set, the cause included
+
+Tell = Callable[[str, float], None]
+
+
+class Contender(NamedTuple):
+    """A candidate fitted beside the effects found so far, and its held-out errors."""
+
+    candidate: Candidate
+    fit: Fit
+    error: np.ndarray  # (W, T, M)
+
+
+@dataclass
+class Found:
+    """What attribution came to.
+
+    Args:
+        fit: the causes and their values.
+        error: held-out errors with all of them, (W, T, M).
+        steps: held-out errors after each effect was added, with its label.
+        rivals: for each cause, the contenders for its place, the best first.
+        guesses: what screening made of every candidate, alone.
+        singles: candidates that were fitted alone.
+    """
+
+    fit: Fit
+    error: np.ndarray
+    steps: list[tuple[str, np.ndarray]] = field(default_factory=list)
+    rivals: dict[str, list[Contender]] = field(default_factory=dict)
+    guesses: list[Guess] = field(default_factory=list)
+    singles: list[Contender] = field(default_factory=list)
+
+
+class Search:
+    """The state of an attribution.
+
+    Args:
+        problem: all windows.
+        options: the candidates.
+        floor: noise floor, in the units of errors.
+        rng: for the bootstrap.
+        tell: told what is tried, and the share of the work done.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        options: Sequence[Candidate],
+        floor: float,
+        rng: np.random.Generator,
+        tell: Tell,
+    ) -> None:
+        self.problem, self.options, self.floor, self.tell = problem, list(options), floor, tell
+        self.none = Fit((), np.zeros((FOLDS, 0)), np.zeros(FOLDS))
+        self.base = problem.held_out((), self.none.values)
+        self.fitting = problem.subset(lively(problem.data, self.base, FITTED))
+        self.racing = problem.subset(lively(problem.data, self.base, RACED))
+        self.screening = problem.subset(lively(problem.data, self.base, SCREENED))
+        self.blocks = Blocks(problem.data, problem.windows, rng)
+        self.before = self.blocks.rms(self.base)
+
+    def run(self) -> Found:
+        """Search."""
+        found = Found(self.none, self.base)
+        while len(found.fit.members) < MOST:
+            contenders = self.race(found.fit, found.error, found)
+            best = contenders[0] if contenders else None
+            if best is None or not self.joins(best, found):
+                break
+            best = self.polish(best)
+            found.fit, found.error = best.fit, best.error
+            found.steps.append((best.candidate.label, best.error))
+            found.rivals[best.candidate.label] = contenders
+            if self.blocks.rms(found.error) < 1.2 * self.floor:
+                break
+        if len(found.fit.members) > 1:
+            self.look_back(found)
+        return found
+
+    def joins(self, best: Contender, found: Found) -> bool:
+        """Return whether an effect's held-out gain is sure, and large enough to matter."""
+        fall = self.blocks.rms(found.error) - self.blocks.rms(best.error)
+        least = max(ENOUGH * self.floor, WORTH * (self.before - self.floor))
+        return fall > least and self.blocks.gain(found.error, best.error)[0] > 0
+
+    def race(self, fit: Fit, error: np.ndarray, found: Found | None = None) -> list[Contender]:
+        """Return the best candidates to add to a fit, the best on held-out windows first."""
+        options = self.suspects(fit, error)
+        self.tell(f"screening {len(options)} effects", self._share(fit))
+        guesses = screen(self.screening, fit, options)
+        if found is not None and not fit.members:
+            found.guesses = guesses
+        runners = self.promising(guesses, fit)[: RACE[0][0]]
+        fits = {}
+        for count, rounds in RACE:
+            runners = runners[:count]
+            problem = self.racing if rounds else self.screening
+            for guess in runners:
+                self.tell(f"fitting {guess.candidate.label}", self._share(fit))
+                key = guess.candidate.label
+                fits[key] = self.add(problem, fit, guess, fits.get(key), rounds)
+            runners.sort(key=lambda guess: float(fits[guess.candidate.label].cost.sum()))
+        contenders = [self.judge(guess.candidate, fits[guess.candidate.label]) for guess in runners]
+        contenders.sort(key=lambda c: self.blocks.rms(c.error))
+        if found is not None and not fit.members:
+            found.singles = contenders
+        return contenders
+
+    def promising(self, guesses: Sequence[Guess], fit: Fit) -> list[Guess]:
+        """Return the guesses that would matter if they held what they promise."""
+        least = PROMISE if not fit.members else LATER
+        return [guess for guess in guesses if guess.gain > least]
+
+    def polish(self, best: Contender) -> Contender:
+        """Return the winner fitted on more windows."""
+        fit = refine(self.fitting, best.fit.members, best.fit.values[None], 2)
+        return self.judge(best.candidate, fit)
+
+    def add(self, problem: Problem, fit: Fit, guess: Guess, before: Fit | None, rounds: int) -> Fit:
+        """Fit a guess beside the effects found, from its start or from where it was left."""
+        candidate = guess.candidate
+        members = (*fit.members, candidate)
+        if before is not None:
+            return refine(problem, members, before.values[None], rounds)
+        starts = [
+            np.concatenate([fit.values, np.tile(candidate.towards(guess.start, s), (FOLDS, 1))], 1)
+            for s in SPREAD
+        ]
+        return refine(problem, members, np.array(starts), rounds)
+
+    def judge(self, candidate: Candidate, fit: Fit) -> Contender:
+        """Return a fit with its errors on all held-out windows."""
+        return Contender(candidate, fit, self.problem.held_out(fit.members, fit.values))
+
+    def suspects(self, fit: Fit, error: np.ndarray) -> list[Candidate]:
+        """Return the candidates that could cause what is wrong: at joints with a gap, or above."""
+        taken = {(m.name, m.effect.where) for m in fit.members}
+        square = (error**2).sum(axis=(0, 1)) / max(self.problem.data.mask.sum(), 1)  # (M,)
+        excess = np.maximum(square - self.floor**2, 0.0)
+        names = [joint.name for joint in self.problem.data.joints]
+        guilty = {
+            n for n, e in zip(names, excess, strict=True) if e > SHARE * max(excess.sum(), 1e-18)
+        }
+        return [
+            option
+            for option in self.options
+            if (option.name, option.effect.where) not in taken
+            and (option.joint is None or guilty & set(option.shown))
+        ]
+
+    def look_back(self, found: Found) -> None:
+        """Take each member out: let another one take its place if it does better, or none."""
+        for member in sorted(found.fit.members, key=lambda m: found.fit.members.index(m)):
+            if len(found.fit.members) < 2:
+                return
+            rest = self.without(found.fit, member)
+            error = self.problem.held_out(rest.members, rest.values)
+            contenders = self.race(rest, error)
+            if not contenders:
+                continue
+            own = [c for c in contenders if c.candidate.label == member.label]
+            if not own:
+                refit = refine(self.fitting, found.fit.members, found.fit.values[None], 2)
+                contenders.append(self.judge(member, refit))
+            best = min(contenders, key=lambda c: self.blocks.rms(c.error))
+            contenders.sort(key=lambda c: self.blocks.rms(c.error))
+            dropped = Found(rest, error)
+            if not self.joins(best, dropped):
+                found.fit, found.error = rest, error
+                found.rivals.pop(member.label, None)
+                continue
+            best = self.polish(best)
+            found.fit, found.error = best.fit, best.error
+            found.rivals.pop(member.label, None)
+            found.rivals[best.candidate.label] = contenders
+
+    def without(self, fit: Fit, member: Candidate) -> Fit:
+        """Return the fit of all members but one."""
+        members = tuple(m for m in fit.members if m is not member)
+        keep = []
+        place = 0
+        for m in fit.members:
+            size = len(m.neutral)
+            keep += [] if m is member else list(range(place, place + size))
+            place += size
+        return refine(self.fitting, members, fit.values[:, keep][None], 2)
+
+    def _share(self, fit: Fit) -> float:
+        return min(0.1 + 0.25 * len(fit.members), 0.9)
+
+
+def lively(data: Data, error: np.ndarray, seconds: float) -> np.ndarray:
+    """Return windows of so many seconds in all: half those with most error, half spread evenly."""
+    lengths = np.array([w.sample[-1, 0] - w.sample[0, 0] for w in data.windows])
+    if lengths.sum() <= seconds:
+        return np.arange(len(lengths))
+    weight = (error**2).sum(axis=(1, 2)) / data.mask.sum(axis=1)
+    chosen: list[int] = []
+    worst = {f: [i for i in np.argsort(-weight) if data.fold[i] == f] for f in range(FOLDS)}
+    order = {
+        f: sorted(np.flatnonzero(data.fold == f), key=lambda i: data.windows[i].lively)
+        for f in range(FOLDS)
+    }
+    rank = 0
+    while lengths[chosen].sum() < seconds and rank < len(lengths):
+        for f in range(FOLDS):
+            line = order[f]
+            pick = worst[f] if rank % 2 == 0 else [line[(7 * rank) % len(line)], *line[::-1]]
+            fresh = [int(i) for i in pick if i not in chosen]
+            if fresh and lengths[chosen].sum() < seconds:
+                chosen.append(fresh[0])
+        rank += 1
+    return np.sort(np.array(chosen))

@@ -1,0 +1,352 @@
+"""Values of candidate effects: found on one fold of the windows, judged on the other.
+
+    problem = Problem(data, simulator)
+    base = problem.held_out((), np.zeros((2, 0)))          # errors with the model as given
+    for guess in screen(problem, candidates, base): ...    # promising first
+    fit = refine(problem, (candidate,), starts)            # values (2, P), one row for each fold
+
+Both folds are fitted side by side in the same batches: windows of fold f are simulated under the
+values of fold f, and to be judged under those of the other one. A shift of the clock by less than a
+simulation step is fitted along, since no log knows its stamps better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.candidates import FREE, Candidate
+from sim2real.diagnosis.data import Data
+from sim2real.diagnosis.simulate import Simulator
+
+FOLDS = 2
+CLOCK = 1e-3  # s: the least that stamps may be off
+DAMPING = (0.0, 0.3, 3.0)  # of the trial steps of a round, in units of the curvature
+NUDGE = 0.06  # of a typical change: the step of a finite difference
+GOOD = 0.01  # relative improvement below which a fit has settled
+NEAR, FAR = (0.4, 2.2), (0.05, 6.0)  # how far a probe's response may be scaled, between and beyond
+
+
+class Problem:
+    """Data, its simulator and the windows that a fit looks at.
+
+    Args:
+        data: the windows.
+        simulator: of these windows.
+        chosen: indices of the windows to look at, (n,); None for all.
+    """
+
+    def __init__(self, data: Data, simulator: Simulator, chosen: np.ndarray | None = None) -> None:
+        self.data, self.simulator = data, simulator
+        self.windows = np.arange(len(data.windows)) if chosen is None else np.sort(chosen)
+        self.fold = data.fold[self.windows]
+        steps = [model.opt.timestep for model in data.models]
+        self.clock = max(CLOCK, *steps)
+        self.rows = data.mask[self.windows].sum() * len(data.joints)
+
+    def subset(self, chosen: np.ndarray) -> Problem:
+        """Return the same problem on fewer windows, (n,) indices into the data."""
+        return Problem(self.data, self.simulator, chosen)
+
+    def errors(
+        self, members: Sequence[Candidate], points: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return errors and clock slopes, (K, W, T, M), under points (K, 2, P), one a fold."""
+        k, w = len(points), len(self.windows)
+        values = points[:, self.fold].reshape(k * w, -1)  # (K W, P)
+        effects = [member.effect for member in members]
+        result = self.simulator.run(effects, np.tile(self.windows, k), values)
+        shape = (k, w, *result.error.shape[1:])
+        return result.error.reshape(shape), result.slope.reshape(shape)
+
+    def shift(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Return the clock's shift [s] that fits best in each fold, (..., 2), of (..., W, T, M)."""
+        across = (error * slope).sum(axis=(-2, -1))  # (..., W)
+        along = (slope * slope).sum(axis=(-2, -1))
+        found = [
+            -across[..., self.fold == f].sum(-1)
+            / np.maximum(along[..., self.fold == f].sum(-1), 1e-12)
+            for f in range(FOLDS)
+        ]
+        return np.clip(np.stack(found, axis=-1), -self.clock, self.clock)
+
+    def cost(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Return the mean square error of each fold, its clock set, (..., 2)."""
+        shift = self.shift(error, slope)[..., self.fold]  # (..., W)
+        square = ((error + shift[..., None, None] * slope) ** 2).sum(axis=(-2, -1))
+        counts = self.data.mask[self.windows].sum(axis=1) * error.shape[-1]
+        found = [
+            square[..., self.fold == f].sum(-1) / max(counts[self.fold == f].sum(), 1)
+            for f in range(FOLDS)
+        ]
+        return np.stack(found, axis=-1)
+
+    def held_out(self, members: Sequence[Candidate], values: np.ndarray) -> np.ndarray:
+        """Return the errors (W, T, M) of each window under the values (2, P) of the other fold.
+
+        The clock is the other fold's as well.
+        """
+        if not members:
+            error, slope = self.errors((), np.zeros((1, FOLDS, 0)))
+            shift = self.shift(error[0], slope[0])[::-1]
+            return error[0] + shift[self.fold][:, None, None] * slope[0]
+        error, slope = self.errors(members, np.stack([values, values[::-1]]))
+        shift = self.shift(error[0], slope[0])[::-1]
+        return error[1] + shift[self.fold][:, None, None] * slope[1]
+
+
+class Guess(NamedTuple):
+    """A candidate's promise, from how its probes change the simulation."""
+
+    candidate: Candidate
+    start: np.ndarray  # (P,) where a fit begins
+    gain: float  # share of the squared error that it should remove, judged on the other fold
+    error: np.ndarray | None  # (W, T, M) predicted held-out errors
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Members with their values, one row for each fold, and the mean square errors there."""
+
+    members: tuple[Candidate, ...]
+    values: np.ndarray  # (2, P)
+    cost: np.ndarray  # (2,)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """The values over both folds, (P,)."""
+        return self.values.mean(axis=0)
+
+
+def columns(members: Sequence[Candidate]) -> list[slice]:
+    """Return where each member's parameters are in a row of values."""
+    ends = np.cumsum([len(m.neutral) for m in members], dtype=int)
+    return [slice(end - len(m.neutral), end) for m, end in zip(members, ends, strict=True)]
+
+
+def screen(
+    problem: Problem,
+    found: Fit,
+    options: Sequence[Candidate],
+) -> list[Guess]:
+    """Return a guess for each option, the most promising first.
+
+    A probe's change of the simulation, scaled, should be what is wrong with it. Options that
+    change nothing are left out.
+
+    Args:
+        problem: on the windows to look at.
+        found: the effects that are known already.
+        options: what may be added to them.
+    """
+    error, slope = problem.errors(found.members, found.values[None])
+    base, drift = error[0], slope[0]
+    guesses = []
+    for group in dict.fromkeys(option.group for option in options):
+        own = [option for option in options if option.group == group]
+        guesses += _screen_group(problem, found, own, base, drift)
+    return sorted(guesses, key=lambda guess: -guess.gain)
+
+
+def _screen_group(
+    problem: Problem, found: Fit, own: Sequence[Candidate], base: np.ndarray, drift: np.ndarray
+) -> list[Guess]:
+    members = [*found.members, *own]
+    known = found.values.shape[1]
+    places = columns(own)
+    neutral = np.concatenate([option.neutral for option in own])
+    points = []
+    for option, place in zip(own, places, strict=True):
+        for probe in option.probes:
+            point = np.concatenate([found.values, np.tile(neutral, (FOLDS, 1))], axis=1)
+            point[:, known + place.start : known + place.stop] = probe
+            points.append(point)
+    error, slope = problem.errors(members, np.array(points))
+    guesses, start = [], 0
+    for option in own:
+        part = slice(start, start + len(option.probes))
+        start += len(option.probes)
+        guess = _guess(problem, option, error[part], slope[part], base, drift)
+        if guess is not None:
+            guesses.append(guess)
+    return guesses
+
+
+def _guess(
+    problem: Problem,
+    option: Candidate,
+    error: np.ndarray,
+    slope: np.ndarray,
+    base: np.ndarray,
+    drift: np.ndarray,
+) -> Guess | None:
+    """Return the best scaled probe of an option; None if it changes nothing."""
+    before = _squares(problem, _timed(problem, base, drift))
+    best: Guess | None = None
+    sizes = np.abs(option.probes - option.neutral).sum(axis=1)
+    for k, probe in enumerate(option.probes):
+        change = error[k] - base
+        if (change**2).sum() < 1e-6 * max(before.sum(), 1e-12):
+            continue
+        low = FAR[0] if sizes[k] == sizes.min() else NEAR[0]
+        high = FAR[1] if sizes[k] == sizes.max() else NEAR[1]
+        scale = _scales(problem, base, drift, change, (low, high))  # (2,)
+        predicted = base + scale[::-1][problem.fold][:, None, None] * change
+        left = _squares(problem, _timed(problem, predicted, drift))
+        gain = 1.0 - left.sum() / max(before.sum(), 1e-18)
+        if best is None or gain > best.gain:
+            start = option.towards(probe, float(scale.mean()))
+            best = Guess(option, start, float(gain), _timed(problem, predicted, drift))
+    return best
+
+
+def _scales(
+    problem: Problem,
+    base: np.ndarray,
+    drift: np.ndarray,
+    change: np.ndarray,
+    bounds: tuple[float, float],
+) -> np.ndarray:
+    """Return by how much a change is scaled to undo the error of each fold best, (2,)."""
+    found = np.zeros(FOLDS)
+    for f in range(FOLDS):
+        own = problem.fold == f
+        pair = np.stack([change[own].ravel(), drift[own].ravel()], axis=1)
+        solution, *_ = np.linalg.lstsq(
+            pair.T @ pair + 1e-15 * np.eye(2), -pair.T @ base[own].ravel()
+        )
+        if abs(solution[1]) > problem.clock:
+            rest = base[own].ravel() + np.sign(solution[1]) * problem.clock * pair[:, 1]
+            solution[0] = -(pair[:, 0] @ rest) / max(pair[:, 0] @ pair[:, 0], 1e-18)
+        found[f] = np.clip(solution[0], *bounds)
+    return found
+
+
+def _timed(problem: Problem, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Return errors with each fold's clock set by the other, (W, T, M)."""
+    shift = problem.shift(error, slope)[::-1]
+    return error + shift[problem.fold][:, None, None] * slope
+
+
+def _squares(problem: Problem, error: np.ndarray) -> np.ndarray:
+    """Return each window's summed square error, (W,)."""
+    return (error**2).sum(axis=(1, 2))
+
+
+def refine(
+    problem: Problem, members: Sequence[Candidate], starts: np.ndarray, rounds: int = 3
+) -> Fit:
+    """Fit the members' values by damped Gauss-Newton steps from the best of several starts.
+
+    Args:
+        problem: on the windows to look at.
+        members: the effects.
+        starts: (K, P), or (K, 2, P) where the folds start from values of their own.
+        rounds: steps at most.
+    """
+    members = tuple(members)
+    starts = np.repeat(starts[:, None], FOLDS, axis=1) if starts.ndim == 2 else starts
+    bounds = _Bounds(members)
+    points = bounds.clip(starts)
+    error, slope = problem.errors(members, points)
+    costs = problem.cost(error, slope)  # (K, 2)
+    state = _Pick(problem, points, error, slope, costs)
+    for _ in range(rounds):
+        before = state.cost.copy()
+        _round(problem, members, bounds, state)
+        if (state.cost > (1 - GOOD) * before).all():
+            break
+    return Fit(members, state.values, state.cost)
+
+
+class _Bounds:
+    """Ranges and typical changes of all parameters of some members."""
+
+    def __init__(self, members: Sequence[Candidate]) -> None:
+        self.low = np.concatenate([np.zeros(0), *(m.low for m in members)])
+        self.high = np.concatenate([np.zeros(0), *(m.high for m in members)])
+        self.neutral = np.concatenate([np.zeros(0), *(m.neutral for m in members)])
+        self.step = np.concatenate([np.zeros(0), *(m.step for m in members)])
+
+    def clip(self, values: np.ndarray) -> np.ndarray:
+        return np.clip(values, self.low, self.high)
+
+
+class _Pick:
+    """The best point of each fold so far, and the errors there."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        points: np.ndarray,
+        error: np.ndarray,
+        slope: np.ndarray,
+        costs: np.ndarray,
+    ) -> None:
+        self._fold = problem.fold
+        best = costs.argmin(axis=0)
+        self.values = np.stack([points[best[f], f] for f in range(FOLDS)])
+        self.cost = costs.min(axis=0)
+        self.error, self.slope = error[0].copy(), slope[0].copy()
+        for f in range(FOLDS):
+            own = self._fold == f
+            self.error[own], self.slope[own] = error[best[f]][own], slope[best[f]][own]
+
+    def improve(
+        self, points: np.ndarray, error: np.ndarray, slope: np.ndarray, costs: np.ndarray
+    ) -> None:
+        for f in range(FOLDS):
+            best = int(costs[:, f].argmin())
+            if costs[best, f] < self.cost[f]:
+                own = self._fold == f
+                self.values[f], self.cost[f] = points[best, f], costs[best, f]
+                self.error[own], self.slope[own] = error[best][own], slope[best][own]
+
+
+def nudges(members: Sequence[Candidate], values: np.ndarray) -> np.ndarray:
+    """Return a step of each parameter for finite differences, (2, P), towards where it may go."""
+    bounds = _Bounds(members)
+    size = np.abs(np.where(bounds.neutral >= FREE, values, values - bounds.neutral))
+    step = NUDGE * np.maximum(size, 0.3 * bounds.step)
+    return np.where(values + step > bounds.high, -step, step)
+
+
+def sensitivities(
+    problem: Problem, members: Sequence[Candidate], values: np.ndarray, error: np.ndarray
+) -> np.ndarray:
+    """Return how the errors change with each parameter at values (2, P), (P, W, T, M)."""
+    step = nudges(members, values)
+    size = values.shape[1]
+    points = np.repeat(values[None], size, axis=0)
+    points[np.arange(size), :, np.arange(size)] += step.T
+    moved, _ = problem.errors(members, points)
+    return (moved - error) / step.T[:, problem.fold][:, :, None, None]
+
+
+def _round(problem: Problem, members: tuple[Candidate, ...], bounds: _Bounds, state: _Pick) -> None:
+    """Take one step in each fold, the best of several dampings."""
+    change = sensitivities(problem, members, state.values, state.error)  # (P, W, T, M)
+    trials = np.repeat(state.values[None], len(DAMPING), axis=0)
+    for f in range(FOLDS):
+        own = problem.fold == f
+        drift = state.slope[own].ravel()
+        flat = change[:, own].reshape(len(change), -1)
+        error = state.error[own].ravel()
+        along = max(float(drift @ drift), 1e-12)
+        shift = -(error @ drift) / along
+        if abs(shift) < problem.clock:  # the clock is free to follow
+            flat = flat - (flat @ drift / along)[:, None] * drift
+            error = error + shift * drift
+        else:
+            error = error + np.sign(shift) * problem.clock * drift
+        curve, down = flat @ flat.T, flat @ error
+        size = np.diag(curve) + 1e-12 * max(np.trace(curve), 1e-12)
+        for k, damping in enumerate(DAMPING):
+            matrix = curve + np.diag((damping + 1e-6) * size)
+            trials[k, f] -= np.linalg.solve(matrix, down)
+    trials = bounds.clip(trials)
+    error, slope = problem.errors(members, trials)
+    state.improve(trials, error, slope, problem.cost(error, slope))
