@@ -41,7 +41,7 @@ INHERITED = (
     "eval",
 )  # what a run says about itself
 OPTIONAL = ("eval", "video")  # groups that can be none
-DATA = ("robot",)  # groups that are read as they are: no class is made of them here
+DATA = ("robot", "stops")  # groups that are read as they are: no class is made of them here
 RESOLVED = "config.yaml"
 ASSETS = Path(__file__).resolve().parent.parent / "envs" / "assets"
 
@@ -71,6 +71,7 @@ class Config:
     dry_run: bool
     trials: int
     settle: float
+    stops: dict[str, Any] | None
     motions: list[str]
     seconds: float
     target: dict[str, Any] | None

@@ -166,6 +166,10 @@ def test_a_robot_that_is_stopped_says_why_and_how_to_go_on(run, tmp_path):
     with pytest.raises(SafetyError, match=r"V, not 5\.0 V"):
         go(run, tmp_path / "out", f"robot.hidden={hidden}")
     assert (tmp_path / "out" / "state.npz").exists()
+    done = go(run, tmp_path / "out", f"robot.hidden={hidden}", "stops={odd_voltage: 0.5}")
+    assert len(done.before) == 2
+    with pytest.raises(Sim2RealError, match=r"stops\.odd_volt=0\.5 \(did you mean 'odd_voltage'"):
+        go(run, tmp_path / "out", "stops={odd_volt: 0.5}")
 
 
 def test_a_log_tells_what_it_is_of(run, tmp_path):
