@@ -9,7 +9,8 @@ but what a robot measures: the servos' angles, speeds and torques, an IMU, the t
 episode's start and the last action. Where the base is (`position`) only the reward uses.
 
 Two fidelities simulate the same servos (see `envs.tasks.servo.drive`). `servo` also has the
-commands' delay, goals and angles in counts, and speeds filtered as the firmware does.
+commands' delay, goals and angles in counts, speeds filtered as the firmware does, and readings that
+are as old as the bus makes them.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ Fidelity = Literal["ideal", "servo"]
 ASSETS = Path(__file__).parents[2] / "assets"
 TIMESTEP = 0.001  # s, of the physics: one pass of the firmware's loop
 SPEED_FILTER = 0.005  # s, of a servo's reported speed; no maker publishes it
+READING_AGE = 0.0025  # s, from a servo's reading to the command made of it: 1 Mbit/s, USB at 1 ms
 START_NOISE = 0.02  # rad, largest deviation of the starting angles from the pose at home
 
 
@@ -111,12 +113,13 @@ class ServoTask(Task):
         self._damping = model.actuator_damping.copy()  # (n,) back-EMF
 
     def fixed(self) -> Sequence[tuple[Effect, Sequence[float]]]:
-        """Return counts and a filter on the speed, and a slow voltage where it is so set."""
+        """Return what readings go through, and a slow voltage where the registers ask for it."""
         if self.fidelity == "ideal":
             return ()
         own: list[tuple[Effect, Sequence[float]]] = [
             (make("quantization"), (COUNT,)),
             (make("velocity_filter"), (SPEED_FILTER,)),
+            (make("observation_delay", longest=4 * READING_AGE), (READING_AGE,)),
         ]
         machine = self.machine
         rates = [slope(k, r) for k, r in zip(machine.kinds, machine.registers, strict=True)]
