@@ -12,14 +12,14 @@ of both is one batched product and an optimizer's step a handful of operations.
 
 from __future__ import annotations
 
-from itertools import pairwise
+from math import prod
 from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
 from torch import nn
 
-from sim2real.errors import Sim2RealError
+from sim2real.perceptrons import Layers, Perceptrons
 from sim2real.policy import Activation
 
 Tensor = torch.Tensor
@@ -29,7 +29,7 @@ HIDDEN_GAIN, MEAN_GAIN, VALUE_GAIN = 2**0.5, 0.01, 1.0  # as Stable-Baselines3 2
 class Weights(NamedTuple):
     """Views of the flat vector; index 0 of a hidden layer is the actor's, 1 the critic's."""
 
-    hidden: list[tuple[Tensor, Tensor]]  # weights (2, in, out) and biases (2, 1, out), by layer
+    hidden: Layers
     mean: tuple[Tensor, Tensor]  # (H, A), (A,)
     value: tuple[Tensor, Tensor]  # (H, 1), (1,)
     log_std: Tensor  # (A,)
@@ -69,23 +69,13 @@ class ActorCritic(nn.Module):
         self.hidden = tuple(int(width) for width in hidden)
         self.activation: Activation = activation
         self._log_std = log_std
-        if not self.hidden or min(self.hidden) < 1:
-            raise Sim2RealError(
-                f"policy.hidden={list(self.hidden)} needs a layer, and widths of at least 1"
-            )
-        if activation not in ("tanh", "relu"):
-            raise Sim2RealError(f"policy.activation={activation!r} is not one of tanh, relu")
-        self._shapes = self._list_shapes()
-        count = sum(int(np.prod(shape)) for shape in self._shapes)
+        self.body = Perceptrons(2, (self.observation_size, *self.hidden), activation, "activated")
+        last = self.hidden[-1]
+        self._heads = [(last, self.action_size), (self.action_size,), (last, 1), (1,)]
+        self._heads.append((self.action_size,))
+        count = self.body.num_parameters + sum(prod(shape) for shape in self._heads)
         self.theta = nn.Parameter(torch.zeros(count))  # (P,)
         self._views: tuple[int, Weights] | None = None
-
-    def _list_shapes(self) -> list[tuple[int, ...]]:
-        shapes: list[tuple[int, ...]] = []
-        for inputs, outputs in pairwise((self.observation_size, *self.hidden)):
-            shapes += [(2, inputs, outputs), (2, 1, outputs)]
-        last, size = self.hidden[-1], self.action_size
-        return [*shapes, (last, size), (size,), (last, 1), (1,), (size,)]
 
     @property
     def shape(self) -> dict[str, int | str | list[int]]:
@@ -99,13 +89,11 @@ class ActorCritic(nn.Module):
 
     def weights(self, flat: Tensor) -> Weights:
         """Return the layers as views of a flat vector (P,): the parameters or their gradient."""
-        views, start = [], 0
-        for shape in self._shapes:
-            stop = start + int(np.prod(shape))
-            views.append(flat[start:stop].view(shape))
-            start = stop
-        pairs = list(zip(views[:-1:2], views[1:-1:2], strict=True))
-        return Weights(pairs[:-2], pairs[-2], pairs[-1], views[-1])
+        heads = flat[self.body.num_parameters :].split([prod(shape) for shape in self._heads])
+        mean, mean_bias, value, value_bias, log_std = (
+            head.view(shape) for head, shape in zip(heads, self._heads, strict=True)
+        )
+        return Weights(self.body.weights(flat), (mean, mean_bias), (value, value_bias), log_std)
 
     @property
     def present(self) -> Weights:
@@ -129,10 +117,7 @@ class ActorCritic(nn.Module):
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Map normalized observations (B, O) to means (B, A), log deviations (A,), values (B,)."""
         weights = self.weights(self.theta)
-        x = observation.expand(2, *observation.shape)  # (2, B, O)
-        for weight, bias in weights.hidden:
-            x = torch.baddbmm(bias, x, weight)
-            x = torch.tanh(x) if self.activation == "tanh" else torch.relu(x)
+        x = self.body.forward(weights.hidden, observation)[-1]  # (2, B, H)
         mean = torch.addmm(weights.mean[1], x[0], weights.mean[0])
         value = torch.addmm(weights.value[1], x[1], weights.value[0])
         return mean, weights.log_std, value[:, 0]

@@ -138,37 +138,19 @@ class PerceptronGradient:
         theta = policy.theta.detach()
         policy.theta.grad = torch.zeros_like(theta)
         self._weights, self._out = policy.weights(theta), policy.weights(policy.theta.grad)
-        self._tanh = policy.activation == "tanh"
+        self._body = policy.body
 
     @torch.no_grad()
     def __call__(self, batch: Batch) -> None:
         """Write the gradient at the present parameters of a batch's loss."""
-        layers = self._forward(batch.observation)
+        weights = self._weights
+        layers = self._body.forward(weights.hidden, batch.observation)
         actor, critic = layers[-1]
         mean, value = self._through_heads(batch, actor, critic)
         upstream = torch.empty_like(layers[-1])  # (2, B, H)
-        torch.mm(mean, self._weights.mean[0].T, out=upstream[0])
-        torch.mm(value, self._weights.value[0].T, out=upstream[1])
-        for number in range(len(layers) - 1, 0, -1):
-            weight, bias = self._out.hidden[number - 1]
-            before, after = layers[number - 1], layers[number]
-            if self._tanh:
-                upstream = torch.ops.aten.tanh_backward(upstream, after)
-            else:
-                upstream = torch.ops.aten.threshold_backward(upstream, after, 0)
-            torch.bmm(before.transpose(1, 2), upstream, out=weight)
-            torch.sum(upstream, 1, keepdim=True, out=bias)
-            if number > 1:
-                own = self._weights.hidden[number - 1][0]
-                upstream = torch.bmm(upstream, own.transpose(1, 2))
-
-    def _forward(self, observation: Tensor) -> list[Tensor]:
-        """Return the input and what each hidden layer gives, (2, B, width) each."""
-        layers = [observation.expand(2, *observation.shape)]
-        for weight, bias in self._weights.hidden:
-            x = torch.baddbmm(bias, layers[-1], weight)
-            layers.append(x.tanh_() if self._tanh else x.relu_())
-        return layers
+        torch.mm(mean, weights.mean[0].T, out=upstream[0])
+        torch.mm(value, weights.value[0].T, out=upstream[1])
+        self._body.backward(weights.hidden, layers, upstream, self._out.hidden)
 
     def _through_heads(self, batch: Batch, actor: Tensor, critic: Tensor) -> tuple[Tensor, Tensor]:
         """Write the heads' gradients; return those of the means (B, A) and values (B, 1)."""

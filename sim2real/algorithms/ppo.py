@@ -11,7 +11,7 @@ episode that the time limit cuts off goes on in its value; one that the task end
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import Any
 
@@ -104,8 +104,9 @@ class PPO(Algorithm):
         normalize_observations: bool,
         normalize_rewards: bool,
     ) -> None:
-        _check(num_rows=num_rows, steps=steps, epochs=epochs, minibatch_size=minibatch_size)
-        _check_share(gamma=gamma, lmbda=lmbda)
+        check_at_least(1, num_rows=num_rows, steps=steps, epochs=epochs)
+        check_at_least(1, minibatch_size=minibatch_size)
+        check_share(gamma=gamma, lmbda=lmbda)
         if num_rows * steps < minibatch_size:
             raise Sim2RealError(
                 f"algorithm.minibatch_size={minibatch_size} is more than the {num_rows * steps} "
@@ -243,11 +244,7 @@ class PPO(Algorithm):
         Raises:
             CheckpointError: for a state of another policy, another normalization or other rows.
         """
-        if dict(state["policy"]) != self.policy.shape:
-            raise CheckpointError(
-                f"checkpoint: its policy is {dict(state['policy'])}, this run's is "
-                f"{self.policy.shape}; give the run the checkpoint's env and policy"
-            )
+        refuse_other_policy(state["policy"], self.policy.shape)
         parts = {"normalizer": self.normalizer, "reward_scale": self._reward_scale}
         for name, part in parts.items():
             if (state[name] is None) != (part is None):
@@ -306,13 +303,24 @@ def _note(normalizer: Normalizer, raw: np.ndarray) -> None:
     normalizer.update(len(off), off.sum(axis=0), np.square(off).sum(axis=0))
 
 
-def _check(**counts: int) -> None:
+def refuse_other_policy(there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+    """Raise CheckpointError where a checkpoint's policy has another shape than this run's."""
+    if dict(there) != dict(here):
+        raise CheckpointError(
+            f"checkpoint: its policy is {dict(there)}, this run's is {dict(here)}; give the run "
+            "the checkpoint's env and policy"
+        )
+
+
+def check_at_least(least: int, **counts: int) -> None:
+    """Raise Sim2RealError for options below what they must be."""
     for name, value in counts.items():
-        if value < 1:
-            raise Sim2RealError(f"algorithm.{name}={value} must be at least 1")
+        if value < least:
+            raise Sim2RealError(f"algorithm.{name}={value} must be at least {least}")
 
 
-def _check_share(**shares: float) -> None:
+def check_share(**shares: float) -> None:
+    """Raise Sim2RealError for options that are not between 0 and 1."""
     for name, value in shares.items():
         if not 0 <= value <= 1:
             raise Sim2RealError(f"algorithm.{name}={value} must be between 0 and 1")
