@@ -1,0 +1,49 @@
+"""Logs and the models they belong to: what they have in common, and how they are named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+
+from hardware.log import Log
+
+Pairs = list[tuple[Log, mujoco.MjModel]]
+
+
+def joints_of(pairs: Pairs) -> list[str]:
+    """The hinges and slides that are logged, in the first model's order."""
+    logged = {name for log, _ in pairs for name in log.joints}
+    names = [
+        m.joint(i).name for _, m in pairs for i in range(m.njnt) if int(m.jnt_type[i]) in (2, 3)
+    ]
+    return [name for name in dict.fromkeys(names) if name in logged]
+
+
+def unit_of(pairs: Pairs, joint: str) -> str:
+    """Return rad for a hinge, m for a slide."""
+    kind = pairs[0][1].joint(joint).type[0]
+    return "rad" if kind == int(mujoco.mjtJoint.mjJNT_HINGE) else "m"
+
+
+def index_of(model: mujoco.MjModel, actuator: str) -> int | None:
+    """The number of a model's actuator that drives a joint, or None."""
+    names = [model.actuator(i).name for i in range(model.nu)]
+    if actuator not in names:
+        return None
+    index = names.index(actuator)
+    joint = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
+    return index if joint else None
+
+
+def name_of(log: Log) -> str:
+    """Return the name of a log's file."""
+    return log.path.name if log.path else "the log"
+
+
+def which(found: Sequence[tuple], pairs: Pairs) -> str:
+    """Say which logs, where it is not all of them."""
+    if len(found) == len(pairs):
+        return "" if len(pairs) == 1 else " in every log"
+    names = ", ".join(name_of(item[0]) for item in found[:3])
+    return f" in {len(found)} of {len(pairs)} logs ({names}{', …' if len(found) > 3 else ''})"
