@@ -106,7 +106,9 @@ def numerics(found: Mapping[str, str]) -> list[str]:
     fine = [name.replace("_", " ") for name, text in found.items() if text == "ok"]
     said = [f"{name.replace('_', ' ')}: {text}" for name, text in found.items() if text != "ok"]
     if fine:
-        said.insert(0, f"The gap is not one of numerics: {_and(fine)} make no difference to it.")
+        whole = "the gap is not one of numerics: " if not said else ""
+        verb = "makes" if len(fine) == 1 else "make"
+        said.insert(0, f"{whole}{_and(fine)} {verb} no difference to it.")
     return [text[0].upper() + text[1:] for text in said]
 
 
