@@ -99,7 +99,7 @@ def _ladder(report: Report) -> list[dict[str, Any]]:
     floor = gap.noise_floor / most
     return [
         {
-            "label": " ".join(map(words.plain, rung.label.split(" "))),
+            "label": words.label(rung.label),
             "value": words.quantity(rung.gap, gap.unit, gap.before),
             "ci": words.interval(rung.ci, gap.unit, gap.before),
             "picture": svg.track(
@@ -181,7 +181,7 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
         "typical": words.interval((low, high), cause.unit, cause.value) if effect else "",
         "picture": _typical(cause, low, high) if effect else "",
         "closed": svg.fill(cause.closed, "after"),
-        "extra": ", ".join(f"{k} {_number(v)}" for k, v in extra.items()),
+        "extra": "; ".join(f"{k.replace('_', ' ')}: {_number(v)}" for k, v in extra.items()),
         "equivalent": [words.name(e.effect, e.where) for e in cause.equivalent],
     }
 
@@ -196,6 +196,8 @@ def _typical(cause: Cause, low: float, high: float) -> Markup:
 
 
 def _number(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_number, value))
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
@@ -326,7 +328,7 @@ def _flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
         if isinstance(value, Mapping):
             lines += _flat(value, f"{title}: ")
         elif isinstance(value, list | tuple):
-            lines.append((title, ", ".join(map(_number, value)) or "none"))
+            lines.append((title, _number(value) or "none"))
         else:
             lines.append((title, "none" if value is None else _number(value)))
     return lines

@@ -101,6 +101,12 @@ def details(report: Report) -> str:
     )
 
 
+def label(text: str) -> str:
+    """Return a rung's label in words: `+ coulomb_friction.elbow` is Coulomb friction at elbow."""
+    head, dot, place = text.partition(".")
+    return " ".join(map(plain, head.split(" "))) + (f" at {place}" if dot else "")
+
+
 def numerics(found: Mapping[str, str]) -> list[str]:
     """Return what the tests of the simulator itself say, as sentences."""
     fine = [name.replace("_", " ") for name, text in found.items() if text == "ok"]

@@ -48,6 +48,8 @@ def test_names_of_effects_are_words() -> None:
     assert words.name("coulomb_friction", "elbow") == "Coulomb friction at elbow"
     assert words.name("backlash", "knee", "link") == "backlash at knee (link side)"
     assert words.name("command_delay", None) == "command delay"
+    assert words.label("+ stribeck_friction.hip_fl") == "+ Stribeck friction at hip_fl"
+    assert words.label("noise floor") == "noise floor"
 
 
 def test_what_the_simulator_was_tested_for_is_one_sentence() -> None:
