@@ -74,6 +74,33 @@ class Adaptable(Protocol):
         ...
 
 
+class Assessment(Protocol):
+    """An evaluation: `Evaluation` over a grid, `Transfer` on named robots."""
+
+    def assess(
+        self,
+        algorithm: Any,
+        env: Callable[..., Rows],
+        seed: int,
+        name: str,
+        progress: Report | None = None,
+    ) -> Any:
+        """Return the scores of one trained policy.
+
+        Args:
+            algorithm: the trained policy.
+            env: makes the environment that it was trained in.
+            seed: of all randomness.
+            name: of the training run.
+            progress: told what is done and how much there is.
+        """
+        ...
+
+    def report(self, scores: Sequence[Any], seed: int, out: Path) -> Any:
+        """Write the scores of one or several policies into the folder `out`; return them all."""
+        ...
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """What an evaluation runs.
@@ -105,6 +132,23 @@ class Evaluation:
         for name, (low, high) in (self.box or {}).items():
             if not low <= high:
                 raise Sim2RealError(f"eval.box.{name}: low={low} is above high={high}; swap them")
+
+    def assess(
+        self,
+        algorithm: Adaptable | Trained,
+        env: Callable[..., Rows],
+        seed: int,
+        name: str,
+        progress: Report | None = None,
+    ) -> GridScores:
+        """Run every cell; the robots are made by the algorithm itself. See `run_cells`."""
+        return run_cells(algorithm, self, seed, name, progress)
+
+    def report(self, scores: Sequence[GridScores], seed: int, out: Path) -> GridScores:
+        """Write the files of one or several runs, put together; see `report`."""
+        combined = combine(scores)
+        report(combined, self, seed, Path(out))
+        return combined
 
 
 def run_cells(
@@ -250,12 +294,12 @@ def run(
     policy: Callable[..., MLPPolicy],
     adapt: Adaptation,
     algorithm: Callable[..., Algorithm],
-    eval: Evaluation | None,
+    eval: Assessment | None,
     checkpoint: str | list[str] | None,
     seed: int,
     device: str,
     out: Path,
-) -> GridScores:
+) -> Any:
     """Evaluate trained policies.
 
     Args:
@@ -272,6 +316,9 @@ def run(
         seed: of the evaluation; all runs get the same luck.
         device: where networks are.
         out: the run's folder.
+
+    Returns:
+        The scores of all runs.
 
     Raises:
         Sim2RealError: nothing to evaluate, or a checkpoint that is damaged or does not fit.
@@ -291,10 +338,8 @@ def run(
             def report_all(done: int, total: int, number: int = number) -> None:
                 progress.report(number * total + done, len(sources) * total)
 
-            scores.append(run_cells(cast(Adaptable, learner), eval, seed, name, report_all))
-    combined = combine(scores)
-    report(combined, eval, seed, Path(out))
-    return combined
+            scores.append(eval.assess(learner, env, seed, name, report_all))
+    return eval.report(scores, seed, Path(out))
 
 
 def find_runs(checkpoint: str | Path | Sequence[str | Path] | None) -> dict[str, Path]:

@@ -22,7 +22,6 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 from envs.errors import RenderError
 from envs.randomization import Tasks
@@ -33,7 +32,7 @@ from sim2real.algorithms.base import Algorithm
 from sim2real.checkpoint import find
 from sim2real.cluster import Cluster
 from sim2real.errors import Sim2RealError, Stopped
-from sim2real.evaluate import Adaptable, Evaluation, evaluate_grid
+from sim2real.evaluate import Assessment
 from sim2real.learner import build, identity, with_effects
 from sim2real.loggers import Loggers
 from sim2real.policy import MLPPolicy
@@ -53,7 +52,7 @@ def run(
     policy: Callable[..., MLPPolicy],
     adapt: Adaptation,
     algorithm: Callable[..., Algorithm],
-    eval: Evaluation | None,
+    eval: Assessment | None,
     logger: Loggers,
     seed: int,
     device: str,
@@ -188,7 +187,7 @@ def finish(
     algorithm: Algorithm,
     files: RunFiles,
     env: Callable[..., Rows],
-    evaluation: Evaluation | None,
+    evaluation: Assessment | None,
     video: Video | None,
     seed: int,
 ) -> None:
@@ -201,6 +200,6 @@ def finish(
         except RenderError as error:
             log.warning("no video: %s", error)
     if evaluation is not None:
-        learner, name = cast(Adaptable, algorithm), f"seed {seed}"
         with Progress(1, "task") as progress:
-            evaluate_grid(learner, evaluation, seed, files.out, name=name, progress=progress.report)
+            scores = evaluation.assess(algorithm, env, seed, f"seed {seed}", progress.report)
+        evaluation.report([scores], seed, files.out)

@@ -164,15 +164,15 @@ def test_a_second_ctrl_c_abandons_the_iteration(tmp_path: Path) -> None:
     assert same(tmp_path / "whole", tmp_path / "on")
 
 
-def test_ctrl_c_after_training_keeps_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_after_training_keeps_it(tmp_path: Path) -> None:
     """Interrupted while the evaluation runs, the line says that training is complete."""
 
-    def interrupted(*_: Any, **__: Any) -> None:
-        raise KeyboardInterrupt
+    class Interrupted:
+        def assess(self, *_: Any, **__: Any) -> None:
+            raise KeyboardInterrupt
 
-    monkeypatch.setattr(train, "evaluate_grid", interrupted)
     with pytest.raises(Stopped, match=r"training is complete.*000010\.torchrl"):
-        go(tmp_path, eval=object())
+        go(tmp_path, eval=Interrupted())
 
 
 def test_a_full_disk_stops_the_run_in_a_sentence(
