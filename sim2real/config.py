@@ -79,6 +79,7 @@ class Config:
     log: str | list[str] | None
     model: str | None
     effects: str | None
+    exclude: list[str]
     seed: int
     device: Literal["auto", "cpu", "cuda"]
     iterations: int | None

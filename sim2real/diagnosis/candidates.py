@@ -250,7 +250,7 @@ def _group(effect: Effect) -> str:
         return "plain"
     if isinstance(effect, SeriesEffect):
         return f"{effect.label()} {effect.side}"
-    return effect.name
+    return "rules" if type(effect).__module__.startswith("envs.") else effect.name
 
 
 def _joint(effect: Effect, robot: Robot) -> str | None:

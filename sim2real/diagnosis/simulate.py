@@ -23,6 +23,7 @@ from sim2real.diagnosis.data import Data, Window
 
 LOST = 10.0  # times a joint's spread: the error of a simulation that diverged
 PLANTS = 12  # kept at a time
+MANY = 400  # rows from which threads pay in a plant that is stepped from Python
 LARGEST = 2.5e8  # bytes of one batch's paths
 
 
@@ -64,6 +65,7 @@ class Simulator:
         self.data, self.fixed, self.threads = data, tuple(fixed), threads
         self.seconds = 0.0  # of robot time simulated
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
+        self._stepped: dict[tuple[Any, ...], bool] = {}  # by structure: whether Python steps it
         self._length = data.mask.shape[1]
         self._plans = [self._plan(window) for window in data.windows]
         self._places = np.array([joint.qpos for joint in data.joints])
@@ -113,8 +115,13 @@ class Simulator:
         if key in self._plants:
             self._plants.move_to_end(key)
             return self._plants[key]
-        spec = self.data.specs[model]
-        plant = Plant(spec, effects, rows, self.threads, fixed=self.fixed)
+        spec, structure = self.data.specs[model], (model, *key[2:])
+        threads = 1 if self._stepped.get(structure, False) and rows < MANY else self.threads
+        plant = Plant(spec, effects, rows, threads, fixed=self.fixed)
+        if structure not in self._stepped:
+            self._stepped[structure] = bool(plant.substep_rules)
+            if plant.substep_rules:
+                return self._plant(effects, model, rows)
         self._plants[key] = plant
         if len(self._plants) > PLANTS:
             self._plants.popitem(last=False)

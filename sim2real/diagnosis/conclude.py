@@ -1,0 +1,312 @@
+"""From what attribution found to a report: verdict, causes with intervals, evidence.
+
+    report = conclude(search, found, floors, rng)
+
+Verdicts: `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if
+what is left is within twice the floor or nine tenths are closed; `partly_explained` from three
+tenths with a lower bound above zero; else `unexplained`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.diagnosis.attribute import ALIKE, CLOSE, ENOUGH, Contender, Found, Search
+from sim2real.diagnosis.candidates import FREE
+from sim2real.diagnosis.candidates import Candidate as Option
+from sim2real.diagnosis.data import Data
+from sim2real.diagnosis.fit import Fit, columns
+from sim2real.diagnosis.quantify import (
+    bands,
+    by_joint,
+    coalitions,
+    contradicted,
+    intervals,
+    shapley,
+    without,
+)
+from sim2real.diagnosis.report import (
+    Band,
+    Candidate,
+    Cause,
+    Equivalent,
+    Finding,
+    GapNumbers,
+    Report,
+    Rung,
+    Unexplained,
+    Verdict,
+    Where,
+)
+from sim2real.diagnosis.residue import describe
+
+EXPLAINED, PARTLY = 0.9, 0.3
+Set = frozenset[int]
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """A report without its evidence's pictures, and the fit behind it, causes in their order."""
+
+    report: Report
+    fit: Fit
+    ladder: tuple[Rung, ...]
+    candidates: tuple[Candidate, ...]
+    bands: tuple[Band, ...]
+    intervals: np.ndarray  # (P, 2)
+
+
+def resolution(data: Data) -> float:
+    """Return two encoder counts, in the units of errors."""
+    counts = np.array([joint.count / joint.scale for joint in data.joints])
+    return float(2 * np.sqrt(np.mean(counts**2)))
+
+
+def is_no_gap(before: float, floor: float, data: Data) -> bool:
+    """Return whether a gap is within what noise and rounding make."""
+    return before <= max(2 * floor, resolution(data))
+
+
+def verdict_of(
+    before: float, after: float, floor: float, closed: float, low: float, data: Data
+) -> Verdict:
+    """Return the verdict on a gap of which a share `closed` closes, its lower bound being `low`."""
+    if is_no_gap(before, floor, data):
+        return "no_gap"
+    if after <= 2 * floor or closed >= EXPLAINED:
+        return "explained"
+    return "partly_explained" if closed >= PARTLY and low > 0 else "unexplained"
+
+
+def nothing(search: Search, floors: np.ndarray) -> Conclusion:
+    """Return the conclusion where there is no gap."""
+    data, base = search.problem.data, search.base
+    gap = GapNumbers(data.unit, search.before, None, search.floor, None, None, True)
+    report = Report("no_gap", gap, _where(data, base, None), (), Unexplained(0.0, "none"))
+    rung = Rung("as given", search.before, search.blocks.interval(base))
+    floor = Rung("noise floor", search.floor, (search.floor, search.floor))
+    empty = np.zeros((0, 2))
+    spectrum = tuple(bands(data, base, base, floors))
+    return Conclusion(report, search.none, (rung, floor), (), spectrum, empty)
+
+
+def conclude(
+    search: Search, found: Found, floors: np.ndarray, rng: np.random.Generator
+) -> Conclusion:
+    """Return what a search found, as a report.
+
+    Args:
+        search: after its run.
+        found: what it returned.
+        floors: noise floor of each joint [rad or m], (M,).
+        rng: for the intervals.
+    """
+    data, blocks, floor = search.problem.data, search.blocks, search.floor
+    subsets = coalitions(search.problem, search.racing, found.fit, found.error)
+    gaps = {subset: blocks.rms(error) for subset, error in subsets.items()}
+    room = max(search.before - floor, 1e-12)
+    shares = shapley({s: (search.before - gap) / room for s, gap in gaps.items()}, _count(found))
+    order = [int(i) for i in np.argsort(-shares)]
+    fit = without(found.fit, order)
+    after = blocks.rms(found.error)
+    closed, ci = blocks.closed(search.base, found.error, floor)
+    spans = intervals(search.problem, fit, rng) if order else np.zeros((0, 2))
+    causes, findings = [], []
+    for place, number in enumerate(order):
+        member = found.fit.members[number]
+        rest = subsets[frozenset(range(_count(found))) - {number}]
+        cause, crowd = _cause(search, found, member, rest, float(shares[number]), closed)
+        span = columns(fit.members)[place].start
+        values = fit.mean[columns(fit.members)[place]]
+        causes.append(_valued(cause, member, values, spans[span]))
+        findings += [_crowded(cause, crowd)] if len(crowd) >= ALIKE else []
+    text = describe(data, found.error, floor)
+    gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
+    report = Report(
+        verdict_of(search.before, after, floor, closed, ci[0], data),
+        gap,
+        _where(data, search.base, found.error),
+        tuple(causes),
+        Unexplained(float(np.clip(1 - closed, 0.0, 1.0)), text),
+        tuple(findings),
+    )
+    return Conclusion(
+        report,
+        fit,
+        _ladder(search, found, subsets, order),
+        _singles(search, found),
+        tuple(bands(data, search.base, found.error, floors)),
+        spans,
+    )
+
+
+def _count(found: Found) -> int:
+    return len(found.fit.members)
+
+
+def _cause(
+    search: Search, found: Found, member: Option, rest: np.ndarray, share: float, closed: float
+) -> tuple[Cause, list[Contender]]:
+    """Return a cause without its value, and those that the data cannot tell from it."""
+    rivals = found.rivals.get(member.label, [])
+    crowd = _equals(search, member, rivals, rest, found.error)
+    names: dict[tuple[str, str | None], None] = {}
+    for contender in crowd:
+        place = (contender.candidate.name, contender.candidate.place)
+        if place != (member.name, member.place):
+            names[place] = None
+    alike = tuple(Equivalent(*name) for name in list(names)[: ALIKE - 1])
+    form = (
+        "contradicted"
+        if contradicted(search.problem.data, search.blocks, rest, found.error)
+        else "holds"
+    )
+    sure = _confidence(search, member, crowd, rivals, rest, closed)
+    extra = {**member.effect.extra, **member.effect.options()}
+    if member.effect.place == "body":
+        extra["body"] = member.effect.where
+    cause = Cause(
+        member.name,
+        member.place,
+        member.effect.side,
+        0.0,
+        (0.0, 0.0),
+        member.effect.unit,
+        extra,
+        sure,
+        share,
+        form,
+        alike,
+    )
+    return cause, crowd
+
+
+def _valued(cause: Cause, member: Option, values: np.ndarray, span: np.ndarray) -> Cause:
+    """Return the cause with its fitted values (P,) and the interval of the first."""
+    free = {e.name for e in member.effect.extras if e.name in member.effect.free}
+    own = [e.name for e in member.effect.extras if e.name in free]
+    first = len(values) - len(own)
+    extra = {**cause.extra, **dict(zip(own, map(float, values[first:]), strict=True))}
+    if first > 1:
+        extra["values"] = [float(v) for v in values[:first]]
+    kept = {k: v for k, v in vars(cause).items() if k not in ("value", "value_ci", "extra")}
+    ends = (float(span[0]), float(span[1]))
+    return Cause(**kept, value=float(values[0]), value_ci=ends, extra=extra)
+
+
+def _equals(
+    search: Search, member: Option, rivals: list[Contender], rest: np.ndarray, full: np.ndarray
+) -> list[Contender]:
+    """Return the rivals that do as well as a member on held-out windows, the best first."""
+    blocks = search.blocks
+    own = next((c.error for c in rivals if c.candidate.label == member.label), full)
+    best, worth = blocks.rms(own), max(blocks.rms(rest) - blocks.rms(own), 0.0)
+    near = max(CLOSE * worth, min(ENOUGH * search.floor, 0.2 * worth))
+    found = []
+    for contender in rivals:
+        if contender.candidate.label == member.label:
+            continue
+        low, _ = blocks.gain(contender.error, own)
+        behind = blocks.rms(contender.error) - best
+        if behind < near or (low <= 0 and behind < 0.25 * worth):
+            found.append(contender)
+    return found
+
+
+def _confidence(
+    search: Search,
+    member: Option,
+    crowd: list[Contender],
+    rivals: list[Contender],
+    rest: np.ndarray,
+    closed: float,
+) -> float:
+    """Return the probability that a cause, or an equal of it, is really there.
+
+    How often it wins when blocks are drawn again, less where the next rival is close behind or
+    much of the gap stays.
+    """
+    blocks = search.blocks
+    good = {member.label, *(c.candidate.label for c in crowd)}
+    others = [c for c in rivals if c.candidate.label not in good]
+    own = [c for c in rivals if c.candidate.label in good]
+    if not own or not others:
+        wins, margin = 1.0, 1.0
+    else:
+        best = np.min([blocks.drawn(c.error) for c in own], axis=0)
+        next_best = np.min([blocks.drawn(c.error) for c in others], axis=0)
+        wins = float(np.mean(best < next_best))
+        worth = blocks.rms(rest) - min(blocks.rms(c.error) for c in own)
+        gap = min(blocks.rms(c.error) for c in others) - min(blocks.rms(c.error) for c in own)
+        margin = gap / max(worth, 1e-12)
+    sure = 0.98 * wins * (1 - 0.4 * np.exp(-max(margin, 0.0) / 0.1))
+    return float(np.clip(sure * (0.4 + 0.6 * np.clip(closed, 0, 1)), 0.01, 0.99))
+
+
+def _crowded(cause: Cause, crowd: list[Contender]) -> Finding:
+    names = ", ".join(c.candidate.label for c in crowd)
+    return Finding(
+        "excitation",
+        cause.where,
+        f"the log cannot tell {cause.effect} from {len(crowd)} other effects: {names}",
+        EFFECT_HINT,
+    )
+
+
+EFFECT_HINT = "record motions that part them: slow reversals, steps, chirps, holds in several poses, torque-off swings"  # noqa: E501
+
+
+def _where(data: Data, before: np.ndarray, after: np.ndarray | None) -> tuple[Where, ...]:
+    """Return each joint's share of the gap, the largest first."""
+    square = (before**2).sum(axis=(0, 1))
+    shares = square / max(square.sum(), 1e-18)
+    first = by_joint(data, before)
+    last = None if after is None else by_joint(data, after)
+    found = [
+        Where(j.name, float(s), float(first[i]), None if last is None else float(last[i]))
+        for i, (j, s) in enumerate(zip(data.joints, shares, strict=True))
+    ]
+    return tuple(sorted(found, key=lambda where: -where.share))
+
+
+def _ladder(
+    search: Search, found: Found, subsets: dict[Set, np.ndarray], order: list[int]
+) -> tuple[Rung, ...]:
+    """Return the gap as given, after each cause in their order, and the floor."""
+    rungs = [Rung("as given", search.before, search.blocks.interval(search.base))]
+    for size in range(1, len(order) + 1):
+        error = subsets[frozenset(order[:size])]
+        label = found.fit.members[order[size - 1]].label
+        rungs.append(Rung(f"+ {label}", search.blocks.rms(error), search.blocks.interval(error)))
+    return (*rungs, Rung("noise floor", search.floor, (search.floor, search.floor)))
+
+
+def _singles(search: Search, found: Found) -> tuple[Candidate, ...]:
+    """Return every candidate alone: fitted where it was, else as screening predicts."""
+    fitted = {c.candidate.label: c for c in found.singles}
+    rows = []
+    for guess in found.guesses:
+        option = guess.candidate
+        contender = fitted.get(option.label)
+        if contender is not None:
+            closed, ci = search.blocks.closed(search.base, contender.error, search.floor)
+            value = float(contender.fit.mean[0])
+        else:
+            closed = (1 - np.sqrt(max(1 - guess.gain, 0.0))) if guess.gain > 0 else 0.0
+            closed = float(closed * search.before / max(search.before - search.floor, 1e-12))
+            ci, value = (0.0, min(closed, 1.0)), float(guess.start[0])
+        value = min(value, FREE)
+        rows.append(
+            Candidate(
+                option.name,
+                option.place,
+                option.effect.side,
+                value,
+                option.effect.unit,
+                min(closed, 1.0),
+                ci,
+            )
+        )
+    return tuple(sorted(rows, key=lambda row: -row.closed))

@@ -1,0 +1,201 @@
+"""How much each cause closes, how sure its value is, and where the gap lies before and after.
+
+shares = shapley(problem, racing, fit, closed)       # of the closable gap, one a member
+low, high = intervals(problem, fit, blocks)          # (P,), (P,)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations, pairwise
+from math import factorial
+
+import numpy as np
+
+from sim2real.diagnosis.data import Data
+from sim2real.diagnosis.fit import FOLDS, Fit, Problem, columns, refine, sensitivities
+from sim2real.diagnosis.report import Band
+from sim2real.diagnosis.score import Blocks
+
+EDGES = (0.0, 0.5, 1.5, 4.0, np.inf)  # Hz: slow, ordinary, fast, and what servos hardly follow
+UNSURE = 0.02  # least half-width of an interval, of how far a value is from neutral
+Set = frozenset[int]
+
+
+def without(fit: Fit, kept: Sequence[int]) -> Fit:
+    """Return the fit of some of its members, by their numbers; costs are not known then."""
+    places = columns(fit.members)
+    members = tuple(fit.members[i] for i in kept)
+    picked = [np.arange(places[i].start, places[i].stop) for i in kept]
+    values = fit.values[:, np.concatenate([np.zeros(0, int), *picked])]
+    return Fit(members, values, np.zeros(FOLDS))
+
+
+def coalitions(
+    problem: Problem, racing: Problem, fit: Fit, full: np.ndarray
+) -> dict[Set, np.ndarray]:
+    """Return the held-out errors of every subset of a fit's members, each fitted anew.
+
+    Args:
+        problem: all windows.
+        racing: the windows that subsets are fitted to.
+        fit: all members.
+        full: its held-out errors, (W, T, M).
+    """
+    count = len(fit.members)
+    found: dict[Set, np.ndarray] = {frozenset(range(count)): full}
+    for size in range(count):
+        for kept in combinations(range(count), size):
+            part = without(fit, kept)
+            if size:
+                part = refine(racing, part.members, part.values[None], 2)
+            found[frozenset(kept)] = problem.held_out(part.members, part.values)
+    return found
+
+
+def shapley(values: dict[Set, float], count: int) -> np.ndarray:
+    """Return each member's Shapley value, (count,), of what every subset of them closes."""
+    shares = np.zeros(count)
+    for member in range(count):
+        for subset, value in values.items():
+            if member not in subset:
+                size = len(subset)
+                weight = factorial(size) * factorial(count - size - 1) / factorial(count)
+                shares[member] += weight * (values[subset | {member}] - value)
+    return shares
+
+
+def intervals(problem: Problem, fit: Fit, rng: np.random.Generator) -> np.ndarray:
+    """Return the 90 % intervals of a fit's values, (P, 2).
+
+    One Gauss-Newton step on blocks of a second that are drawn again, in each fold; and never less
+    than the two folds differ.
+    """
+    error, slope = problem.errors(fit.members, fit.values[None])
+    shift = problem.shift(error[0], slope[0])[problem.fold]
+    timed = error[0] + shift[:, None, None] * slope[0]
+    change = sensitivities(problem, fit.members, fit.values, error[0])  # (P, W, T, M)
+    blocks = Blocks(problem.data, problem.windows, rng)
+    numbers = np.full(blocks.inside.shape, -1)
+    numbers[blocks.inside] = blocks.numbers
+    drawn = []
+    for f in range(FOLDS):
+        own = (problem.fold == f)[:, None] & blocks.inside  # (W, T)
+        flat, residual = change[:, own], timed[own]  # (P, rows, M), (rows, M)
+        curve = _summed(np.einsum("prm,qrm->rpq", flat, flat), numbers[own], blocks.count)
+        down = _summed(np.einsum("prm,rm->rp", flat, residual), numbers[own], blocks.count)
+        matrix = np.tensordot(blocks.draws, curve, 1)  # (D, P, P)
+        size = np.trace(matrix, axis1=1, axis2=2)[:, None, None]
+        matrix = matrix + (1e-9 * size + 1e-30) * np.eye(flat.shape[0])
+        right = np.tensordot(blocks.draws, down, 1)[..., None]
+        drawn.append(fit.values[f] - np.linalg.solve(matrix, right)[..., 0])  # (D, P)
+    both = np.mean(drawn, axis=0)
+    spread = (np.quantile(both, 0.95, axis=0) - np.quantile(both, 0.05, axis=0)) / 2
+    apart = np.abs(fit.values[0] - fit.values[1])
+    neutral = np.concatenate([m.neutral for m in fit.members])
+    least = UNSURE * np.abs(np.where(neutral > 1e5, fit.mean, fit.mean - neutral))
+    half = np.maximum(np.maximum(spread, apart), least)
+    low = np.concatenate([m.low for m in fit.members])
+    high = np.concatenate([m.high for m in fit.members])
+    return np.stack([np.clip(fit.mean - half, low, high), np.clip(fit.mean + half, low, high)], 1)
+
+
+def _summed(rows: np.ndarray, numbers: np.ndarray, count: int) -> np.ndarray:
+    """Return the sums of rows (R, ...) over the blocks that they are in, (count, ...)."""
+    out = np.zeros((count, *rows.shape[1:]))
+    np.add.at(out, numbers, rows)
+    return out
+
+
+def by_joint(data: Data, error: np.ndarray) -> np.ndarray:
+    """Return each joint's root mean square error in its own unit, (M,)."""
+    return np.sqrt((error**2).sum(axis=(0, 1)) / max(data.mask.sum(), 1)) * data.scale
+
+
+def bands(data: Data, before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> list[Band]:
+    """Return each joint's errors by frequency; floor (M,) is shared out by the width of a band."""
+    found, rate = [], _rate(data)
+    top = rate / 2
+    edges = [e for e in EDGES if e < top] + [top]
+    first, last = _powers(data, before, edges, rate), _powers(data, after, edges, rate)
+    for j, joint in enumerate(data.joints):
+        for b, (low, high) in enumerate(pairwise(edges)):
+            share = np.sqrt((high - low) / top)
+            found.append(
+                Band(
+                    joint.name,
+                    low,
+                    high,
+                    float(first[b, j] * joint.scale),
+                    float(last[b, j] * joint.scale),
+                    float(floor[j] * share),
+                )
+            )
+    return found
+
+
+def _rate(data: Data) -> float:
+    times = [np.diff(w.sample[:, 0]) for w in data.windows if len(w.sample) > 1]
+    return float(1 / np.median(np.concatenate(times)))
+
+
+def _powers(data: Data, error: np.ndarray, edges: Sequence[float], rate: float) -> np.ndarray:
+    """Return root mean squares in bands of frequency, (bands, M)."""
+    power = np.zeros((len(edges) - 1, error.shape[2]))
+    rows = 0
+    for index, window in enumerate(data.windows):
+        own = error[index, : len(window.usable)]
+        own = np.where(window.usable[:, None], own, 0.0)
+        spectrum = np.abs(np.fft.rfft(own, axis=0)) ** 2 / len(own)
+        spectrum[1:] *= 2
+        if len(own) % 2 == 0:
+            spectrum[-1] /= 2
+        where = np.fft.rfftfreq(len(own), 1 / rate)
+        for b, (low, high) in enumerate(pairwise(edges)):
+            last = b == len(edges) - 2
+            inside = (where >= low) & ((where < high) | last)
+            power[b] += spectrum[inside].sum(axis=0)
+        rows += int(window.usable.sum())
+    return np.sqrt(power / max(rows, 1))
+
+
+def contradicted(data: Data, blocks: Blocks, rest: np.ndarray, full: np.ndarray) -> bool:
+    """Return whether a member helps some held-out regions and surely harms others.
+
+    Args:
+        data: the windows.
+        blocks: of these windows.
+        rest: held-out errors without the member, (W, T, M).
+        full: with it.
+    """
+    gains = []
+    for region in regions(data):
+        inside = region[:, None, None]
+        kept = np.where(inside, rest, 0.0), np.where(inside, full, 0.0)
+        size = float((kept[0] ** 2).sum())
+        low, high = blocks.gain(*kept)
+        scale = blocks.sizes.sum()
+        if size > 0:
+            gains.append((low * scale / size, high * scale / size))
+    helps = any(low > 0.1 for low, _ in gains)
+    harms = any(high < -0.25 for _, high in gains)
+    return helps and harms
+
+
+def regions(data: Data) -> list[np.ndarray]:
+    """Return groups of windows, (W,) bool each: calm, lively, without torque, each settings."""
+    lively = np.array([w.lively for w in data.windows])
+    off = np.array([w.off for w in data.windows]) > 0.05
+    middle = np.median(lively)
+    found = [~off & (lively <= middle), ~off & (lively > middle), off]
+    settings = [str(log.settings) for log in data.logs]
+    for one in dict.fromkeys(settings):
+        if settings.count(one) < len(settings):
+            found.append(np.array([settings[w.log] == one for w in data.windows]))
+    return [region for region in found if region.sum() >= 2]
+
+
+def cosine(first: np.ndarray, other: np.ndarray) -> float:
+    """Return the largest cosine between the spaces that two sets of changes (P, ...) span."""
+    a, b = (np.linalg.qr(part.reshape(len(part), -1).T)[0] for part in (first, other))
+    return float(np.linalg.svd(a.T @ b, compute_uv=False).max(initial=0.0))
