@@ -22,6 +22,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from hardware.body import BodySensors, EmulatedBody
+from hardware.clock import VirtualClock
 from hardware.config import Robot
 from hardware.connect import make_driver
 from hardware.driver import Driver, Health, Reading
@@ -91,6 +92,7 @@ class ServoBackend:
         sensors: an IMU or a tracker beside the servos; the emulated robot has its own.
         policy: when the guard stops the robot.
         seed: of the emulated robot's randomness.
+        clock: of the emulated robot; None makes one.
     """
 
     def __init__(
@@ -102,13 +104,14 @@ class ServoBackend:
         sensors: BodySensors | None = None,
         policy: Policy | None = None,
         seed: int = 0,
+        clock: VirtualClock | None = None,
     ) -> None:
         self.robot, self.real, self.dry_run = robot, robot.port is not None, dry_run
         self.world = world if self.real or world is not None else World(robot, seed=seed)
         emulated = EmulatedBody(self.world) if self.world is not None and not self.real else None
         self.sensors = sensors or emulated
         self.stopped: str | None = None  # why the guard stopped the robot
-        self._policy, self._settle = policy, settle
+        self._policy, self._settle, self._clock = policy, settle, clock
         self._driver: Driver | None = None
         self._guard: Guard | None = None
         self._pace: Pace | None = None
@@ -163,7 +166,7 @@ class ServoBackend:
         """
         if self._guard is not None:
             return
-        driver = make_driver(self.robot, self.world)
+        driver = make_driver(self.robot, self.world, self._clock)
         try:
             driver.connect()
             if not self.dry_run:

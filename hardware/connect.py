@@ -11,14 +11,17 @@ from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
 
 
-def make_driver(robot: Robot, world: World | None = None) -> Driver:
+def make_driver(
+    robot: Robot, world: World | None = None, clock: VirtualClock | None = None
+) -> Driver:
     """Return a driver for the robot; nothing is opened yet.
 
     Args:
         robot: with `port` set the servos at that port, else an emulated robot in virtual time.
         world: the emulated robot; None makes one that is as the file says.
+        clock: the emulated robot's time; None makes one.
     """
     if robot.port is not None:
         return Driver(robot, PortHandler(robot.port), RealClock())
-    clock = VirtualClock()
+    clock = clock or VirtualClock()
     return Driver(robot, LoopbackPort(world or World(robot), clock), clock)
