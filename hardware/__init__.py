@@ -8,7 +8,11 @@
     safety.py       the hand that moves a robot    pace.py         a fixed rate
     excite.py       motions that show a robot      record.py       a motion as a log
     emulator/       a bus that is not there        connect.py      a driver for either
+    backends.py     episodes on a robot            replayed.py     episodes of a log
+    body.py         IMU and tracker                steplog.py      a log of every step
+    rows.py         a task on a robot              exported.py     a policy in NumPy
+    env.py          the same for TorchRL
 
 Needs numpy, PyYAML, dynamixel-sdk, pyserial and mujoco (log.py only numpy); knows neither the
-simulated worlds nor the algorithms. `docs/hardware.md` is the manual.
+simulated worlds (env.py aside) nor the algorithms. `docs/hardware.md` is the manual.
 """
