@@ -13,18 +13,19 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
 
-from envs.effects import Effect, make
+from envs.effects import load_effects
 from envs.errors import EnvsError
+from envs.plant import Fixed
 from hardware.log import Log, read_log
 from sim2real.blind import matrix, score, seal
-from sim2real.blind.answer import REPORT, answered, ask
+from sim2real.blind.answer import EFFECTS, REPORT, answered, ask
 from sim2real.blind.cases import KEY, Outline
 from sim2real.blind.logs import overall
 from sim2real.blind.measure import apart
@@ -118,37 +119,34 @@ def _mark(folder: Path, name: str) -> Mark:
     held = folder / KEYS / name / HELD
     closed = None
     if answer is not None and key["kind"] in ("one", "two") and held.is_file():
-        closed = closes(answer, read_log(held), key["residue"])
+        known = folder / LOGS / name / "known.yaml"
+        fixed = load_effects(known) if known.is_file() else []
+        named = load_effects(file.with_name(EFFECTS))
+        closed = closes(read_log(held), fixed, named, key["residue"])
     return score.mark(key, answer, closed)
 
 
-def closes(answer: Mapping[str, Any], log: Log, residue: float) -> float | None:
+def closes(
+    log: Log, known: Sequence[Fixed], named: Sequence[Fixed], residue: float
+) -> float | None:
     """Return what share of a log's closable gap the found effects close.
 
     None where they cannot be put into the model.
 
     Args:
-        answer: report.json.
         log: a recording that the diagnosis never saw; its metadata names the model.
+        known: effects that the diagnosis was told of.
+        named: those that it found.
         residue: what the model leaves where nothing is hidden [rad].
     """
     spec = mujoco.MjSpec.from_file(str(log.model))
-    before = overall(apart(log, spec))
+    before = overall(apart(log, spec, known))
     try:
-        fixed = [found(cause) for cause in answer["causes"]]
-        after = overall(apart(log, spec, fixed)) if fixed else before
+        after = overall(apart(log, spec, [*known, *named])) if named else before
     except EnvsError as error:
         log_.warning("the found effects cannot be replayed: %s", error)
         return None
     return (before - after) / max(before - residue, 1e-9)
-
-
-def found(cause: Mapping[str, Any]) -> tuple[Effect, tuple[float, ...]]:
-    """Return a cause of a report as an effect with its values."""
-    extra = dict(cause["extra"])
-    where = extra.pop("body", cause["where"])
-    values = extra.pop("values", [cause["value"]])
-    return make(cause["effect"], where=where, side=cause["side"], **extra), tuple(values)
 
 
 def _dropped(folder: Path) -> list[str]:

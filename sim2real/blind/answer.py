@@ -2,8 +2,9 @@
 
     python -m sim2real.blind.answer outputs/exam/logs/case_007 outputs/exam/answers/case_007
 
-`task.json` among the logs says which effects may not be used and the seed. The answer is
-`report.json`; a diagnosis that fails leaves `error.txt`, which counts as wrong.
+`task.json` among the logs says which effects may not be used, which file has effects that are known
+already, and the seed. The answer is `report.json` and `effects.yaml`, what a user of the diagnosis
+gets; a diagnosis that fails leaves `error.txt`, which counts as wrong.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from pathlib import Path
 from sim2real.errors import Sim2RealError
 from sim2real.files import write_text
 
-REPORT, ERROR, TASK = "report.json", "error.txt", "task.json"
+REPORT, EFFECTS, ERROR, TASK = "report.json", "effects.yaml", "error.txt", "task.json"
 LONGEST = 1800.0  # s after which a diagnosis counts as failed
 
 
@@ -59,12 +60,15 @@ def answer(logs: Path, folder: Path) -> None:
 
 
 def _diagnose(logs: Path, folder: Path) -> None:
+    from envs.effects import write_effects
     from hardware.log import read_logs
-    from sim2real.diagnose import diagnose
+    from sim2real.diagnose import examine
 
     task = json.loads((logs / TASK).read_text(encoding="utf-8"))
-    report = diagnose(read_logs(logs), exclude=tuple(task["exclude"]), seed=task["seed"])
-    report.write(folder / REPORT)
+    known = logs / task["effects"] if task["effects"] else None
+    answer = examine(read_logs(logs), None, known, tuple(task["exclude"]), task["seed"], None)
+    write_effects(folder / EFFECTS, answer.found)
+    answer.report.write(folder / REPORT)
 
 
 def main(arguments: list[str]) -> None:

@@ -93,9 +93,9 @@ class Case:
         write_text(folder / KEY, json.dumps(asdict(self), indent=1) + "\n")
 
 
-def write_task(folder: Path, exclude: Sequence[str]) -> None:
-    """Write what a diagnosis is told beside its logs."""
-    task = {"exclude": list(exclude), "seed": 0}
+def write_task(folder: Path, exclude: Sequence[str], effects: str | None = None) -> None:
+    """Write what a diagnosis is told beside its logs; `effects` is a file there of known ones."""
+    task = {"exclude": list(exclude), "effects": effects, "seed": 0}
     write_text(folder / TASK, json.dumps(task, indent=1) + "\n")
 
 

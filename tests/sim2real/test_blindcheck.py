@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from envs.effects import Effect, make, write_effects
 from sim2real import blindcheck
 from sim2real.blind import logs as logs_module
 from sim2real.blind import sizes
@@ -23,6 +24,7 @@ asked: list[str] = []
 def oracle(logs: Path, answer: Path) -> None:
     """Answer with what the key says, in the form of a report."""
     asked.append(logs.name)
+    answer.mkdir(parents=True, exist_ok=True)
     key = json.loads((logs.parents[1] / "keys" / logs.name / KEY).read_text())
     causes = [
         {
@@ -36,9 +38,15 @@ def oracle(logs: Path, answer: Path) -> None:
         | {"extra": t["extra"] | ({"body": t["where"]} if t["where"] == "arm" else {})}
         for t in key["truths"]
     ]
+    write_effects(answer / "effects.yaml", [_effect(t) for t in key["truths"]])
     found = {"verdict": "explained" if causes else "no_gap", "causes": causes, "seconds": 1.0}
     found |= {"gap": {"closed": 1.0 if causes else None}, "where": [{"joint": "hinge"}]}
     write_text(answer / "report.json", json.dumps(found))
+
+
+def _effect(truth: dict) -> tuple[Effect, tuple[float, ...]]:
+    effect = make(truth["effect"], where=truth["where"], side=truth["side"], **truth["extra"])
+    return effect, (truth["value"],)
 
 
 @pytest.fixture(scope="module")
