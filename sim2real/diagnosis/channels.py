@@ -20,7 +20,7 @@ from sim2real.diagnosis.pairs import Pairs, index_of, joints_of, name_of, unit_o
 from sim2real.diagnosis.registers import check_duties, check_speeds
 from sim2real.diagnosis.report import Finding
 
-NOTES = frozenset({"quantization", "noise", "velocity_filter"})
+NOTES = frozenset({"quantization", "noise", "velocity_filter", "unsigned"})
 JITTER, LONG, MANY = 0.25, 2.5, 0.005  # of the median interval; times it; share of rows
 STILL = {"rad": 0.05, "m": 0.005}  # a joint that moves less in all logs says nothing
 FEW = 4  # reversals that friction and play need
@@ -43,6 +43,7 @@ def check_channels(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> lis
         check_speeds,
         _limits,
         _resolution,
+        _unsigned,
     ]
     return [finding for check in checks for finding in check(pairs)]
 
@@ -246,3 +247,22 @@ def _resolution(pairs: Pairs) -> Iterator[Finding]:
                 f"The positions of {joint} come in steps of {step:.4g} {unit}{turn}.",
                 f"Nothing to mend; a policy that reads it needs quantization = {step:.4g} {unit}.",
             )
+
+
+def _unsigned(pairs: Pairs) -> Iterator[Finding]:
+    """Currents that are never negative although the joints go both ways."""
+    names = [n for log, _ in pairs for n in log.columns if "current" in n.split("_")[0]]
+    positive = [
+        name
+        for name in dict.fromkeys(names)
+        if all(log.columns[name].min() >= 0 for log, _ in pairs if name in log.columns)
+        and any(log.columns[name].std() > 0 for log, _ in pairs if name in log.columns)
+    ]
+    if positive:
+        yield Finding(
+            "unsigned",
+            None,
+            f"{len(positive)} columns of current (`{positive[0]}`, …) are never negative: they are "
+            "magnitudes without a direction.",
+            "Nothing to mend; they cannot serve as torques.",
+        )

@@ -13,16 +13,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import mujoco
+import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.channels import NOTES, check_channels
-from sim2real.diagnosis.floor import noise_floor
+from sim2real.diagnosis.floor import noise_floor, step_of
 from sim2real.diagnosis.lag import check_lag
 from sim2real.diagnosis.mistakes import find_mistakes
 from sim2real.diagnosis.report import Finding
 
 __all__ = ["NOTES", "noise_floor", "preflight"]
 ORDER = ("sign", "swap", "degrees", "scale", "zero", "rate", "control_law", "excitation")
+LOUD = 1.5  # times the rounding of a count
 GRAVE = ORDER[:4]  # what makes other checks of the same joint meaningless
 FOLLOWS = ("degrees", "scale", "zero", "control_law", "speed", "ctrlrange", "saturation")
 
@@ -45,7 +47,27 @@ def preflight(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[Findi
     found = [*check_channels(logs, models), *find_mistakes(logs, specs)]
     if not any(finding.check in ORDER[:6] for finding in found):
         found += check_lag(logs, specs)
+    if not any(finding.check == "rate" for finding in found):
+        found += _noise(logs)
     return sorted(_causes(_merged(found), _turned(models)), key=_rank)
+
+
+def _noise(logs: Sequence[Log]) -> list[Finding]:
+    """Joints whose readings scatter by more than their counts."""
+    found = []
+    for joint, floor in noise_floor(logs).items():
+        values = [log.column(f"qpos.{joint}") for log in logs if f"qpos.{joint}" in log.columns]
+        if floor > LOUD * max(step_of(np.concatenate(values)) / np.sqrt(12), 1e-5):
+            found.append(
+                Finding(
+                    "noise",
+                    joint,
+                    f"The positions of {joint} differ by {floor:.2g} (RMS) from what repeats of "
+                    "the same commands, or neighbouring rows, let expect.",
+                    "Nothing to mend: no model comes nearer than that to a single run.",
+                )
+            )
+    return found
 
 
 def _turned(models: Sequence[mujoco.MjModel]) -> dict[str | None, str]:
