@@ -180,11 +180,11 @@ def collect(paths: Iterable[str | Path]) -> list[Run]:
 def budgets(frames: Iterable[int]) -> dict[int, int]:
     """Return for each number of steps the smallest one that counts as the same budget."""
     found: dict[int, int] = {}
-    last = start = 0
+    start = 0
     for steps in sorted(set(frames)):
-        if not found or steps > SAME * last:
+        if not found or steps > SAME * start:
             start = steps
-        found[steps], last = start, steps
+        found[steps] = start
     return found
 
 
@@ -219,7 +219,7 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def _fixed(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return what must be equal in a table: the world, without what tells the robots apart."""
-    return {key: settings.get(key) for key in ("env._target_", "env.task.masses", "effects")}
+    return {key: settings.get(key) for key in ("env.task.masses", "env.task.max_steps", "effects")}
 
 
 def _words(run: Run) -> str:

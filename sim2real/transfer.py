@@ -22,8 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch import nn
 
 from envs.errors import did_you_mean
 from envs.rows import Rows
@@ -32,6 +30,7 @@ from sim2real.errors import Sim2RealError
 from sim2real.files import write_text
 from sim2real.learner import with_effects
 from sim2real.population import draw_seeds
+from sim2real.rollout import Played, play
 from sim2real.tables import Table
 
 EPISODES = 4  # stream of randomness that follows from the evaluation's seed
@@ -142,9 +141,9 @@ class Transfer:
         """
         worlds = {robot: variant(env, robot, dict(c)) for robot, c in self.robots.items()}
         seeds = draw_seeds(np.random.default_rng([seed, EPISODES]), self.episodes)
-        played: dict[str, tuple[np.ndarray, np.ndarray, int]] = {}
+        played: dict[str, Played] = {}
         for robot, world in worlds.items():
-            played[robot] = play(world(num_rows=self.episodes), algorithm.module(), seeds)
+            played[robot] = _play(world(num_rows=self.episodes), algorithm, seeds)
             if progress is not None:
                 progress(len(played), len(worlds))
         return TransferScores(
@@ -153,18 +152,23 @@ class Transfer:
             _own(env, worlds),
             algorithm.frames,
             {robot: dict(changes) for robot, changes in self.robots.items()},
-            {robot: returns for robot, (returns, _, _) in played.items()},
-            {robot: lengths for robot, (_, lengths, _) in played.items()},
-            {robot: failed for robot, (_, _, failed) in played.items()},
+            {robot: found.returns for robot, found in played.items()},
+            {robot: found.lengths for robot, found in played.items()},
+            {robot: int(found.failed.sum()) for robot, found in played.items()},
         )
 
-    def report(self, scores: Sequence[TransferScores], seed: int, out: Path) -> None:
+    def report(
+        self, scores: Sequence[TransferScores], seed: int, out: Path
+    ) -> Sequence[TransferScores]:
         """Write transfer-<steps>.json with every episode, and transfer.md and .csv.
 
         Args:
             scores: of one or several training runs.
             seed: that they were assessed with.
             out: folder of the files.
+
+        Returns:
+            The scores.
         """
         write(scores, seed, out)
         columns = ("run", "tested on", "mean return", "sd over episodes", "mean length")
@@ -177,6 +181,7 @@ class Transfer:
                 cells = (one.name, here, float(returns.mean()), spread, length)
                 table.add(*cells, len(returns), one.frames)
         table.write(Path(out) / "transfer")
+        return scores
 
 
 def write(scores: Sequence[TransferScores], seed: int, out: str | Path) -> Path:
@@ -201,31 +206,12 @@ def read(path: str | Path) -> list[TransferScores]:
         ) from error
 
 
-@torch.no_grad()
-def play(rows: Rows, policy: nn.Module, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Run one episode in each row, at the neutral parameters.
-
-    Args:
-        rows: the world, N rows.
-        policy: from raw observations (N, O) to actions (N, A); if it remembers, from a fresh start.
-        seeds: of the episodes, (N,) uint64.
-
-    Returns:
-        Returns (N,), lengths (N,), and how many a simulation error ended.
-    """
-    count = rows.num_rows
-    alive = np.arange(count)
-    returns, lengths, failed = np.zeros(count), np.zeros(count, np.int64), 0
-    observation = np.array(rows.reset(alive, rows.space.points(count), seeds))  # (N, O)
-    while len(alive):
-        action = policy(torch.from_numpy(observation)).cpu().numpy().astype(np.float64)  # (N, A)
-        step = rows.step(None if len(alive) == count else alive, action[alive])
-        observation[alive] = step.observation
-        returns[alive] += step.reward
-        lengths[alive] += 1
-        failed += int(step.failed.sum())
-        alive = alive[~(step.terminated | step.truncated)]
-    return returns, lengths, failed
+def _play(rows: Rows, algorithm: Algorithm, seeds: np.ndarray) -> Played:
+    """Run an episode in each row with nothing drawn, and close what draws images."""
+    try:
+        return play(rows, algorithm.module(), rows.space.points(len(seeds)), seeds)
+    finally:
+        getattr(rows, "close", lambda: None)()
 
 
 def task_of(env: Callable[..., Rows]) -> Any:

@@ -1,0 +1,243 @@
+"""What randomization gives a policy that moves from a source robot to a target.
+
+    python -m benchmarks.transfer                                   # every row and seed: hours
+    python -m benchmarks.transfer --rows source target udr --seeds 0 1
+    python -m benchmarks.transfer --report                          # the tables of what there is
+
+Trains every row with every seed, the most telling first: the main rows, then the other widths, then
+the settings of PPO, then further methods. After each round of seeds `run=report` writes its tables
+and pictures to benchmarks/results/transfer/.
+
+Each run has a folder of its own: what is complete is skipped, what was interrupted is continued.
+Several of these programs may run at once and share the work, such as one on each core:
+
+    for core in 0 1; do taskset -c $core python -m benchmarks.transfer & done
+"""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from sim2real.checkpoint import find, read_metadata
+from sim2real.errors import Sim2RealError
+
+RESULTS = Path(__file__).parent / "results" / "transfer"
+SIGNALLED = 128  # exit statuses above are those of a job that was told to stop
+LONG, SHORT = 500_000, 300_000  # environment steps
+WIDTHS = ("0.01", "0.03", "0.05", "0.1", "0.25", "0.5", "0.75")  # beside 0.075, the main row's
+SETTINGS = ("ent001", "gamma07", "lr3e3", "nsteps3840", "vf08")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the tables.
+
+    Args:
+        name: of the row and its folder.
+        experiment: that trains it.
+        seeds: how many, from 0 up.
+        budgets: environment steps after which it is evaluated; the last ends it.
+        overrides: of the experiment.
+    """
+
+    name: str
+    experiment: str
+    seeds: int
+    budgets: tuple[int, ...]
+    overrides: tuple[str, ...] = ()
+
+
+MAIN = (
+    Row("source", "ppo_source", 10, (SHORT, LONG)),
+    Row("target", "ppo_target", 10, (LONG,)),
+    Row("udr", "udr", 10, (SHORT, LONG), ("params.width=0.075",)),
+    Row("ndr", "ndr", 10, (LONG,), ("params.std=0.1",)),
+)
+SWEEP = tuple(Row(f"udr_{w}", "udr", 5, (SHORT,), (f"params.width={w}",)) for w in WIDTHS)
+HYPER = tuple(Row(name, f"ppo_{name}", 5, (SHORT,)) for name in SETTINGS)
+FURTHER = (Row("oracle", "oracle", 5, (LONG,)),)
+ROUNDS = (MAIN, SWEEP, HYPER, FURTHER)
+ROWS = {row.name: row for rows in ROUNDS for row in rows}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to run and where.
+
+    Args:
+        rows: names of rows.
+        seeds: of training; None for as many as each row has.
+        out: folder of the runs.
+        results: folder of the report.
+        frames: environment steps of every run instead of its own; None for its own.
+        overrides: further settings of every run.
+    """
+
+    rows: tuple[str, ...]
+    seeds: tuple[int, ...] | None
+    out: Path
+    results: Path
+    frames: int | None = None
+    overrides: tuple[str, ...] = ()
+
+    def folder(self, row: Row, seed: int) -> Path:
+        """Return a run's folder."""
+        return self.out / row.name / f"seed{seed}"
+
+    def budgets(self, row: Row) -> tuple[int, ...]:
+        """Return the steps after which a row's runs are evaluated."""
+        return row.budgets if self.frames is None else (self.frames,)
+
+    def jobs(self) -> Iterator[list[tuple[Row, int]]]:
+        """Yield rounds of runs, those of one seed after those of another."""
+        for rows in ROUNDS:
+            wanted = [row for row in rows if row.name in self.rows]
+            most = max((row.seeds for row in wanted), default=0)
+            for seed in range(most) if self.seeds is None else self.seeds:
+                here = [(r, seed) for r in wanted if self.seeds is not None or seed < r.seeds]
+                if here:
+                    yield here
+
+
+def run(plan: Plan) -> int:
+    """Do all that is not yet done; write the report after each round that did something.
+
+    Returns:
+        How many jobs failed; the others went on.
+    """
+    failed = 0
+    for jobs in plan.jobs():
+        found = [train(plan, row, seed) for row, seed in jobs]
+        failed += found.count(False)
+        if any(done is not None for done in found):
+            failed += not report(plan)
+    return failed
+
+
+def train(plan: Plan, row: Row, seed: int) -> bool | None:
+    """Train and evaluate one run, from where it stopped.
+
+    Returns:
+        Whether it came to its end; None where nothing was left to do, or another program does it.
+    """
+    folder, done = plan.folder(row, seed), None
+    with claimed(folder) as mine:
+        for budget in plan.budgets(row) if mine else ():
+            if evaluated(folder, budget):
+                continue
+            steps = trained(folder)
+            done = sim2real(
+                f"+experiment={row.experiment}",
+                f"seed={seed}",
+                f"frames={max(budget, steps)}",
+                f"hydra.run.dir={folder}",
+                *([f"resume={folder}"] if steps else []),
+                *row.overrides,
+                *plan.overrides,
+            )
+            if not done:
+                break
+    return done
+
+
+def trained(folder: Path) -> int:
+    """Return the environment steps of the newest checkpoint in a run's folder; 0 without one."""
+    try:
+        return int(read_metadata(find(folder))["frames"])
+    except Sim2RealError:
+        return 0
+
+
+def evaluated(folder: Path, budget: int) -> bool:
+    """Return whether a run has scores after at least that many steps."""
+    steps = [int(file.stem.rpartition("-")[2]) for file in folder.glob("transfer-*.json")]
+    return max(steps, default=0) >= budget
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[bool]:
+    """Hold a run's folder; yield False if another program works there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".claimed").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+            return
+        yield True
+
+
+def report(plan: Plan) -> bool:
+    """Write the tables and pictures of all runs in the plan's folder; return whether it could."""
+    made = Path(f"{plan.out}_report")
+    done = sim2real("run=report", f"runs={plan.out}", f"hydra.run.dir={made}")
+    if done:
+        keep(made, plan.results)
+    return done
+
+
+def keep(made: Path, results: Path) -> None:
+    """Copy a report, without what belongs to the job that wrote it."""
+    for file in [*made.glob("*.md"), *made.glob("*.csv"), *made.glob("plots/*.png")]:
+        target = results / file.relative_to(made)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(file.read_bytes())
+
+
+def sim2real(*arguments: str) -> bool:
+    """Run a job of the command line; return whether it came to its end.
+
+    Raises:
+        SystemExit: the job was told to stop.
+    """
+    status = subprocess.run([sys.executable, "-m", "sim2real", *arguments]).returncode
+    if status:
+        line = f"sim2real {' '.join(arguments)} ended with status {status}"
+        print(f"{line}; start this benchmark again to go on", file=sys.stderr)
+    if status < 0 or status > SIGNALLED:
+        sys.exit(status)
+    return status == 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line and run; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.transfer",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    rows = ", ".join(ROWS)
+    add("--rows", nargs="+", default=list(ROWS), metavar="ROW", help=f"of: {rows}; default: all")
+    add("--seeds", type=int, nargs="+", help="training seeds; default: each row's own 5 or 10")
+    add("--frames", type=int, help="environment steps of every run; default: each row's own")
+    add("--report", action="store_true", help="train nothing, write the report")
+    add("--out", type=Path, default=Path("outputs/bench_long/transfer"), help="folder of the runs")
+    add("--results", type=Path, default=RESULTS, help="folder of the tables and pictures")
+    add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="further settings of every run")
+    chosen = parser.parse_args(arguments)
+    unknown = [name for name in chosen.rows if name not in ROWS]
+    if unknown:
+        parser.error(f"no row {unknown[0]!r}; there are: {rows}")
+    if min(chosen.seeds or [0]) < 0 or (chosen.frames or 1) < 1:
+        parser.error("--seeds must not be negative and --frames at least 1")
+    plan = Plan(
+        tuple(chosen.rows),
+        None if chosen.seeds is None else tuple(dict.fromkeys(chosen.seeds)),
+        chosen.out.resolve(),
+        chosen.results.resolve(),
+        chosen.frames,
+        tuple(chosen.set),
+    )
+    return int(not report(plan) if chosen.report else run(plan) > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
