@@ -40,10 +40,15 @@ THRESHOLDS = (
     Threshold("es_population_fresh", "raw_physics_es_fresh", 0.88, 0.95),
     Threshold("es_population_fresh", "es_two_processes_torch_fresh", 2.5),
     Threshold("es_population_fresh", "es_two_processes_numpy_fresh", 1.5),
+    Threshold("ppo_same_schedule", "ppo_sb3", 2.0, 3.0),
+    Threshold("ppo_tuned", "ppo_sb3", 4.0, 6.0),
+    Threshold("sac", "sac_sb3", 1.0, 1.5),
     Threshold("pixels_gl", "pixels_gymenv", 15.0, 25.0),
     Threshold("pixels_rays", "pixels_gymenv", 100.0, 150.0),
 )
-PACKAGES = ("mujoco", "torch", "torchrl", "gymnasium", "envpool", "numpy")
+PACKAGES = (
+    "mujoco", "torch", "torchrl", "gymnasium", "envpool", "stable-baselines3", "numpy",
+)  # fmt: skip
 
 
 def machine() -> dict[str, Any]:
@@ -101,7 +106,7 @@ def document(
             {
                 "name": one.row.name,
                 "per_second": one.per_second,
-                "unit": "env steps",
+                "unit": one.row.unit,
                 "of": one.row.of or one.row.name,
                 "ratio": ratio(per_second, one.row.name, one.row.of),
                 "runs": [timing.per_second for timing in one.timings],
@@ -135,7 +140,7 @@ def table(document: dict[str, Any]) -> str:
         loads = [load for load in row["other_load_cores"] if load is not None]
         load = f"{max(loads):.2f}{' **busy**' if max(loads) > BUSY else ''}" if loads else "?"
         cells = (
-            row["name"], f"{row['per_second']:,.0f}", _number(row["ratio"], 3), row["of"],
+            row["name"], _rate(row), _number(row["ratio"], 3), row["of"],
             _number(row["mean_episode_length"], 0), _number(row["bytes_per_simulation"], 0, 1 /
             1024), load, row["setup"],
         )  # fmt: skip
@@ -157,6 +162,12 @@ def _verdict(row: str, of: str, must: float | None, goal: float | None, ratio: f
         holds = "yes" if ratio >= must else "**no**"
     limits = ("" if limit is None else f"{limit:g}" for limit in (must, goal))
     return f"| {row} / {of} | {_number(ratio, 3)} | {' | '.join(limits)} | {holds} |"
+
+
+def _rate(row: dict[str, Any]) -> str:
+    """Return a row's rate, with its unit where that is no environment step."""
+    rate = f"{row['per_second']:,.0f}"
+    return rate if row["unit"] == "env steps" else f"{rate} {row['unit']}"
 
 
 def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
@@ -181,8 +192,9 @@ def picture(document: dict[str, Any]) -> bytes:
     figure = Figure(figsize=(8, 0.32 * len(rows) + 1.2), layout="constrained")
     axes = figure.subplots()
     ceiling = [row["name"].startswith("raw_physics") for row in rows]
-    colours = ["0.65" if raw else "C0" if row["name"].startswith(OWN) else "C1"
-               for raw, row in zip(ceiling, rows, strict=True)]  # fmt: skip
+    own = [row["name"].startswith(OWN) or row["name"] == "sac" for row in rows]
+    colours = ["0.65" if raw else "C0" if ours else "C1"
+               for raw, ours in zip(ceiling, own, strict=True)]  # fmt: skip
     bars = axes.barh(
         [row["name"] for row in rows], [row["per_second"] for row in rows], color=colours
     )
@@ -200,7 +212,7 @@ def picture(document: dict[str, Any]) -> bytes:
     return buffer.getvalue()
 
 
-OWN = ("batched_env", "collector", "es_population")
+OWN = ("batched_env", "collector", "es_population", "ppo_same", "ppo_tuned")
 
 
 def _replace(path: Path, content: bytes) -> None:

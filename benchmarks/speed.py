@@ -125,6 +125,7 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     from torchrl.envs import GymEnv
 
     from benchmarks.rows.batched import BatchedEnv, Collected, make_env
+    from benchmarks.rows.learning import Ours, StableBaselines3, TorchRLPPO
     from benchmarks.rows.others import TASK, EnvPool, GymnasiumTorch, TorchRLParallel, Vectorized
     from benchmarks.rows.physics import RawPhysics
     from benchmarks.rows.pixels import BatchedPixels, Pixels
@@ -186,6 +187,19 @@ def default_rows(scale: float = 1.0) -> list[Row]:
         TwoProcesses(
             "es_two_processes_numpy_fresh", job_fresh, of(512), "numpy", "raw_physics_es_fresh"
         ),
+        StableBaselines3("ppo_sb3", "PPO", of(4096)),
+        Ours(
+            "ppo_same_schedule",
+            "ppo_sb3",
+            "ppo_sb3",
+            of(24_000),
+            "env steps",
+            "16 rows, 2048 steps, minibatches of 64, 10 epochs",
+        ),
+        Ours("ppo_tuned", "ppo", "ppo_sb3", of(48_000), "env steps", "the preset ppo"),
+        TorchRLPPO(of(2048)),
+        StableBaselines3("sac_sb3", "SAC", of(300)),
+        Ours("sac", "sac", "sac_sb3", of(400), "updates", "8 rows, 1 update a step"),
         Pixels("pixels_gymenv", 1, of(60), "GymEnv(from_pixels=True), 84 x 84"),
         BatchedPixels("gl", 32, of(40), f"N = 32, OpenGL in {THREADS} processes, 84 x 84"),
         BatchedPixels("rays", 128, of(60), f"N = 128, rays on {THREADS} threads, 84 x 84"),

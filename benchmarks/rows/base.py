@@ -17,13 +17,13 @@ from typing import ClassVar, NamedTuple
 class Timing(NamedTuple):
     """One run of a row."""
 
-    steps: int  # environment steps
+    steps: int  # environment steps, or what the row counts
     seconds: float
     episodes: int  # that ended within
 
     @property
     def per_second(self) -> float:
-        """Environment steps a second."""
+        """Environment steps, or what the row counts, a second."""
         return self.steps / self.seconds
 
 
@@ -33,6 +33,7 @@ class Row(ABC):
     Attributes:
         name: the row's, for good.
         of: name of the row whose rate divides this one's; None for a row that is a divisor itself.
+        unit: what it counts.
         setup: threads, processes and sizes, in words.
         needs: a package that the row cannot run without, and is not among the project's own.
         simulations: how many it holds.
@@ -42,6 +43,7 @@ class Row(ABC):
 
     name: str
     of: str | None = "raw_physics"
+    unit: str = "env steps"
     setup: str
     needs: ClassVar[str | None] = None
     simulations: int = 1
