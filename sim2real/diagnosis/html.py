@@ -22,6 +22,7 @@ from markupsafe import Markup
 
 from envs.effects import EFFECTS
 from sim2real.diagnosis import figure, svg, words
+from sim2real.diagnosis.channels import NOTES
 from sim2real.diagnosis.report import Candidate, Cause, Report, Trace, Where
 from sim2real.files import write_text
 
@@ -70,6 +71,8 @@ def view(report: Report) -> dict[str, Any]:
         "badge": words.SUBTITLES[report.verdict],
         "sentence": words.sentence(report),
         "details": words.details(report),
+        "findings": [f for f in report.preflight if f.check not in NOTES],
+        "notes": [f for f in report.preflight if f.check in NOTES],
         "ladder": _ladder(report),
         "robot": _robot(report),
         "regimes": _regimes(report.where),
@@ -254,7 +257,7 @@ def _window(title: str, trace: Trace, span: svg.Span) -> dict[str, Any]:
     )
     return {
         "title": title,
-        "place": f"{place}, {span.start:.0f} to {span.end:.0f} s",
+        "place": f"{place}, {round(span.start) + 0} to {span.end:.0f} s",
         "before": numbers[0],
         "after": numbers[1],
         "picture": svg.window(trace, span, spoken),

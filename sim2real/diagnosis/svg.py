@@ -98,8 +98,9 @@ class _Axis:
         return self.start + share * (self.end - self.start)
 
     def ticks(self, count: int) -> Iterator[tuple[float, str]]:
-        """Yield round numbers within the axis and their text."""
-        step = _round_step((self.high - self.low) / count)
+        """Yield round numbers within the axis and their text; one on each side about 0."""
+        even = self.low == -self.high
+        step = _round_step(0.401 * self.high if even else (self.high - self.low) / count)
         digits = max(0, -math.floor(math.log10(step) + 1e-9))
         first = math.ceil(self.low / step - 1e-9)
         for k in range(first, math.floor(self.high / step + 1e-9) + 1):

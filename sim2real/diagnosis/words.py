@@ -103,6 +103,8 @@ def details(report: Report) -> str:
 
 def label(text: str) -> str:
     """Return a rung's label in words: `+ coulomb_friction.elbow` is Coulomb friction at elbow."""
+    if text == "as given":
+        return "model as given"
     head, dot, place = text.partition(".")
     return " ".join(map(plain, head.split(" "))) + (f" at {place}" if dot else "")
 

@@ -21,7 +21,7 @@
   const axis = (low, high, start, end) => {
     const map = (v) => start + ((v - low) / (high - low)) * (end - start);
     map.ticks = (count) => {
-      const by = step((high - low) / count), digits = Math.max(0, -Math.floor(Math.log10(by) + 1e-9));
+      const by = step(low === -high ? 0.401 * high : (high - low) / count), digits = Math.max(0, -Math.floor(Math.log10(by) + 1e-9));
       const out = [];
       for (let k = Math.ceil(low / by - 1e-9); k * by <= high + by * 1e-9; k++)
         out.push([map(k * by), (k * by).toFixed(digits).replace("-", "−")]);
