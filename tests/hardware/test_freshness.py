@@ -36,3 +36,20 @@ def test_a_servo_that_started_anew():
     assert not age.accept(120, 20.3)
     assert age.accept(140, 20.32)
     assert age.accept(160, 20.34)
+
+
+def test_answers_that_are_all_late_by_the_same_time():
+    """They agree with each other, yet not one is taken; the first that is on time is."""
+    age = Freshness()
+    assert age.accept(20000, 20.0)
+    for step in range(1, 20):
+        assert not age.accept(20000 + 20 * (step - 1), 20.0 + 0.02 * step)
+    assert age.accept(20400, 20.4)
+
+
+def test_a_first_answer_that_was_late():
+    """What comes afterwards is newer than it should be, twice, and is believed."""
+    age = Freshness()
+    assert age.accept(19900, 20.0)
+    assert not age.accept(20020, 20.02)
+    assert age.accept(20040, 20.04)
