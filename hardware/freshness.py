@@ -5,7 +5,7 @@ from __future__ import annotations
 ROUND = 32768  # the counter starts again after so many milliseconds
 SLACK = 4.0  # ms that an answer may be older or newer than thought
 DRIFT = 0.02  # of the time passed, between the servo's clock and ours
-LATEST = 500.0  # ms, no answer is later
+LATEST = 200.0  # ms, no answer is later
 
 
 class Freshness:
