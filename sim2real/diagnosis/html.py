@@ -184,6 +184,7 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
         "typical": words.interval((low, high), cause.unit, cause.value) if effect else "",
         "picture": _typical(cause, low, high) if effect else "",
         "closed": svg.fill(cause.closed, "after"),
+        "share": words.percent(min(cause.closed, 1.0)),
         "extra": "; ".join(f"{k.replace('_', ' ')}: {_number(v)}" for k, v in extra.items()),
         "equivalent": [words.name(e.effect, e.where) for e in cause.equivalent],
     }
@@ -257,7 +258,7 @@ def _window(title: str, trace: Trace, span: svg.Span) -> dict[str, Any]:
     )
     return {
         "title": title,
-        "place": f"{place}, {round(span.start) + 0} to {span.end:.0f} s",
+        "place": f"{place}, {max(span.start, 0.0):.1f} to {span.end:.1f} s",
         "before": numbers[0],
         "after": numbers[1],
         "picture": svg.window(trace, span, spoken),

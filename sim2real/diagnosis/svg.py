@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from sim2real.diagnosis.report import Trace
 
-WIDTH, TOP, MAIN, GAP, ERROR, LEFT, BOTTOM = 330, 6, 118, 14, 56, 46, 22  # of a window, units
+WIDTH, TOP, MAIN, GAP, ERROR, LEFT, BOTTOM = 330, 6, 118, 14, 56, 52, 22  # of a window, units
 POINTS = 700  # of a line, at most
 LINES = ("measured", "nominal", "corrected")  # drawn in this order
 

@@ -79,7 +79,7 @@ def sentence(report: Report) -> str:
         )
     if report.verdict == "unexplained" or not report.causes:
         return "There is a gap, and no effect that is known here explains it."
-    subject = _and([name(c.effect, c.where) for c in report.causes])
+    subject = _and([name(c.effect, c.extra.get("body") or c.where) for c in report.causes])
     verb = "explains" if len(report.causes) == 1 else "explain"
     text = f"{subject} {verb} {percent(gap.closed)} of the gap."
     if report.verdict == "partly_explained":
@@ -91,11 +91,12 @@ def details(report: Report) -> str:
     """Return the sentence below the verdict: the gap before and after against the floor."""
     gap = report.gap
     floor = quantity(gap.noise_floor, gap.unit)
+    motion = " of the joints' own motion" if gap.unit == "spread" else ""
     on = "on parts of the recordings that nothing was fitted to" if gap.held_out else ""
     if gap.after is None:
-        return f"The noise floor of these recordings is {floor}."
+        return f"The noise floor of these recordings is {floor}{motion}."
     return (
-        f"The simulation misses the robot by {quantity(gap.before, gap.unit)};"
+        f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
         f" with {_these(report)} in the model by {quantity(gap.after, gap.unit)}"
         f"{', ' + on if on else ''}. {floor} are noise that nothing can close."
     )
@@ -131,10 +132,15 @@ def _and(parts: Sequence[str]) -> str:
 def _scaled(value: float, unit: str, like: float) -> tuple[str, str]:
     """Return the number as text and the name of its unit."""
     if unit == "spread":
-        return _digits(100 * value), "% of the motion"
+        return _least(100 * value), "%"
     if unit in SMALL and abs(like) < (0.1 if unit in ("N·m", "kg") else 1.0):
-        return _digits(1e3 * value), SMALL[unit]
+        return _least(1e3 * value), SMALL[unit]
     return _digits(value), unit
+
+
+def _least(value: float) -> str:
+    """Return three digits, or that it is next to nothing."""
+    return "< 0.001" if 0 < abs(value) < 5e-4 else _digits(value)
 
 
 def _digits(value: float) -> str:

@@ -16,10 +16,11 @@ from sim2real.diagnosis import words
         (0.98, "kg", "0.980 kg"),
         (-0.012, "rad", "−12.0 mrad"),
         (0.48, "", "0.480"),
-        (0.031, "spread", "3.10 % of the motion"),
+        (0.031, "spread", "3.10 %"),
         (1234.5, "N·m", "1234 N·m"),
         (2e-9, "kg·m²", "2.00e-09 kg·m²"),
         (0.0, "m", "0 mm"),
+        (2e-9, "m", "< 0.001 mm"),
         (None, "m", "–"),
     ],
 )
