@@ -1,6 +1,6 @@
 """What randomization gives a policy that moves from a source robot to a target.
 
-    python -m benchmarks.transfer                                   # every row and seed: hours
+    python -m benchmarks.transfer                                   # rows and seeds: hours
     python -m benchmarks.transfer --rows source target udr --seeds 0 1
     python -m benchmarks.transfer --report                          # the tables of what there is
 
@@ -62,9 +62,11 @@ MAIN = (
 )
 SWEEP = tuple(Row(f"udr_{w}", "udr", 5, (SHORT,), (f"params.width={w}",)) for w in WIDTHS)
 HYPER = tuple(Row(name, f"ppo_{name}", 5, (SHORT,)) for name in SETTINGS)
-FURTHER = (Row("oracle", "oracle", 5, (LONG,)),)
-ROUNDS = (MAIN, SWEEP, HYPER, FURTHER)
+ORACLE = (Row("oracle", "oracle", 5, (LONG,)),)
+SLOW = tuple(Row(name, name, 5, (SHORT,)) for name in ("sac_source", "sac_target"))
+ROUNDS = (MAIN, SWEEP, HYPER, ORACLE, SLOW)
 ROWS = {row.name: row for rows in ROUNDS for row in rows}
+USUAL = [name for name, row in ROWS.items() if row not in SLOW]
 
 
 @dataclass(frozen=True)
@@ -215,7 +217,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     add = parser.add_argument
     rows = ", ".join(ROWS)
-    add("--rows", nargs="+", default=list(ROWS), metavar="ROW", help=f"of: {rows}; default: all")
+    slow = " and ".join(row.name for row in SLOW)
+    text = f"of: {rows}; default: all but {slow}, which take hours each"
+    add("--rows", nargs="+", default=USUAL, metavar="ROW", help=text)
     add("--seeds", type=int, nargs="+", help="training seeds; default: each row's own 5 or 10")
     add("--frames", type=int, help="environment steps of every run; default: each row's own")
     add("--report", action="store_true", help="train nothing, write the report")
