@@ -73,8 +73,8 @@ class ActorCritic(nn.Module):
         last = self.hidden[-1]
         self._heads = [(last, self.action_size), (self.action_size,), (last, 1), (1,)]
         self._heads.append((self.action_size,))
-        count = self.body.num_parameters + sum(prod(shape) for shape in self._heads)
-        self.theta = nn.Parameter(torch.zeros(count))  # (P,)
+        self._count = self.body.num_parameters + sum(prod(shape) for shape in self._heads)
+        self.theta = nn.Parameter(torch.zeros(self._count))  # (P,)
         self._views: tuple[int, Weights] | None = None
 
     @property
@@ -89,7 +89,8 @@ class ActorCritic(nn.Module):
 
     def weights(self, flat: Tensor) -> Weights:
         """Return the layers as views of a flat vector (P,): the parameters or their gradient."""
-        heads = flat[self.body.num_parameters :].split([prod(shape) for shape in self._heads])
+        heads = flat[self.body.num_parameters : self._count]
+        heads = heads.split([prod(shape) for shape in self._heads])
         mean, mean_bias, value, value_bias, log_std = (
             head.view(shape) for head, shape in zip(heads, self._heads, strict=True)
         )

@@ -120,7 +120,7 @@ class AutogradGradient:
 
 def make_gradient(policy: Network, loss: ClipLoss) -> AutogradGradient | PerceptronGradient:
     """Return the faster way to differentiate the loss of that policy."""
-    if isinstance(policy, ActorCritic):
+    if type(policy) is ActorCritic:
         return PerceptronGradient(policy, loss)
     return AutogradGradient(policy, loss)
 

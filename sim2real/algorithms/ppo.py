@@ -37,6 +37,7 @@ from sim2real.algorithms.reward_scale import RewardScale
 from sim2real.algorithms.stream import EpisodeStream
 from sim2real.conv_actor_critic import ConvActorCritic
 from sim2real.errors import CheckpointError, Sim2RealError
+from sim2real.gru_actor_critic import GRUActorCritic
 from sim2real.normalizer import Normalizer
 
 Tensor = torch.Tensor
@@ -119,6 +120,14 @@ class PPO(Algorithm):
         rows = self.world(num_rows)
         self.stream = EpisodeStream(rows, tasks, worlds)
         self.policy = make_policy(policy, rows, start, device)
+        self._window, self._memory = 1, None
+        if isinstance(self.policy, GRUActorCritic):
+            self._window = self.policy.window
+            self._memory = torch.zeros(num_rows, self.policy.memory, device=device)
+        if steps % self._window:
+            raise Sim2RealError(
+                f"policy.window={self._window} does not divide algorithm.steps={steps}"
+            )
         self._acting, self._sorting = acting, sorting
         self._steps, self._epochs, self._minibatch = steps, epochs, minibatch_size
         self._rate, self._anneal = learning_rate, anneal_frames
@@ -145,7 +154,9 @@ class PPO(Algorithm):
 
     def iterate(self) -> dict[str, float]:
         """Gather experience and learn from it."""
-        experience = gather(self.stream, self.policy, self._steps, self._acting, self.normalizer)
+        experience = gather(
+            self.stream, self.policy, self._steps, self._acting, self.normalizer, self._memory
+        )
         batch = self._prepare(experience)
         epochs = self._learn(batch)
         if self.normalizer is not None:
@@ -182,7 +193,15 @@ class PPO(Algorithm):
         flat = [x[..., 0].T.flatten() for x in (advantage, target)]
         action = experience.action.flatten(0, 1)
         probability = log_prob(action, mean[: len(action)], log_std)
-        return Batch(seen[:-1].flatten(0, 1), action, probability, *flat)
+        return self._windows(Batch(seen[:-1].flatten(0, 1), action, probability, *flat))
+
+    def _windows(self, batch: Batch) -> Batch:
+        """Return samples (T N, ...) as windows (S, L, ...) for a policy that learns from those."""
+        if self._memory is None:
+            return batch
+        lead = (self._steps // self._window, self._window, len(self._memory))
+        cut = [x.view(*lead, *x.shape[1:]).transpose(1, 2).flatten(0, 1) for x in batch]
+        return Batch(*(x.contiguous() for x in cut))
 
     def _learn(self, batch: Batch) -> int:
         """Go through the samples; return the epochs done."""
@@ -192,7 +211,8 @@ class PPO(Algorithm):
         self._optimizer.param_groups[0]["lr"] = rate
         for epoch in range(self._epochs):
             order = torch.from_numpy(self._sorting.permutation(len(batch.target)))
-            shuffled = [x[order.to(x.device)].split(self._minibatch) for x in batch]
+            size = max(1, self._minibatch // self._window)
+            shuffled = [x[order.to(x.device)].split(size) for x in batch]
             for parts in zip(*shuffled, strict=True):
                 self._gradient(Batch(*parts))
                 clip_norm(self.policy.theta.grad, self._max_norm)
@@ -232,6 +252,7 @@ class PPO(Algorithm):
             "theta": self.policy.theta.detach().clone(),
             "optimizer": deepcopy(self._optimizer.state_dict()),
             **{name: None if p is None else p.state_dict() for name, p in parts.items()},
+            "memory": None if self._memory is None else self._memory.clone(),
             "stream": self.stream.state_dict(),
             "acting": self._acting.bit_generator.state,
             "sorting": self._sorting.bit_generator.state,
@@ -256,6 +277,8 @@ class PPO(Algorithm):
                 part.load_state_dict(state[name])
         with torch.no_grad():
             self.policy.theta.copy_(state["theta"])
+            if self._memory is not None:
+                self._memory.copy_(state["memory"])
         self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
         self.stream.load_state_dict(state["stream"])
         self._acting.bit_generator.state = state["acting"]
@@ -280,7 +303,7 @@ def make_policy(
     if not isinstance(made, ActorCritic | ConvActorCritic):
         raise Sim2RealError(
             f"algorithm=ppo trains an actor and a critic, {type(made).__name__} is none; "
-            "use policy=actor_critic, or policy=cnn for images"
+            "use policy=actor_critic or policy=gru, or policy=cnn for images"
         )
     made.initialize(torch.Generator().manual_seed(int(rng.integers(2**63))))
     return made.to(device)
