@@ -56,8 +56,8 @@ def check_lag(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[Findi
                     None,
                     f"In {name} the robot trails its simulation by {1e3 * before:.0f} ms until "
                     f"{time:.1f} s and by {1e3 * after:.0f} ms from then on.",
-                    "Something was changed or failed then (a gain, the adapter's latency, another "
-                    "program on the bus): cut the log there, and diagnose the parts by themselves.",
+                    "Something was changed then, or failed (a gain, heat, the adapter's latency, "
+                    "another program on the bus): cut the log there, and diagnose both parts.",
                 )
             )
     return found

@@ -171,6 +171,8 @@ def _panel(model: mujoco.MjModel) -> tuple[list[Effect], np.ndarray]:
         "command_delay": [(0.02,), (0.05,), (0.1,)],
         "coulomb_friction": [(0.05 * force,), (0.2 * force,), (0.5 * force,)],
         "viscous_friction": [(0.05 * force,), (0.2 * force,), (force,)],
+        "profile_velocity": [(0.5,), (2.0,)],
+        "profile_acceleration": [(2.0,), (4.0,), (6.0,), (10.0,), (30.0,)],
         "gravity_tilt": [(-0.4, 0.0), (0.4, 0.0), (0.0, -0.4), (0.0, 0.4)],
     }
     effects: list[Effect] = []

@@ -20,6 +20,7 @@ from sim2real.diagnosis.pairs import Pairs, index_of, joints_of
 from sim2real.diagnosis.report import Finding
 
 OFF = 0.03  # rad between the zeros of commands and readings that is worth a word
+LOOSE = 0.03  # of the duty's variance: a law that leaves more is none
 FULL_PWM = 885.0  # of Dynamixel X servos, e-manual "PWM Limit"
 TURN = 4096 / (2 * np.pi)  # counts a rad
 DEGREES = 180 / np.pi
@@ -259,7 +260,7 @@ def duty_law(log: Log, model: mujoco.MjModel, actuator: str) -> DutyLaw | None:
     table = np.column_stack([sent, q, np.ones(len(y))])
     (command, position, constant), *_ = np.linalg.lstsq(table, y, rcond=None)
     rest = y - table @ (command, position, constant)
-    if np.sum(rest**2) > 0.1 * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
+    if np.sum(rest**2) > LOOSE * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
         return None
     return DutyLaw(float(command), float(position), float(-constant / position))
 
