@@ -1,6 +1,6 @@
 """How honest is the diagnosis? Its whole exam, and the one on real logs where there are any.
 
-    python -m benchmarks.blindcheck                             # hours; goes on where it was stopped
+    python -m benchmarks.blindcheck                        # hours; goes on where it was stopped
     python -m benchmarks.blindcheck --experiments blindcheck_small --results outputs/try
 
 Runs the experiments `blindcheck` and, with SIM2REAL_DATA set, `blindcheck_real` in folders of their
