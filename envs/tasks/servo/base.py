@@ -37,6 +37,7 @@ Fidelity = Literal["ideal", "servo"]
 ASSETS = Path(__file__).parents[2] / "assets"
 TIMESTEP = 0.001  # s, of the physics: one pass of the firmware's loop
 SPEED_FILTER = 0.005  # s, of a servo's reported speed; no maker publishes it
+SETTLE = 1.0  # s, that a robot holds its pose before an episode
 READING_AGE = 0.0025  # s, from a servo's reading to the command made of it: 1 Mbit/s, USB at 1 ms
 START_NOISE = 0.02  # rad, largest deviation of the starting angles from the pose at home
 
@@ -50,7 +51,8 @@ class ServoTask(Task):
         seconds: length of an episode [s].
 
     Attributes:
-        asset: the model's file in envs/assets; its keyframe `home` is where episodes start.
+        asset: the model's file in envs/assets; episodes start where it comes to rest when its
+            keyframe `home` is held.
         machine: the robot's limits, rate and servos.
 
     Raises:
@@ -104,10 +106,9 @@ class ServoTask(Task):
         return spec
 
     def setup(self, model: mujoco.MjModel) -> None:
-        """Read off where the servos and the pose at home stand in the model."""
+        """Read off where the servos are in the model, and where it rests in the pose at home."""
         super().setup(model)
-        home = model.key("home")
-        self.start = home.qpos.copy()
+        self.start = settled(model)
         joints = model.actuator_trnid[:, 0]
         self.q, self.v = model.jnt_qposadr[joints], model.jnt_dofadr[joints]  # (n,) each
         self._damping = model.actuator_damping.copy()  # (n,) back-EMF
@@ -130,7 +131,7 @@ class ServoTask(Task):
         return model.key("home").ctrl.copy()
 
     def initial(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return states at rest near home, each servo off by up to 20 mrad."""
+        """Return states of robots that rest at home, each servo off by up to 20 mrad."""
         qpos = np.tile(self.start, (len(seeds), 1))
         noise = 2.0 * uniform(seeds, 0, len(self.q)) - 1.0
         qpos[:, self.q] += START_NOISE * noise
@@ -198,6 +199,21 @@ class ServoTask(Task):
     def power(self, state: State) -> np.ndarray:
         """Return the sum of |torque x speed| over the servos [W], (n,)."""
         return np.abs(self.torque(state) * state.qvel[:, self.v]).sum(1)
+
+
+def settled(model: mujoco.MjModel) -> np.ndarray:
+    """Return where the robot comes to rest holding its keyframe `home`, (nq,).
+
+    Soft servos sag, and a robot that starts an episode did so before. A floating base stays above
+    the keyframe's point of the ground.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    mujoco.mj_step(model, data, round(SETTLE / model.opt.timestep))
+    floating = int(model.jnt_type[0]) == int(mujoco.mjtJoint.mjJNT_FREE)
+    free = slice(0, 2 if floating else 0)
+    data.qpos[free] = model.key("home").qpos[free]
+    return data.qpos.copy()
 
 
 def commanded(state: State) -> Commanded:

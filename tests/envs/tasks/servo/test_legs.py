@@ -18,7 +18,7 @@ def test_swing_goes_forward_and_extension_makes_long() -> None:
         model = task.spec().compile()
         data = mujoco.MjData(model)
         swing, extension = np.full((1, len(feet)), 0.2), np.full((1, len(feet)), 0.1)
-        data.qpos[:] = task.start
+        data.qpos[:] = model.key("home").qpos
         data.qpos[task.q] = joints(swing, extension, task.home_bend)[0]
         mujoco.mj_kinematics(model, data)
         for i, name in enumerate(feet):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import mujoco
 import numpy as np
 import pytest
 from torchrl.envs.utils import check_env_specs
@@ -124,6 +125,20 @@ def test_height_is_paid_above_a_straight_leg() -> None:
     state = task.measured(still, still, command, position=heights)
     reward = task.reward(state, state, still, np.zeros(3, bool))
     np.testing.assert_allclose(reward, [0, 0, 0.1 * task.dt], atol=1e-12)
+
+
+@pytest.mark.parametrize("fidelity", ["ideal", "servo"])
+@pytest.mark.parametrize("make", TASKS)
+def test_an_episode_starts_at_rest(make: Make, fidelity: str) -> None:
+    """Robots that hold the pose at home stay where their episodes start, sagged as they are."""
+    task = make(fidelity)
+    model = task.spec().compile()
+    data = mujoco.MjData(model)
+    data.qpos[:], data.ctrl[:] = task.start, task.rest(model)
+    mujoco.mj_step(model, data, 500)
+    np.testing.assert_allclose(data.qpos[task.q], task.start[task.q], atol=5e-3)
+    sag = np.abs(task.start[task.q] - model.key("home").qpos[task.q]).max()
+    assert (sag > 0.015) == (fidelity == "servo")
 
 
 def test_a_wrong_goal_is_refused() -> None:
