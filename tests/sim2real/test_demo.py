@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
+import yaml
 
 from hardware.config import ASSETS
 from hardware.log import read_logs
@@ -29,3 +31,20 @@ def test_the_shipped_log_names_its_robot_and_not_what_it_hides() -> None:
     assert log.model is not None and log.model.samefile(ASSETS / "arm2.xml")
     assert not {"hidden", "effects"} & set(log.meta)
     assert DEMO.stat().st_size < 5e5
+
+
+@pytest.mark.slow
+def test_the_demo_names_what_the_arm_hides(tmp_path: Path) -> None:
+    """Both effects at their places, values near, hardly a gap left; the page says so."""
+    verb, arguments = prepare(compose(["+experiment=diagnose_demo"]), tmp_path)
+    report = verb(**arguments)
+    hidden = yaml.safe_load(DEMO.with_name("answer.yaml").read_text(encoding="utf-8"))
+    found = {(cause.effect, cause.where): cause for cause in report.causes}
+    assert report.verdict == "explained"
+    assert found.keys() == {(entry["effect"], entry["where"]) for entry in hidden}
+    for entry in hidden:
+        value = found[entry["effect"], entry["where"]].value
+        assert value == pytest.approx(entry["value"], rel=0.15)
+    assert report.gap.closed is not None and report.gap.closed > 0.97
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Coulomb friction at elbow and command delay explain" in page
