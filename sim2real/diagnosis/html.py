@@ -10,6 +10,7 @@ files are escaped.
 from __future__ import annotations
 
 import math
+import os
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -355,7 +356,14 @@ def _sources(inputs: Mapping[str, Any]) -> list[str]:
     """Return log=... and model=..., quoted for a shell."""
     logs = inputs.get("logs", [])
     logs = [logs] if isinstance(logs, str) else list(map(str, logs))
+    logs = [_short(log) for log in logs]
     log = logs[0] if len(logs) == 1 else f"[{','.join(logs)}]"
-    models = sorted({str(m) for m in inputs.get("models", [])})
+    models = sorted({_short(str(m)) for m in inputs.get("models", [])})
     parts = [f"log={log}", *([f"model={models[0]}"] if len(models) == 1 else [])]
     return [shlex.quote(part) for part in parts]
+
+
+def _short(path: str) -> str:
+    """Return a path without detours, from here where it lies below."""
+    whole, here = os.path.abspath(path), os.getcwd()
+    return os.path.relpath(whole, here) if whole.startswith(here + os.sep) else whole
