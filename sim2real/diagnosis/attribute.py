@@ -17,18 +17,21 @@ from typing import NamedTuple
 import numpy as np
 
 from sim2real.diagnosis.candidates import Candidate
+from sim2real.diagnosis.couples import couples
 from sim2real.diagnosis.data import Data
-from sim2real.diagnosis.fit import FOLDS, Fit, Guess, Problem, refine, screen
+from sim2real.diagnosis.fit import FOLDS, Fit, Guess, Problem, Screening, refine, screen
 from sim2real.diagnosis.score import Blocks
 
 MOST = 4  # effects in all
-SCREENED, RACED, FITTED = 6.0, 15.0, 40.0  # s of windows that screening, race and fit look at
+SCREENED, RACED, FITTED = 5.0, 12.0, 40.0  # s of windows that screening, race and fit look at
 RACE = ((8, 0), (4, 1), (3, 1))  # how many candidates run, and for how many steps
 SPREAD = (1.0, 0.55, 1.7)  # starts of a fit, as multiples of the guess
 PROMISE, LATER = 0.03, 0.15  # least share of the squared error that screening must promise
 SHARE = 0.03  # a joint with less of the gap is not suspected
 WORTH = 0.04  # least share of the first gap that a further effect closes
 ENOUGH = 0.25  # of the floor: least fall of the gap that counts
+ALONE = 0.93  # share of the gap from which one effect is thought to be alone
+COUPLES = (6, 3, 1)  # couples that are fitted, on more windows each
 CLOSE = 0.05  # share of what a cause closes within which another one is as good
 ALIKE = 3  # members of an equivalence set, the cause included
 
@@ -91,11 +94,16 @@ class Search:
         self.screening = problem.subset(lively(problem.data, self.base, SCREENED))
         self.blocks = Blocks(problem.data, problem.windows, rng)
         self.before = self.blocks.rms(self.base)
+        counts = np.array([joint.count / joint.scale for joint in problem.data.joints])
+        self.least = max(1.3 * floor, float(np.sqrt(np.mean(counts**2))))  # nothing is left then
+        self.first = Screening([], [], self.base, self.base)
 
     def run(self) -> Found:
         """Search."""
         found = Found(self.none, self.base)
         while len(found.fit.members) < MOST:
+            if len(found.fit.members) == 1:
+                self.couple(found)
             contenders = self.race(found.fit, found.error, found)
             best = contenders[0] if contenders else None
             if best is None or not self.joins(best, found):
@@ -104,11 +112,41 @@ class Search:
             found.fit, found.error = best.fit, best.error
             found.steps.append((best.candidate.label, best.error))
             found.rivals[best.candidate.label] = contenders
-            if self.blocks.rms(found.error) < 1.2 * self.floor:
+            if self.blocks.rms(found.error) <= self.least:
                 break
         if len(found.fit.members) > 1:
             self.look_back(found)
         return found
+
+    def couple(self, found: Found) -> None:
+        """Put two effects in the place of the first, if they do far better together.
+
+        Not where the first one alone closes the gap.
+        """
+        alone = self.blocks.rms(found.error)
+        if alone <= self.least or self.closed(alone) > ALONE:
+            return
+        first = self.first
+        ranked = couples(self.screening, first.base, first.drift, first.responses)[: COUPLES[0]]
+        fits = []
+        for couple in ranked:
+            self.tell(f"fitting {' and '.join(m.label for m in couple.members)}", 0.3)
+            fits.append(refine(self.screening, couple.members, couple.start[None], 2))
+        for count, problem in zip(COUPLES[1:], (self.racing, self.fitting), strict=True):
+            fits = sorted(fits, key=lambda fit: float(fit.cost.sum()))[:count]
+            fits = [refine(problem, fit.members, fit.values[None], 1) for fit in fits]
+        if not fits:
+            return
+        error = self.problem.held_out(fits[0].members, fits[0].values)
+        both = Contender(fits[0].members[1], fits[0], error)
+        if self.joins(both, found):
+            found.fit, found.error = both.fit, both.error
+            found.rivals = {}
+            found.steps.append((" and ".join(m.label for m in fits[0].members), error))
+
+    def closed(self, gap: float) -> float:
+        """Return the share of the closable gap that is closed where this gap remains."""
+        return (self.before - gap) / max(self.before - self.floor, 1e-12)
 
     def joins(self, best: Contender, found: Found) -> bool:
         """Return whether an effect's held-out gain is sure, and large enough to matter."""
@@ -120,9 +158,11 @@ class Search:
         """Return the best candidates to add to a fit, the best on held-out windows first."""
         options = self.suspects(fit, error)
         self.tell(f"screening {len(options)} effects", self._share(fit))
-        guesses = screen(self.screening, fit, options)
+        screening = screen(self.screening, fit, options)
+        guesses = screening.guesses
         if found is not None and not fit.members:
             found.guesses = guesses
+            self.first = screening
         runners = self.promising(guesses, fit)[: RACE[0][0]]
         fits = {}
         for count, rounds in RACE:

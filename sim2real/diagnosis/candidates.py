@@ -11,7 +11,7 @@ simulating the same noise closes no gap.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,10 +20,10 @@ import numpy as np
 
 from envs.effects import EFFECTS, Effect, make
 from envs.effects.base import FieldEffect
-from envs.effects.inertia import far_end
-from envs.effects.structure import SeriesEffect, link_inertia
+from envs.effects.structure import SeriesEffect
 from envs.errors import EnvsError, did_you_mean
 from sim2real.diagnosis.data import Data
+from sim2real.diagnosis.probes import Robot, probes_of
 from sim2real.errors import Sim2RealError
 
 MEASURED = ("sensor_noise", "quantization", "velocity_filter", "packet_loss")
@@ -39,7 +39,6 @@ PLAIN = (
 )
 PLAIN += ("center_of_mass", "payload", "contact_stiffness", "encoder_offset")  # in one batch
 FREE = 1e5  # a limit of this size is none
-FASTEST = 8.0  # rad/s: of a servo whose model does not say
 
 
 @dataclass(frozen=True)
@@ -131,62 +130,6 @@ def candidates(data: Data, exclude: Sequence[str] = ()) -> list[Candidate]:
     return found
 
 
-class Robot:
-    """Sizes of a robot, from which typical values of effects on it follow.
-
-    Attributes:
-        torque: the largest of each actuator at its joint [N·m], by actuator.
-        joint_torque: the same by joint.
-    """
-
-    def __init__(self, data: Data) -> None:
-        self.data, self.model = data, data.models[0]
-        model = self.model
-        self.joints = [joint.name for joint in data.joints]
-        self.spread = {joint.name: joint.spread for joint in data.joints}
-        self.actuators = [model.actuator(i).name for i in range(model.nactuator)]
-        self.driven = {
-            self.actuators[i]: model.joint(int(model.actuator_trnid[i, 0])).name
-            for i in range(model.nactuator)
-            if int(model.actuator_trntype[i]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-        }
-        self.torque = {name: self._torque(i) for i, name in enumerate(self.actuators)}
-        self.joint_torque = {j: self.torque[a] for a, j in self.driven.items()}
-        self.mass = float(model.body_mass[1:].sum())
-        self.voltage = float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0)
-        span = max(w.recording.time[-1] for w in data.windows)
-        self.span = span
-
-    def _torque(self, i: int) -> float:
-        model = self.model
-        gear = abs(float(model.actuator_gear[i, 0])) or 1.0
-        if model.actuator_forcelimited[i]:
-            return float(model.actuator_forcerange[i, 1]) * gear
-        return max(float(abs(model.actuator_biasprm[i, 1])) * 0.5, 1e-3) * gear
-
-    def fastest(self, actuator: str) -> float:
-        """The fastest that an actuator's commands move for a tenth of their time [rad/s]."""
-        speeds = []
-        for log in self.data.logs:
-            column = f"ctrl.{actuator}"
-            if column in log.columns:
-                same = np.diff(log.episode) == 0
-                speeds.append(np.abs(np.diff(log.columns[column]) / np.diff(log.time))[same])
-        return float(np.quantile(np.concatenate(speeds), 0.97)) if speeds else FASTEST
-
-    def torque_constant(self) -> tuple[float, float] | None:
-        """The supply [V] and the motors' constant [N·m/A], from stall torque and back-EMF."""
-        model, volts = self.model, self.voltage or 12.0
-        limits = model.actuator_forcerange[:, 1] * model.actuator_forcelimited.astype(bool)
-        if not (limits > 0).any() or model.actuator_damping is None:
-            return None
-        damping = np.atleast_2d(model.actuator_damping.reshape(model.nactuator, -1))[:, 0]
-        good = (limits > 0) & (damping > 0)
-        if not good.any():
-            return volts, 1.0
-        return volts, float(np.mean(volts * damping[good] / limits[good]))
-
-
 def _places(name: str, robot: Robot) -> Iterator[dict[str, Any]]:
     """Yield the arguments of an effect at each place of the robot."""
     effect = EFFECTS[name]
@@ -227,7 +170,7 @@ def _make(name: str, arguments: dict[str, Any], robot: Robot) -> Candidate | Non
         return None
     neutral = np.array([p.neutral for p in parameters])
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
-    probes = _probes(effect, neutral, robot)
+    probes = probes_of(effect, neutral, robot)
     probes = np.clip(probes, low, high)
     probes = probes[(np.abs(probes - neutral) > 1e-12).any(axis=1)]
     if not len(probes):
@@ -278,123 +221,3 @@ def _carriers(robot: Robot, body: str) -> tuple[str, ...]:
         found += [n for n in reversed(names) if n in robot.joints]
         index = int(model.body_parentid[index])
     return tuple(found)
-
-
-def _probes(effect: Effect, neutral: np.ndarray, robot: Robot) -> np.ndarray:
-    """Return values that span what the effect may be on this robot, (K, P)."""
-    law = _PROBES.get(effect.name)
-    if law is not None:
-        values = np.asarray(law(effect, robot), dtype=np.float64)
-    elif effect.hows[0] == "scale":
-        values = np.array([0.5, 0.75, 1.3, 1.8])
-    else:
-        low, high = effect.typical
-        values = low + (high - low) * np.array([0.08, 0.25, 0.7])
-        values = np.concatenate([values, -values]) if low < 0 else values
-    values = values.reshape(-1, 1) if values.ndim == 1 else values
-    if values.shape[1] < len(neutral):
-        rest = np.tile(neutral[values.shape[1] :], (len(values), 1))
-        values = np.column_stack([values, rest])
-    return values
-
-
-def _torque(effect: Effect, robot: Robot) -> float:
-    """The largest torque at the effect's place [N·m]."""
-    found = {**robot.torque, **robot.joint_torque}.get(str(effect.where))
-    return found or float(np.mean(list(robot.torque.values()) or [1.0]))
-
-
-def _friction(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([0.01, 0.035, 0.12, 0.35]) * _torque(effect, robot)
-
-
-def _viscous(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([0.02, 0.1, 0.4, 1.2]) * _torque(effect, robot) / FASTEST
-
-
-def _cogging(effect: Effect, robot: Robot) -> np.ndarray:
-    phases = np.arange(4) * np.pi / 2
-    sizes = np.array([0.02, 0.1]) * _torque(effect, robot)
-    return np.array([(size, phase) for size in sizes for phase in phases])
-
-
-def _inertia(effect: Effect, robot: Robot) -> np.ndarray:
-    model = robot.model
-    joint = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, str(effect.where)))
-    own = float(model.dof_armature[model.jnt_dofadr[joint]])
-    return np.append(np.array([0.1, 0.4, 1.5]) * (link_inertia(model, joint) + own), -0.4 * own)
-
-
-def _spring(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([0.005, 0.02, 0.08, 0.3]) / _torque(effect, robot)
-
-
-def _limit(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([0.7, 0.45, 0.25, 0.12]) * _torque(effect, robot)
-
-
-def _sag(effect: Effect, robot: Robot) -> np.ndarray:
-    volts, constant = effect.extra["voltage"], effect.extra["torque_constant"]
-    total = sum(robot.torque.values())
-    return np.array([0.1, 0.4, 1.5]) * volts * constant / total
-
-
-def _heat(effect: Effect, robot: Robot) -> np.ndarray:
-    torque, span = (
-        _torque(effect, robot),
-        sum(float(log.time[-1] - log.time[0]) for log in robot.data.logs),
-    )
-    return np.array([0.3, 2.0, 12.0]) / (0.01 * torque**2 * span)
-
-
-def _speed(effect: Effect, robot: Robot) -> np.ndarray:
-    fastest = max(robot.fastest(str(effect.where)), 0.1)
-    return np.array([0.8, 0.5, 0.25, 0.12]) * fastest
-
-
-def _acceleration(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([120.0, 50.0, 20.0, 8.0])
-
-
-def _mass(effect: Effect, robot: Robot) -> np.ndarray:
-    own = float(robot.model.body(str(effect.where)).mass[0])
-    return np.array([-0.3 * own, 0.3 * own, 0.1 * robot.mass, 0.4 * robot.mass])
-
-
-def _load(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([0.03, 0.12, 0.4]) * robot.mass
-
-
-def _center(effect: Effect, robot: Robot) -> np.ndarray:
-    body = int(mujoco.mj_name2id(robot.model, mujoco.mjtObj.mjOBJ_BODY, str(effect.where)))
-    length = float(np.linalg.norm(far_end(robot.model, body)))
-    return np.array([-0.4, -0.12, 0.12, 0.4]) * length
-
-
-def _tilt(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([[0.06, 0.0], [-0.06, 0.0], [0.0, 0.06], [0.0, -0.06]])
-
-
-_PROBES: dict[str, Callable[[Effect, Robot], np.ndarray]] = {
-    "coulomb_friction": _friction,
-    "stribeck_friction": _friction,
-    "viscous_friction": _viscous,
-    "load_dependent_friction": lambda e, r: np.array([0.03, 0.12, 0.4]),
-    "cogging": _cogging,
-    "armature": _inertia,
-    "backlash": lambda e, r: np.array([0.004, 0.015, 0.05, 0.15]),
-    "joint_compliance": _spring,
-    "torque_limit": _limit,
-    "dead_zone": lambda e, r: np.array([0.004, 0.012, 0.035]),
-    "supply_sag": _sag,
-    "thermal_derating": _heat,
-    "command_delay": lambda e, r: np.array([0.003, 0.01, 0.03, 0.07]),
-    "observation_delay": lambda e, r: np.array([0.003, 0.01, 0.03, 0.07]),
-    "profile_velocity": _speed,
-    "profile_acceleration": _acceleration,
-    "encoder_offset": lambda e, r: np.array([-0.05, -0.012, 0.012, 0.05]),
-    "link_mass": _mass,
-    "payload": _load,
-    "center_of_mass": _center,
-    "gravity_tilt": _tilt,
-}

@@ -18,9 +18,9 @@ from sim2real.diagnosis.candidates import FREE
 from sim2real.diagnosis.candidates import Candidate as Option
 from sim2real.diagnosis.data import Data
 from sim2real.diagnosis.fit import Fit, columns
+from sim2real.diagnosis.locate import bands, locate
 from sim2real.diagnosis.quantify import (
-    bands,
-    by_joint,
+    as_gaps,
     coalitions,
     contradicted,
     intervals,
@@ -84,11 +84,11 @@ def nothing(search: Search, floors: np.ndarray) -> Conclusion:
     """Return the conclusion where there is no gap."""
     data, base = search.problem.data, search.base
     gap = GapNumbers(data.unit, search.before, None, search.floor, None, None, True)
-    report = Report("no_gap", gap, _where(data, base, None), (), Unexplained(0.0, "none"))
+    where, spectrum = _where(search, None, floors)
+    report = Report("no_gap", gap, where, (), Unexplained(0.0, "none"))
     rung = Rung("as given", search.before, search.blocks.interval(base))
     floor = Rung("noise floor", search.floor, (search.floor, search.floor))
     empty = np.zeros((0, 2))
-    spectrum = tuple(bands(data, base, base, floors))
     return Conclusion(report, search.none, (rung, floor), (), spectrum, empty)
 
 
@@ -123,11 +123,12 @@ def conclude(
         causes.append(_valued(cause, member, values, spans[span]))
         findings += [_crowded(cause, crowd)] if len(crowd) >= ALIKE else []
     text = describe(data, found.error, floor)
+    where, spectrum = _where(search, found.error, floors)
     gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
     report = Report(
         verdict_of(search.before, after, floor, closed, ci[0], data),
         gap,
-        _where(data, search.base, found.error),
+        where,
         tuple(causes),
         Unexplained(float(np.clip(1 - closed, 0.0, 1.0)), text),
         tuple(findings),
@@ -137,7 +138,7 @@ def conclude(
         fit,
         _ladder(search, found, subsets, order),
         _singles(search, found),
-        tuple(bands(data, search.base, found.error, floors)),
+        spectrum,
         spans,
     )
 
@@ -258,17 +259,20 @@ def _crowded(cause: Cause, crowd: list[Contender]) -> Finding:
 EFFECT_HINT = "record motions that part them: slow reversals, steps, chirps, holds in several poses, torque-off swings"  # noqa: E501
 
 
-def _where(data: Data, before: np.ndarray, after: np.ndarray | None) -> tuple[Where, ...]:
-    """Return each joint's share of the gap, the largest first."""
-    square = (before**2).sum(axis=(0, 1))
-    shares = square / max(square.sum(), 1e-18)
-    first = by_joint(data, before)
-    last = None if after is None else by_joint(data, after)
-    found = [
-        Where(j.name, float(s), float(first[i]), None if last is None else float(last[i]))
-        for i, (j, s) in enumerate(zip(data.joints, shares, strict=True))
-    ]
-    return tuple(sorted(found, key=lambda where: -where.share))
+def _where(
+    search: Search, after: np.ndarray | None, floors: np.ndarray
+) -> tuple[tuple[Where, ...], tuple[Band, ...]]:
+    """Return where the gap lies, by joint and kind of moment, and by frequency."""
+    data = search.problem.data
+    floor = {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)}
+    scale = {joint.name: joint.scale for joint in data.joints}
+    gaps = as_gaps(data, search.base)
+    later = [] if after is None else as_gaps(data, after)
+    which = [next(w.model for w in data.windows if w.log == n) for n in range(len(data.logs))]
+    models = [data.models[index] for index in which]
+    rng = np.random.default_rng(0)
+    table = locate(gaps, floor, models, later, rng=rng, scale=scale)
+    return table.where, bands(gaps, floor, later)
 
 
 def _ladder(

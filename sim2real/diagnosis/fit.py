@@ -107,6 +107,23 @@ class Guess(NamedTuple):
     error: np.ndarray | None  # (W, T, M) predicted held-out errors
 
 
+class Response(NamedTuple):
+    """How one probe of a candidate changes the simulation of the screened windows."""
+
+    candidate: Candidate
+    probe: np.ndarray  # (P,)
+    change: np.ndarray  # (W, T, M)
+
+
+class Screening(NamedTuple):
+    """What screening found, on its windows."""
+
+    guesses: list[Guess]  # the most promising first
+    responses: list[Response]
+    base: np.ndarray  # (W, T, M) errors with what is known already
+    drift: np.ndarray  # (W, T, M) their change with the clock
+
+
 @dataclass(frozen=True)
 class Fit:
     """Members with their values, one row for each fold, and the mean square errors there."""
@@ -127,11 +144,7 @@ def columns(members: Sequence[Candidate]) -> list[slice]:
     return [slice(end - len(m.neutral), end) for m, end in zip(members, ends, strict=True)]
 
 
-def screen(
-    problem: Problem,
-    found: Fit,
-    options: Sequence[Candidate],
-) -> list[Guess]:
+def screen(problem: Problem, found: Fit, options: Sequence[Candidate]) -> Screening:
     """Return a guess for each option, the most promising first.
 
     A probe's change of the simulation, scaled, should be what is wrong with it. Options that
@@ -144,16 +157,16 @@ def screen(
     """
     error, slope = problem.errors(found.members, found.values[None])
     base, drift = error[0], slope[0]
-    guesses = []
+    result = Screening([], [], base, drift)
     for group in dict.fromkeys(option.group for option in options):
-        own = [option for option in options if option.group == group]
-        guesses += _screen_group(problem, found, own, base, drift)
-    return sorted(guesses, key=lambda guess: -guess.gain)
+        _screen_group(problem, found, [o for o in options if o.group == group], result)
+    result.guesses.sort(key=lambda guess: -guess.gain)
+    return result
 
 
 def _screen_group(
-    problem: Problem, found: Fit, own: Sequence[Candidate], base: np.ndarray, drift: np.ndarray
-) -> list[Guess]:
+    problem: Problem, found: Fit, own: Sequence[Candidate], result: Screening
+) -> None:
     members = [*found.members, *own]
     known = found.values.shape[1]
     places = columns(own)
@@ -164,24 +177,21 @@ def _screen_group(
             point = np.concatenate([found.values, np.tile(neutral, (FOLDS, 1))], axis=1)
             point[:, known + place.start : known + place.stop] = probe
             points.append(point)
-    error, slope = problem.errors(members, np.array(points))
-    guesses, start = [], 0
+    error, _ = problem.errors(members, np.array(points))
+    start = 0
     for option in own:
         part = slice(start, start + len(option.probes))
         start += len(option.probes)
-        guess = _guess(problem, option, error[part], slope[part], base, drift)
+        guess = _guess(problem, option, error[part], result.base, result.drift)
         if guess is not None:
-            guesses.append(guess)
-    return guesses
+            result.guesses.append(guess)
+            changes = error[part] - result.base
+            pairs = zip(option.probes, changes, strict=True)
+            result.responses.extend(Response(option, probe, change) for probe, change in pairs)
 
 
 def _guess(
-    problem: Problem,
-    option: Candidate,
-    error: np.ndarray,
-    slope: np.ndarray,
-    base: np.ndarray,
-    drift: np.ndarray,
+    problem: Problem, option: Candidate, error: np.ndarray, base: np.ndarray, drift: np.ndarray
 ) -> Guess | None:
     """Return the best scaled probe of an option; None if it changes nothing."""
     before = _squares(problem, _timed(problem, base, drift))

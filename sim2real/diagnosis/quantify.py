@@ -7,17 +7,17 @@ low, high = intervals(problem, fit, blocks)          # (P,), (P,)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations, pairwise
+from itertools import combinations
 from math import factorial
 
 import numpy as np
 
+from hardware.log import Log
 from sim2real.diagnosis.data import Data
 from sim2real.diagnosis.fit import FOLDS, Fit, Problem, columns, refine, sensitivities
-from sim2real.diagnosis.report import Band
 from sim2real.diagnosis.score import Blocks
+from sim2real.replay import Gap
 
-EDGES = (0.0, 0.5, 1.5, 4.0, np.inf)  # Hz: slow, ordinary, fast, and what servos hardly follow
 UNSURE = 0.02  # least half-width of an interval, of how far a value is from neutral
 Set = frozenset[int]
 
@@ -107,56 +107,22 @@ def _summed(rows: np.ndarray, numbers: np.ndarray, count: int) -> np.ndarray:
     return out
 
 
-def by_joint(data: Data, error: np.ndarray) -> np.ndarray:
-    """Return each joint's root mean square error in its own unit, (M,)."""
-    return np.sqrt((error**2).sum(axis=(0, 1)) / max(data.mask.sum(), 1)) * data.scale
-
-
-def bands(data: Data, before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> list[Band]:
-    """Return each joint's errors by frequency; floor (M,) is shared out by the width of a band."""
-    found, rate = [], _rate(data)
-    top = rate / 2
-    edges = [e for e in EDGES if e < top] + [top]
-    first, last = _powers(data, before, edges, rate), _powers(data, after, edges, rate)
-    for j, joint in enumerate(data.joints):
-        for b, (low, high) in enumerate(pairwise(edges)):
-            share = np.sqrt((high - low) / top)
-            found.append(
-                Band(
-                    joint.name,
-                    low,
-                    high,
-                    float(first[b, j] * joint.scale),
-                    float(last[b, j] * joint.scale),
-                    float(floor[j] * share),
-                )
-            )
+def as_gaps(data: Data, error: np.ndarray) -> list[Gap]:
+    """Return each log's compared rows with what was simulated, from held-out errors (W, T, M)."""
+    found = []
+    for number, log in enumerate(data.logs):
+        rows, simulated = [], []
+        for index, window in enumerate(data.windows):
+            if window.log == number:
+                own = np.flatnonzero(window.usable)
+                rows.append(window.first + own)
+                simulated.append(window.measured[own] + error[index, own] * data.scale)
+        kept = np.concatenate(rows)
+        part = Log({n: v[kept] for n, v in log.columns.items()}, log.meta, log.path)
+        names = tuple(joint.name for joint in data.joints)
+        measured = np.column_stack([part.column(f"qpos.{name}") for name in names])
+        found.append(Gap(part, names, part.time, measured, np.concatenate(simulated)))
     return found
-
-
-def _rate(data: Data) -> float:
-    times = [np.diff(w.sample[:, 0]) for w in data.windows if len(w.sample) > 1]
-    return float(1 / np.median(np.concatenate(times)))
-
-
-def _powers(data: Data, error: np.ndarray, edges: Sequence[float], rate: float) -> np.ndarray:
-    """Return root mean squares in bands of frequency, (bands, M)."""
-    power = np.zeros((len(edges) - 1, error.shape[2]))
-    rows = 0
-    for index, window in enumerate(data.windows):
-        own = error[index, : len(window.usable)]
-        own = np.where(window.usable[:, None], own, 0.0)
-        spectrum = np.abs(np.fft.rfft(own, axis=0)) ** 2 / len(own)
-        spectrum[1:] *= 2
-        if len(own) % 2 == 0:
-            spectrum[-1] /= 2
-        where = np.fft.rfftfreq(len(own), 1 / rate)
-        for b, (low, high) in enumerate(pairwise(edges)):
-            last = b == len(edges) - 2
-            inside = (where >= low) & ((where < high) | last)
-            power[b] += spectrum[inside].sum(axis=0)
-        rows += int(window.usable.sum())
-    return np.sqrt(power / max(rows, 1))
 
 
 def contradicted(data: Data, blocks: Blocks, rest: np.ndarray, full: np.ndarray) -> bool:

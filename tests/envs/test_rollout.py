@@ -1,0 +1,106 @@
+"""Rolling a plant's rows in one call is stepping it."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import make
+from envs.plant import Plant
+from envs.replay import switchable
+from envs.rollout import roll
+
+ARM = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="upper"><joint name="a" axis="0 1 0" armature="0.01" damping="0.02"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/>
+      <body name="lower" pos="0 0 -0.2">
+        <joint name="b" axis="0 1 0" armature="0.01" damping="0.02"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.2"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="a" joint="a" kp="8" kv="0.3" forcerange="-3 3"/>
+    <position name="b" joint="b" kp="6" kv="0.3" forcerange="-3 3"/>
+  </actuator>
+</mujoco>
+"""
+ROWS, STEPS = 3, 150
+EFFECTS = [
+    ("coulomb_friction", {"where": "a"}, 0.05),
+    ("encoder_offset", {"where": "b"}, 0.03),
+    ("command_delay", {}, 0.01),
+    ("backlash", {"where": "a", "side": "motor"}, 0.03),
+    ("backlash", {"where": "a", "side": "link"}, 0.03),
+    ("stribeck_friction", {"where": "b"}, 0.08),
+]
+
+
+def plant(*effects: tuple[str, dict, float]) -> Plant:
+    """Return rows of the arm, each effect at a third, two thirds and all of its value."""
+    made = [make(name, **arguments) for name, arguments, _ in effects]
+    rows = Plant(switchable(mujoco.MjSpec.from_string(ARM)), made, ROWS, threads=1)
+    values = np.outer(np.arange(1, ROWS + 1) / ROWS, [value for *_, value in effects])
+    every = np.arange(ROWS)
+    rows.set_params(every, values)
+    start = np.tile([0.2, -0.1], (ROWS, 1))
+    held = np.zeros((ROWS, 2))
+    rows.reset(every, start, np.zeros((ROWS, 2)), np.zeros(ROWS, np.uint64), held, measured=True)
+    return rows
+
+
+def commands() -> np.ndarray:
+    """Return steps of two sizes, held for 20 physics steps, (ROWS, STEPS, 2)."""
+    levels = np.random.default_rng(0).uniform(-0.6, 0.6, (ROWS, STEPS // 20 + 1, 2))
+    return levels.repeat(20, axis=1)[:, :STEPS]
+
+
+def stepped(rows: Plant, ctrl: np.ndarray) -> np.ndarray:
+    """Return what the encoders say when the plant is stepped."""
+    paths = [rows.measured(None)[0].copy()]
+    for step in range(ctrl.shape[1]):
+        assert not rows.step(None, ctrl[:, step], 1).any()
+        paths.append(rows.measured(None)[0].copy())
+    return np.stack(paths, axis=1)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: f"{e[0]}-{e[1].get('side', '')}")
+def test_rolling_is_stepping(effect: tuple[str, dict, float]) -> None:
+    """One call of the engine gives the positions that a call for each step gives."""
+    ctrl = commands()
+    assert roll(plant(effect), ctrl) == pytest.approx(stepped(plant(effect), ctrl), abs=1e-9)
+
+
+def test_a_late_encoder_reads_the_past() -> None:
+    """Under an observation delay the path is the one without it, later."""
+    ctrl = commands()
+    late = roll(plant(("observation_delay", {}, 0.03)), ctrl)
+    plain = roll(plant(), ctrl)
+    shift = 15  # steps of 2 ms, in the last row
+    assert late[-1, shift:] == pytest.approx(plain[-1, : STEPS + 1 - shift], abs=1e-9)
+    assert late[-1, :shift] == pytest.approx(np.tile(plain[-1, 0], (shift, 1)), abs=1e-9)
+
+
+def test_a_servo_that_is_off_lets_go_and_takes_hold_again() -> None:
+    """While off it does not resist; rows that are on do not notice; the plant is as it was."""
+    ctrl = commands()
+    off = np.zeros((ROWS, STEPS), np.int64)
+    off[0, 40:80] = 0b11
+    rows = plant()
+    switched, plain = roll(rows, ctrl, off), roll(plant(), ctrl)
+    assert switched[1:] == pytest.approx(plain[1:], abs=1e-12)
+    assert np.abs(switched[0, 80] - plain[0, 80]).max() > 0.02
+    assert not rows.batch.expanded("opt.disableactuator").any()
+
+
+def test_a_row_that_diverges_is_told_apart() -> None:
+    """Its positions are NaN from where it broke; the others are untouched."""
+    rows = plant(("motor_strength", {"where": "a"}, 1.0))
+    rows.set_params(np.array([1]), np.array([[1e9]]))
+    paths = roll(rows, commands())
+    assert np.isnan(paths[1]).any()
+    assert np.isfinite(paths[[0, 2]]).all()
