@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from sim2real import report_plots
-from sim2real.claims import Verdict, judge, registered
+from sim2real.claims import Claim, Verdict, judge, registered
 from sim2real.errors import Sim2RealError
 from sim2real.files import write_text
 from sim2real.runs import Group, Run, Study, collect
@@ -57,15 +57,15 @@ def run(
     given = runs.split(",") if isinstance(runs, str) else runs
     found = collect(path.strip() for path in given)
     study, rng = Study(found), np.random.default_rng(seed)
+    study.groups.sort(key=lambda group: group.experiment != baseline)  # that one first
     verdicts = [judge(claim, study, rng, DRAWS) for claim in registered(found)]
     pictures = report_plots.draw(study, baseline, Path(out), DRAWS)
-    tables = [
-        *(pair_table(study, trained, tested, baseline, rng) for trained, tested in _pairs(study)),
-    ]
+    tables = [pair_table(study, *pair, baseline, rng) for pair in _pairs(study)]
     write_text(Path(out) / "report.csv", long_table(study, baseline, rng).csv())
     write_text(Path(out) / "returns.csv", returns_csv(study))
-    write_text(Path(out) / "claims.csv", claims_table(verdicts).csv())
-    page = _page(study, found, main_table(study, baseline, rng), tables, verdicts, pictures)
+    claims = claims_table(study, verdicts)
+    write_text(Path(out) / "claims.csv", claims.csv())
+    page = _page(study, found, main_table(study, baseline, rng), tables, claims, pictures)
     write_text(Path(out) / "report.md", page)
     for verdict in verdicts:
         log.info("%s: %s (%s)", verdict.verdict, verdict.claim.text, verdict.found)
@@ -118,12 +118,25 @@ def long_table(study: Study, baseline: str | None, rng: np.random.Generator) -> 
     return table
 
 
-def claims_table(verdicts: Sequence[Verdict]) -> Table:
-    """Return what became of each claim."""
-    table = Table(("claim", "verdict", "found", "steps"))
+def claims_table(study: Study, verdicts: Sequence[Verdict]) -> Table:
+    """Return what became of each claim, beside the figures of the study."""
+    table = Table(("claim", "verdict", "found", "steps", "the study"))
     for claim, verdict, found, steps in verdicts:
-        table.add(claim.text, verdict, found, steps or None)
+        table.add(claim.text, verdict, found, steps or None, _studied(study, claim))
     return table
+
+
+def _studied(study: Study, claim: Claim) -> str | None:
+    """Return what the study found for both sides of a claim, where it gave figures."""
+    words = []
+    for side in (side for side in (claim.left, claim.right) if side is not None):
+        groups = study.find(side.experiment, side.when)
+        mean = _figure(groups[0], side.robot)[0] if groups and side.robot else None
+        if mean is None:
+            return None
+        words.append(f"{mean:g}")
+    factor = "" if claim.times == 1 else f"{claim.times:g} x "
+    return f" against {factor}".join(words)
 
 
 def returns_csv(study: Study) -> str:
@@ -213,13 +226,13 @@ def _page(
     runs: Sequence[Run],
     main: Table,
     tables: Sequence[tuple[str, Table]],
-    verdicts: Sequence[Verdict],
+    claims: Table,
     pictures: Sequence[tuple[str, str]],
 ) -> str:
     parts = [f"# Transfer: {study.task}", main.markdown().strip(), _note(study, runs)]
     parts += [f"![{text}]({path})\n\n*{text}.*" for path, text in pictures]
-    if verdicts:
-        parts += ["## What was expected", claims_table(verdicts).markdown().strip()]
+    if claims.rows:
+        parts += ["## What was expected", claims.markdown().strip()]
     for title, table in tables:
         parts += [f"## {title}", table.markdown().strip()]
     return "\n\n".join(parts) + "\n"

@@ -1,7 +1,7 @@
 """Pictures of a report: bars over each sweep, and learning curves.
 
 pictures = draw(study, "ppo_source", out, draws=2000)
-pictures[0]                 # ("plots/sweep_udr.png", "udr over width after as many steps; ...")
+pictures[0]                 # ("plots/sweep_udr.png", "udr over width, after 300,000 steps; ...")
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from sim2real.runs import Group, Study
 from sim2real.stats import Interval, bootstrap, iqm
 
 INK, BAR, EDGE = plots.INK, plots.COLOURS[0], plots.COLOURS[1]
+KL = "train/kl"
 CURVES = len(plots.COLOURS)  # lines that one picture can tell apart
 
 
@@ -39,9 +40,9 @@ def draw(study: Study, baseline: str | None, out: Path, draws: int) -> list[tupl
         values = [next(iter(group.swept.values()), None) for group in groups]
         if len(keys) == 1 and len(groups) > 1 and all(_is_number(value) for value in values):
             pictures.append(_sweep(study, groups, keys[0], baseline, out, draws))
-    main = [group for group in study.groups if not group.swept and _curves(group)]
-    for part in range(0, len(main), CURVES):
-        pictures.append(_learning(main[part : part + CURVES], part // CURVES, out, draws))
+    for kind, main in _kinds(study, baseline).items():
+        for part in range(0, len(main), CURVES):
+            pictures += _learning(main[part : part + CURVES], f"{kind}{part or ''}", out, draws)
     return pictures
 
 
@@ -51,7 +52,7 @@ def _sweep(
     """Draw bars over a sweep on each robot, between the baseline and training on that robot."""
     budget = max(set.intersection(*(set(group.runs) for group in groups)), default=None)
     name, place = key.rpartition(".")[2], f"plots/sweep_{groups[0].experiment}.png"
-    width = 0.75 * (len(groups) + 2) + 1.2
+    width = 0.4 * (len(groups) + 2) + 1.0  # inches
     with plots.figure(out / place, 1, len(study.robots), (width * len(study.robots), 3.6)) as (
         _,
         axes,
@@ -66,8 +67,8 @@ def _sweep(
             ax.set_xlabel(f"{groups[0].experiment}: {name}")
             ax.grid(axis="y")
         axes[0, 0].set_ylabel("Return (IQM over runs)")
-    after = "the largest number of steps of each" if budget is None else "as many steps"
-    caption = f"{groups[0].experiment} over {name} after {after}; dots are runs, lines 95 %"
+    after = "after different numbers of steps" if budget is None else f"after {budget:,} steps"
+    caption = f"{groups[0].experiment} over {name}, {after}; dots are runs, lines 95 % intervals"
     return place, caption
 
 
@@ -83,8 +84,9 @@ def _bars(
     above = [g for g in other if g.trained_on == robot]
     for group in [*beside[:1], *above[:1]]:
         where = 0 if group in beside else len(bars)
-        shared = budget if budget in group.runs else None
-        bars.insert(where, (group.label, study.returns(group, robot, shared), EDGE))
+        shared = budget if budget in group.runs else max(group.runs)
+        label = group.label if shared == budget else f"{group.label}, {shared / 1000:.0f}k steps"
+        bars.insert(where, (label, study.returns(group, robot, shared), EDGE))
     return bars
 
 
@@ -99,12 +101,47 @@ def _bar(ax: Any, x: int, values: np.ndarray, colour: str, draws: int) -> None:
     ax.plot(x + np.array(spread), values, ".", color=INK, markersize=3, alpha=0.55)
 
 
-def _learning(groups: Sequence[Group], number: int, out: Path, draws: int) -> tuple[str, str]:
-    place = f"plots/learning_curves{number or ''}.png"
-    plots.learning_curve(
-        {group.label: _curves(group) for group in groups}, out / place, draws=draws
-    )
-    return place, "Return during training, mean over runs with 95 % intervals"
+def _kinds(study: Study, baseline: str | None) -> dict[str, list[Group]]:
+    """Return what is drawn together: runs of other robots, and of other settings of the training.
+
+    The baseline stands in both; sweeps have bars of their own.
+    """
+    main = [group for group in study.groups if not group.swept and _curves(group)]
+    first = [group for group in main if group.experiment == baseline]
+    others = [group for group in main if group not in first]
+    if not first:
+        return {"": others}
+    plain = _training(first[0])
+    robots = [group for group in others if _training(group) == plain]
+    settings = [group for group in others if _training(group) != plain]
+    return {
+        kind: first + groups
+        for kind, groups in (("robots", robots), ("settings", settings))
+        if groups or kind == "robots"
+    }
+
+
+def _training(group: Group) -> dict[str, Any]:
+    return {k: v for k, v in group.settings.items() if k.startswith(("algorithm.", "policy."))}
+
+
+def _learning(groups: Sequence[Group], kind: str, out: Path, draws: int) -> list[tuple[str, str]]:
+    """Draw the returns during training, and the divergences of the updates where all have them."""
+    curves = {group.label: _curves(group) for group in groups}
+    suffix = f"_{kind}" if kind else ""
+    place = f"plots/learning_curves{suffix}.png"
+    plots.learning_curve(curves, out / place, draws=draws)
+    pictures = [(place, "Return during training, mean over runs with 95 % intervals")]
+    if kind.startswith("settings") and all(_has(f, KL) for files in curves.values() for f in files):
+        place = f"plots/divergence{suffix}.png"
+        plots.learning_curve(curves, out / place, y=KL, draws=draws)
+        pictures.append((place, "Divergence of the policy in an update"))
+    return pictures
+
+
+def _has(file: Path, column: str) -> bool:
+    with file.open(encoding="utf-8") as lines:
+        return column in next(lines, "").strip().split(",")
 
 
 def _curves(group: Group) -> list[Path]:

@@ -69,7 +69,8 @@ def test_everything_that_it_promises_is_there(runs: Path, tmp_path: Path) -> Non
         f"## {a} → {b}" for a in ("source", "target") for b in ("source", "target")
     ]
     assert "| a tenth helps | held | P = 1.00 [1.00, 1.00]; IQM 1202 against 1002 |" in page
-    for picture in ("plots/sweep_udr.png", "plots/learning_curves.png"):
+    assert page.index("| ppo_source |") < page.index("| ppo_target |") < page.index("| udr width")
+    for picture in ("plots/sweep_udr.png", "plots/learning_curves_robots.png"):
         assert f"({picture})" in page and (out / picture).stat().st_size > 5000
     assert len(rows(out / "returns.csv")) == 20 * 2
     assert len(rows(out / "claims.csv")) == 1
@@ -80,6 +81,7 @@ def test_rows_say_what_runs_got_and_what_the_study_got(runs: Path) -> None:
     """A width's own figure, its interquartile mean, and how it compares with the baseline."""
     study = Study(collect([runs]))
     table = report.long_table(study, "ppo_source", np.random.default_rng(0))
+    found: dict[Any, dict[str, Any]]
     found = {(row[0], row[2]): dict(zip(table.columns, row, strict=True)) for row in table.rows}
     tenth = found["udr width=0.1", "target"]
     assert tenth["runs"] == 5 and tenth["study mean"] == 1470 and tenth["IQM"][0] == 1202

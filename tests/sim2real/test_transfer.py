@@ -42,7 +42,8 @@ class Trained:
 
 def env(**changes: Any) -> Callable[..., Rows]:
     """Return what makes a short Hopper of the study."""
-    return partial(Simulation, task=HopperPolito(**({"max_steps": 40} | changes)), threads=1)
+    arguments: dict[str, Any] = {"max_steps": 40, **changes}
+    return partial(Simulation, task=HopperPolito(**arguments), threads=1)
 
 
 def assess(world: Callable[..., Rows], **robots: dict[str, Any]) -> Any:
