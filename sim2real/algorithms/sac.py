@@ -41,7 +41,7 @@ class SAC(Algorithm):
         tasks: which robots episodes meet, one draw each.
         policy: makes the networks from observation_size, action_size, action_low and action_high.
         seed: all randomness of the run follows from it.
-        device: where networks and the replay buffer are; the simulation runs on the CPU.
+        device: where the networks are; the simulation and the replay buffer are on the CPU.
         num_rows: N, episodes side by side.
         steps: of each row in an iteration; it decides only how often metrics are written.
         update_ratio: gradient steps for each environment step.
@@ -102,7 +102,7 @@ class SAC(Algorithm):
         self._gradient = SACGradient(self.policy, gamma, float(entropy))
         parameters = [self.policy.actor_theta, self.policy.critic_theta, self.log_alpha]
         self._optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=True)
-        self._replay = make_replay(rows, buffer_size, device, sampling)
+        self._replay = make_replay(rows, buffer_size, sampling)
         self._middle = (rows.action_high + rows.action_low) / 2
         self._half = (rows.action_high - rows.action_low) / 2
         self.frames = self.iteration = self.updates = 0
@@ -142,7 +142,7 @@ class SAC(Algorithm):
             torch.from_numpy(x).to(torch.float32, copy=True) for x in after
         )
         values = Transitions(seen, action, reward, observation, terminated)
-        self._replay.extend(TensorDict(values._asdict(), [len(action)]).to(self._device))
+        self._replay.extend(TensorDict(values._asdict(), [len(action)]))
 
     def _act(self, seen: Tensor) -> Tensor:
         shape = (len(seen), self.stream.rows.action_size)
@@ -156,7 +156,7 @@ class SAC(Algorithm):
         """Take gradient steps."""
         if count < 1:
             return
-        drawn = self._replay.sample(count * self._batch)
+        drawn = self._replay.sample(count * self._batch).to(self._device)
         parts = [drawn[name].split(self._batch) for name in Transitions._fields]
         shape = (count, 2, self._batch, self.stream.rows.action_size)
         noise = torch.from_numpy(self._noise.standard_normal(shape, dtype=np.float32))
@@ -199,7 +199,7 @@ class SAC(Algorithm):
         self._replay.empty()
         kept = TensorDict(dict(state["replay"]), [len(state["replay"]["reward"])])
         if len(kept):
-            self._replay.extend(kept.to(self._device))
+            self._replay.extend(kept)
         self._replay.writer.load_state_dict(state["writer"])
         self._replay._rng.set_state(state["sampling"])
         self.stream.load_state_dict(state["stream"])
@@ -209,13 +209,13 @@ class SAC(Algorithm):
         self.frames = self.stream.frames
 
 
-def make_replay(rows: Rows, capacity: int, device: str, rng: np.random.Generator) -> ReplayBuffer:
+def make_replay(rows: Rows, capacity: int, rng: np.random.Generator) -> ReplayBuffer:
     """Return an empty replay buffer of transitions that draws by a generator of its own."""
     seen, acted = (rows.observation_size,), (rows.action_size,)
     shapes = Transitions(seen, acted, (), seen, ())  # type: ignore[arg-type]
-    empty = {k: torch.zeros(capacity, *s, device=device) for k, s in shapes._asdict().items()}
-    storage = TensorStorage(TensorDict(empty, [capacity]), device=torch.device(device))
-    storage._len = 0
+    empty = {name: torch.zeros(capacity, *shape) for name, shape in shapes._asdict().items()}
+    storage = TensorStorage(TensorDict(empty, [capacity]))
+    storage._len = 0  # it takes what it is made of for full
     generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
     return ReplayBuffer(storage=storage, generator=generator)
 

@@ -31,6 +31,15 @@ PPO = (
     "algorithm.num_rows=8",
     "algorithm.epochs=2",
 )
+SAC = (
+    "env=inverted_pendulum",
+    "algorithm=sac",
+    "policy.hidden=[16]",
+    "iterations=40",
+    "checkpoint_every=3",
+    "algorithm.steps=20",
+    "algorithm.batch_size=16",
+)
 HOPPER = ("+experiment=esmaml", "frames=null", "iterations=20", "checkpoint_every=2")
 
 
@@ -112,6 +121,12 @@ def test_nav2d_survives_three_kills(tmp_path: Path) -> None:
 def test_ppo_survives_three_kills(tmp_path: Path) -> None:
     """The same for PPO, whose episodes in progress are part of its state."""
     check(PPO, tmp_path, 40, 0.05)
+
+
+@pytest.mark.slow
+def test_sac_survives_three_kills(tmp_path: Path) -> None:
+    """The same for SAC, with all that it remembers."""
+    check(SAC, tmp_path, 40, 0.3)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from sim2real.actor_critic import ActorCritic
 from sim2real.algorithms.clip_loss import log_prob
 from sim2real.algorithms.experience import Experience, gather
 from sim2real.algorithms.ppo import PPO
+from sim2real.checkpoint import CheckpointStore, restore
 from sim2real.config import compose
 from sim2real.errors import CheckpointError, Sim2RealError
 from sim2real.rollout import play
@@ -28,13 +30,18 @@ HOPPER = partial(Simulation, HopperPolito(max_steps=40))
 
 
 def learner(
-    preset: str = "ppo_sb3", env: Callable[..., Rows] = HOPPER, seed: int = 0, **changes: Any
+    preset: str = "ppo_sb3",
+    env: Callable[..., Rows] = HOPPER,
+    seed: int = 0,
+    device: str = "cpu",
+    words: tuple[str, ...] = (),
+    **changes: Any,
 ) -> PPO:
     """Return an untrained PPO of a preset, with changes."""
-    tree = compose([f"algorithm={preset}"])
+    tree = compose([f"algorithm={preset}", *words])
     settings = tree["algorithm"] | changes
     parts = {"env": env, "tasks": Randomization(), "policy": build(tree["policy"], "policy")}
-    made = build(settings, "algorithm")(**parts, seed=seed, device="cpu")
+    made = build(settings, "algorithm")(**parts, seed=seed, device=device)
     assert isinstance(made, PPO)
     return made
 
@@ -228,14 +235,15 @@ def test_preset_sb3_starts_and_steps_as_stable_baselines3_by_default() -> None:
 
 
 @pytest.mark.parametrize("preset", ["ppo_sb3", "ppo"])
-def test_a_loaded_state_goes_on_to_the_last_bit(preset: str) -> None:
-    """Iterations after loading equal those of the run that was saved, in metrics and parameters."""
+def test_a_loaded_state_goes_on_to_the_last_bit(preset: str, tmp_path: Path) -> None:
+    """Iterations from a checkpoint equal those of the run that was saved, to the last bit."""
     small: dict[str, Any] = {"num_rows": 8, "steps": 32, "epochs": 2, "minibatch_size": 64}
     first = learner(preset, anneal_frames=5000, **small)
     for _ in range(3):
         first.iterate()
     second = learner(preset, seed=5, anneal_frames=5000, **small)
-    second.load_state_dict(first.state_dict())
+    path = CheckpointStore(tmp_path, keep_last=1).save(first, 3, {}, 0.0)
+    restore(path, second, {})
     for _ in range(3):
         assert first.iterate() == second.iterate()
     assert torch.equal(first.policy.theta, second.policy.theta)
@@ -251,6 +259,23 @@ def test_it_learns_to_balance_a_pole() -> None:
         played = play(pendulum(num_rows=8), algorithm.module(), np.zeros((8, 0)), seeds)
         score = played.returns.mean()
     assert score >= 190
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+@pytest.mark.parametrize("policy", ["actor_critic", "gru"])
+def test_it_runs_on_a_gpu_as_on_the_cpu(policy: str) -> None:
+    """Two iterations on the device end near those on the CPU, and a loaded state goes on there."""
+    near, far, again = (
+        learner("ppo", words=(f"policy={policy}",), device=device, num_rows=8, epochs=2)
+        for device in ("cpu", "cuda", "cuda")
+    )
+    assert far.policy.theta.is_cuda
+    for one in (near, far):
+        one.iterate()
+    torch.testing.assert_close(far.policy.theta.cpu(), near.policy.theta, atol=1e-3, rtol=0)
+    again.load_state_dict(far.state_dict())
+    assert again.iterate() == pytest.approx(far.iterate(), rel=1e-3)
 
 
 def test_what_cannot_be_is_refused_in_a_sentence() -> None:

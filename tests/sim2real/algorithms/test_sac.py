@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from envs.rows import Rows
 from envs.tasks import InvertedPendulum
 from sim2real.algorithms.sac import SAC
 from sim2real.algorithms.sac_loss import SACGradient, Transitions
+from sim2real.checkpoint import CheckpointStore, restore
 from sim2real.config import compose
 from sim2real.errors import CheckpointError, Sim2RealError
 from sim2real.perceptrons import Perceptrons
@@ -181,24 +183,27 @@ def test_probabilities_are_those_of_squashed_gaussians() -> None:
     assert float(far.log_prob) == pytest.approx(-0.5 * np.log(2 * np.pi) + 60 - 2 * np.log(2))
 
 
-def learner(env: Callable[..., Rows] = PENDULUM, seed: int = 0, **changes: Any) -> SAC:
+def learner(
+    env: Callable[..., Rows] = PENDULUM, seed: int = 0, device: str = "cpu", **changes: Any
+) -> SAC:
     """Return an untrained SAC of the preset, with small networks."""
     tree = compose(["algorithm=sac", "policy.hidden=[32,32]"])
     settings = tree["algorithm"] | {"batch_size": 64, "steps": 50} | changes
     parts = {"env": env, "tasks": Randomization(), "policy": build(tree["policy"], "policy")}
-    made = build(settings, "algorithm")(**parts, seed=seed, device="cpu")
+    made = build(settings, "algorithm")(**parts, seed=seed, device=device)
     assert isinstance(made, SAC)
     return made
 
 
 @pytest.mark.parametrize("buffer", [10_000, 700])
-def test_a_loaded_state_goes_on_to_the_last_bit(buffer: int) -> None:
-    """Before and after the replay buffer is full, metrics and networks equal the saved run's."""
+def test_a_loaded_state_goes_on_to_the_last_bit(buffer: int, tmp_path: Path) -> None:
+    """Before and after the replay buffer is full, a run from a checkpoint equals the saved one."""
     first = learner(buffer_size=buffer)
     for _ in range(3):
         first.iterate()
     second = learner(buffer_size=buffer, seed=5)
-    second.load_state_dict(first.state_dict())
+    path = CheckpointStore(tmp_path, keep_last=1).save(first, 3, {}, 0.0)
+    restore(path, second, {})
     for _ in range(2):
         assert first.iterate() == second.iterate()
     for name, value in first.policy.state_dict().items():
@@ -243,6 +248,19 @@ def test_it_learns_to_balance_a_pole() -> None:
         played = play(PENDULUM(num_rows=8), algorithm.module(), np.zeros((8, 0)), seeds)
         score = played.returns.mean()
     assert score >= 95
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_it_runs_on_a_gpu_and_resumes_there() -> None:
+    """Networks are on the device, numbers are finite, and a loaded state goes on alike."""
+    first, second = learner(device="cuda"), learner(device="cuda", seed=5)
+    first.iterate()
+    assert first.policy.actor_theta.is_cuda
+    second.load_state_dict(first.state_dict())
+    metrics = [one.iterate() for one in (first, second)]
+    assert metrics[0] == pytest.approx(metrics[1], rel=1e-3)
+    assert torch.isfinite(first.policy.actor_theta).all()
 
 
 def test_what_cannot_be_is_refused_in_a_sentence() -> None:
