@@ -24,8 +24,8 @@ from sim2real.blind.logs import difference, drive, overall, plans
 log_ = logging.getLogger(__name__)
 SMALLEST, LARGEST = 3.0, 30.0  # gaps, in floors
 COUNT = 2 * np.pi / 4096  # rad: the encoders' resolution
-CLOSE = 1.08  # a gap this near to the wanted one, as a factor, will do
-TRIALS = 12  # recordings of a search at most
+CLOSE = 1.12  # a gap this near to the wanted one, as a factor, will do
+TRIALS = 9  # recordings of a search at most
 Gap = Callable[[list[dict[str, Any]]], float | None]  # of entries; None: the robot cannot run so
 
 
@@ -111,7 +111,7 @@ def search(
     least: float,
     gap: Gap,
 ) -> tuple[float, float] | None:
-    """Find the size of an effect that makes a gap, by bisection.
+    """Find the size of an effect that makes a gap: by the secant in logarithms, kept in brackets.
 
     Args:
         secret: the effect.
@@ -123,20 +123,38 @@ def search(
         The size and its gap; None if not even `least` can be reached.
     """
     span = EFFECTS[secret.effect]
-    low, high = math.log(span.low), math.log(span.high)
+    ends = [math.log(span.low), math.log(span.high)]
+    misses: list[float | None] = [None, None]  # logarithm of gap / wanted at the ends
     best: tuple[float, float] | None = None
-    for trial in range(TRIALS):
-        middle = high if trial == 0 else (low + high) / 2
-        got = gap([secret.entry(math.exp(middle))])
+    at = sum(ends) / 2
+    for _ in range(TRIALS):
+        got = gap([secret.entry(math.exp(at))])
+        miss = None if got is None else math.log(max(got, 1e-9) / wanted)
         if got is not None and got >= least:
             nearer = best is None or abs(math.log(got / wanted)) < abs(math.log(best[1] / wanted))
-            best = (math.exp(middle), got) if nearer else best
-            if abs(math.log(got / wanted)) < math.log(CLOSE):
-                break
-        if got is None or got > wanted:
-            high = middle
-        elif trial == 0:
+            best = (math.exp(at), got) if nearer else best
+        if miss is not None and abs(miss) < math.log(CLOSE):
+            break
+        side = int(miss is None or miss > 0)
+        if side == 0 and at == math.log(span.high):
             break  # the largest size is too small: take it, if it is enough
-        else:
-            low = middle
+        ends[side], misses[side] = at, miss
+        at = _next(ends, misses, math.log(span.high))
     return best
+
+
+def _next(ends: Sequence[float], misses: Sequence[float | None], largest: float) -> float:
+    """Return the logarithm of the size to try: on the secant, or where the gap would be as wanted.
+
+    A gap is taken to grow in proportion to a size where only one is known.
+    """
+    (low, high), (below, above) = ends, misses
+    if below is not None and above is not None:
+        part = below / (below - above)
+    elif below is not None and high == largest:
+        return min(low - 1.5 * below, largest)
+    elif above is not None:
+        return max(high - 1.5 * above, low + 0.05 * (high - low))
+    else:
+        part = 0.5
+    return low + min(max(part, 0.15), 0.85) * (high - low)
