@@ -72,7 +72,7 @@ class ServoTask(Task):
                 f"fidelity={fidelity!r} is unknown{hint};"
                 f" it can be: {', '.join(get_args(Fidelity))}"
             )
-        self.fidelity = fidelity
+        self.fidelity, self.robot, self.seconds = fidelity, robot, seconds
         with no_deprecation_notice():
             spec = mujoco.MjSpec.from_file(str(ASSETS / self.asset))
         self.machine = read_machine(robot, [a.name for a in spec.actuators])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 
 import mujoco
@@ -139,6 +140,15 @@ def test_an_episode_starts_at_rest(make: Make, fidelity: str) -> None:
     np.testing.assert_allclose(data.qpos[task.q], task.start[task.q], atol=5e-3)
     sag = np.abs(task.start[task.q] - model.key("home").qpos[task.q]).max()
     assert (sag > 0.015) == (fidelity == "servo")
+
+
+@pytest.mark.parametrize("make", TASKS)
+def test_a_task_keeps_what_it_was_made_of(make: Make) -> None:
+    """Another of the same arguments, but one, can be made of a task: a variant of its robot."""
+    task = make("ideal", seconds=1.0)
+    arguments = {name: getattr(task, name) for name in inspect.signature(make).parameters}
+    other = make(**{**arguments, "fidelity": "servo"})
+    assert (other.fidelity, other.max_steps) == ("servo", task.max_steps)
 
 
 def test_a_wrong_goal_is_refused() -> None:
