@@ -1,13 +1,14 @@
-"""The verb `close_loop`: from a robot's episodes to the simulator that its policy should train in.
+r"""The verb `close_loop`: from a robot's episodes to the simulator that its policy should train in.
 
     python -m sim2real +experiment=hopper_gap
-    python -m sim2real +experiment=hopper_gap checkpoint=outputs/train/ppo/2026-11-21_10-00-00
+    python -m sim2real run=close_loop checkpoint=outputs/train/ppo_source/2026-11-21_10-00-00 \
+        +env@target=hopper_polito target.task.domain=target target.task.masses=legacy
 
 `target` stands for the robot: a task whose state is all known. A few of its episodes are recorded,
 of a trained policy or of random actions, and `env`, the simulator that the policy knows, is
 diagnosed against them. What was found is in effects.yaml, with which training goes on:
 
-    python -m sim2real +experiment=NAME effects=outputs/close_loop/hopper_gap/.../effects.yaml
+    python -m sim2real +experiment=ppo_source effects=outputs/close_loop/.../effects.yaml eval=none
 
 With a checkpoint the policy is also played in both simulators and on the target, so that the
 returns show how much of the gap is closed for it before anything is trained again.
@@ -239,10 +240,11 @@ def compare(
         "with what was found": with_effects(env, out / EFFECTS)(num_rows=PLAYED),
         "target": target(num_rows=PLAYED),
     }
-    rng, table = np.random.default_rng([seed, INTERVALS]), Table(("world", "return"))
+    table = Table(("world", "return"))
     luck = draw_seeds(np.random.default_rng([seed, PLAYING]), PLAYED)
     for name, rows in worlds.items():
         returns = play(rows, module, rows.space.points(PLAYED), luck).returns
+        rng = np.random.default_rng([seed, INTERVALS])
         table.add(name, bootstrap(returns[:, None], iqm, rng, draws=2000, resample="rows"))
     table.notes.append(f"Interquartile means of {PLAYED} episodes with 95 % intervals.")
     table.write(out / "returns", "The policy's return in each world")

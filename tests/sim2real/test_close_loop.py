@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from envs import HopperPolito
-from envs.effects import load_effects, make
+from envs.effects import load_effects, make, write_effects
 from envs.simulation import Simulation
 from hardware.log import Log, read_logs
-from sim2real.close_loop import cut, named, noise, record
+from sim2real.close_loop import compare, cut, named, noise, record
 from sim2real.config import compose, prepare
 from sim2real.errors import Sim2RealError
 from sim2real.population import draw_seeds
@@ -73,6 +75,21 @@ def test_the_torsos_kilogram_is_named(tmp_path: Path) -> None:
     assert (tmp_path / "report.html").is_file() and (tmp_path / "model.xml").is_file()
     (log,) = read_logs(str(tmp_path / "log.csv"))
     assert log.model == tmp_path / "source.xml"
+
+
+def test_a_policy_gets_in_the_corrected_simulator_what_it_gets_on_the_target(
+    tmp_path: Path,
+) -> None:
+    """Returns differ before, and agree once the kilogram is in; all of it is written."""
+    write_effects(tmp_path / "effects.yaml", [(make("link_mass", where="torso"), (1.0,))])
+    torch.manual_seed(0)
+    policy = torch.nn.Sequential(torch.nn.Linear(11, 3, dtype=torch.float64), torch.nn.Tanh())
+    source, target = (partial(Simulation, HopperPolito(d)) for d in ("source", "target"))
+    table = compare(source, target, policy, tmp_path, seed=0)
+    given, found, wanted = (row[1] for row in table.rows)
+    assert found == wanted
+    assert given != wanted
+    assert "target" in (tmp_path / "returns.md").read_text()
 
 
 def test_without_a_target_it_says_where_to_start(tmp_path: Path) -> None:
