@@ -32,6 +32,8 @@ from hardware.line import Counters
 from hardware.pace import Pace
 from hardware.safety import Guard, Policy, Sent
 
+PATIENCE = 5.0  # s that a lost port is waited for
+
 
 class Measured(NamedTuple):
     """What a robot of n servos measured at one deadline."""
@@ -180,10 +182,20 @@ class ServoBackend:
     def arm(self) -> None:
         """Switch torque on where the robot is; whoever calls this has cleared the space around it.
 
+        After a stop everything is connected, checked and set up anew before: the cable may have
+        been out, and a servo that has started anew has lost its settings.
+
         Raises:
+            LineError: the port did not come back.
             SafetyError: a servo is outside its limits, or reports an error.
+            ServoError: a servo is not as the robot's file says.
         """
         self.open()
+        driver = self.guard.driver
+        if self.stopped is not None and self.dry_run:
+            driver.connect()
+        elif self.stopped is not None:
+            driver.reconnect(PATIENCE)
         self.guard.arm()
         self.stopped = None
         self._written = self.guard.driver.clock.now()

@@ -23,7 +23,7 @@ from hardware.emulator.faults import Fault
 from hardware.emulator.pty import serve
 from hardware.emulator.world import World
 from hardware.env import HardwareEnv
-from hardware.errors import LogError, RobotError, SafetyError
+from hardware.errors import LineError, LogError, RobotError, SafetyError
 from hardware.log import read_log
 from hardware.replayed import LogBackend
 from hardware.rows import RobotRows
@@ -199,9 +199,31 @@ def test_a_stop_ends_the_episode_and_needs_a_hand():
             env.reset()
         backend.guard.driver.line.reboot(1)
         backend.guard.driver.clock.sleep_until(backend.guard.driver.clock.now() + 0.5)
-        backend.guard.driver.configure()
         env.arm()
         assert not env.rollout(5)["next", "failed"].any()
+
+
+def test_a_cable_that_was_out_is_taken_up_again():
+    """Unplugged: the episode fails; plugged in and armed: settings are written anew, it goes on."""
+    backend = loopback()
+    with HardwareEnv(Bench1(), backend) as env:
+        start = env.reset()
+        port = backend.guard.driver.line.port
+        port.unplugged = True  # type: ignore[attr-defined]
+        assert env.rollout(5, auto_reset=False, tensordict=start)["next", "failed"].any()
+        with pytest.raises(LineError, match="is the cable in"):
+            env.arm()
+        with pytest.raises(SafetyError, match=r"was stopped: .*is the cable in"):
+            env.reset()
+        port.unplugged = False  # type: ignore[attr-defined]
+        assert backend.world is not None
+        clock = backend.guard.driver.clock
+        backend.world.servos[0].reboot(clock.now())
+        clock.sleep_until(clock.now() + 0.5)
+        env.arm()
+        assert backend.world.servos[0].memory["position_p_gain"] == 800
+        assert not env.rollout(5)["next", "failed"].any()
+    assert powered(backend) == [False]
 
 
 def test_nan_is_refused():
