@@ -62,9 +62,9 @@ MAIN = (
 )
 SWEEP = tuple(Row(f"udr_{w}", "udr", 5, (SHORT,), (f"params.width={w}",)) for w in WIDTHS)
 HYPER = tuple(Row(name, f"ppo_{name}", 5, (SHORT,)) for name in SETTINGS)
-ORACLE = (Row("oracle", "oracle", 5, (LONG,)),)
+BEYOND = (Row("oracle", "oracle", 5, (LONG,)), Row("gru", "ppo_gru_udr", 5, (SHORT,)))
 SLOW = tuple(Row(name, name, 5, (SHORT,)) for name in ("sac_source", "sac_target"))
-ROUNDS = (MAIN, SWEEP, HYPER, ORACLE, SLOW)
+ROUNDS = (MAIN, SWEEP, HYPER, BEYOND, SLOW)
 ROWS = {row.name: row for rows in ROUNDS for row in rows}
 USUAL = [name for name, row in ROWS.items() if row not in SLOW]
 
