@@ -17,7 +17,7 @@ from hardware.calibration import calibration_of, write_calibration
 from hardware.config import ROBOTS, load_robot
 from hardware.errors import RobotError, SafetyError, ServoError
 from hardware.log import read_logs
-from sim2real import deploy
+from sim2real import deploy, replay
 from sim2real.config import compose, prepare
 from sim2real.deployment import Deployment
 from sim2real.errors import Sim2RealError, Stopped
@@ -58,6 +58,8 @@ def test_a_policy_runs_on_the_robot_and_is_compared_with_its_simulator(run, tmp_
     assert logs[0].column("reward").sum() == pytest.approx(done.before[0])
     for name in ("returns", "log"):
         assert (tmp_path / "plots" / f"{name}.png").stat().st_size > 5000
+    replay.run(log=str(tmp_path / "logs"), model=None, effects=None, out=tmp_path / "replay")
+    assert json.loads((tmp_path / "replay" / "replay.json").read_text())["rmse"] < 0.015
 
 
 def test_it_adapts_episode_by_episode(run, tmp_path):
