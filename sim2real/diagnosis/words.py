@@ -54,7 +54,7 @@ def percent(share: float | None) -> str:
 
 def degrees(value: float, unit: str) -> str:
     """Return an angle in degrees as well, `2.9°`; "" for anything else."""
-    return f"{math.degrees(value):.3g}°" if unit == "rad" else ""
+    return f"{math.degrees(value):.3g}°".replace("-", "−") if unit == "rad" else ""
 
 
 def name(effect: str, where: str | None, side: str | None = None) -> str:
