@@ -219,20 +219,28 @@ def look(browser: str, page: Path, width: int) -> tuple[str, str]:
     return done.stdout, "\n".join(x for x in done.stderr.splitlines() if "CONSOLE" in x)
 
 
+PROBE = """<script>
+const first = () => document.querySelector("#canvas .t").textContent, before = first();
+document.getElementById("canvas").dispatchEvent(new KeyboardEvent("keydown", { key: "+" }));
+const wide = document.documentElement.scrollWidth;
+document.title = `${wide} wide, from ${before} to ${first()} s`;
+</script>"""
+
+
 @pytest.mark.render
 @pytest.mark.parametrize("width", [390, 1200])
 def test_a_real_browser_shows_it(report: Report, browser: str, tmp_path: Path, width: int) -> None:
-    """Chromium runs the script without a complaint, and nothing is wider than a phone."""
+    """Chromium runs the script without a complaint, keys work, nothing is wider than a phone."""
     long = replace(trace("elbow"), log="a_recording_with_a_long_name" * 3 + ".parquet")
     evidence = replace(report.evidence, traces=(long, *report.evidence.traces[1:]))
     report = replace(report, evidence=evidence)
     page = tmp_path / "report.html"
-    measure = "<script>document.title = document.documentElement.scrollWidth + ' wide';</script>"
-    page.write_text(render(report).replace("</body>", measure + "</body>"), encoding="utf-8")
+    page.write_text(render(report).replace("</body>", PROBE + "</body>"), encoding="utf-8")
     seen, complaints = look(browser, page, width)
     assert complaints == ""
-    wide = re.search(r"<title>(\d+) wide</title>", seen)
-    assert wide is not None and int(wide[1]) <= width
+    found = re.search(r"<title>(\d+) wide, from (\S+) to (\S+) s</title>", seen)
+    assert found is not None and int(found[1]) <= width
+    assert float(found[2]) == 0 and float(found[3]) > 2  # the key + zooms in
     _, tags = read(seen)
     assert "hidden" not in next(a for _, a in tags if a.get("id") == "browser")
     assert [t for t, _ in tags].count("option") == 2
