@@ -104,6 +104,7 @@ def run(
         HardwareError: a robot that is not as its file says, or was stopped on the way.
         Stopped: after Ctrl-C; torque is off.
     """
+    one_checkpoint(checkpoint)
     out, task = Path(out), servo_task(env)
     machine = make_machine(robot, port, calibration)
     if machine.port is not None and not (arm or dry_run):
@@ -111,7 +112,6 @@ def run(
             f"{machine.name} at {machine.port} would move; clear the space around it, then "
             "add arm=true, or dry_run=true to send nothing"
         )
-    one_checkpoint(checkpoint)
     if settle < 0:
         raise Sim2RealError(f"settle={settle} must not be below 0 s")
     backend = ServoBackend(machine, settle, dry_run=dry_run, policy=guarding(stops), seed=seed)

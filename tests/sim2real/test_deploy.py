@@ -137,7 +137,7 @@ def test_what_cannot_be_is_refused_before_torque(run, tmp_path):
     with pytest.raises(Sim2RealError, match=r"bench1 at /dev/x would move; clear .* arm=true"):
         go(run, tmp_path, "port=/dev/x")
     with pytest.raises(Sim2RealError, match="one trained policy is needed, none was given"):
-        go(run, tmp_path, checkpoint=None)
+        go(run, tmp_path, "env=hopper", checkpoint=None)
     with pytest.raises(Sim2RealError, match="settle=-1"):
         go(run, tmp_path, settle=-1.0)
     with pytest.raises(Sim2RealError, match="trials=0 must be at least 1"):
