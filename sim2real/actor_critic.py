@@ -202,7 +202,7 @@ def _orthogonal(weight: Tensor, gain: float, generator: torch.Generator) -> None
 
 
 def _linear(weight: Tensor, bias: Tensor) -> nn.Linear:
-    linear = nn.Linear(*weight.shape)
+    linear = nn.Linear(weight.shape[0], weight.shape[1])
     with torch.no_grad():
         linear.weight.copy_(weight.T)
         linear.bias.copy_(bias)

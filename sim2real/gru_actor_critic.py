@@ -161,10 +161,11 @@ class Remembering(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         """Map the next observations (N, O), or (O,) of one row, to actions."""
         rows = observation if observation.dim() == 2 else observation[None]
-        if self._memory is None or len(self._memory) != len(rows):
-            self._memory = rows.new_zeros(len(rows), self.cell.hidden_size)
-        self._memory = self.cell(rows, self._memory)
-        action = self.network(torch.cat([rows, self._memory], -1))
+        before = self._memory
+        if before is None or len(before) != len(rows):
+            before = rows.new_zeros(len(rows), self.cell.hidden_size)
+        self._memory = memory = self.cell(rows, before)
+        action = self.network(torch.cat([rows, memory], -1))
         return action if observation.dim() == 2 else action[0]
 
 

@@ -204,7 +204,7 @@ def _normalized_env() -> Any:
         GymEnv(TASK),
         Compose(
             VecNormV2(in_keys=["observation"], decay=0.99999, eps=1e-2),
-            ClipTransform(in_keys=["observation"], low=-10, high=10),
+            ClipTransform(in_keys=["observation"], low=-10, high=10),  # type: ignore[call-arg]
             RewardSum(),
             StepCounter(),
             DoubleToFloat(in_keys=["observation"]),
@@ -218,13 +218,17 @@ def _networks(env: Any) -> tuple[Any, Any]:
     from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
 
     inputs, actions = env.observation_spec["observation"].shape[-1], env.action_spec.shape[-1]
-    shape = {"in_features": inputs, "activation_class": nn.Tanh, "num_cells": [64, 64]}
+    shape: dict[str, Any] = {
+        "in_features": inputs,
+        "activation_class": nn.Tanh,
+        "num_cells": [64, 64],
+    }
     mean, value = MLP(out_features=actions, **shape), MLP(out_features=1, **shape)
     for layer in chain(mean.modules(), value.modules()):
         if isinstance(layer, nn.Linear):
             nn.init.orthogonal_(layer.weight, 0.01 if layer in set(value.modules()) else 1.0)
             layer.bias.data.zero_()
-    network = nn.Sequential(mean, AddStateIndependentNormalScale(actions, scale_lb=1e-8))
+    network = nn.Sequential(mean, AddStateIndependentNormalScale(actions))
     limits = {"low": env.action_spec.space.low, "high": env.action_spec.space.high}
     actor = ProbabilisticActor(
         TensorDictModule(network, in_keys=["observation"], out_keys=["loc", "scale"]),

@@ -90,7 +90,7 @@ def gather(
     reward = np.empty(shape)
     terminated, over = np.empty(shape, bool), np.empty(shape, bool)
     low, high = rows.action_low.astype(np.float32), rows.action_high.astype(np.float32)
-    cut: list[tuple[int, np.ndarray, np.ndarray]] = []
+    cut: list[tuple[int, np.ndarray, Tensor]] = []
     for t in range(steps):
         raw[t] = stream.observation[:, : raw.shape[-1]]
         _show(stream.observation, normalizer, memory, seen[t])

@@ -30,7 +30,7 @@ def network(memory: int = 6, window: int = 4) -> GRUActorCritic:
     policy = GRUActorCritic(5, 2, *limits, **SHAPE, memory=memory, window=window)
     policy.initialize(generator(0))
     with torch.no_grad():
-        policy.theta += 0.2 * torch.randn(policy.theta.shape, generator=generator(1))
+        policy.theta.add_(0.2 * torch.randn(policy.theta.shape, generator=generator(1)))
     return policy
 
 

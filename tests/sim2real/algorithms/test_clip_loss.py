@@ -28,7 +28,7 @@ def network(hidden: tuple[int, ...] = (16, 8), activation: Any = "tanh") -> Acto
     policy = ActorCritic(5, 2, -np.ones(2), np.ones(2), **options)
     policy.initialize(torch.Generator().manual_seed(0))
     with torch.no_grad():  # biases, and a head that is not all but zero
-        policy.theta += 0.1 * torch.randn(policy.theta.shape, generator=generator(1))
+        policy.theta.add_(0.1 * torch.randn(policy.theta.shape, generator=generator(1)))
     return policy
 
 
@@ -100,14 +100,20 @@ class Head(nn.Module):
         return value.unsqueeze(-1) if self.critic else (mean, log_std.exp().expand_as(mean))
 
 
+def diagonal(loc: torch.Tensor, scale: torch.Tensor) -> Independent:
+    """Return a diagonal Gaussian."""
+    return Independent(Normal(loc, scale), 1)
+
+
 def clip_ppo_loss(policy: ActorCritic, batch: Batch) -> torch.Tensor:
     """Return TorchRL's loss of the same networks, samples and coefficients."""
-    actor = ProbabilisticTensorDictSequential(
+    chain: Any = ProbabilisticTensorDictSequential
+    actor = chain(
         Mod(Head(policy, critic=False), in_keys=["observation"], out_keys=["loc", "scale"]),
         ProbabilisticTensorDictModule(
             in_keys=["loc", "scale"],
             out_keys=["action"],
-            distribution_class=lambda loc, scale: Independent(Normal(loc, scale), 1),
+            distribution_class=diagonal,  # type: ignore[arg-type]
             return_log_prob=True,
         ),
     )

@@ -104,7 +104,7 @@ def test_actions_are_drawn_unclipped_and_taken_clipped() -> None:
     torch.testing.assert_close(batch.log_prob, log_prob(batch.action, mean, log_std))
 
 
-def copy_weights(ours: ActorCritic, theirs: Any) -> None:
+def copy_weights(ours: Any, theirs: Any) -> None:
     """Give a policy of Stable-Baselines3 our weights."""
     weights, mlp = ours.present, theirs.mlp_extractor
     with torch.no_grad():
@@ -180,7 +180,7 @@ def test_an_iteration_of_preset_sb3_is_that_of_stable_baselines3() -> None:
         torch.testing.assert_close(moved, trained.theta.detach(), atol=within, rtol=0)
 
 
-def copy_back(ours: ActorCritic, theirs: Any) -> None:
+def copy_back(ours: Any, theirs: Any) -> None:
     """Give our policy the weights of one of Stable-Baselines3."""
     weights, mlp = ours.present, theirs.mlp_extractor
     with torch.no_grad():
@@ -220,6 +220,7 @@ def test_preset_sb3_starts_and_steps_as_stable_baselines3_by_default() -> None:
     )
     assert theirs.n_steps * theirs.n_envs == ours._steps * ours.stream.rows.num_rows
     fresh, copied = ours.policy, learner(seed=1).policy
+    assert isinstance(fresh, ActorCritic) and isinstance(copied, ActorCritic)
     copy_back(copied, theirs.policy)
     for (one, _), (other, _) in zip(fresh.present.hidden, copied.present.hidden, strict=True):
         for side in range(2):  # orthogonal weights of one gain: the same singular values

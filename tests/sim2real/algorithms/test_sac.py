@@ -41,8 +41,9 @@ def network() -> SoftActorCritic:
     policy = SoftActorCritic(5, 2, low, high, hidden=(16, 8), activation="relu")
     policy.initialize(torch.Generator().manual_seed(0))
     with torch.no_grad():
-        policy.target += 0.1 * torch.randn(policy.target.shape, generator=generator(1))
-        policy.actor_theta += 0.1 * torch.randn(policy.actor_theta.shape, generator=generator(2))
+        policy.target.add_(0.1 * torch.randn(policy.target.shape, generator=generator(1)))
+        noise = torch.randn(policy.actor_theta.shape, generator=generator(2))
+        policy.actor_theta.add_(0.1 * noise)
     return policy
 
 
@@ -64,7 +65,7 @@ class Squashed(torch.distributions.Distribution):
     """The actor's distribution with its noise given beforehand, for TorchRL."""
 
     noises: list[torch.Tensor]
-    arg_constraints = {}  # noqa: RUF012 - as torch names it
+    arg_constraints = {}  # type: ignore[assignment]  # noqa: RUF012 - as torch names it
 
     def __init__(self, said: torch.Tensor) -> None:
         super().__init__(said.shape[:-1], said.shape[-1:], validate_args=False)
@@ -116,13 +117,17 @@ def alone(policy: SoftActorCritic, flat: torch.Tensor, which: int) -> torch.Tens
 
 def sac_loss(policy: SoftActorCritic) -> SACLoss:
     """Return TorchRL's loss of the same networks."""
-    actor = ProbabilisticTensorDictSequential(
+    chain: Any = ProbabilisticTensorDictSequential
+    actor = chain(
         Mod(Actor(policy), in_keys=["observation"], out_keys=["said"]),
         ProbabilisticTensorDictModule(
             in_keys=["said"], out_keys=["action"], distribution_class=Squashed, return_log_prob=True
         ),
     )
-    keys = {"in_keys": ["observation", "action"], "out_keys": ["state_action_value"]}
+    keys: dict[str, Any] = {
+        "in_keys": ["observation", "action"],
+        "out_keys": ["state_action_value"],
+    }
     critics = [Mod(Critic(policy, policy.critic_theta, k), **keys) for k in range(2)]
     loss = SACLoss(
         actor,
@@ -130,7 +135,7 @@ def sac_loss(policy: SoftActorCritic) -> SACLoss:
         loss_function="l2",
         alpha_init=ALPHA,
         target_entropy=TARGET,
-        action_spec=Bounded(-1.0, 1.0, (2,)),
+        action_spec=Bounded(-1.0, 1.0, torch.Size((2,))),
     )
     loss.make_value_estimator(gamma=GAMMA)
     targets = loss.target_qvalue_network_params["module", "theta"]
@@ -161,14 +166,15 @@ def test_the_gradients_are_those_of_sac_loss() -> None:
             (loss.qvalue_network_params, ("theta",)),
         )
     )
-    close = {"atol": 1e-6, "rtol": 1e-5}
+    close: Any = {"atol": 1e-6, "rtol": 1e-5}
     torch.testing.assert_close(policy.actor_theta.grad, actor, **close)
     for k in range(2):
         assert policy.critic_theta.grad is not None
         own = alone(policy, policy.critic_theta.grad, k)
         assert float(own.norm()) > 0.1
         torch.testing.assert_close(own, critics[k], **close)
-    torch.testing.assert_close(mine, loss.log_alpha.grad.reshape(()), **close)
+    temperature: Any = loss.log_alpha
+    torch.testing.assert_close(mine, temperature.grad.reshape(()), **close)
 
 
 def test_probabilities_are_those_of_squashed_gaussians() -> None:

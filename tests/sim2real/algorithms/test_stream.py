@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def play(stream: EpisodeStream, steps: int, seed: int) -> list[np.ndarray]:
 @pytest.mark.parametrize(
     "world", [lambda: (hopper(robots()), robots()), lambda: (Nav2D(7, 20), NavGoals())]
 )
-def test_a_loaded_stream_goes_on_to_the_last_bit(world: Callable[[], tuple]) -> None:
+def test_a_loaded_stream_goes_on_to_the_last_bit(world: Callable[[], tuple[Any, Any]]) -> None:
     """A stream that is loaded elsewhere sees what the saved one does, through ends of episodes."""
     first = EpisodeStream(*world(), np.random.default_rng(0))
     play(first, 47, 1)
