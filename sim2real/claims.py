@@ -4,7 +4,7 @@
                       "left": {"experiment": "udr", "robot": "target"},
                       "right": {"experiment": "ppo_source", "robot": "target"},
                       "probability": 0.75, "seeds": 10})
-    verdict = judge(claim, study, rng, draws=2000)
+    verdict = judge(claim, study, seed=0, draws=2000)
     verdict.verdict, verdict.found          # "held", "P = 0.87 [0.71, 0.98], IQM 1103 against 871"
 
 Both sides are one number a training run: a mean return on a robot, or a column of metrics.csv. They
@@ -30,7 +30,7 @@ import numpy as np
 
 from envs.errors import did_you_mean
 from sim2real.errors import Sim2RealError
-from sim2real.runs import Group, Run, Study, Take
+from sim2real.runs import Group, Run, RunsError, Study, Take
 from sim2real.stats import Interval, bootstrap, iqm, mean, probability_of_improvement, wins
 from sim2real.tables import show
 
@@ -164,18 +164,17 @@ def registered(runs: Iterable[Run]) -> list[Claim]:
     return list({claim.text: claim for claim in claims}.values())
 
 
-def judge(claim: Claim, study: Study, rng: np.random.Generator, draws: int) -> Verdict:
+def judge(claim: Claim, study: Study, seed: int, draws: int) -> Verdict:
     """Decide a claim.
 
     Args:
         claim: what is claimed.
         study: the runs.
-        rng: source of the resamples.
+        seed: of the resamples.
         draws: resamples of each interval.
 
     Raises:
         ClaimError: a robot that the runs do not have.
-        RunsError: runs without the metric of a side.
     """
     sides = [side for side in (claim.left, claim.right) if side is not None]
     found = [study.find(side.experiment, side.when) for side in sides]
@@ -192,7 +191,11 @@ def judge(claim: Claim, study: Study, rng: np.random.Generator, draws: int) -> V
     if min(counts) < max(claim.seeds, 2):
         text = f"{' and '.join(map(str, counts))} of {claim.seeds}"
         return Verdict(claim, "not enough seeds", text, budget)
-    values = [s.values(study, group, budget) for s, group in zip(sides, groups, strict=True)]
+    try:
+        values = [s.values(study, group, budget) for s, group in zip(sides, groups, strict=True)]
+    except RunsError as error:
+        return Verdict(claim, "not enough seeds", str(error), budget)
+    rng = np.random.default_rng(seed)
     if claim.right is None:
         return _within(claim, values[0], rng, draws, budget)
     return _compare(claim, values[0], values[1], groups[0] is groups[1], rng, draws, budget)

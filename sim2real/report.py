@@ -56,16 +56,16 @@ def run(
         raise Sim2RealError("report needs runs; give runs=FOLDER or runs=[FOLDER,FOLDER]")
     given = runs.split(",") if isinstance(runs, str) else runs
     found = collect(path.strip() for path in given)
-    study, rng = Study(found), np.random.default_rng(seed)
+    study = Study(found)
     study.groups.sort(key=lambda group: group.experiment != baseline)  # that one first
-    verdicts = [judge(claim, study, rng, DRAWS) for claim in registered(found)]
+    verdicts = [judge(claim, study, seed, DRAWS) for claim in registered(found)]
     pictures = report_plots.draw(study, baseline, Path(out), DRAWS)
-    tables = [pair_table(study, *pair, baseline, rng) for pair in _pairs(study)]
-    write_text(Path(out) / "report.csv", long_table(study, baseline, rng).csv())
+    tables = [pair_table(study, *pair, baseline, seed) for pair in _pairs(study)]
+    write_text(Path(out) / "report.csv", long_table(study, baseline, seed).csv())
     write_text(Path(out) / "returns.csv", returns_csv(study))
     claims = claims_table(study, verdicts)
     write_text(Path(out) / "claims.csv", claims.csv())
-    page = _page(study, found, main_table(study, baseline, rng), tables, claims, pictures)
+    page = _page(study, found, main_table(study, baseline, seed), tables, claims, pictures)
     write_text(Path(out) / "report.md", page)
     for verdict in verdicts:
         log.info("%s: %s (%s)", verdict.verdict, verdict.claim.text, verdict.found)
@@ -73,7 +73,7 @@ def run(
     return verdicts
 
 
-def main_table(study: Study, baseline: str | None, rng: np.random.Generator) -> Table:
+def main_table(study: Study, baseline: str | None, seed: int) -> Table:
     """Return a row for each group: what it gets on each robot, and what the study got there."""
     meant = study.robots[-1]
     compared = [f"P(better than {baseline} on {meant})"] if baseline else []
@@ -81,15 +81,15 @@ def main_table(study: Study, baseline: str | None, rng: np.random.Generator) -> 
     studied = [f"the study: {robot}" for robot in study.robots]
     table = Table([*columns, *(f"IQM on {r}" for r in study.robots), *compared, *studied])
     for group in study.groups:
-        middle = [estimate(study.returns(group, robot), rng) for robot in study.robots]
-        chance = [_chance(study, group, baseline, meant, rng)] if baseline else []
+        middle = [estimate(study.returns(group, robot), seed) for robot in study.robots]
+        chance = [_chance(study, group, baseline, meant, seed)] if baseline else []
         figures = [_figure_words(group, robot) for robot in study.robots]
         table.add(group.label, group.trained_on, *_size(group), *middle, *chance, *figures)
     return table
 
 
 def pair_table(
-    study: Study, trained: str | None, tested: str, baseline: str | None, rng: np.random.Generator
+    study: Study, trained: str | None, tested: str, baseline: str | None, seed: int
 ) -> tuple[str, Table]:
     """Return the title and the table of all groups trained on one robot and tested on another."""
     columns = ["experiment", "runs", "steps", "IQM", "mean", "sd over runs", "sd over episodes"]
@@ -97,13 +97,13 @@ def pair_table(
     table = Table([*columns, *compared, "the study: mean", "its sd over episodes"])
     for group in study.groups:
         if group.trained_on == trained:
-            chance = [_chance(study, group, baseline, tested, rng)] if baseline else []
-            numbers = _numbers(study, group, tested, rng)
+            chance = [_chance(study, group, baseline, tested, seed)] if baseline else []
+            numbers = _numbers(study, group, tested, seed)
             table.add(group.label, *_size(group), *numbers, *chance, *_figure(group, tested))
     return f"{trained or 'another robot'} → {tested}", table
 
 
-def long_table(study: Study, baseline: str | None, rng: np.random.Generator) -> Table:
+def long_table(study: Study, baseline: str | None, seed: int) -> Table:
     """Return a row for each group, budget and robot."""
     columns = ("experiment", "trained on", "tested on", "runs", "steps")
     numbers = ("IQM", "mean", "sd over runs", "sd over episodes", "P(improvement)")
@@ -111,8 +111,8 @@ def long_table(study: Study, baseline: str | None, rng: np.random.Generator) -> 
     for group in study.groups:
         for budget in sorted(group.runs):
             for robot in study.robots:
-                cells = _numbers(study, group, robot, rng, budget)
-                chance = _chance(study, group, baseline, robot, rng, budget)
+                cells = _numbers(study, group, robot, seed, budget)
+                chance = _chance(study, group, baseline, robot, seed, budget)
                 own = (group.label, group.trained_on, robot, *_size(group, budget))
                 table.add(*own, *cells, chance, *_figure(group, robot))
     return table
@@ -154,20 +154,21 @@ def returns_csv(study: Study) -> str:
     return out.getvalue()
 
 
-def estimate(values: np.ndarray, rng: np.random.Generator) -> Interval | float:
+def estimate(values: np.ndarray, seed: int) -> Interval | float:
     """Return the interquartile mean of runs (n,), with an interval from two runs up."""
     if len(values) < 2:
         return float(iqm(values[:, None]))
+    rng = np.random.default_rng(seed)  # anew, so that a number has one interval in all tables
     return bootstrap(values[:, None], iqm, rng, draws=DRAWS, resample="rows")
 
 
 def _numbers(
-    study: Study, group: Group, robot: str, rng: np.random.Generator, budget: int | None = None
+    study: Study, group: Group, robot: str, seed: int, budget: int | None = None
 ) -> list[Cell]:
     values = study.returns(group, robot, budget)
     spread = float(values.std(ddof=1)) if len(values) > 1 else None
     within = float(np.mean([_spread(r.scores.returns[robot]) for r in group.at(budget)]))
-    return [estimate(values, rng), float(values.mean()), spread, within]
+    return [estimate(values, seed), float(values.mean()), spread, within]
 
 
 def _chance(
@@ -175,7 +176,7 @@ def _chance(
     group: Group,
     baseline: str | None,
     robot: str,
-    rng: np.random.Generator,
+    seed: int,
     budget: int | None = None,
 ) -> Interval | None:
     """Return how probably a run of the group beats one of the baseline after as many steps."""
@@ -186,7 +187,7 @@ def _chance(
     mine, theirs = (study.returns(g, robot, budget)[:, None] for g in (group, others[0]))
     if min(len(mine), len(theirs)) < 2:
         return None
-    return probability_of_improvement(mine, theirs, rng, draws=DRAWS)
+    return probability_of_improvement(mine, theirs, np.random.default_rng(seed), draws=DRAWS)
 
 
 def _size(group: Group, budget: int | None = None) -> tuple[int, float]:

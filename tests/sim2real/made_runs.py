@@ -25,6 +25,7 @@ def make_run(
     *,
     steps: int = 500_000,
     params: dict[str, Any] | None = None,
+    algorithm: dict[str, Any] | None = None,
     expect: dict[str, Any] | None = None,
     curve: Sequence[tuple[int, float]] = ((1000, 10.0), (2000, 20.0)),
     trained_on: str = "source",
@@ -36,11 +37,12 @@ def make_run(
     folder = root / name / f"seed{seed}"
     (folder / ".hydra").mkdir(parents=True, exist_ok=True)
     env = {"task": {"domain": trained_on, "masses": masses, "max_steps": 500}}
-    tree = {"env": env, "params": params or {}, "seed": seed, "expect": expect}
+    tree = {"env": env, "params": params or {}, "algorithm": algorithm or {}, "expect": expect}
     (folder / "config.yaml").write_text(yaml.safe_dump(tree), encoding="utf-8")
     (folder / ".hydra" / "overrides.yaml").write_text(f"[+experiment={experiment}, seed={seed}]")
-    rows = "".join(f"{x},{y}\n" for x, y in curve)
-    (folder / "metrics.csv").write_text("train/frames,train/return\n" + rows, encoding="utf-8")
+    names = "train/frames,train/return" + (",train/kl" if algorithm else "")
+    rows = [f"{x},{y}" + (f",{y / 1000}" if algorithm else "") for x, y in curve]
+    (folder / "metrics.csv").write_text("\n".join([names, *rows, ""]), encoding="utf-8")
     returns = {r: np.array([m - 1, m + 1]) for r, m in zip(ROBOTS, means, strict=True)}
     lengths = {robot: np.array([10, 10]) for robot in ROBOTS}
     scores = TransferScores(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sim2real import report
+from sim2real import report, report_plots
 from sim2real.catalogue import CONF, options
 from sim2real.claims import Claim
 from sim2real.config import ConfigError, compose, prepare
@@ -80,7 +80,7 @@ def test_everything_that_it_promises_is_there(runs: Path, tmp_path: Path) -> Non
 def test_rows_say_what_runs_got_and_what_the_study_got(runs: Path) -> None:
     """A width's own figure, its interquartile mean, and how it compares with the baseline."""
     study = Study(collect([runs]))
-    table = report.long_table(study, "ppo_source", np.random.default_rng(0))
+    table = report.long_table(study, "ppo_source", 0)
     found: dict[Any, dict[str, Any]]
     found = {(row[0], row[2]): dict(zip(table.columns, row, strict=True)) for row in table.rows}
     tenth = found["udr width=0.1", "target"]
@@ -98,7 +98,7 @@ def test_a_single_run_has_no_interval(tmp_path: Path) -> None:
     """It is shown with its value alone, and compared with nothing."""
     make_run(tmp_path, "ppo_source", 0, (1500, 1000))
     study = Study(collect([tmp_path]))
-    (row,) = report.main_table(study, "ppo_source", np.random.default_rng(0)).rows
+    (row,) = report.main_table(study, "ppo_source", 0).rows
     assert list(row) == ["ppo_source", "source", 1, 500_000, 1500, 1000, None, None, None]
 
 
@@ -109,8 +109,21 @@ def test_a_baseline_is_compared_after_the_same_steps(tmp_path: Path) -> None:
         make_run(tmp_path, "ppo_source", seed, (1, 1000))
         make_run(tmp_path, "udr", seed, (1, 1500), steps=300_000)
     study = Study(collect([tmp_path]))
-    table = report.main_table(study, "ppo_source", np.random.default_rng(0))
+    table = report.main_table(study, "ppo_source", 0)
     assert [row[6] for row in table.rows] == [None, None]
+
+
+@pytest.mark.usefixtures("quick")
+def test_robots_and_settings_are_drawn_apart(tmp_path: Path) -> None:
+    """A higher learning rate is beside the baseline, and so are the divergences of its updates."""
+    for seed in range(2):
+        make_run(tmp_path, "ppo_source", seed, (10, 5), algorithm={"learning_rate": 3e-4})
+        make_run(tmp_path, "ppo_lr3e3", seed, (5, 1), algorithm={"learning_rate": 3e-3})
+        make_run(tmp_path, "ndr", seed, (9, 8), algorithm={"learning_rate": 3e-4})
+    pictures = dict(report_plots.draw(Study(collect([tmp_path])), "ppo_source", tmp_path, 200))
+    kinds = ("learning_curves_robots", "learning_curves_settings", "divergence_settings")
+    assert list(pictures) == [f"plots/{kind}.png" for kind in kinds]
+    assert all((tmp_path / picture).stat().st_size > 5000 for picture in pictures)
 
 
 def test_mistakes_are_sentences(tmp_path: Path) -> None:
