@@ -132,6 +132,8 @@ def _swaps(case: Case, pair: tuple[str, str]) -> Iterator[Correction]:
         ("qpos", "ctrl"): "positions and commands",
     }
     for kinds, what in words.items():
+        if len(kinds) == 1 and not _crossed(case, pair):
+            continue
 
         def change(piece: Piece, kinds: tuple[str, ...] = kinds) -> Piece:
             columns = {}
@@ -150,6 +152,19 @@ def _swaps(case: Case, pair: tuple[str, str]) -> Iterator[Correction]:
             f"Swap the {what} of {one} and {other} in the log, or their servos' ids or names.",
             change,
         )
+
+
+def _crossed(case: Case, pair: tuple[str, str]) -> bool:
+    """Say whether positions of a pair follow each other's commands rather than their own."""
+    names = [_column(case, kind, joint) for kind in ("ctrl", "qpos") for joint in pair]
+    pieces = [p for p in case.pieces if all(n in p.log.columns for n in names)]
+    if not pieces:
+        return False
+    signals = np.concatenate([np.column_stack([p.log.columns[n] for n in names]) for p in pieces])
+    if signals.std(axis=0).min() == 0:
+        return False
+    match = np.corrcoef(signals.T)[:2, 2:]
+    return bool(match[0, 1] + match[1, 0] > match[0, 0] + match[1, 1])
 
 
 def zero_of_both(case: Case, joint: str, value: float) -> Correction:

@@ -32,12 +32,15 @@ from sim2real.diagnosis.corrections import (
 from sim2real.diagnosis.report import Finding
 from sim2real.diagnosis.trial import Piece, choose, trial
 
-SECONDS, PIECES = 5.0, 4  # of a replay, and how many
+SECONDS, PIECES = 4.0, 4  # of a replay, and how many
 SUSPECT = 0.3  # of a joint's own motion: an error that a mistake could have made
 LATE = 0.1  # the same for a wrong rate, which slow motions hide
 CLOSED, BEATS = 0.4, 0.6  # of the error as it is, and of the best physical effect's
+PROMISING = 0.8  # of the error: values around one that leaves more are not looked at
+MOST = 0.7  # of the joints have to move nearer under another rate
 SURE = 0.25  # the first of these where the error is no SUSPECT
 LEAST = 0.03  # rad or m: a joint that moves less counts as moving this much
+SENSE = 0.7  # of a joint's motion: a correction that leaves more has not put it right
 WORST = 5.0  # of a joint's motion: larger errors count as this
 RATES = (0.1, 0.2, 0.25, 1 / 3, 0.5, 2 / 3, 0.8, 1.25, 1.5, 2.0, 3.0, 4.0, 5.0, 10.0)
 
@@ -54,23 +57,17 @@ def find_mistakes(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[F
         return []
     now, offsets = _nominal(case)
     suspects = [joint for joint, error in now.items() if error > SUSPECT]
-    slow = tuple(joint for joint, error in now.items() if error > LATE)
     stages = [[*simple(case, suspects), *shifts(case, now, offsets)], [*others(case, suspects)]]
-    stages[1] += [rate(slow, factor) for factor in RATES] if slow else []
-    if not any(stages):
-        return []
-    physics, found = _physics(case), []
-    for tried in stages:
-        errors = _errors(case, [c.change for c in tried]) if tried else np.zeros((0, 0))
-        found += _judge(case, tried, errors, now, physics)
-        if found and set(suspects) <= {joint for joints, _ in found for joint in joints}:
+    if any(error > LATE for error in now.values()):
+        stages[1] += [rate(tuple(case.drives), factor) for factor in RATES]
+    judge = _Judge(case, now)
+    for tried in filter(None, stages):
+        judge.hear(tried)
+        if judge.found and set(suspects) <= judge.taken:
             break
-    else:
-        if not found:
-            tried = _finer(case, suspects, tried, errors)
-            errors = _errors(case, [c.change for c in tried]) if tried else errors[:0]
-            found = _judge(case, tried, errors, now, physics)
-    return [finding for _, finding in found]
+    if stages[1] and not judge.found:
+        judge.hear(_finer(case, suspects, judge))
+    return judge.found
 
 
 def _case(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> Case:
@@ -151,7 +148,7 @@ def _nominal(case: Case) -> tuple[dict[str, float], dict[str, float]]:
     return dict(zip(case.drives, now, strict=True)), shift
 
 
-def _physics(case: Case) -> dict[str, float]:
+def _physics(case: Case) -> np.ndarray:
     """The smallest error of each joint under ordinary effects of several sizes."""
     runs = []
     for piece, spec, model in zip(case.pieces, case.specs, case.models, strict=True):
@@ -159,7 +156,7 @@ def _physics(case: Case) -> dict[str, float]:
         rows = [piece.recording(model)] * len(values)
         runs.append([(piece, path) for path in trial(spec, rows, effects, values)])
     sizes = [_relative(case, list(row)) for row in zip(*runs, strict=False)]
-    return dict(zip(case.drives, np.min(sizes, axis=0).tolist(), strict=True))
+    return np.min(sizes, axis=0)
 
 
 def _panel(model: mujoco.MjModel) -> tuple[list[Effect], np.ndarray]:
@@ -195,64 +192,94 @@ def _panel(model: mujoco.MjModel) -> tuple[list[Effect], np.ndarray]:
     return effects, np.clip(rows, space.low, space.high)
 
 
-def _finer(
-    case: Case, suspects: Sequence[str], tried: Sequence[Correction], errors: np.ndarray
-) -> list[Correction]:
+class _Judge:
+    """Tries corrections, and keeps those that nothing ordinary explains as well.
+
+    Args:
+        case: what to try them on.
+        now: each joint's error as the log is.
+    """
+
+    def __init__(self, case: Case, now: dict[str, float]) -> None:
+        self.found: list[Finding] = []
+        self.taken: set[str] = set()  # joints that a finding is about
+        self.tried: list[Correction] = []
+        self.errors = np.zeros((0, len(now)))  # of each correction and joint
+        self._case, self._index = case, list(now)
+        self._before = np.array(list(now.values()))
+        self._rivals: np.ndarray | None = None
+
+    def hear(self, tried: Sequence[Correction]) -> None:
+        """Try corrections, the one that gains most first, at most one for each joint."""
+        if not tried:
+            return
+        errors = _errors(self._case, [correction.change for correction in tried])
+        self.tried, self.errors = [*self.tried, *tried], np.vstack([self.errors, errors])
+        gains = np.sum(self._before**2) - np.sum(errors**2, axis=1)
+        for k in np.argsort(-gains):
+            if self.taken.isdisjoint(tried[k].joints) and self._holds(tried[k], errors[k]):
+                self.taken |= set(tried[k].joints)
+                self.found.append(self._finding(tried[k], errors[k]))
+
+    def _holds(self, correction: Correction, after: np.ndarray) -> bool:
+        before, own = self._before, self._own(correction)
+        old, new = self._size(before, own), self._size(after, own)
+        rest = np.delete(np.arange(len(before)), own)
+        if np.any(after[rest] > 1.2 * before[rest] + 0.1):
+            return False  # it harms the others
+        if correction.check == "rate":
+            moved = before > LATE / 3
+            if np.mean(after[moved] < BEATS * before[moved]) < MOST:
+                return False  # a clock is the same for all joints
+        if new >= min((CLOSED if old > SUSPECT else SURE) * old, SENSE):
+            return False
+        return new < BEATS * self._size(self._physics(), own)
+
+    def best(self, check: str, where: str | None, values: Sequence[float]) -> float | None:
+        """Return the value of the best correction of a kind that was tried, if it does any good.
+
+        The last ones of that kind and place have these values, in this order.
+        """
+        rows = [k for k, c in enumerate(self.tried) if (c.check, c.where) == (check, where)]
+        rows = rows[-len(values) :]
+        if len(rows) < len(values):
+            return None
+        own = self._own(self.tried[rows[0]])
+        sizes = [self._size(self.errors[k], own) for k in rows]
+        k = int(np.argmin(sizes))
+        return values[k] if sizes[k] < PROMISING * self._size(self._before, own) else None
+
+    def _physics(self) -> np.ndarray:
+        if self._rivals is None:
+            self._rivals = _physics(self._case)
+        return self._rivals
+
+    def _own(self, correction: Correction) -> np.ndarray:
+        return np.array([self._index.index(joint) for joint in correction.joints])
+
+    @staticmethod
+    def _size(errors: np.ndarray, own: np.ndarray) -> float:
+        return float(np.sqrt(np.mean(errors[own] ** 2)))
+
+    def _finding(self, correction: Correction, after: np.ndarray) -> Finding:
+        own = self._own(correction)
+        old, new, rival = (self._size(e, own) for e in (self._before, after, self._physics()))
+        text = (
+            f"{correction.claim}. Once that is corrected the replay's error falls from {old:.0%} "
+            f"to {new:.0%} of the motion, and no ordinary gain, friction, delay or tilt gets it "
+            f"below {rival:.0%}."
+        )
+        return Finding(correction.check, correction.where, text, correction.fix)
+
+
+def _finer(case: Case, suspects: Sequence[str], judge: _Judge) -> list[Correction]:
     """Values between those that were tried, around the best rate and the best zero of a joint."""
-    index = list(case.drives)
     found: list[Correction] = []
-    rates = [k for k, c in enumerate(tried) if c.check == "rate"]
-    if rates:
-        joints = tried[rates[0]].joints
-        columns = [index.index(joint) for joint in joints]
-        best = min(rates, key=lambda k: errors[k][columns].mean())
-        middle = RATES[rates.index(best)]
-        found += [rate(joints, middle * f) for f in (0.85, 0.9, 0.95, 1.05, 1.1, 1.15)]
+    middle = judge.best("rate", None, RATES)
+    if middle is not None:
+        found += [rate(tuple(case.drives), middle * f) for f in (0.85, 0.9, 0.95, 1.05, 1.1, 1.15)]
     for joint in suspects:
-        zeros = [k for k, c in enumerate(tried) if c.check == "zero" and c.where == joint][
-            : len(ZEROS)
-        ]
-        if zeros:
-            best = min(zeros, key=lambda k: errors[k][index.index(joint)])
-            middle = ZEROS[zeros.index(best)]
+        middle = judge.best("zero", joint, ZEROS)
+        if middle is not None:
             found += [zero_of_both(case, joint, middle * f) for f in (0.6, 0.75, 0.88, 1.12, 1.3)]
     return found
-
-
-def _judge(
-    case: Case,
-    tried: Sequence[Correction],
-    errors: np.ndarray,
-    now: dict[str, float],
-    physics: dict[str, float],
-) -> list[tuple[tuple[str, ...], Finding]]:
-    """Return findings for the corrections that hold, at most one for each joint, and the joints."""
-    index, before = list(case.drives), np.array(list(now.values()))
-    rivals = np.array(list(physics.values()))
-    held = []
-    for correction, after in zip(tried, errors, strict=True):
-        own = np.array([index.index(joint) for joint in correction.joints])
-        old, new, rival = (float(np.sqrt(np.mean(e[own] ** 2))) for e in (before, after, rivals))
-        others = np.delete(np.arange(len(index)), own)
-        harm = np.any(after[others] > 1.2 * before[others] + 0.1)
-        closed = CLOSED if old > SUSPECT else SURE
-        if new < closed * old and new < BEATS * rival and not harm:
-            gain = float(np.sum(before**2) - np.sum(after**2))
-            held.append((gain, correction, old, new, rival))
-    held.sort(key=lambda item: -item[0])
-    taken: set[str] = set()
-    found = []
-    for _, correction, old, new, rival in held:
-        if taken.isdisjoint(correction.joints):
-            taken |= set(correction.joints)
-            found.append((correction.joints, _finding(correction, old, new, rival)))
-    return found
-
-
-def _finding(correction: Correction, old: float, new: float, rival: float) -> Finding:
-    text = (
-        f"{correction.claim}. Once that is corrected the replay's error falls from {old:.0%} to "
-        f"{new:.0%} of the motion, and no ordinary gain, friction, delay or tilt gets it below "
-        f"{rival:.0%}."
-    )
-    return Finding(correction.check, correction.where, text, correction.fix)

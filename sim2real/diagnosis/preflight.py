@@ -89,7 +89,7 @@ def _rank(finding: Finding) -> int:
 def _causes(found: Sequence[Finding], turned: dict[str | None, str]) -> list[Finding]:
     """Leave out what follows from a graver finding at the same place, or everywhere."""
     grave = [finding for finding in found if finding.check in GRAVE]
-    everywhere = next((finding for finding in grave if finding.where is None), None)
+    everywhere = next((f for f in grave if f.where is None or f.check == "swap"), None)
     first = {turned.get(f.where, f.where): f for f in reversed(grave)}
 
     def follows(finding: Finding) -> bool:

@@ -21,6 +21,7 @@ from sim2real.diagnosis.report import Finding
 
 OFF = 0.03  # rad between the zeros of commands and readings that is worth a word
 LOOSE = 0.03  # of the duty's variance: a law that leaves more is none
+DELAYS = np.arange(0.0, 0.1, 0.004)  # s from a command to its effect that are tried
 FULL_PWM = 885.0  # of Dynamixel X servos, e-manual "PWM Limit"
 TURN = 4096 / (2 * np.pi)  # counts a rad
 DEGREES = 180 / np.pi
@@ -252,17 +253,30 @@ def duty_law(log: Log, model: mujoco.MjModel, actuator: str) -> DutyLaw | None:
     duty = log.column(found)
     duty = duty / (FULL_PWM if np.abs(duty).max() > 1.5 else 1.0)
     on = log.columns.get(f"torque.{actuator}", np.ones(len(log))) > 0
-    free = on[1:] & on[:-1] & (np.abs(duty[1:]) < 0.9) & (np.diff(log.episode) == 0)
-    sent, q = log.column(f"ctrl.{actuator}")[:-1][free], log.column(f"qpos.{joint}")[1:][free]
-    y = duty[1:][free]
-    if len(y) < 50 or min(sent.std(), q.std()) < 0.01:
+    free = on & np.roll(on, 1) & (np.abs(duty) < 0.9)
+    y, q = duty[free], log.column(f"qpos.{joint}")[free]
+    fits = []
+    for lag in DELAYS:
+        sent = _held(log, actuator, lag)[free]
+        if len(y) >= 50 and min(sent.std(), q.std()) > 0.01:
+            table = np.column_stack([sent, q, np.ones(len(y))])
+            law = np.linalg.lstsq(table, y, rcond=None)[0]
+            fits.append((float(np.sum((y - table @ law) ** 2)), law))
+    if not fits:
         return None
-    table = np.column_stack([sent, q, np.ones(len(y))])
-    (command, position, constant), *_ = np.linalg.lstsq(table, y, rcond=None)
-    rest = y - table @ (command, position, constant)
-    if np.sum(rest**2) > LOOSE * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
+    rest, (command, position, constant) = min(fits, key=lambda fit: fit[0])
+    if rest > LOOSE * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
         return None
     return DutyLaw(float(command), float(position), float(-constant / position))
+
+
+def _held(log: Log, actuator: str, lag: float) -> np.ndarray:
+    """The command that was in force a while before each row's reading, (T,)."""
+    found = []
+    for part in log.episodes():
+        rows = np.searchsorted(part.time, part.time - lag, side="left") - 1
+        found.append(part.column(f"ctrl.{actuator}")[np.maximum(rows, 0)])
+    return np.concatenate(found)
 
 
 def model_slope(model: mujoco.MjModel, actuator: str) -> float | None:

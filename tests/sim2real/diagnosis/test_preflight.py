@@ -105,7 +105,9 @@ def test_swapped_joints_are_named() -> None:
         "qpos.elbow": log.column("qpos.shoulder"),
         "qpos.shoulder": log.column("qpos.elbow"),
     }
-    assert ("swap", "shoulder") in named(Log({**log.columns, **swapped}))
+    fixes = named(Log({**log.columns, **swapped}))
+    assert list(fixes) == [("swap", "shoulder")]
+    assert "positions of shoulder and elbow" in fixes["swap", "shoulder"]
 
 
 @pytest.mark.parametrize("columns", [("qpos",), ("qpos", "ctrl")])
