@@ -275,7 +275,7 @@ def _recordings(traces: Sequence[Trace]) -> list[dict[str, Any]]:
 
 def _recording(trace: Trace, stride: int) -> dict[str, Any]:
     part = slice(None, None, stride)
-    lines = {k: np.round(getattr(trace, k)[part], 4).tolist() for k in svg.LINES}
+    lines = {k: np.round(getattr(trace, k)[part], 4).tolist() for k in svg.lines(trace)}
     return {
         "label": f"{trace.joint} – {trace.log}, episode {trace.episode}",
         "unit": trace.unit,

@@ -52,6 +52,11 @@ def error(trace: Trace, line: str, span: Span) -> float:
     return float(np.sqrt(np.mean((getattr(trace, line) - trace.measured)[chosen] ** 2)))
 
 
+def lines(trace: Trace) -> tuple[str, ...]:
+    """Return what is drawn: without causes there is no corrected line."""
+    return LINES[:2] if np.array_equal(trace.nominal, trace.corrected) else LINES
+
+
 def window(trace: Trace, span: Span, title: str) -> Markup:
     """Draw a piece of a trace: positions above, errors below with the noise floor as a band.
 
@@ -65,8 +70,9 @@ def window(trace: Trace, span: Span, title: str) -> Markup:
     index = np.flatnonzero(inside)[::stride]
     time, floor = trace.time[index], trace.floor
     scale = 1e3 if trace.unit in ("rad", "m") else 1.0
-    values = {line: getattr(trace, line)[index] for line in LINES}
-    errors = {line: scale * (values[line] - values["measured"]) for line in LINES[1:]}
+    names = lines(trace)
+    values = {line: getattr(trace, line)[index] for line in names}
+    errors = {line: scale * (values[line] - values["measured"]) for line in names[1:]}
     x = _Axis(span.start, span.end, LEFT, WIDTH - 6)
     upper = _Axis(*_limits([*values.values()]), TOP + MAIN, TOP)
     most = max(float(np.abs(e).max()) for e in errors.values())
@@ -77,8 +83,8 @@ def window(trace: Trace, span: Span, title: str) -> Markup:
     parts += [_frame(x, upper, labels=False), _frame(x, lower, labels=True)]
     flat = np.full(2, 2 * floor * scale)
     parts.append(_band(x(np.array(span)), lower(-flat), lower(flat)))
-    parts += [_line(x(time), upper(values[line]), line) for line in LINES]
-    parts += [_line(x(time), lower(errors[line]), line) for line in LINES[1:]]
+    parts += [_line(x(time), upper(values[line]), line) for line in names]
+    parts += [_line(x(time), lower(errors[line]), line) for line in names[1:]]
     unit = trace.unit
     small = f"error, m{unit}" if scale != 1 else f"error, {unit}"
     parts.append(_upright(TOP + MAIN / 2, unit))

@@ -95,6 +95,11 @@ def details(report: Report) -> str:
     on = "on parts of the recordings that nothing was fitted to" if gap.held_out else ""
     if gap.after is None:
         return f"The noise floor of these recordings is {floor}{motion}."
+    if not report.causes:
+        return (
+            f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
+            f" {floor} are noise. No effect that was tried brings it nearer {on}."
+        )
     return (
         f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
         f" with {_these(report)} in the model by {quantity(gap.after, gap.unit)}"
@@ -122,7 +127,7 @@ def numerics(found: Mapping[str, str]) -> list[str]:
 
 
 def _these(report: Report) -> str:
-    return {0: "the best candidate", 1: "this effect"}.get(len(report.causes), "these effects")
+    return "this effect" if len(report.causes) == 1 else "these effects"
 
 
 def _and(parts: Sequence[str]) -> str:

@@ -48,7 +48,7 @@
     canvas.setAttribute("viewBox", `0 0 ${W} ${END + 22}`);
     const t = chosen.time, scale = chosen.unit === "rad" || chosen.unit === "m" ? 1000 : 1;
     const first = Math.max(0, nearest(from) - 1), last = Math.min(t.length - 1, nearest(to));
-    const lines = ["measured", "nominal", "corrected"];
+    const lines = ["measured", "nominal", "corrected"].filter((line) => chosen[line]);
     const piece = lines.map((line) => chosen[line].slice(first, last + 1));
     let [low, high] = range(piece.flat());
     const room = Math.max(0.05 * (high - low), 1e-4);
@@ -93,7 +93,7 @@
     const now = time(event), i = nearest(now), m = chosen.measured[i];
     if (down !== null) make("rect", { class: "brush", x: place(Math.min(down, now)), width: Math.abs(place(now) - place(down)), y: TOP, height: END - TOP });
     make("line", { class: "cursor", x1: place(now), x2: place(now), y1: TOP, y2: END });
-    readout.textContent = `${chosen.time[i].toFixed(2)} s: measured ${m.toFixed(4)}, model as given ${chosen.nominal[i].toFixed(4)}, with the causes ${chosen.corrected[i].toFixed(4)} ${chosen.unit}`;
+    readout.textContent = `${chosen.time[i].toFixed(2)} s: measured ${m.toFixed(4)}, model as given ${chosen.nominal[i].toFixed(4)}${chosen.corrected ? `, with the causes ${chosen.corrected[i].toFixed(4)}` : ""} ${chosen.unit}`;
   });
   canvas.addEventListener("pointerup", (event) => {
     const now = time(event), before = down; down = null;

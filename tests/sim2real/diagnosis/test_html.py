@@ -177,6 +177,24 @@ def test_a_report_without_a_gap_says_so(report: Report) -> None:
     assert "Gap after" not in text and "Look at this first" not in text
 
 
+def test_a_gap_without_a_cause_has_no_line_after(report: Report) -> None:
+    """What was not corrected is not drawn as if it were; the residue is described."""
+    traces = tuple(replace(t, corrected=t.nominal) for t in report.evidence.traces)
+    gap = replace(report.gap, after=report.gap.before, closed=0.0, closed_ci=(0.0, 0.0))
+    left = Unexplained(1.0, "fast, at the elbow")
+    evidence = replace(report.evidence, traces=traces, ladder=report.evidence.ladder[::3])
+    lost = replace(
+        report, verdict="unexplained", gap=gap, causes=(), unexplained=left, evidence=evidence
+    )
+    page = render(lost)
+    text, _ = read(page.replace("\xa0", " "))
+    assert "There is a gap, and no effect that is known here explains it." in text
+    assert "No effect that was tried brings it nearer" in text
+    assert "100 % of the gap stays, and it has a structure: fast, at the elbow." in text
+    assert "Gap after" not in text and "with the causes" not in text
+    assert 'class="corrected"' not in page and '"corrected":' not in page
+
+
 def test_a_report_that_was_read_has_a_page(report: Report) -> None:
     """Without evidence the pictures are left out, the answer stays."""
     bare = Report.from_json(report.to_json())
