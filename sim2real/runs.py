@@ -14,6 +14,7 @@ with a whole iteration.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,17 +64,20 @@ class Group:
         experiment: its name.
         swept: the settings in which it differs from other groups of the experiment.
         runs: its runs, at each budget by the seed's name.
+        twin: number among groups whose labels would be equal otherwise, from 1 up.
     """
 
     experiment: str
     swept: dict[str, Any]
     runs: dict[int, dict[str, Run]] = field(default_factory=dict)
+    twin: int = 1
 
     @property
     def label(self) -> str:
-        """Name in tables and pictures."""
-        parts = [f"{key.rpartition('.')[2]}={value}" for key, value in self.swept.items()]
-        return " ".join([self.experiment, *parts])
+        """Name in tables and pictures: the experiment, and numbers and words that were swept."""
+        parts = [_brief(*item) for item in self.swept.items()]
+        number = f"({self.twin})" if self.twin > 1 else ""
+        return " ".join(part for part in [self.experiment, *parts, number] if part)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -134,6 +138,10 @@ class Study:
                 )
                 named = group.runs.setdefault(self._budget[run.scores.frames], {})
                 named[run.scores.name] = run
+        seen: Counter[str] = Counter()
+        for group in groups.values():
+            seen[group.label] += 1
+            group.twin = seen[group.label]
         return list(groups.values())
 
     def find(self, experiment: str, when: Mapping[str, Any] | None = None) -> list[Group]:
@@ -206,6 +214,14 @@ def _experiment(folder: Path) -> str:
     lines = yaml.safe_load(path.read_text(encoding="utf-8")) if path.is_file() else []
     names = [line.partition("=")[2] for line in lines if line.lstrip("+").startswith("experiment=")]
     return names[-1] if names else "default"
+
+
+def _brief(key: str, value: Any) -> str:
+    """Return "width=0.1", "params=Randomization" for a class, "" for what is absent or long."""
+    place, _, name = key.rpartition(".")
+    if name == "_target_":
+        return f"{place.rpartition('.')[2]}={str(value).rpartition('.')[2]}"
+    return "" if value is None or isinstance(value, list | dict) else f"{name}={value}"
 
 
 def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -27,6 +27,20 @@ def test_what_was_swept_is_found_by_comparing(tmp_path: Path) -> None:
     assert study.find("udr", {"params.width": 0.1}) == [study.groups[2]]
 
 
+def test_labels_are_short_and_different(tmp_path: Path) -> None:
+    """A class is named by its last word, a list not at all; equal labels are numbered."""
+    make_run(tmp_path, "udr", 0, (1, 1), params={"_target_": "envs.factors.normal", "std": 0.1})
+    for draws in ([1], [2]):
+        params = {"_target_": "envs.randomization.Randomization", "draws": draws}
+        make_run(tmp_path, "udr", 0, (1, 1), params=params)
+    labels = {group.label for group in Study(collect([tmp_path])).groups}
+    assert labels == {
+        "udr params=normal std=0.1",
+        "udr params=Randomization",
+        "udr params=Randomization (2)",
+    }
+
+
 def test_seeds_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     """Seed 10 comes after seed 9."""
     for seed in (9, 10, 2):
