@@ -22,8 +22,10 @@ def joints_of(pairs: Pairs) -> list[str]:
 
 def unit_of(pairs: Pairs, joint: str) -> str:
     """Return rad for a hinge, m for a slide."""
-    kind = pairs[0][1].joint(joint).type[0]
-    return "rad" if kind == int(mujoco.mjtJoint.mjJNT_HINGE) else "m"
+    kinds = {
+        model.joint(i).name: int(model.jnt_type[i]) for _, model in pairs for i in range(model.njnt)
+    }
+    return "rad" if kinds[joint] == int(mujoco.mjtJoint.mjJNT_HINGE) else "m"
 
 
 def index_of(model: mujoco.MjModel, actuator: str) -> int | None:

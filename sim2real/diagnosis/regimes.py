@@ -44,7 +44,7 @@ def regimes(log: Log, model: mujoco.MjModel | None, joint: str) -> Iterator[Kind
     yield Kind("position", "low position", q < low)
     yield Kind("position", "middle position", (q >= low) & (q <= high))
     yield Kind("position", "high position", q > high)
-    if model is not None:
+    if model is not None and joint in [model.joint(i).name for i in range(model.njnt)]:
         load = np.abs(gravity(log, model, joint))
         if load.max() > 1e-6:
             yield from _thirds(
@@ -95,7 +95,7 @@ def gravity(log: Log, model: mujoco.MjModel, joint: str) -> np.ndarray:
         f"qpos.{model.joint(i).name}": int(model.jnt_qposadr[i])
         for i in range(model.njnt)
         if f"qpos.{model.joint(i).name}" in log.columns
-    }
+    }  # a free base stays as the model has it
     poses = np.column_stack([log.column(name) for name in places])
     dof, index = int(model.joint(joint).dofadr[0]), list(places.values())
     every = max(1, len(poses) // 2000)  # poses change slowly between rows

@@ -127,3 +127,19 @@ def test_horizons_grow_for_a_slow_cause() -> None:
     found = {(h.joint, h.rows): h.error for h in horizons([gap.log], [spec])}
     assert 5 * found["elbow", 1] < found["elbow", 20]
     assert {rows for _, rows in found} == {1, 5, 20, 100}
+
+
+def test_a_free_base_is_placed_too() -> None:
+    """Positions of a joint with seven numbers get shares of their own, without a load."""
+    gap, spec = gap_of()
+    base = {f"qpos.root.{k}": gap.log.time for k in range(7)}
+    log = Log({**gap.log.columns, **base}, {}, gap.log.path)
+    wide = gap._replace(
+        log=log,
+        joints=(*gap.joints, "root.2"),
+        measured=np.column_stack([gap.measured, log.time]),
+        simulated=np.column_stack([gap.simulated, log.time + 0.1]),
+    )
+    table = table_of(wide, spec)
+    assert table.where[0].joint == "root.2"
+    assert "load" not in {cell.group for cell in table.cells if cell.joint == "root.2"}

@@ -79,3 +79,20 @@ def test_changes_leave_the_model_as_given(name: str) -> None:
     text = spec.to_xml()
     better(spec, (name,)).compile()
     assert spec.to_xml() == text
+
+
+def test_armature_is_only_numerics_where_the_step_is_too_long_without_it() -> None:
+    """A light link without armature is told apart from one whose inertia is right."""
+    bare = mujoco.MjSpec.from_string(ARM.format(friction=0, solimp=SOFT, dt=0.002))
+    bare.joints[0].armature = 0.0
+    log = log_of(bare, [(make("position_gain", where="a"), [0.8])])
+    assert null_test([log], [bare]).words["armature"] == "ok"
+
+
+def test_a_log_at_rest_has_no_numerics() -> None:
+    """Nothing moves, nothing is divided by."""
+    time = np.arange(0, 5, 0.02)
+    columns = {"episode": 0 * time, "time": time, "ctrl.a": 0 * time, "qpos.hinge": 0 * time}
+    weightless = arm()
+    weightless.option.gravity = np.zeros(3)
+    assert set(null_test([Log(columns)], [weightless]).words.values()) == {"ok"}
