@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from sim2real.perceptrons import Layers, Perceptrons
+from sim2real.perceptrons import Layers, Perceptrons, activated
 from sim2real.policy import Activation
 
 Tensor = torch.Tensor
@@ -123,12 +123,13 @@ class ActorCritic(nn.Module):
         value = torch.addmm(weights.value[1], x[1], weights.value[0])
         return mean, weights.log_std, value[:, 0]
 
+    @torch.no_grad()
     def mean(self, observation: Tensor) -> Tensor:
         """Map normalized observations (B, O) to means (B, A), without the critic."""
         weights, x = self.present, observation
         for weight, bias in weights.hidden:
             x = torch.addmm(bias[0], x, weight[0])
-            x = x.tanh_() if self.activation == "tanh" else x.relu_()
+            x = activated(x, self.activation)
         return torch.addmm(weights.mean[1], x, weights.mean[0])
 
     def actor(self, mean: np.ndarray, std: np.ndarray) -> Actor:
