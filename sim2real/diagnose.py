@@ -33,6 +33,7 @@ from sim2real.diagnosis.fit import Fit, Problem, columns
 from sim2real.diagnosis.floor import noise_floor
 from sim2real.diagnosis.html import write_html
 from sim2real.diagnosis.model_file import write as write_model
+from sim2real.diagnosis.next_experiment import Member, next_experiment
 from sim2real.diagnosis.numerics import is_numerics, null_test
 from sim2real.diagnosis.preflight import preflight
 from sim2real.diagnosis.report import Evidence, Report, Trace
@@ -142,12 +143,8 @@ def examine(
     _refuse_lost(problem)
     search = Search(problem, candidates(data, exclude), floor, rng, tell)
     null = null_test(logs, specs, fixed)
-    if is_no_gap(search.before, floor, data):
-        made = nothing(search, floors)
-    else:
-        found = search.run()
-        tell("weighing what was found", 0.9)
-        made = conclude(search, found, floors, rng)
+    made = _search(search, data, floors, rng)
+    tell("telling what was found", 0.95)
     causes = _causes(made.fit)
     words = dict(null.words) or {"timestep": "ok"}
     for cause, told in zip(causes, made.report.causes, strict=True):
@@ -162,11 +159,20 @@ def examine(
         made.report,
         preflight=(*findings, *made.report.preflight),
         numerics=words,
+        next_experiment=_plan(made, data, fixed, floors, seed),
         seconds=time.monotonic() - start,
         evidence=evidence,
     )
     tell("done", 1.0)
     return Diagnosis(report, causes, data.specs[0], _intervals(made))
+
+
+def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
+    if is_no_gap(search.before, search.floor, data):
+        return nothing(search, floors)
+    found = search.run()
+    search.tell("weighing what was found", 0.9)
+    return conclude(search, found, floors, rng)
 
 
 def write(found: Diagnosis, out: Path) -> None:
@@ -234,7 +240,25 @@ def _causes(fit: Fit) -> tuple[tuple[Effect, tuple[float, ...]], ...]:
 
 
 def _intervals(made: Conclusion) -> tuple[tuple[float, float], ...]:
-    return tuple(cause.value_ci for cause in made.report.causes)
+    """Return the interval of each cause's first value."""
+    starts = [place.start for place in columns(made.fit.members)]
+    return tuple((float(low), float(high)) for low, high in made.intervals[starts])
+
+
+def _plan(
+    made: Conclusion, data: Data, fixed: Sequence[Fixed], floors: np.ndarray, seed: int
+) -> str | None:
+    """Return what to record to tell effects apart that explain the logs alike; None if none do."""
+    if not made.alike:
+        return None
+    members = [Member(label, _causes(fit)) for label, fit in made.alike]
+    floor = {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)}
+    rng = np.random.default_rng(seed)
+    try:
+        return next_experiment(members, data.specs[0], floor, rng=rng, fixed=fixed).text
+    except Sim2RealError as error:
+        log_.info("no next experiment: %s", error)
+        return None
 
 
 def _traces(data: Data, fit: Fit, fixed: Sequence[Fixed], floors: np.ndarray) -> tuple[Trace, ...]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Effect, Extra, SubstepRule
+from envs.effects.base import Bound, Effect, Extra, SubstepRule, joint_driven
 from envs.effects.servo import ActuatorEffect, LawScale, Several, is_linear, is_servo
 from envs.errors import EffectError
 from envs.params import How, Parameter
@@ -101,7 +101,11 @@ class _Weakening(SubstepRule):
         self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
         self.limit = plant.live("actuator_forcerange")
         self.force = plant.batch.bind("actuator_force")  # (N, actuators), of the substep before
-        self.gear = np.abs(model.actuator_gear[index, 0])
+        self.gear = model.actuator_gear[index, 0]
+        on_joint = [joint_driven(model, int(i)) for i in index]
+        dofs = model.jnt_dofadr[np.where(on_joint, model.actuator_trnid[index, 0], 0)]
+        self.dofs, self.turns = dofs, np.where(on_joint, self.gear**2, 0.0)
+        self.damping, self.qvel = plant.field("actuator_damping"), plant.layout.raw_qvel
         self.value = np.zeros((plant.num_rows, 1))
         self.running = np.zeros((plant.num_rows, 1), dtype=bool)
 
@@ -112,8 +116,14 @@ class _Weakening(SubstepRule):
         self.running[ids] = False
 
     def torque(self, ids: np.ndarray | slice) -> np.ndarray:
-        """Return the joints' torques in the substep before, 0 before the first, (n, k) [N·m]."""
-        torque = np.where(self.running[ids], self.force[ids][:, self.index] * self.gear, 0.0)
+        """Return the motors' torques at the joints, (n, k) [N·m]; 0 before the first substep.
+
+        The force of the substep before, less the actuator's own damping, the back-EMF: current goes
+        with the torque that is left.
+        """
+        drag = self.damping[ids][:, self.index] * self.turns * self.qvel[ids][:, self.dofs]
+        torque = self.force[ids][:, self.index] * self.gear - drag
+        torque = np.where(self.running[ids], torque, 0.0)
         self.running[ids] = True
         return torque
 

@@ -56,6 +56,7 @@ class Conclusion:
     candidates: tuple[Candidate, ...]
     bands: tuple[Band, ...]
     intervals: np.ndarray  # (P, 2)
+    alike: tuple[tuple[str, Fit], ...] = ()  # labels and fits that the data cannot tell apart
 
 
 def resolution(data: Data) -> float:
@@ -113,15 +114,17 @@ def conclude(
     after = blocks.rms(found.error)
     closed, ci = blocks.closed(search.base, found.error, floor)
     spans = intervals(search.problem, fit, rng) if order else np.zeros((0, 2))
-    causes, findings = [], []
+    causes, findings, alike = [], [], ()
     for place, number in enumerate(order):
         member = found.fit.members[number]
         rest = subsets[frozenset(range(_count(found))) - {number}]
         cause, crowd = _cause(search, found, member, rest, float(shares[number]), closed)
-        span = columns(fit.members)[place].start
-        values = fit.mean[columns(fit.members)[place]]
-        causes.append(_valued(cause, member, values, spans[span]))
+        own = columns(fit.members)[place]
+        causes.append(_valued(cause, member, fit.mean[own], spans[own]))
         findings += [_crowded(cause, crowd)] if len(crowd) >= ALIKE else []
+        if cause.equivalent and not alike:
+            others = [(c.candidate.label, c.fit) for c in crowd[: ALIKE - 1]]
+            alike = ((member.label, found.fit), *others)
     text = describe(data, found.error, floor)
     where, spectrum = _where(search, found.error, floors)
     gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
@@ -140,6 +143,7 @@ def conclude(
         _singles(search, found),
         spectrum,
         spans,
+        alike,
     )
 
 
@@ -184,17 +188,18 @@ def _cause(
     return cause, crowd
 
 
-def _valued(cause: Cause, member: Option, values: np.ndarray, span: np.ndarray) -> Cause:
-    """Return the cause with its fitted values (P,) and the interval of the first."""
+def _valued(cause: Cause, member: Option, values: np.ndarray, spans: np.ndarray) -> Cause:
+    """Return the cause with its fitted values (P,) and their intervals (P, 2)."""
     free = {e.name for e in member.effect.extras if e.name in member.effect.free}
     own = [e.name for e in member.effect.extras if e.name in free]
     first = len(values) - len(own)
     extra = {**cause.extra, **dict(zip(own, map(float, values[first:]), strict=True))}
     if first > 1:
         extra["values"] = [float(v) for v in values[:first]]
+    most = int(np.abs(values[:first]).argmax())  # of several values, such as a tilt's, the largest
     kept = {k: v for k, v in vars(cause).items() if k not in ("value", "value_ci", "extra")}
-    ends = (float(span[0]), float(span[1]))
-    return Cause(**kept, value=float(values[0]), value_ci=ends, extra=extra)
+    ends = (float(spans[most, 0]), float(spans[most, 1]))
+    return Cause(**kept, value=float(values[most]), value_ci=ends, extra=extra)
 
 
 def _equals(

@@ -13,12 +13,14 @@ from math import factorial
 import numpy as np
 
 from hardware.log import Log
+from sim2real.diagnosis.candidates import FREE
 from sim2real.diagnosis.data import Data
 from sim2real.diagnosis.fit import FOLDS, Fit, Problem, columns, refine, sensitivities
 from sim2real.diagnosis.score import Blocks
 from sim2real.replay import Gap
 
-UNSURE = 0.02  # least half-width of an interval, of how far a value is from neutral
+UNSURE = 0.04  # least half-width of an interval, of how far a value is from neutral
+DELAYS = ("command_delay", "observation_delay")
 Set = frozenset[int]
 
 
@@ -68,8 +70,8 @@ def shapley(values: dict[Set, float], count: int) -> np.ndarray:
 def intervals(problem: Problem, fit: Fit, rng: np.random.Generator) -> np.ndarray:
     """Return the 90 % intervals of a fit's values, (P, 2).
 
-    One Gauss-Newton step on blocks of a second that are drawn again, in each fold; and never less
-    than the two folds differ.
+    One Gauss-Newton step on blocks of a second that are drawn again, in each fold; never less than
+    the two folds differ, and than clocks and counts can resolve.
     """
     error, slope = problem.errors(fit.members, fit.values[None])
     shift = problem.shift(error[0], slope[0])[problem.fold]
@@ -93,11 +95,23 @@ def intervals(problem: Problem, fit: Fit, rng: np.random.Generator) -> np.ndarra
     spread = (np.quantile(both, 0.95, axis=0) - np.quantile(both, 0.05, axis=0)) / 2
     apart = np.abs(fit.values[0] - fit.values[1])
     neutral = np.concatenate([m.neutral for m in fit.members])
-    least = UNSURE * np.abs(np.where(neutral > 1e5, fit.mean, fit.mean - neutral))
+    least = UNSURE * np.abs(np.where(neutral > FREE, fit.mean, fit.mean - neutral))
+    least = np.maximum(least, _resolution(problem, fit))
     half = np.maximum(np.maximum(spread, apart), least)
     low = np.concatenate([m.low for m in fit.members])
     high = np.concatenate([m.high for m in fit.members])
     return np.stack([np.clip(fit.mean - half, low, high), np.clip(fit.mean + half, low, high)], 1)
+
+
+def _resolution(problem: Problem, fit: Fit) -> np.ndarray:
+    """Return what the log can resolve of each parameter, (P,): a clock's error, a count."""
+    count = max((joint.count for joint in problem.data.joints), default=0.0)
+    found = []
+    for member in fit.members:
+        finest = problem.clock if member.name in DELAYS else 0.0
+        finest = count if member.effect.unit == "rad" else finest
+        found += [finest] * len(member.neutral)
+    return np.array(found)
 
 
 def _summed(rows: np.ndarray, numbers: np.ndarray, count: int) -> np.ndarray:

@@ -19,7 +19,9 @@ from envs.effects import Effect
 from envs.plant import Fixed, Plant
 from envs.replay import ROUNDING, Recording
 from envs.rollout import roll
-from sim2real.diagnosis.data import Data, Window
+from sim2real.diagnosis.data import Data
+from sim2real.diagnosis.heat import Heat
+from sim2real.diagnosis.windows import Window
 
 LOST = 10.0  # times a joint's spread: the error of a simulation that diverged
 PLANTS = 12  # kept at a time
@@ -63,6 +65,7 @@ class Simulator:
 
     def __init__(self, data: Data, fixed: Sequence[Fixed] = (), threads: int = 0) -> None:
         self.data, self.fixed, self.threads = data, tuple(fixed), threads
+        self._heat = Heat(data)
         self.seconds = 0.0  # of robot time simulated
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
         self._stepped: dict[tuple[Any, ...], bool] = {}  # by structure: whether Python steps it
@@ -138,6 +141,7 @@ class Simulator:
         off = np.stack([_held(plan.off, steps) for plan in plans])
         recordings = [data.windows[i].recording for i in windows]
         _start(plant, recordings, values)
+        self._heat.start(plant, windows)
         paths = roll(plant, ctrl, off)[:, :, self._places]  # (R, K + 1, M)
         dt = data.models[model].opt.timestep
         self.seconds += steps * dt * len(windows)

@@ -44,6 +44,7 @@ class Window(NamedTuple):
     log: int
     episode: int
     model: int
+    start: int  # row at which its replay starts
     first: int  # row of the log at which the comparison starts
     last: int  # row after the last compared one
     recording: Recording
@@ -161,7 +162,7 @@ def cut_one(
     episode = int(log.episode[first])
     usable = _usable(log, warm, last)[first - warm :]
     rest = (sample, measured, usable, lively, off)
-    return Window(number, episode, which, first, last, recording, *rest)
+    return Window(number, episode, which, warm, first, last, recording, *rest)
 
 
 def _usable(log: Log, first: int, last: int) -> np.ndarray:
