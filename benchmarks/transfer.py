@@ -56,7 +56,7 @@ class Row:
 
 MAIN = (
     Row("source", "ppo_source", 10, (SHORT, LONG)),
-    Row("target", "ppo_target", 10, (LONG,)),
+    Row("target", "ppo_target", 10, (SHORT, LONG)),
     Row("udr", "udr", 10, (SHORT, LONG), ("params.width=0.075",)),
     Row("ndr", "ndr", 10, (LONG,), ("params.std=0.1",)),
 )

@@ -62,11 +62,14 @@ def _sweep(
             for x, (_, values, colour) in enumerate(bars):
                 _bar(ax, x, values, colour, draws)
             labels = [label for label, _, _ in bars]
-            ax.set_xticks(range(len(bars)), labels, rotation=60, ha="right")
+            ax.set_xticks(range(len(bars)), labels, rotation=50, ha="right")
             ax.set_title(f"tested on {robot}")
             ax.set_xlabel(f"{groups[0].experiment}: {name}")
             ax.grid(axis="y")
         axes[0, 0].set_ylabel("Return (IQM over runs)")
+        top = max(ax.get_ylim()[1] for ax in axes[0])
+        for ax in axes[0]:
+            ax.set_ylim(top=top)
     after = "after different numbers of steps" if budget is None else f"after {budget:,} steps"
     caption = f"{groups[0].experiment} over {name}, {after}; dots are runs, lines 95 % intervals"
     return place, caption
@@ -85,7 +88,7 @@ def _bars(
     for group in [*beside[:1], *above[:1]]:
         where = 0 if group in beside else len(bars)
         shared = budget if budget in group.runs else max(group.runs)
-        label = group.label if shared == budget else f"{group.label}, {shared / 1000:.0f}k steps"
+        label = group.label if shared == budget else f"{group.label}\n({shared / 1000:.0f}k steps)"
         bars.insert(where, (label, study.returns(group, robot, shared), EDGE))
     return bars
 

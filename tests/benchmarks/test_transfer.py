@@ -74,12 +74,12 @@ def test_a_main_run_is_evaluated_on_its_way(
 def test_what_is_done_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second call trains nothing; a run without its evaluation is taken up at its end."""
     shell = Shell(monkeypatch)
-    run(plan(tmp_path, ("target",)))
-    run(plan(tmp_path, ("target",)))
+    run(plan(tmp_path, ("ndr",)))
+    run(plan(tmp_path, ("ndr",)))
     assert len(shell.trainings) == 1
     for file in (tmp_path / "runs").rglob("transfer-*.json"):
         file.unlink()
-    run(plan(tmp_path, ("target",)))
+    run(plan(tmp_path, ("ndr",)))
     assert shell.trainings[1]["frames"] == "500007"
 
 
@@ -89,17 +89,17 @@ def test_one_failure_does_not_stop_the_others(
     """The rest is run and the number of failures returned, so that the exit status tells."""
     shell = Shell(monkeypatch)
     shell.fails.add("ppo_source")
-    assert run(plan(tmp_path, ("source", "target"))) == 1
-    assert [t["+experiment"] for t in shell.trainings] == ["ppo_source", "ppo_target"]
+    assert run(plan(tmp_path, ("source", "ndr"))) == 1
+    assert [t["+experiment"] for t in shell.trainings] == ["ppo_source", "ndr"]
 
 
 def test_programs_share_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run that another program holds is left to it."""
-    shell, mine = Shell(monkeypatch), plan(tmp_path, ("source", "target"))
+    shell, mine = Shell(monkeypatch), plan(tmp_path, ("source", "ndr"))
     with claimed(mine.folder(ROWS["source"], 0)) as free:
         assert free
         run(mine)
-    assert [t["+experiment"] for t in shell.trainings] == ["ppo_target"]
+    assert [t["+experiment"] for t in shell.trainings] == ["ndr"]
     run(mine)
     assert shell.trainings[-1]["+experiment"] == "ppo_source"
 
