@@ -71,8 +71,9 @@ def renamed(log: Log, joints: Sequence[str]) -> Log:
 def _renamed(column: str, new: dict[str, str]) -> str:
     kind, _, name = column.partition(".")
     if kind == "sensor":
-        old = next((joint for joint in new if name.endswith(f"_{joint}")), None)
-        return column if old is None else f"{column[: -len(old)]}{new[old]}"
+        ends = [joint for joint in new if name.endswith(f"_{joint}")]
+        old = max(ends, key=len, default="")  # of Pitch and Wrist_Pitch the longer
+        return f"{column[: len(column) - len(old)]}{new[old]}" if old else column
     return f"{kind}.{new[name]}" if name in new else column
 
 

@@ -5,8 +5,8 @@
 The file is a table with `entries`, each with `position` [rad], `goal_position` [rad],
 `torque_enable` and `timestamp` [s] (or one `dt` [s] for all), and mostly `speed` [rad/s],
 `input_volts` [V], `temp` [°C] and `load` (the servo's own number: for Dynamixel X the PWM register,
-885 at full duty). Joint and actuator are called `hinge`. The conditions become the metadata
-`settings`, `mass_kg`, `length_m` and `nominal_voltage`.
+885 at full duty, two's complement of 16 bits). Joint and actuator are called `hinge`. The
+conditions become the metadata `settings`, `mass_kg`, `length_m` and `nominal_voltage`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ OPTIONAL = {
     "temp": f"temperature.{NAME}",
 }
 CONDITIONS = {"mass": "mass_kg", "length": "length_m", "vin": "nominal_voltage"}
+WRAP = 2**16  # of a register of two bytes
 HEAD = 4096  # characters in which `entries` comes up
 
 
@@ -61,6 +62,9 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     for key, column in OPTIONAL.items():
         if key in entries[0]:
             columns[column] = _numbers(path, entries, key)
+    load = columns.get(OPTIONAL["load"])
+    if load is not None:
+        load[load >= WRAP / 2] -= WRAP
     return columns, _conditions(table)
 
 

@@ -5,7 +5,8 @@
 Each row of both files has a `timestamp` [µs] and lists with a number for every joint: `positions`
 [rad] in both, `velocities` and `torques` in the state. Whole-numbered velocities are counts of a
 4096-count encoder a second, as a Feetech servo reports them, others rad/s. `torques` become
-`sensor.current_raw_<joint>`: on such servos they are the current, without its sign.
+`sensor.current_raw_<joint>`: on such servos they are the current or a multiple of it, without its
+sign.
 
 The joints' names come from `joint_list.txt` in the folder or in one of the two above it. A file
 `log.json` in the same places can say more: `{"joints": [..]}` gives other names (those of a

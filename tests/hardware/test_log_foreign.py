@@ -64,6 +64,16 @@ def test_a_bench_run_becomes_a_log(tmp_path):
     assert read_logs(tmp_path)[0].path == log.path
 
 
+def test_a_negative_pwm_is_negative(tmp_path):
+    """A register's two's complement becomes a signed number."""
+    entries = [
+        {"timestamp": 0.1 * i, "position": 0, "goal_position": 0, "load": load}
+        for i, load in enumerate((12, 65535, 64651))
+    ]
+    log = read_log(bam(tmp_path, entries=entries))
+    assert list(log.column("sensor.pwm")) == [12, -1, -885]
+
+
 def test_a_bench_run_with_one_interval_for_all_entries(tmp_path):
     """Entries without stamps are `dt` apart."""
     entries = [{"position": 0, "goal_position": 0}] * 3
@@ -155,3 +165,13 @@ def test_conversion_renames_and_names_the_model(tmp_path, capsys):
     with pytest.raises(LogError, match="2 names cannot replace them"):
         convert(tmp_path / "run.json", tmp_path, joints=["a", "b"])
     assert "did you mean 'source'" in str(main(["sorce=x"]))
+
+
+def test_conversion_renames_a_joint_whose_name_ends_like_another_s(tmp_path):
+    """Wrist_Pitch is not the Wrist of Pitch."""
+    folder = sage(tmp_path / "wave")
+    (folder / "joint_list.txt").write_text("Pitch\nWrist_Pitch\n")
+    (file,) = convert(folder, tmp_path / "out", joints=["lift", "flex"])
+    log = read_log(file)
+    assert "sensor.current_raw_flex" in log.columns
+    assert list(log.column("sensor.current_raw_lift")) == [0, 1, 2]
