@@ -36,7 +36,7 @@ class Hopper2(ServoTask):
     """
 
     asset = "hopper2.xml"
-    gait = Gait(frequency=2.5, swing=0.0, extension=0.1)
+    gait = Gait(frequency=3.5, swing=0.0, extension=0.1)
     home_bend = 0.5  # rad, of the keyframe's leg
     reach = 0.6  # rad, of the actions
     fastest = 1.5  # m/s, that is paid for
