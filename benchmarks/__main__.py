@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-LONG = ("toys", "transfer", "hopper_grid", "blindcheck")  # modules; each resumes
+LONG = ("toys", "ppo_returns", "transfer", "hopper_grid", "blindcheck")  # modules; each resumes
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
