@@ -109,6 +109,8 @@ def apply(spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> mujoco.MjSpec:
     tilt = plant.batch.expanded("opt.gravity")
     if tilt is not None:
         changed.option.gravity = tilt[0]
+    if plant.layout.joints:
+        _settle(changed, nominal, plant)
     for effect, value in offsets:
         _shift_zero(changed, model, effect, float(value))
     return changed
@@ -200,6 +202,14 @@ def _free_inertias(spec: mujoco.MjSpec) -> None:
     spec.compiler.settotalmass = -1.0
     spec.compiler.boundmass = spec.compiler.boundinertia = 0.0
     spec.compiler.balanceinertia = False
+
+
+def _settle(spec: mujoco.MjSpec, nominal: mujoco.MjModel, plant: Plant) -> None:
+    """Let keyframes begin with plays and springs where the load leaves them."""
+    row, rest, seed = np.zeros(1, int), np.zeros((1, nominal.nv)), np.zeros(1, np.uint64)
+    for number, key in enumerate(spec.keys):
+        plant.reset(row, nominal.key_qpos[[number]], rest, seed, measured=True)
+        key.qpos = plant.layout.raw_qpos[0]
 
 
 def _shift_zero(spec: mujoco.MjSpec, model: mujoco.MjModel, effect: Effect, value: float) -> None:

@@ -78,6 +78,30 @@ def test_several_effects_compose(tmp_path: Path) -> None:
     np.testing.assert_allclose(alone, moved(spec, effects), atol=5e-5)
 
 
+@pytest.mark.parametrize(("name", "value"), [("backlash", 0.04), ("joint_compliance", 0.02)])
+def test_a_loaded_joint_starts_where_its_load_leaves_it(
+    name: str, value: float, tmp_path: Path
+) -> None:
+    """From home on, where gravity pulls, the file moves as the model with the effect does."""
+    spec = mujoco.MjSpec.from_file(str(ASSETS / "arm6.xml"))
+    effects = [(make(name, where="shoulder", side="motor"), (value,))]
+    model_file.write(spec, effects, tmp_path / "model.xml")
+    written = mujoco.MjSpec.from_file(str(tmp_path / "model.xml"))
+
+    def moved_from_home(one: mujoco.MjSpec, fixed: Any) -> np.ndarray:
+        plant = Plant(switchable(one), fixed=fixed)
+        key, time = plant.nominal.key("home"), np.arange(0, 1.0, 0.02)
+        goal = np.array(key.ctrl) + 0.3 * np.sin(2 * np.pi * time)[:, None]
+        start = Recording(time, goal, np.array(key.qpos), np.zeros(plant.nominal.nv))
+        path = replay(plant, [start])[0]
+        joints = ("base", "shoulder", "elbow", "wrist")
+        return path[:, [int(plant.nominal.joint(name).qposadr[0]) for name in joints]]
+
+    given, alone = moved_from_home(spec, effects), moved_from_home(written, [])
+    assert np.abs(given - moved_from_home(spec, [])).max() > 2e-3
+    np.testing.assert_allclose(alone, given, atol=2e-4)
+
+
 def test_what_mjcf_cannot_say_is_listed_with_its_reason(tmp_path: Path) -> None:
     """Such effects are returned and stand in a comment; the rest is still written."""
     spec = mujoco.MjSpec.from_file(str(ASSETS / "bench1.xml"))
