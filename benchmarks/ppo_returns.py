@@ -246,7 +246,7 @@ def _alike() -> tuple[str, Table]:
         spread = float(values.std(ddof=1)) if len(values) > 1 else None
         table.add(kind.name, len(values), float(values.mean()), spread)
     if min(len(values) for values in ends) > 1:
-        found = probability_of_improvement(*ends, np.random.default_rng(0), draws=DRAWS)
+        found = probability_of_improvement(ends[0], ends[1], np.random.default_rng(0), draws=DRAWS)
         verdict = "does not contain" if found.excludes(0.5) else "contains"
         table.notes.append(
             f"P(preset above Stable-Baselines3) = {found.value:.2f}, 95 % interval "

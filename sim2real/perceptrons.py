@@ -63,7 +63,8 @@ class Perceptrons:
             raise Sim2RealError(f"policy: layers of {sizes}; two or more are needed, each above 0")
         if activation not in ("tanh", "relu"):
             raise Sim2RealError(f"policy.activation={activation!r} is not one of tanh, relu")
-        self.count, self.sizes, self.activation, self.last = count, sizes, activation, last
+        self.count, self.sizes, self.last = count, sizes, last
+        self.activation: Activation = activation
         self._shapes = [
             shape
             for inputs, outputs in pairwise(sizes)
