@@ -31,7 +31,7 @@ PAGE = Path(__file__).parent / "page"
 SECONDS = 3.0  # of a window of a recording
 JOINTS = 3  # that get windows of their own
 SHOWN = 8  # candidates before the rest is folded
-BUDGET = 60_000  # rows of recordings that a reader can browse, over all of them
+LONGEST, BUDGET = 20_000, 100_000  # rows that a reader can browse, of a recording and in all
 
 
 def write_html(path: str | Path, report: Report) -> Path:
@@ -82,6 +82,7 @@ def view(report: Report) -> dict[str, Any]:
         "windows": _windows(report),
         "fitted": any(not trace.held_out.all() for trace in evidence.traces),
         "recordings": _recordings(evidence.traces),
+        "traces": len(evidence.traces),
         "candidates": _candidates(evidence.candidates),
         "shown": SHOWN,
         "bands": _bands(report),
@@ -267,10 +268,21 @@ def _window(title: str, trace: Trace, span: svg.Span) -> dict[str, Any]:
 
 
 def _recordings(traces: Sequence[Trace]) -> list[dict[str, Any]]:
-    """Return the recordings that a reader can browse, thinned to the budget."""
-    total = sum(len(trace.time) for trace in traces)
-    stride = max(1, math.ceil(total / BUDGET))
-    return [_recording(trace, stride) for trace in traces[:BUDGET]]
+    """Return the recordings that a reader can browse: those with the largest gaps, thinned."""
+    found, rows = [], 0
+    for trace in sorted(traces, key=lambda t: -_relative(t)):
+        made = _recording(trace, max(1, math.ceil(len(trace.time) / LONGEST)))
+        rows += len(made["time"])
+        if found and rows > BUDGET:
+            break
+        found.append(made)
+    return found
+
+
+def _relative(trace: Trace) -> float:
+    """Return the error of the model as given in units of the joint's own motion."""
+    error = float(np.sqrt(np.mean((trace.nominal - trace.measured) ** 2)))
+    return error / max(float(trace.measured.std()), 1e-9)
 
 
 def _recording(trace: Trace, stride: int) -> dict[str, Any]:

@@ -204,17 +204,20 @@ def test_a_report_that_was_read_has_a_page(report: Report) -> None:
 
 
 def test_it_stays_small(report: Report, tmp_path: Path) -> None:
-    """Long recordings are thinned: an hour of twelve joints is below 6 MB."""
+    """Of an hour of twelve joints the recordings with the largest gaps are there, thinned."""
     time = np.arange(0, 3600, 0.02)
     wave = np.sin(time)
     long = tuple(
-        Trace("a.csv", 0, f"j{k}", "rad", time, wave, wave, wave, 0.001, time > 1800)
+        Trace("a.csv", 0, f"j{k}", "rad", time, wave, wave + k, wave, 0.001, time > 1800)
         for k in range(12)
     )
     path = write_html(
         tmp_path / "report.html", replace(report, evidence=replace(report.evidence, traces=long))
     )
+    page = path.read_text(encoding="utf-8")
     assert path.stat().st_size < 6e6
+    assert "Of 12 recordings these are the 5 with the largest gaps." in page
+    assert re.findall(r'"label": "(j\d+) ', page) == ["j11", "j10", "j9", "j8", "j7"]
 
 
 @pytest.fixture
