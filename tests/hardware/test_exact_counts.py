@@ -176,6 +176,14 @@ def test_what_a_refusal_asks(rig, monkeypatch, registers, asked, answered):
     assert not world.world.firmware.torque_on.any()
 
 
+@pytest.mark.parametrize("late", [0.004, 0.006, 0.008, 0.02])
+def test_05_a_late_answer_is_no_second_servo(rig, late):
+    """An answer to a ping that comes with the next one's is not taken for another servo's."""
+    r = rig(Fault("late", count=1, value=late))
+    r.run(5)
+    assert r.powered == [True] * 3
+
+
 def test_22_ten_seconds_of_twelve_servos(chain):
     """Every request is answered: one group read a step and one servo's health in turn."""
     r = Rig(chain(12))
