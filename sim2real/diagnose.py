@@ -279,8 +279,9 @@ def _traces(data: Data, fit: Fit, fixed: Sequence[Fixed], floors: np.ndarray) ->
             measured = window.measured[:, j]
             paths = [measured + joint.scale * e[i, :rows, j] for e in (given, corrected)]
             clock = window.sample[:, j]
+            floor = float(floors[j])
             about = (name, window.episode, joint.name, joint.unit)
-            found.append(Trace(*about, clock, measured, *paths, float(floors[j]), held))
+            found.append(Trace(*about, clock, measured, paths[0], paths[1], floor, held))
     return tuple(found)
 
 

@@ -50,8 +50,8 @@ def couples(
         scales[f] = _solve(gram[f], across[f], i, j)
         a, b = scales[f]
         g = 1 - f
-        left += whole[g] + 2 * (a * across[g][i] + b * across[g][j])
-        left += a * a * gram[g][i, i] + b * b * gram[g][j, j] + 2 * a * b * gram[g][i, j]
+        left += whole[g] + 2 * (a * across[g, i] + b * across[g, j])
+        left += a * a * gram[g, i, i] + b * b * gram[g, j, j] + 2 * a * b * gram[g, i, j]
     gains = 1 - left / max(whole.sum(), 1e-18)
     found: dict[tuple[int, int], Couple] = {}
     for k in np.argsort(-gains)[:400]:
@@ -69,7 +69,9 @@ def _products(
     problem: Problem, base: np.ndarray, drift: np.ndarray, responses: Sequence[Response]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return inner products in each fold, the clock's part taken out: (2, n, n), (2, n), (2,)."""
-    gram, across, whole = [], [], []
+    gram: list[np.ndarray] = []
+    across: list[np.ndarray] = []
+    whole: list[float] = []
     for f in range(FOLDS):
         own = problem.fold == f
         flat = np.stack([r.change[own].ravel() for r in responses])

@@ -145,8 +145,8 @@ class Simulator:
         paths = roll(plant, ctrl, off)[:, :, self._places]  # (R, K + 1, M)
         dt = data.models[model].opt.timestep
         self.seconds += steps * dt * len(windows)
-        bad = np.isnan(paths).any(axis=2)  # (R, K + 1)
-        lost = np.where(bad.any(axis=1), bad.argmax(axis=1) * dt, np.inf)
+        bad = np.asarray(np.isnan(paths).any(axis=2))  # (R, K + 1)
+        lost = np.where(np.any(bad, axis=1), bad.argmax(axis=1) * dt, np.inf)
         before = np.stack([plan.before for plan in plans])  # (R, T, M)
         share = np.stack([plan.share for plan in plans])
         row, joint = every[:, None, None], np.arange(paths.shape[2])

@@ -94,7 +94,7 @@ def test_a_servo_that_is_off_lets_go_and_takes_hold_again() -> None:
     switched, plain = roll(rows, ctrl, off), roll(plant(), ctrl)
     assert switched[1:] == pytest.approx(plain[1:], abs=1e-12)
     assert np.abs(switched[0, 80] - plain[0, 80]).max() > 0.02
-    assert not rows.batch.expanded("opt.disableactuator").any()
+    assert not np.any(rows.batch.expanded("opt.disableactuator"))
 
 
 def test_a_row_that_diverges_is_told_apart() -> None:
