@@ -294,6 +294,7 @@ def restore(
         algorithm: built as it was when the checkpoint was written; untouched if anything is wrong.
         expected: metadata that must be equal, such as the task and the policy's shape.
         generators: whether the process's global random generators return too, as resuming needs.
+            Without them an algorithm that has `load_policy` takes over its policy alone.
 
     Returns:
         The checkpoint's metadata.
@@ -310,8 +311,11 @@ def restore(
         _container(algorithm=held, random=random).load(path)
     except Exception as error:  # whatever a changed byte makes of a file
         raise _damaged(path, error) from error
+    load = algorithm.load_state_dict
+    if not generators:
+        load = getattr(algorithm, "load_policy", load)
     try:
-        algorithm.load_state_dict(held.state)
+        load(held.state)
         if generators:
             GlobalRNGState().load_state_dict(random.state)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:

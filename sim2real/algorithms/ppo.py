@@ -265,25 +265,37 @@ class PPO(Algorithm):
         Raises:
             CheckpointError: for a state of another policy, another normalization or other rows.
         """
-        refuse_other_policy(state["policy"], self.policy.shape)
-        parts = {"normalizer": self.normalizer, "reward_scale": self._reward_scale}
-        for name, part in parts.items():
-            if (state[name] is None) != (part is None):
-                raise CheckpointError(
-                    f"checkpoint: the {name} differs between the checkpoint and this run; set "
-                    "algorithm.normalize_observations and normalize_rewards as they were"
-                )
-            if part is not None:
-                part.load_state_dict(state[name])
-        with torch.no_grad():
-            self.policy.theta.copy_(state["theta"])
-            if self._memory is not None:
-                self._memory.copy_(state["memory"])
+        self.stream.refuse_other_rows(state["stream"])
+        self.load_policy(state)
+        _load_part("reward_scale", self._reward_scale, state)
+        if self._memory is not None:
+            self._memory.copy_(state["memory"])
         self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
         self.stream.load_state_dict(state["stream"])
         self._acting.bit_generator.state = state["acting"]
         self._sorting.bit_generator.state = state["sorting"]
-        self.frames, self.iteration = self.stream.frames, int(state["iteration"])
+
+    def load_policy(self, state: dict[str, Any]) -> None:
+        """Take over the policy alone, to act and not to go on training.
+
+        Raises:
+            CheckpointError: for a state of another policy or another normalization.
+        """
+        refuse_other_policy(state["policy"], self.policy.shape)
+        _load_part("normalizer", self.normalizer, state)
+        with torch.no_grad():
+            self.policy.theta.copy_(state["theta"])
+        self.frames, self.iteration = state["stream"]["counts"][1], int(state["iteration"])
+
+
+def _load_part(name: str, part: Normalizer | RewardScale | None, state: dict[str, Any]) -> None:
+    if (state[name] is None) != (part is None):
+        raise CheckpointError(
+            f"checkpoint: the {name} differs between the checkpoint and this run; set "
+            "algorithm.normalize_observations and normalize_rewards as they were"
+        )
+    if part is not None:
+        part.load_state_dict(state[name])
 
 
 def make_policy(

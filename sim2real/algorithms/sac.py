@@ -189,10 +189,10 @@ class SAC(Algorithm):
         """Take over a state that `state_dict` returned.
 
         Raises:
-            CheckpointError: for a state of another policy.
+            CheckpointError: for a state of another policy or other rows.
         """
-        refuse_other_policy(state["policy"], self.policy.shape)
-        self.policy.load_state_dict(state["networks"])
+        self.stream.refuse_other_rows(state["stream"])
+        self.load_policy(state)
         with torch.no_grad():
             self.log_alpha.copy_(state["log_alpha"])
         self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
@@ -205,8 +205,17 @@ class SAC(Algorithm):
         self.stream.load_state_dict(state["stream"])
         self._acting.bit_generator.state = state["acting"]
         self._noise.bit_generator.state = state["noise"]
+
+    def load_policy(self, state: dict[str, Any]) -> None:
+        """Take over the networks alone, to act and not to go on training.
+
+        Raises:
+            CheckpointError: for a state of another policy.
+        """
+        refuse_other_policy(state["policy"], self.policy.shape)
+        self.policy.load_state_dict(state["networks"])
         self.iteration, self.updates = state["counts"]
-        self.frames = self.stream.frames
+        self.frames = state["stream"]["counts"][1]
 
 
 def make_replay(rows: Rows, capacity: int, rng: np.random.Generator) -> ReplayBuffer:

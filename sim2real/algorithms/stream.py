@@ -17,6 +17,7 @@ import numpy as np
 
 from envs.randomization import Tasks
 from envs.rows import Rows, Step
+from sim2real.errors import CheckpointError
 
 WINDOW = 100  # episodes that the reported return averages over
 
@@ -105,12 +106,21 @@ class EpisodeStream:
             "counts": (self.failures, self.frames),
         }
 
+    def refuse_other_rows(self, state: dict[str, Any]) -> None:
+        """Raise CheckpointError for a state of another number of rows."""
+        there, here = len(state["seeds"]), len(self._seeds)
+        if there != here:
+            raise CheckpointError(
+                f"checkpoint: it has {there} rows, this run {here}; set algorithm.num_rows={there}"
+            )
+
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go back to a state, playing its episodes in progress again.
 
         Raises:
-            ValueError: for a state of another number of rows or steps.
+            CheckpointError: for a state of another number of rows.
         """
+        self.refuse_other_rows(state)
         self._rng.bit_generator.state = state["rng"]
         self._values[:], self._drawn[:] = state["values"], state["drawn"]
         self._seeds[:] = state["seeds"]

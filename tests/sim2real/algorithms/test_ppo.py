@@ -298,3 +298,18 @@ def test_a_state_of_other_settings_is_refused() -> None:
     state = learner("ppo").state_dict()
     with pytest.raises(CheckpointError, match="normalize_observations"):
         learner("ppo", normalize_observations=False).load_state_dict(state)
+    with pytest.raises(CheckpointError, match=r"it has 32 rows, this run 8; .*num_rows=32"):
+        learner("ppo", num_rows=8).load_state_dict(state)
+
+
+def test_a_policy_is_taken_over_without_the_rest(tmp_path: Path) -> None:
+    """To be evaluated, a policy needs neither the rows nor the settings of its training."""
+    trained = learner("ppo", num_rows=4)
+    trained.iterate()
+    path = CheckpointStore(tmp_path, keep_last=1).save(trained, 1, {}, 0.0)
+    taken = learner("ppo", num_rows=6, epochs=1, normalize_rewards=False, seed=3)
+    restore(path, taken, {}, generators=False)
+    seen = torch.randn(5, 11, dtype=torch.float64)
+    with torch.no_grad():
+        assert torch.equal(taken.module()(seen), trained.module()(seen))
+    assert taken.frames == trained.frames

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+import torch
 
 from envs import Simulation
 from envs.effects import make
@@ -66,7 +67,7 @@ def test_episodes_are_those_of_the_torchrl_environment() -> None:
         np.testing.assert_array_equal(now["observation"], stream.observation.astype(np.float32))
         action = rng.uniform(-1, 1, (5, 3)).astype(np.float32)
         step = stream.step(action)
-        done, now = env.step_and_maybe_reset(now.set("action", env.action_spec.zero() + action))
+        done, now = env.step_and_maybe_reset(now.set("action", torch.from_numpy(action)))
         np.testing.assert_array_equal(done["next", "terminated"][:, 0], step.terminated)
         np.testing.assert_array_equal(done["next", "reward"][:, 0], step.reward.astype(np.float32))
 
