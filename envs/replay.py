@@ -66,6 +66,14 @@ def switchable(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     return spec
 
 
+def with_moments(recording: Recording, moments: np.ndarray) -> Recording:
+    """Return the recording with further rows at these moments [s], commands held."""
+    time = np.union1d(recording.time, moments)
+    row = np.maximum(np.searchsorted(recording.time, time, side="right") - 1, 0)
+    powered = None if recording.powered is None else recording.powered[row]
+    return recording._replace(time=time, ctrl=recording.ctrl[row], powered=powered)
+
+
 def replay(plant: Plant, recordings: Sequence[Recording]) -> list[np.ndarray]:
     """Simulate the recordings, one in each row of the plant.
 

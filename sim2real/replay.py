@@ -4,14 +4,17 @@
     python -m sim2real run=replay log=logs/ effects=effects.yaml
 
 The recorded commands go into the model, and the positions that come out are compared with the
-measured ones. `effects` puts known effects into the simulator first: the difference of the two
-gaps is what they explain.
+measured ones, each at the moment when it was read (`stamp.<joint>`, where the log has it). The
+time that the robot's bus takes (`command_delay` in the log's metadata) is part of the model.
+`effects` puts known effects into the simulator first: the difference of the two gaps is what they
+explain.
 """
 
 from __future__ import annotations
 
 import json
 import logging
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +24,7 @@ import numpy as np
 
 from envs.effects.file import load_effects
 from envs.plant import Fixed, Plant
-from envs.replay import DivergedError, Recording, replay, switchable
+from envs.replay import DivergedError, Recording, replay, switchable, with_moments
 from hardware.log import Log, check_names, read_logs
 from sim2real.errors import Sim2RealError
 from sim2real.files import write_text
@@ -29,6 +32,7 @@ from sim2real.plots import COLOURS, INK, figure
 from sim2real.tables import Table
 
 log_ = logging.getLogger(__name__)
+LINEAR = 1  # how MuJoCo's delay lines interpolate
 SHOWN = 4  # logs in the picture
 WIDTH = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}  # else 1 position a joint
 
@@ -99,21 +103,47 @@ def measure(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> Gap:
     model = spec.copy().compile()
     _check(log, model)
     episodes = list(log.episodes())
-    plant = Plant(switchable(spec), num_rows=len(episodes), fixed=fixed)
-    recordings = [to_recording(part, model) for part in episodes]
+    delayed = with_bus_delay(switchable(spec), log)
+    plant = Plant(delayed, num_rows=len(episodes), fixed=fixed)
+    columns = _positions(log, model)
+    read = [_moments(part, list(columns)) for part in episodes]  # (T, M) s, an episode each
+    recordings = [
+        with_moments(to_recording(part, model), np.unique(at))
+        for part, at in zip(episodes, read, strict=True)
+    ]
     try:
         paths = replay(plant, recordings)
     except DivergedError as error:
         episode = episodes[error.row].episode[0]
         raise Sim2RealError(f"{log.path}, episode {episode}: {error}") from None
-    columns = _positions(log, model)
-    return Gap(
-        log,
-        tuple(columns),
-        log.time,
-        np.column_stack([log.column(f"qpos.{name}") for name in columns]),
-        np.concatenate(paths)[:, list(columns.values())],
-    )
+    places = list(columns.values())
+    simulated = [
+        path[np.searchsorted(recording.time, at), places]
+        for path, recording, at in zip(paths, recordings, read, strict=True)
+    ]
+    measured = np.column_stack([log.column(f"qpos.{name}") for name in columns])
+    return Gap(log, tuple(columns), log.time, measured, np.concatenate(simulated))
+
+
+def with_bus_delay(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
+    """Return a copy of the model whose actuators wait as long as the log's robot's bus does.
+
+    Actuators that have a delay of their own keep it.
+    """
+    delay, spec = log.meta.get("command_delay", 0.0), spec.copy()
+    if isinstance(delay, int | float) and delay > 0:
+        samples = math.ceil(delay / spec.option.timestep) + 2
+        for actuator in spec.actuators:
+            if actuator.delay == 0:
+                actuator.delay, actuator.interp = float(delay), LINEAR
+                actuator.nsample = max(actuator.nsample, samples)
+    return spec
+
+
+def _moments(log: Log, columns: Sequence[str]) -> np.ndarray:
+    """Return when each position of an episode was read, not before its start, (T, M) [s]."""
+    read = [log.columns.get(f"stamp.{name}", log.time) for name in columns]
+    return np.maximum(np.column_stack(read), log.time[0])
 
 
 def to_recording(log: Log, model: mujoco.MjModel) -> Recording:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from envs.plant import Fixed, Plant
-from envs.replay import Recording, replay, switchable
+from envs.replay import replay, switchable, with_moments
 from hardware.log import Log
 from sim2real.replay import to_recording
 
@@ -24,14 +24,6 @@ def stamps(log: Log, joints: Sequence[str]) -> np.ndarray:
     """Return when each joint was read [s], (T, M); the row's time where the log does not say."""
     columns = [f"stamp.{joint}" for joint in joints]
     return np.column_stack([log.columns.get(name, log.time) for name in columns])
-
-
-def with_moments(recording: Recording, moments: np.ndarray) -> Recording:
-    """Return the recording with further rows at these moments [s], commands held."""
-    time = np.union1d(recording.time, moments)
-    row = np.maximum(np.searchsorted(recording.time, time, side="right") - 1, 0)
-    powered = None if recording.powered is None else recording.powered[row]
-    return recording._replace(time=time, ctrl=recording.ctrl[row], powered=powered)
 
 
 def residuals(log: Log, plant: Plant) -> np.ndarray:

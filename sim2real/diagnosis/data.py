@@ -24,7 +24,7 @@ from hardware.log import Log, check_names
 from sim2real.diagnosis.floor import step_of
 from sim2real.diagnosis.windows import Joint, Window, cut, cut_one
 from sim2real.errors import Sim2RealError
-from sim2real.replay import load_model
+from sim2real.replay import load_model, with_bus_delay
 
 BLOCK = 1.0  # s: errors further apart than this are taken as independent
 STILL = 3.0  # encoder counts, or 1e-4 of a turn: a joint that moved less than this did not move
@@ -164,21 +164,11 @@ def _models(
         delay = float(delay) if isinstance(delay, int | float) else 0.0
         key = (str(path.resolve() if path else path), delay)
         if key not in keys:
-            spec = switchable(load_model(log, model))
-            _delay(spec, delay)
+            spec = with_bus_delay(switchable(load_model(log, model)), log)
             keys.append(key)
             specs.append(spec)
         which.append(keys.index(key))
     return specs, [spec.copy().compile() for spec in specs], which
-
-
-def _delay(spec: mujoco.MjSpec, delay: float) -> None:
-    if delay <= 0:
-        return
-    for actuator in spec.actuators:
-        if actuator.delay == 0:
-            actuator.delay, actuator.interp = delay, 1
-            actuator.nsample = max(actuator.nsample, int(np.ceil(delay / spec.option.timestep)) + 2)
 
 
 def _check(log: Log, model: mujoco.MjModel) -> None:

@@ -13,11 +13,11 @@ import pytest
 
 from envs.effects import make
 from envs.plant import Plant
-from envs.replay import replay
+from envs.replay import replay, with_moments
 from hardware.errors import LogError
-from hardware.log import Log, write_log
+from hardware.log import Log, read_log, write_log
 from sim2real.errors import Sim2RealError
-from sim2real.replay import run, to_recording
+from sim2real.replay import run, to_recording, with_bus_delay
 
 ARM = """
 <mujoco><option timestep="0.002" integrator="implicitfast"/>
@@ -83,3 +83,27 @@ def test_real_servos_err_as_published(tmp_path: Path) -> None:
     joints = json.loads((tmp_path / "replay.json").read_text())["logs"][0]["joints"]
     degrees = [math.degrees(error["rmse"]) for name, error in joints.items() if name != "gripper"]
     np.testing.assert_allclose(degrees, [0.47, 2.42, 3.19, 0.96, 0.80], atol=0.02)
+
+
+def test_positions_are_compared_when_they_were_read(tmp_path: Path) -> None:
+    """Stamps that say that positions are older than their row, and a declared bus delay, count."""
+    path = make_log(tmp_path, 0.0)
+    log = read_log(path)
+    model = mujoco.MjSpec.from_string(ARM)
+    late, delay = 0.004, 0.006
+    slow = with_bus_delay(model, Log(log.columns, {"command_delay": delay}))
+    first = log.episode == 0
+    columns = {name: values[first] for name, values in log.columns.items()}
+    recording = to_recording(Log(columns), model.copy().compile())
+    read = np.maximum(columns["time"] - late, 0.0)
+    fine = with_moments(recording, read)
+    (positions,) = replay(Plant(slow), [fine])
+    columns["qpos.hinge"] = positions[np.searchsorted(fine.time, read), 0]
+    columns["stamp.hinge"] = read
+    errors = {}
+    for name, meta in (("told", {"command_delay": delay}), ("untold", {})):
+        file = write_log(tmp_path / f"{name}.csv", Log(columns, {"model": "arm.xml", **meta}))
+        (gap,) = run(log=str(file), model=None, effects=None, out=tmp_path / name)
+        errors[name] = gap.errors()["hinge"]["rmse"]
+    assert errors["told"] < 1e-6
+    assert errors["untold"] > 0.005
