@@ -229,6 +229,9 @@ def task_of(env: Callable[..., Rows]) -> Any:
 def variant(env: Callable[..., Rows], robot: str, changes: dict[str, Any]) -> Callable[..., Rows]:
     """Return what makes the environment with another robot in it.
 
+    The effects that were put into the run's simulator are left out: they correct a simulator, and a
+    robot is what it is.
+
     Args:
         env: makes the run's own environment.
         robot: its name, for messages.
@@ -248,6 +251,8 @@ def variant(env: Callable[..., Rows], robot: str, changes: dict[str, Any]) -> Ca
                 f"{did_you_mean(key, known)}; it takes: {', '.join([*known, EFFECTS])}"
             )
     changed = partial(env, task=type(task)(**(known | changes)))
+    if _arguments(env).get("fixed"):
+        changed = partial(changed, fixed=())
     return with_effects(changed, effects)
 
 
@@ -258,9 +263,9 @@ def task_arguments(task: Any) -> dict[str, Any]:
 
 def _own(env: Callable[..., Rows], worlds: Mapping[str, Callable[..., Rows]]) -> str | None:
     """Return the name of the robot that equals the run's own."""
-    own = task_arguments(task_of(env)), _arguments(env).get("fixed")
+    own = task_arguments(task_of(env)), _arguments(env).get("fixed") or ()
     for robot, world in worlds.items():
-        if (task_arguments(task_of(world)), _arguments(world).get("fixed")) == own:
+        if (task_arguments(task_of(world)), _arguments(world).get("fixed") or ()) == own:
             return robot
     return None
 

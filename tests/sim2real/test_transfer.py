@@ -13,7 +13,7 @@ import pytest
 import torch
 from torch import nn
 
-from envs import HopperPolito, Simulation
+from envs import HopperPolito, Simulation, make
 from envs.errors import TaskError
 from envs.rows import Rows
 from envs.toys import Nav2D
@@ -90,6 +90,16 @@ def test_a_robot_may_have_effects(tmp_path: Path) -> None:
     scores = assess(env(), target={"domain": "target"}, found={"effects": str(file)})
     np.testing.assert_allclose(scores.returns["found"], scores.returns["target"], rtol=1e-6)
     assert scores.trained_on is None
+
+
+def test_effects_of_the_runs_simulator_are_not_the_robots() -> None:
+    """A policy from a corrected simulator is tried on robots that are what they are called."""
+    heavier = [(make("link_mass", where="torso"), [1.0])]
+    corrected = partial(env(), fixed=heavier)
+    plain, found = assess(env()), assess(corrected)
+    for robot in ROBOTS:
+        np.testing.assert_array_equal(plain.returns[robot], found.returns[robot])
+    assert (plain.trained_on, found.trained_on) == ("source", None)
 
 
 def test_files_hold_every_episode(tmp_path: Path) -> None:
