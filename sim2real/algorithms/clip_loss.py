@@ -8,8 +8,8 @@ With `c` clipping the ratio r of new to old probability (Schulman et al. 2017, e
     L = -mean(min(r A, c(r) A)) + critic_coeff mean((V - R)^2) - entropy_coeff H
 
 A minibatch of 64 and two layers of 64 are so little work that calling it costs more than doing it:
-the written-out gradient takes a quarter of autograd's time and a tenth of `ClipPPOLoss`'s, whose
-gradient it equals.
+the written-out gradient takes a quarter of autograd's time and a twentieth of `ClipPPOLoss`'s,
+whose gradient it equals.
 """
 
 from __future__ import annotations

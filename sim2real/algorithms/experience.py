@@ -3,7 +3,7 @@
     experience = gather(stream, policy, steps=128, rng=rng, normalizer=None)
     experience.observation                          # (T + 1, N, O), the last one not acted on
 
-The collector of TorchRL gathers the same numbers in half as much time again.
+TorchRL's collector over the same rows and actor takes two thirds more time.
 """
 
 from __future__ import annotations
