@@ -11,7 +11,14 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-LONG = ("toys", "ppo_returns", "transfer", "hopper_grid", "blindcheck")  # modules; each resumes
+LONG = (  # modules; each resumes
+    "toys",
+    "ppo_returns",
+    "transfer",
+    "pixels",
+    "hopper_grid",
+    "blindcheck",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -95,11 +95,9 @@ class ConvActorCritic(nn.Module):
 
     def weights(self, flat: Tensor) -> Parts:
         """Return the layers as views of a flat vector (P,): the parameters or their gradient."""
-        views, start = [], 0
-        for shape in self._shapes:
-            stop = start + int(np.prod(shape))
-            views.append(flat[start:stop].view(shape))
-            start = stop
+        sizes = [int(np.prod(shape)) for shape in self._shapes]
+        parts = torch.split(flat, sizes)  # its gradient is one concatenation, a slice's is not
+        views = [part.view(shape) for part, shape in zip(parts, self._shapes, strict=True)]
         pairs = list(zip(views[:-1:2], views[1:-1:2], strict=True))
         return Parts(pairs[:-2], pairs[-2], pairs[-1], views[-1])
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import transfer
-from benchmarks.transfer import MAIN, ROWS, Plan, claimed, main, run
+from benchmarks import pixels, study
+from benchmarks.study import Plan, claimed, run
+from benchmarks.transfer import MAIN, ROUNDS, STUDY
 
 
 class Shell:
@@ -17,8 +18,8 @@ class Shell:
         self.jobs: list[tuple[str, ...]] = []
         self.steps: dict[Path, int] = {}
         self.fails: set[str] = set()
-        monkeypatch.setattr(transfer, "sim2real", self.run)
-        monkeypatch.setattr(transfer, "trained", lambda folder: self.steps.get(folder, 0))
+        monkeypatch.setattr(study, "sim2real", self.run)
+        monkeypatch.setattr(study, "trained", lambda folder: self.steps.get(folder, 0))
 
     def run(self, *arguments: str) -> bool:
         """Do a job."""
@@ -44,17 +45,17 @@ class Shell:
 
 def plan(tmp_path: Path, rows: tuple[str, ...], seeds: tuple[int, ...] | None = (0,)) -> Plan:
     """Return a plan in a folder of its own."""
-    return Plan(rows, seeds, tmp_path / "runs", tmp_path / "results")
+    return Plan(ROUNDS, rows, seeds, tmp_path / "runs", tmp_path / "results")
 
 
 def test_the_most_telling_runs_come_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All main rows of seed 0, then of seed 1; the sweeps once ten seeds of these are done."""
     shell = Shell(monkeypatch)
-    assert run(plan(tmp_path, tuple(ROWS), None)) == 0
+    assert run(plan(tmp_path, tuple(STUDY.rows), None)) == 0
     order = [(t["+experiment"], t["seed"]) for t in shell.trainings if "resume" not in t]
     names = [row.experiment for row in MAIN]
     assert order[:8] == [(name, "0") for name in names] + [(name, "1") for name in names]
-    assert len(order) == sum(row.seeds for row in ROWS.values()) == len(set(shell.steps))
+    assert len(order) == sum(row.seeds for row in STUDY.rows.values()) == len(set(shell.steps))
     assert order.index(("udr", "9")) < order.index(("ppo_gamma07", "0"))
     assert (tmp_path / "results" / "report.md").read_text() == "a report\n"
 
@@ -96,7 +97,7 @@ def test_one_failure_does_not_stop_the_others(
 def test_programs_share_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run that another program holds is left to it."""
     shell, mine = Shell(monkeypatch), plan(tmp_path, ("source", "ndr"))
-    with claimed(mine.folder(ROWS["source"], 0)) as free:
+    with claimed(mine.folder(STUDY.rows["source"], 0)) as free:
         assert free
         run(mine)
     assert [t["+experiment"] for t in shell.trainings] == ["ndr"]
@@ -107,5 +108,17 @@ def test_programs_share_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_unknown_rows_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     """The answer lists what there is."""
     with pytest.raises(SystemExit):
-        main(["--rows", "sourc"])
+        STUDY.main(["--rows", "sourc"])
     assert "no row 'sourc'; there are: source, target" in capsys.readouterr().err
+
+
+def test_a_longer_row_goes_on_where_a_shorter_one_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half a million steps with images are the first hundred thousand and then the others."""
+    shell = Shell(monkeypatch)
+    names = ("stack4", "stack4_long")
+    run(Plan(pixels.STUDY.rounds, names, (0,), tmp_path / "runs", tmp_path / "results"))
+    first, second = shell.trainings
+    assert (first["frames"], second["frames"]) == ("100000", "500000")
+    assert second["resume"] == first["hydra.run.dir"]

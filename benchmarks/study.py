@@ -1,0 +1,248 @@
+"""Studies of many trainings: each row with each seed, resumable, shared by several programs.
+
+    run(Plan(rounds, rows, seeds, out, results))
+
+Each run has a folder of its own: what is complete is skipped, what was interrupted is continued.
+After each round of seeds `run=report` writes its tables and pictures. Several programs may run the
+same plan at once and share the work.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from sim2real.checkpoint import find, read_metadata
+from sim2real.errors import Sim2RealError
+
+RESULTS = Path(__file__).parent / "results"
+SIGNALLED = 128  # exit statuses above are those of a job that was told to stop
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the tables.
+
+    Args:
+        name: of the row and its folder.
+        experiment: that trains it.
+        seeds: how many, from 0 up.
+        budgets: environment steps after which it is evaluated; the last ends it.
+        overrides: of the experiment.
+        folder: of another row, whose runs go on; None for its own.
+    """
+
+    name: str
+    experiment: str
+    seeds: int
+    budgets: tuple[int, ...]
+    overrides: tuple[str, ...] = ()
+    folder: str | None = None
+
+
+Rounds = tuple[tuple[Row, ...], ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to run and where.
+
+    Args:
+        rounds: the study's rows, those of a round side by side, one round after another.
+        rows: names of those that are wanted.
+        seeds: of training; None for as many as each row has.
+        out: folder of the runs.
+        results: folder of the report.
+        frames: environment steps of every run instead of its own; None for its own.
+        overrides: further settings of every run.
+    """
+
+    rounds: Rounds
+    rows: tuple[str, ...]
+    seeds: tuple[int, ...] | None
+    out: Path
+    results: Path
+    frames: int | None = None
+    overrides: tuple[str, ...] = ()
+
+    def folder(self, row: Row, seed: int) -> Path:
+        """Return a run's folder."""
+        return self.out / (row.folder or row.name) / f"seed{seed}"
+
+    def budgets(self, row: Row) -> tuple[int, ...]:
+        """Return the steps after which a row's runs are evaluated."""
+        return row.budgets if self.frames is None else (self.frames,)
+
+    def jobs(self) -> Iterator[list[tuple[Row, int]]]:
+        """Yield rounds of runs, those of one seed after those of another."""
+        for rows in self.rounds:
+            wanted = [row for row in rows if row.name in self.rows]
+            most = max((row.seeds for row in wanted), default=0)
+            for seed in range(most) if self.seeds is None else self.seeds:
+                here = [(r, seed) for r in wanted if self.seeds is not None or seed < r.seeds]
+                if here:
+                    yield here
+
+
+def run(plan: Plan) -> int:
+    """Do all that is not yet done; write the report after each round that did something.
+
+    Returns:
+        How many jobs failed; the others went on.
+    """
+    failed = 0
+    for jobs in plan.jobs():
+        found = [train(plan, row, seed) for row, seed in jobs]
+        failed += found.count(False)
+        if any(done is not None for done in found):
+            failed += not report(plan)
+    return failed
+
+
+def train(plan: Plan, row: Row, seed: int) -> bool | None:
+    """Train and evaluate one run, from where it stopped.
+
+    Returns:
+        Whether it came to its end; None where nothing was left to do, or another program does it.
+    """
+    folder, done = plan.folder(row, seed), None
+    with claimed(folder) as mine:
+        for budget in plan.budgets(row) if mine else ():
+            if evaluated(folder, budget):
+                continue
+            steps = trained(folder)
+            done = sim2real(
+                f"+experiment={row.experiment}",
+                f"seed={seed}",
+                f"frames={max(budget, steps)}",
+                f"hydra.run.dir={folder}",
+                *([f"resume={folder}"] if steps else []),
+                *row.overrides,
+                *plan.overrides,
+            )
+            if not done:
+                break
+    return done
+
+
+def trained(folder: Path) -> int:
+    """Return the environment steps of the newest checkpoint in a run's folder; 0 without one."""
+    try:
+        return int(read_metadata(find(folder))["frames"])
+    except Sim2RealError:
+        return 0
+
+
+def evaluated(folder: Path, budget: int) -> bool:
+    """Return whether a run has scores after at least that many steps."""
+    steps = [int(file.stem.rpartition("-")[2]) for file in folder.glob("transfer-*.json")]
+    return max(steps, default=0) >= budget
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[bool]:
+    """Hold a run's folder; yield False if another program works there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".claimed").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+            return
+        yield True
+
+
+def report(plan: Plan) -> bool:
+    """Write the tables and pictures of all runs in the plan's folder; return whether it could."""
+    made = Path(f"{plan.out}_report")
+    done = sim2real("run=report", f"runs={plan.out}", f"hydra.run.dir={made}")
+    if done:
+        keep(made, plan.results)
+    return done
+
+
+def keep(made: Path, results: Path) -> None:
+    """Copy a report, without what belongs to the job that wrote it."""
+    for file in [*made.glob("*.md"), *made.glob("*.csv"), *made.glob("plots/*.png")]:
+        target = results / file.relative_to(made)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(file.read_bytes())
+
+
+def sim2real(*arguments: str) -> bool:
+    """Run a job of the command line; return whether it came to its end.
+
+    Raises:
+        SystemExit: the job was told to stop.
+    """
+    status = subprocess.run([sys.executable, "-m", "sim2real", *arguments]).returncode
+    if status:
+        line = f"sim2real {' '.join(arguments)} ended with status {status}"
+        print(f"{line}; start this benchmark again to go on", file=sys.stderr)
+    if status < 0 or status > SIGNALLED:
+        sys.exit(status)
+    return status == 0
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study with a command line.
+
+    Args:
+        name: of its module, folder and results.
+        text: what it is, for `--help`.
+        rounds: its rows.
+        slow: names of rows that run only when asked for.
+    """
+
+    name: str
+    text: str
+    rounds: Rounds
+    slow: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> dict[str, Row]:
+        """All rows by their names."""
+        return {row.name: row for rows in self.rounds for row in rows}
+
+    def main(self, arguments: Sequence[str] | None = None) -> int:
+        """Read the command line and run; return the exit status."""
+        parser = argparse.ArgumentParser(
+            prog=f"python -m benchmarks.{self.name}",
+            description=self.text,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        add, rows = parser.add_argument, ", ".join(self.rows)
+        usual = [name for name in self.rows if name not in self.slow]
+        less = f" but {' and '.join(self.slow)}, which take hours each" if self.slow else ""
+        text = f"of: {rows}; default: all{less}"
+        add("--rows", nargs="+", default=usual, metavar="ROW", help=text)
+        add("--seeds", type=int, nargs="+", help="training seeds; default: each row's own")
+        add("--frames", type=int, help="environment steps of every run; default: each row's own")
+        add("--report", action="store_true", help="train nothing, write the report")
+        out, results = Path("outputs/bench_long") / self.name, RESULTS / self.name
+        add("--out", type=Path, default=out, help="folder of the runs")
+        add("--results", type=Path, default=results, help="folder of the tables and pictures")
+        add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every run")
+        chosen = parser.parse_args(arguments)
+        unknown = [name for name in chosen.rows if name not in self.rows]
+        if unknown:
+            parser.error(f"no row {unknown[0]!r}; there are: {rows}")
+        if min(chosen.seeds or [0]) < 0 or (chosen.frames or 1) < 1:
+            parser.error("--seeds must not be negative and --frames at least 1")
+        plan = Plan(
+            self.rounds,
+            tuple(chosen.rows),
+            None if chosen.seeds is None else tuple(dict.fromkeys(chosen.seeds)),
+            chosen.out.resolve(),
+            chosen.results.resolve(),
+            chosen.frames,
+            tuple(chosen.set),
+        )
+        return int(not report(plan) if chosen.report else run(plan) > 0)
