@@ -30,10 +30,11 @@ import numpy as np
 from envs.effects import Effect, make, write_effects
 from hardware.log import Log, read_log, write_log
 from sim2real.blind.cases import Case, Outline, write_task
-from sim2real.blind.logs import MODEL, overall
+from sim2real.blind.logs import overall
 from sim2real.blind.measure import apart
 from sim2real.errors import Sim2RealError
 from sim2real.files import write_text
+from sim2real.stand import MODEL
 
 KNOWN = "known.yaml"
 LONGEST = 30.0  # s of each log
@@ -149,11 +150,16 @@ class RealExam:
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
+        if not self.data.parts:
+            raise Sim2RealError(
+                "real logs are needed, and exam.data names no folder of them; let the environment "
+                "variable SIM2REAL_DATA name it (docs/logs.md says where public logs are)"
+            )
         for base in BASES.values():
             if not (self.data / base.folder / base.model).is_file():
                 raise Sim2RealError(
                     f"exam.data={self.data} has no {base.folder}/{base.model}; let the environment "
-                    "variable SIM2REAL_DATA name the folder of real logs"
+                    "variable SIM2REAL_DATA name the folder of real logs (docs/logs.md)"
                 )
         wanted = [
             (robot, effect)
