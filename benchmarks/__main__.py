@@ -16,6 +16,7 @@ LONG = (  # modules; each resumes
     "ppo_returns",
     "transfer",
     "pixels",
+    "hopper_gap",
     "hopper_grid",
     "blindcheck",
 )
