@@ -25,8 +25,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import transfer
-from benchmarks.transfer import LONG, ROWS, Row
+from benchmarks import study
+from benchmarks.study import Row
+from benchmarks.transfer import LONG, STUDY
 from envs.effects import load_effects
 from sim2real.plots import COLOURS, INK, figure
 from sim2real.stats import bootstrap, iqm, share_closed
@@ -68,18 +69,19 @@ class Plan:
         """Return a run's folder."""
         return (self.out if name == "corrected" else self.runs) / name / f"seed{seed}"
 
-    def study(self, name: str) -> tuple[transfer.Plan, Row]:
-        """Return how the transfer study trains such a run: its plan and row."""
-        row = ROWS[name] if name != "corrected" else corrected(self.effects)
+    def job(self, name: str) -> tuple[study.Plan, Row]:
+        """Return how such a run is trained: the plan and row of a study, the transfer study's."""
+        row = corrected(self.effects) if name == "corrected" else STUDY.rows[name]
         out = self.out if name == "corrected" else self.runs
-        plan = transfer.Plan((name,), self.seeds, out, self.results, overrides=self.overrides)
-        return (plan, row) if self.frames == LONG else (replace(plan, frames=self.frames), row)
+        frames = None if self.frames == LONG else self.frames
+        more = (out, self.results, frames, self.overrides)
+        return study.Plan(((row,),), (name,), self.seeds, *more), row
 
 
 def corrected(effects: Path) -> Row:
     """Return the row of the runs in the source with what was found."""
     return replace(
-        ROWS["source"], name="corrected", budgets=(LONG,), overrides=(f"effects={effects}",)
+        STUDY.rows["source"], name="corrected", budgets=(LONG,), overrides=(f"effects={effects}",)
     )
 
 
@@ -91,12 +93,12 @@ def run(plan: Plan) -> int:
     """
     if not plan.effects.is_file():
         folder = plan.effects.parent
-        if not transfer.sim2real("+experiment=hopper_gap", f"hydra.run.dir={folder}"):
+        if not study.sim2real("+experiment=hopper_gap", f"hydra.run.dir={folder}"):
             return 1
     failed = 0
     for seed in plan.seeds:
         for name in WORDS:
-            failed += transfer.train(*plan.study(name), seed) is False
+            failed += study.train(*plan.job(name), seed) is False
         report(plan)
     return failed
 

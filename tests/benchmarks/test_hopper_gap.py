@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import hopper_gap, transfer
+from benchmarks import hopper_gap, study
 from benchmarks.hopper_gap import Plan, main, report, run
+from benchmarks.transfer import STUDY
 from envs.effects import make, write_effects
 from sim2real.transfer import TransferScores, write
 
@@ -21,8 +22,8 @@ class Shell:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.jobs: list[dict[str, str]] = []
-        monkeypatch.setattr(transfer, "sim2real", self.run)
-        monkeypatch.setattr(transfer, "trained", lambda folder: 0)
+        monkeypatch.setattr(study, "sim2real", self.run)
+        monkeypatch.setattr(study, "trained", lambda folder: 0)
         monkeypatch.setattr(hopper_gap, "DRAWS", 200)
 
     def run(self, *arguments: str) -> bool:
@@ -84,10 +85,11 @@ def test_the_runs_of_the_transfer_study_are_shared(
     (own,) = [job for job in trained if "effects" in job]
     assert own["+experiment"] == "ppo_source"
     assert own["effects"] == str(tmp_path / "gap" / "diagnosis" / "effects.yaml")
-    study = transfer.Plan(("source", "target"), (0,), tmp_path / "transfer", tmp_path / "results")
+    folders = (tmp_path / "transfer", tmp_path / "results")
+    theirs = study.Plan(STUDY.rounds, ("source", "target"), (0,), *folders)
     done = len(shell.jobs)
-    for name in study.rows:
-        assert transfer.train(study, transfer.ROWS[name], 0) is None
+    for name in theirs.rows:
+        assert study.train(theirs, STUDY.rows[name], 0) is None
     assert len(shell.jobs) == done
 
 
