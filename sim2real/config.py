@@ -124,6 +124,7 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
         ConfigError: a key that is unknown or that the verb does not use; a value of the wrong type.
     """
     tree: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    tree = {key: _alone(value, key, overrides or []) for key, value in tree.items()}
     check({"_target_": "sim2real.config.Config", **tree}, "")
     verb = _verb(tree)
     unused = [
@@ -144,6 +145,19 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
     if tree["seed"] < 0:
         raise ConfigError(f"seed={tree['seed']} must not be negative")
     return tree
+
+
+def _alone(value: Any, key: str, overrides: list[str]) -> Any:
+    """Take an experiment's values off a choice without arguments, such as adapt=none.
+
+    They were meant for the choice that it replaced. What the user sets stays, and is refused.
+    """
+    target = value.get("_target_") if isinstance(value, dict) else None
+    found = signatures.find(target) if isinstance(target, str) else None
+    if found is None or found.arguments or found.open:
+        return value
+    own = {_key(line) for line in overrides}
+    return {name: v for name, v in value.items() if name == "_target_" or f"{key}.{name}" in own}
 
 
 def with_checkpoint(overrides: list[str]) -> list[str]:

@@ -104,6 +104,14 @@ def test_a_group_set_to_none_leaves_nothing_of_the_experiment() -> None:
     assert tree["eval"] is None and tree["video"] is None
 
 
+def test_a_choice_without_arguments_leaves_nothing_of_the_experiment() -> None:
+    """`adapt=none` beside an experiment's adapt.sigma is right; the user's own is a mistake."""
+    given = ["+experiment=hopper2_esmaml", "adapt=none"]
+    assert compose(given)["adapt"] == {"_target_": "sim2real.adapt.NoAdaptation"}
+    with pytest.raises(ConfigError, match="sigma"):
+        compose([*given, "+adapt.sigma=0.2"])
+
+
 def test_sweep_jobs_try_every_value_once() -> None:
     """Checking a sweep costs the sum of its values, not the product."""
     jobs = list(sweep_jobs(["run=train", "seed=0,1,2", "params=none,fixed"]))
@@ -125,6 +133,11 @@ def test_a_checkpoint_says_what_it_was_trained_with(tmp_path: Path) -> None:
     other = compose([*given, "policy=mlp2", "algorithm.sigma=0.4", "eval.episodes=3"])
     assert (other["policy"]["hidden"], other["algorithm"]["sigma"]) == ([32, 32], 0.4)
     assert other["eval"]["episodes"] == 3
+    lines = "- +experiment=hopper2_esmaml\n"
+    (tmp_path / ".hydra" / "overrides.yaml").write_text(lines)
+    for verb in ("evaluate", "deploy"):
+        tree = compose([f"run={verb}", f"checkpoint={tmp_path}", "adapt=none"])
+        assert tree["adapt"] == {"_target_": "sim2real.adapt.NoAdaptation"}
     assert with_checkpoint([*given, "+experiment=nav2d"]) == [*given, "+experiment=nav2d"]
 
 
