@@ -29,24 +29,30 @@ TICK = 0.001  # s, one pass of the firmware's loop
 SLOPE = 1.977  # V/s, one step of the PWM slope register; the manual's 1.977 mV a millisecond
 NO_SLOPE = 255  # the register's largest value, taken as no limit
 DERIVATIVE = 16  # divisor of the D gain register
-STIFF = 10.0  # N·m/rad, what a naive model takes for a small servo
 LINEAR = 1  # the engine's number for linear interpolation of a delay line
 
 
 class Kind(NamedTuple):
-    """A servo type at its output: constant [N·m/A], resistance [ohm], P divisor, stall [N·m]."""
+    """A servo type at its output: constant [N·m/A], resistance [ohm], P divisor, stall [N·m].
+
+    `stiff` is what a naive model takes for its stiffness [N·m/rad]: a guess.
+    """
 
     constant: float
     resistance: float
     divisor: int
     stall: float
+    stiff: float
 
 
 KINDS = {
     # constant, resistance, divisor: identified in Rhoban's BAM, params/xl330; stall: e-manual, 5 V
-    "xl330-m288": Kind(0.386, 3.40, 256, 0.52),
+    "xl330-m288": Kind(0.386, 3.40, 256, 0.52, 10.0),
     # sqrt(0.215 N·m / 1.47 A * 5 V / 40.1 rad/s) and 5 V / 1.47 A of its data sheet
-    "xl330-m077": Kind(0.135, 3.40, 256, 0.215),
+    "xl330-m077": Kind(0.135, 3.40, 256, 0.215, 10.0),
+    # sqrt(1.4 N·m / 1.3 A * 11.1 V / 6.0 rad/s) and 11.1 V / 1.3 A of its data sheet;
+    # stiffness: that of a public model of such servos (MuJoCo Menagerie's dynamixel_2r)
+    "xl430-w250": Kind(1.42, 8.54, 128, 1.4, 50.0),
 }
 
 
@@ -68,10 +74,10 @@ def slope(name: str, registers: Mapping[str, int]) -> float:
 
 def ideal(actuator: mujoco.MjsActuator, name: str) -> None:
     """Make an actuator the naive model of a servo type."""
-    stall = kind(name).stall
-    actuator.set_to_position(kp=STIFF, dampratio=1.0)
+    motor = kind(name)
+    actuator.set_to_position(kp=motor.stiff, dampratio=1.0)
     actuator.damping[:] = 0.0
-    actuator.forcerange = [-stall, stall]
+    actuator.forcerange = [-motor.stall, motor.stall]
 
 
 def servo(

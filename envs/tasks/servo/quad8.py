@@ -16,7 +16,7 @@ OFFSETS = np.array([0.0, np.pi, np.pi, 0.0])  # rad, of the legs fl, fr, bl, br:
 
 
 class Quad8(ServoTask):
-    """The Minitaur's walking task on a robot of 0.46 kg with legs of 0.1 m.
+    """The Minitaur's walking task on a robot of 1.1 kg with legs of 0.16 m.
 
     After Song et al. 2020, "Rapidly adaptable legged robots via evolutionary meta-learning".
 

@@ -37,7 +37,7 @@ def robot_file(name: str, **registers: int) -> dict[str, Any]:
 
 @pytest.mark.parametrize("task", [Bench1("servo"), Hopper2("servo"), Quad8("servo")])
 def test_the_registers_give_the_models_own_actuators(task: ServoTask) -> None:
-    """P gain 800 at 5 V yields the gains, limits and back-EMF that the MJCF states."""
+    """Registers and supply yield the gains, limits and back-EMF that the MJCF states."""
     own, model = mujoco.MjModel.from_xml_path(f"envs/assets/{task.asset}"), task.spec().compile()
     for field in ("actuator_biasprm", "actuator_gainprm", "actuator_forcerange"):
         np.testing.assert_allclose(getattr(model, field), getattr(own, field), rtol=2e-4, atol=1e-9)

@@ -12,7 +12,7 @@ from envs.tasks.servo.legs import Gait, joints, reach, roll_pitch
 def test_swing_goes_forward_and_extension_makes_long() -> None:
     """The feet of both models are where swing and bend say."""
     for task, feet, link in (
-        (Quad8(), [f"foot_{leg}" for leg in ("fl", "fr", "bl", "br")], 0.05),
+        (Quad8(), [f"foot_{leg}" for leg in ("fl", "fr", "bl", "br")], 0.08),
         (Hopper2(), ["foot"], 0.06),
     ):
         model = task.spec().compile()
