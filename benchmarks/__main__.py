@@ -17,6 +17,7 @@ LONG = (  # modules; each resumes
     "transfer",
     "pixels",
     "hopper_gap",
+    "robot_gap",
     "hopper_grid",
     "blindcheck",
 )
