@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import study
+from sim2real.files import claimed
 from sim2real.relearn import CORRECTED, NOMINAL, RESULT, TRUTH, WORDS, Tried, draw
 from sim2real.stats import bootstrap, iqm, share_closed
 from sim2real.tables import Table
@@ -59,7 +60,7 @@ def run(plan: Plan) -> int:
     failed = 0
     for seed in plan.seeds:
         folder = plan.folder(seed)
-        with study.claimed(folder) as mine:
+        with claimed(folder) as mine:
             if mine and not (folder / RESULT).is_file():
                 where = (f"hydra.run.dir={folder}", f"resume={folder}")
                 line = ("+experiment=hopper2_gap", f"seed={seed}", *where, *plan.overrides)

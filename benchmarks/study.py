@@ -10,16 +10,15 @@ same plan at once and share the work.
 from __future__ import annotations
 
 import argparse
-import fcntl
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from sim2real.checkpoint import find, read_metadata
 from sim2real.errors import Sim2RealError
+from sim2real.files import claimed
 
 RESULTS = Path(__file__).parent / "results"
 SIGNALLED = 128  # exit statuses above are those of a job that was told to stop
@@ -143,19 +142,6 @@ def evaluated(folder: Path, budget: int) -> bool:
     """Return whether a run has scores after at least that many steps."""
     steps = [int(file.stem.rpartition("-")[2]) for file in folder.glob("transfer-*.json")]
     return max(steps, default=0) >= budget
-
-
-@contextmanager
-def claimed(folder: Path) -> Iterator[bool]:
-    """Hold a run's folder; yield False if another program works there."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / ".claimed").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            yield False
-            return
-        yield True
 
 
 def report(plan: Plan) -> bool:

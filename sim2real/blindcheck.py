@@ -3,17 +3,19 @@
     python -m sim2real run=blindcheck                                  # the exam of the docs: hours
     python -m sim2real +experiment=blindcheck_small                    # a sample of it
     python -m sim2real +experiment=blindcheck resume=outputs/mine      # go on where it stopped
+    python -m sim2real +experiment=blindcheck resume=outputs/mine exam.most=0   # score it
 
 Logs and model of each case lie in `logs/`, what was hidden in `keys/`; each diagnosis is a process
-of its own that is given one folder of `logs/`, and leaves its answer in `answers/`. Only when all
-have answered are the keys read, and checked against the hashes that were written with the logs.
+of its own that is given one folder of `logs/`, and leaves its answer in `answers/`. Only then are
+the keys of the answered cases read, and checked against the hashes that were written with the logs.
 """
 
 from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -25,22 +27,32 @@ from envs.errors import EnvsError
 from envs.plant import Fixed
 from hardware.log import Log, read_log
 from sim2real.blind import matrix, score, seal
-from sim2real.blind.answer import EFFECTS, REPORT, answered, ask
+from sim2real.blind.answer import EFFECTS, REPORT, VERSION, answered, ask
 from sim2real.blind.cases import KEY, Outline
 from sim2real.blind.logs import overall
 from sim2real.blind.measure import apart
 from sim2real.blind.score import Mark
 from sim2real.errors import Sim2RealError
-from sim2real.files import write_text
+from sim2real.files import claimed, write_text
 from sim2real.tables import Table
 
 log_ = logging.getLogger(__name__)
 LOGS, KEYS, ANSWERS, DROPPED, HELD = "logs", "keys", "answers", "dropped.txt", "held.csv"
+CLAIMS = "claims"  # who of several programs works on which case
+PATIENCE = 2.0  # s between looks at what another program does
 CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # edges of the table of calibration
 
 
 class Examiner(Protocol):
-    """What draws and makes the cases of an exam."""
+    """What draws and makes the cases of an exam.
+
+    Attributes:
+        longest: time after which a diagnosis counts as failed [s].
+        most: cases that are diagnosed at most before the score; None for all.
+    """
+
+    longest: float
+    most: int | None
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
@@ -54,6 +66,8 @@ class Examiner(Protocol):
 def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> list[Mark]:
     """Make, diagnose and score an exam; what is there already is not made again.
 
+    Several of these programs may work on one exam; whoever is last scores it.
+
     Args:
         exam: which cases.
         seed: of the draw.
@@ -62,17 +76,20 @@ def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> list[Mar
             and plots/matrix.png.
 
     Returns:
-        The marks of every case.
+        The marks of every case that was answered.
 
     Raises:
-        Sim2RealError: keys that are not the ones that were sealed; an exam that holds no case.
+        Sim2RealError: keys that are not the ones that were sealed; an exam that holds no case, or
+            none that was answered.
+        KeyboardInterrupt: after Ctrl-C; the cases answered until then are scored.
     """
     folder = Path(resume) if resume else Path(out)
     names = prepare(exam, seed, folder)
-    for done, name in enumerate(names):
-        if not answered(folder / ANSWERS / name):
-            log_.info("%s, %d of %d", name, done + 1, len(names))
-            ask((folder / LOGS / name).resolve(), (folder / ANSWERS / name).resolve())
+    try:
+        diagnose(names, folder, exam)
+    except KeyboardInterrupt:
+        report(folder, names, seed)
+        raise
     return report(folder, names, seed)
 
 
@@ -82,33 +99,74 @@ def prepare(exam: Examiner, seed: int, folder: Path) -> list[str]:
     Raises:
         Sim2RealError: not one case could be made.
     """
-    logs, keys = folder / LOGS, folder / KEYS
-    outlines = exam.draw(seed)
-    for done, outline in enumerate(outlines):
-        key = keys / outline.name
-        if (key / KEY).is_file() or (key / DROPPED).is_file():
-            continue
-        log_.info("%s: making %d of %d", outline.name, done + 1, len(outlines))
-        if not exam.make(outline, logs / outline.name, key):
+    keys = folder / KEYS
+    outlines = {one.name: one for one in exam.draw(seed)}
+
+    def made(name: str) -> bool:
+        return (keys / name / KEY).is_file() or (keys / name / DROPPED).is_file()
+
+    def make(name: str) -> None:
+        log_.info("%s: making it, one of %d", name, len(outlines))
+        outline = outlines[name]
+        if not exam.make(outline, folder / LOGS / name, keys / name):
             effects = ", ".join(outline.effects)
-            write_text(key / DROPPED, f"{outline.robot} cannot show {effects}\n")
-    names = [one.name for one in outlines if (keys / one.name / KEY).is_file()]
+            write_text(keys / name / DROPPED, f"{outline.robot} cannot show {effects}\n")
+
+    share(list(outlines), made, make, folder / CLAIMS / "making")
+    names = [name for name in outlines if (keys / name / KEY).is_file()]
     if not names:
         raise Sim2RealError(f"{folder}: not one case could be made; ask for more robots or cases")
-    if not (logs / seal.SEAL).is_file():
-        seal.close(keys, logs)
+    with claimed(folder / CLAIMS / "seal") as mine:
+        if mine and not (folder / LOGS / seal.SEAL).is_file():
+            seal.close(keys, folder / LOGS)
     return names
 
 
+def diagnose(names: Sequence[str], folder: Path, exam: Examiner) -> None:
+    """Ask for the answers that are not there yet, at most as many as the exam says."""
+    left = [name for name in names if not answered(folder / ANSWERS / name)][: exam.most]
+
+    def ask_one(name: str) -> None:
+        log_.info("%s, %d to go", name, len(left) - left.index(name))
+        logs, answer = folder / LOGS / name, folder / ANSWERS / name
+        ask(logs.resolve(), answer.resolve(), exam.longest)
+
+    share(left, lambda name: answered(folder / ANSWERS / name), ask_one, folder / CLAIMS / "asking")
+
+
+def share(
+    names: Sequence[str], done: Callable[[str], bool], do: Callable[[str], None], claims: Path
+) -> None:
+    """Do what is not done, beside other programs that do the same, and wait for them at the end.
+
+    Args:
+        names: of the pieces of work.
+        done: whether one is done.
+        do: does one.
+        claims: folder in which each piece's folder says who works on it.
+    """
+    while True:
+        for name in names:
+            if not done(name):
+                with claimed(claims / name) as mine:
+                    if mine and not done(name):
+                        do(name)
+        if all(done(name) for name in names):
+            return
+        time.sleep(PATIENCE)
+
+
 def report(folder: Path, names: Sequence[str], seed: int) -> list[Mark]:
-    """Open the seals, mark every case, and write the tables and the picture.
+    """Open the seals, mark every case that was answered, and write the tables and the picture.
 
     Raises:
-        Sim2RealError: the keys are not the ones that were sealed.
+        Sim2RealError: the keys are not the ones that were sealed, or nothing was answered.
     """
     seal.check(folder / KEYS, folder / LOGS)
-    marks = [_mark(folder, name) for name in names]
-    write(marks, _dropped(folder), folder, seed)
+    marks = [_mark(folder, name) for name in names if answered(folder / ANSWERS / name)]
+    if not marks:
+        raise Sim2RealError(f"{folder}: not one case was answered; start it again with resume=")
+    write(marks, folder, seed, len(names))
     return marks
 
 
@@ -154,21 +212,24 @@ def _dropped(folder: Path) -> list[str]:
     return [f"{file.parent.name}: {file.read_text(encoding='utf-8').strip()}" for file in files]
 
 
-def write(marks: Sequence[Mark], dropped: Sequence[str], folder: Path, seed: int) -> None:
-    """Write table.md with everything, each table as CSV, score.json and the matrix's picture."""
+def write(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> None:
+    """Write table.md with everything, each table as CSV, score.json and the matrix's picture.
+
+    Args:
+        marks: of the cases that were answered.
+        folder: of the exam.
+        seed: of its draw.
+        cases: that the exam has.
+    """
     rng = np.random.default_rng(0)
-    counts = matrix.confusion(marks)
+    counts, dropped = matrix.confusion(marks), _dropped(folder)
     parts: dict[str, tuple[str, Table]] = {
         "table": ("Figures", score.summary(marks, rng)),
         "calibration": ("Is the confidence earned?", score.calibration(marks, CONFIDENCES)),
         "matrix": ("Hidden against named first", matrix.table(counts)),
         "failures": ("What was answered wrongly", score.failures(marks)),
     }
-    kinds = [one.kind for one in marks]
-    head = f"{len(marks)} cases of seed {seed}: " + ", ".join(
-        f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)
-    )
-    text = [f"# Blind check\n\n{head}.\n"]
+    text = [f"# Blind check\n\n{_head(marks, folder, seed, cases)}\n"]
     for name, (title, table) in parts.items():
         text.append(f"## {title}\n\n{table.markdown()}")
         write_text(folder / f"{name}.csv", table.csv())
@@ -177,6 +238,32 @@ def write(marks: Sequence[Mark], dropped: Sequence[str], folder: Path, seed: int
     write_text(folder / "table.md", "\n".join(text))
     write_text(folder / "cases.csv", score.cases(marks).csv())
     figures = {str(row[0]): row[1:] for row in parts["table"][1].rows}
-    write_text(folder / "score.json", json.dumps({"seed": seed, "figures": figures}, indent=1))
+    about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": len(marks) < cases}
+    about |= {"versions": _versions(marks, folder), "figures": figures}
+    write_text(folder / "score.json", json.dumps(about, indent=1))
     matrix.draw(counts, folder / "plots" / "matrix.png")
     log_.info("%s", parts["table"][1].markdown())
+
+
+def _head(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> str:
+    """Say how many cases of which kinds were answered, and by which code."""
+    kinds = [one.kind for one in marks]
+    several = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    head = f"{len(marks)} cases of seed {seed}: {several}."
+    if len(marks) < cases:
+        head = (
+            f"**partial: true.** {len(marks)} of {cases} cases were answered so far; they are "
+            f"drawn so that every kind and robot is among them.\n\n{head}"
+        )
+    versions = _versions(marks, folder)
+    if len(versions) > 1:
+        told = ", ".join(f"{count} by {name}" for name, count in versions.items())
+        head += f"\n\nSeveral versions of the diagnosis answered: {told}."
+    return head
+
+
+def _versions(marks: Sequence[Mark], folder: Path) -> dict[str, int]:
+    """Return how many of the cases each version of the code answered."""
+    files = [folder / ANSWERS / one.case / VERSION for one in marks]
+    found = [f.read_text(encoding="utf-8").strip() if f.is_file() else "unknown" for f in files]
+    return {name: found.count(name) for name in dict.fromkeys(found)}

@@ -1,7 +1,11 @@
-"""Files that are whole or absent: written beside their name, then moved into place."""
+"""Files that are whole or absent, and folders that several programs share without treading on toes.
+
+A file is written beside its name, then moved into place.
+"""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import tempfile
 from collections.abc import Iterator
@@ -35,3 +39,17 @@ def write_text(path: str | Path, text: str) -> Path:
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return Path(path)
+
+
+@contextmanager
+def claimed(folder: str | Path) -> Iterator[bool]:
+    """Hold a folder; yield False if another program works there. A program's end frees it."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".claimed").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+            return
+        yield True

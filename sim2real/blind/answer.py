@@ -4,11 +4,13 @@
 
 `task.json` among the logs says which effects may not be used, which file has effects that are known
 already, and the seed. The answer is `report.json` and `effects.yaml`, what a user of the diagnosis
-gets; a diagnosis that fails leaves `error.txt`, which counts as wrong.
+gets; a diagnosis that fails leaves `error.txt`, which counts as wrong. `version.txt` tells which
+code answered, so that an exam of several versions is known for one.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import subprocess
@@ -20,7 +22,7 @@ from sim2real.errors import Sim2RealError
 from sim2real.files import write_text
 
 REPORT, EFFECTS, ERROR, TASK = "report.json", "effects.yaml", "error.txt", "task.json"
-LONGEST = 1800.0  # s after which a diagnosis counts as failed
+VERSION = "version.txt"  # of the code that answered
 
 
 def answered(folder: Path) -> bool:
@@ -28,27 +30,40 @@ def answered(folder: Path) -> bool:
     return (folder / REPORT).is_file() or (folder / ERROR).is_file()
 
 
-def ask(logs: Path, answer: Path) -> None:
+def ask(logs: Path, answer: Path, longest: float) -> None:
     """Start a process that diagnoses one case, and wait for its answer.
 
     Args:
         logs: the case's folder.
         answer: the folder that gets the answer.
+        longest: time after which it counts as failed [s].
     """
     answer.mkdir(parents=True, exist_ok=True)
+    write_text(answer / VERSION, f"{version()}\n")
     command = [sys.executable, "-m", "sim2real.blind.answer", str(logs), str(answer)]
     root = Path(__file__).parents[2]
     paths = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])
     environment = {**os.environ, "PYTHONPATH": paths}
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, timeout=LONGEST, env=environment, check=False
+            command, capture_output=True, text=True, timeout=longest, env=environment, check=False
         )
         said = done.stderr[-4000:]
     except subprocess.TimeoutExpired:
-        said = f"no answer within {LONGEST:g} s"
+        said = f"no answer within {longest:g} s"
     if not answered(answer):
         write_text(answer / ERROR, said or "the process ended without a word")
+
+
+def version() -> str:
+    """Return a hash of all code that a diagnosis is made of."""
+    root = Path(__file__).parents[2]
+    places = (root / "sim2real" / "diagnosis", root / "envs", root / "sim2real" / "diagnose.py")
+    files = sorted(
+        f for place in places for f in ([place] if place.is_file() else place.rglob("*.py"))
+    )
+    text = b"".join(file.read_bytes() for file in files)
+    return hashlib.sha256(text).hexdigest()[:12]
 
 
 def answer(logs: Path, folder: Path) -> None:

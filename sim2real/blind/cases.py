@@ -109,7 +109,9 @@ class Exam:
         two: cases with two effects, of each robot.
         none: cases with nothing hidden, of each robot.
         excluded: cases whose effect is no candidate, of each robot.
+        longest: time after which a diagnosis counts as failed [s].
         sample: keep so many of all these, drawn at random but of every kind; None keeps all.
+        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
 
     Raises:
         Sim2RealError: no robot, a negative number, or no case at all.
@@ -120,7 +122,9 @@ class Exam:
     two: int
     none: int
     excluded: int
+    longest: float
     sample: int | None = None
+    most: int | None = None
 
     def __post_init__(self) -> None:
         counts = {kind: getattr(self, kind) for kind in KINDS}
@@ -132,18 +136,19 @@ class Exam:
             )
         if self.sample is not None and self.sample < 1:
             raise Sim2RealError(f"sample={self.sample} must be at least 1, or null for all cases")
+        check_limits(self.longest, self.most)
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
         order = np.random.default_rng([seed, 0])
         wanted = [case for robot in self.robots for case in self._of(robot, order)]
-        shuffled = [wanted[i] for i in order.permutation(len(wanted))]
+        mixed = _mixed(wanted, order)
         if self.sample is not None:
-            shuffled = _sampled(shuffled, self.sample)
-        seeds = np.random.SeedSequence(seed).generate_state(len(shuffled))
+            mixed = _sampled(mixed, self.sample)
+        seeds = np.random.SeedSequence(seed).generate_state(len(mixed))
         return [
             Outline(f"case_{i:03d}", kind, robot, effects, int(seeds[i]))
-            for i, (kind, robot, effects) in enumerate(shuffled)
+            for i, (kind, robot, effects) in enumerate(mixed)
         ]
 
     def _of(self, robot: str, order: np.random.Generator) -> list[Wanted]:
@@ -185,6 +190,14 @@ class Exam:
         return True
 
 
+def check_limits(longest: float, most: int | None) -> None:
+    """Refuse a time limit that is none, or a negative number of cases."""
+    if not longest > 0 or (most is not None and most < 0):
+        raise Sim2RealError(
+            f"longest={longest} must be above 0 s and most={most} at least 0, or null for all"
+        )
+
+
 def _without_effects(fields: list[tuple[str, Any]]) -> dict[str, Any]:
     return {name: value for name, value in fields if name != "effects"}
 
@@ -224,6 +237,23 @@ def _pairs(count: int, rng: np.random.Generator) -> list[tuple[str, str]]:
         pairs = zip(names[::2], names[1::2], strict=False)
         found += [p for p in pairs if not any(set(p) <= family for family in ALIKE)]
     return found[:count]
+
+
+def _mixed(cases: list[Wanted], rng: np.random.Generator) -> list[Wanted]:
+    """Return all cases in an order whose every part has kinds and robots in their proportion.
+
+    So an exam that is stopped anywhere was held on each of them.
+    """
+    shuffled = [cases[i] for i in rng.permutation(len(cases))]
+    groups: dict[tuple[str, str], list[Wanted]] = {}
+    for case in shuffled:
+        groups.setdefault(case[:2], []).append(case)
+    placed = [
+        ((number + shift) / len(group), case)
+        for group, shift in zip(groups.values(), rng.uniform(size=len(groups)), strict=True)
+        for number, case in enumerate(group)
+    ]
+    return [case for _, case in sorted(placed, key=lambda one: one[0])]
 
 
 def _sampled(cases: list[Wanted], count: int) -> list[Wanted]:

@@ -29,7 +29,7 @@ import numpy as np
 
 from envs.effects import Effect, make, write_effects
 from hardware.log import Log, read_log, write_log
-from sim2real.blind.cases import Case, Outline, write_task
+from sim2real.blind.cases import Case, Outline, check_limits, write_task
 from sim2real.blind.logs import overall
 from sim2real.blind.measure import apart
 from sim2real.errors import Sim2RealError
@@ -37,7 +37,7 @@ from sim2real.files import write_text
 from sim2real.stand import MODEL
 
 KNOWN = "known.yaml"
-LONGEST = 30.0  # s of each log
+PART = 30.0  # s of each log
 WORSE = 1.3  # an injected gap is at least so many times what was there before
 TRIES = 6  # sizes that are tried for that
 
@@ -138,15 +138,21 @@ class RealExam:
     Args:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
         each: cases of each robot and effect; places and sizes are drawn anew for each.
+        longest: time after which a diagnosis counts as failed [s].
+        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
 
     Raises:
         Sim2RealError: no case; from `draw`: no folder, or one without these logs.
     """
 
-    def __init__(self, data: str | None, each: int) -> None:
+    def __init__(
+        self, data: str | None, each: int, longest: float, most: int | None = None
+    ) -> None:
         if each < 1:
             raise Sim2RealError(f"each={each} must be at least 1")
+        check_limits(longest, most)
         self.data, self.each = Path(data or ""), each
+        self.longest, self.most = longest, most
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
@@ -311,7 +317,7 @@ def told(path: Path, joints: Sequence[str]) -> mujoco.MjSpec:
 
 def shortened(log: Log, joints: Sequence[str]) -> Log:
     """Return the first half minute of a log, with the columns of these joints."""
-    rows = log.time <= log.time[0] + LONGEST
+    rows = log.time <= log.time[0] + PART
     kinds = ("ctrl", "qpos", "qvel", "torque")
     kept = {"episode", "time", *(f"{kind}.{joint}" for kind in kinds for joint in joints)}
     columns = {name: values[rows] for name, values in log.columns.items() if name in kept}

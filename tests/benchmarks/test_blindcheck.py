@@ -34,6 +34,28 @@ def test_it_goes_on_in_its_folder_and_keeps_the_tables(
     assert (results / "blindcheck_small.png").is_file()
 
 
+def test_several_programs_share_an_exam(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All get the same line; a part is asked for in it; one that fails is told."""
+    lines, codes = [], iter((0, 3))
+
+    class Helper:
+        def __init__(self, command: list[str]) -> None:
+            lines.append(command)
+
+        def wait(self) -> int:
+            return next(codes)
+
+    def run(command: list[str]) -> SimpleNamespace:
+        lines.append(command)
+        return SimpleNamespace(returncode=0)
+
+    monkeypatch.setattr(blindcheck.subprocess, "Popen", Helper)
+    monkeypatch.setattr(blindcheck.subprocess, "run", run)
+    assert blindcheck.hold("blindcheck", tmp_path, tmp_path / "kept", 3, 5) == 3
+    assert len(lines) == 3 and all(line == lines[0] for line in lines)
+    assert lines[0][-1] == "exam.most=5"
+
+
 def test_a_failed_exam_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is kept of it."""
     failed = SimpleNamespace(returncode=2)

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,15 +17,15 @@ from sim2real.blind import logs as logs_module
 from sim2real.blind import sizes
 from sim2real.blind.cases import KEY, Exam
 from sim2real.blind.hiding import EFFECTS
-from sim2real.blindcheck import run
+from sim2real.blindcheck import run, share
 from sim2real.errors import Sim2RealError
 from sim2real.files import write_text
 
-EXAM = Exam(["bench1"], one=1, two=0, none=1, excluded=0, sample=3)
+EXAM = Exam(["bench1"], one=1, two=0, none=1, excluded=0, longest=60.0, sample=3)
 asked: list[str] = []
 
 
-def oracle(logs: Path, answer: Path) -> None:
+def oracle(logs: Path, answer: Path, longest: float) -> None:
     """Answer with what the key says, in the form of a report."""
     asked.append(logs.name)
     answer.mkdir(parents=True, exist_ok=True)
@@ -91,6 +95,74 @@ def test_an_exam_goes_on_where_it_stopped(exam, tmp_path: Path) -> None:
     again = run(exam=EXAM, seed=1, resume=str(out), out=tmp_path)
     assert again == marks
     assert asked[before:] == ["case_001"]
+
+
+def test_what_is_answered_is_scored_and_called_a_part(
+    exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`most` cases are asked and no more; the tables say how many of how many there are."""
+    out, marks = exam
+    part = tmp_path / "part"
+    shutil.copytree(out, part)
+    for name in ("case_001", "case_002"):
+        (part / "answers" / name / "report.json").unlink()
+    monkeypatch.setattr(blindcheck, "ask", oracle)
+    found = run(exam=replace(EXAM, most=1), seed=1, resume=str(part), out=tmp_path)
+    assert [one.case for one in found] == ["case_000", "case_001"]
+    assert "**partial: true.** 2 of 3 cases" in (part / "table.md").read_text()
+    told = json.loads((part / "score.json").read_text())
+    assert (told["partial"], told["answered"], told["cases"]) == (True, 2, 3)
+    assert run(exam=EXAM, seed=1, resume=str(part), out=tmp_path) == marks
+    assert not json.loads((part / "score.json").read_text())["partial"]
+
+
+def test_after_ctrl_c_what_is_answered_is_scored(
+    exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tables are there, and the interrupt goes on to whoever called."""
+    out, _ = exam
+    part = tmp_path / "part"
+    shutil.copytree(out, part)
+    (part / "answers" / "case_002" / "report.json").unlink()
+    (part / "table.md").unlink()
+
+    def interrupted(logs: Path, answer: Path, longest: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(blindcheck, "ask", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(exam=EXAM, seed=1, resume=str(part), out=tmp_path)
+    assert "2 of 3 cases" in (part / "table.md").read_text()
+
+
+def test_two_programs_share_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each piece is done once, by either; both come back when all is done."""
+    monkeypatch.setattr(blindcheck, "PATIENCE", 0.01)
+    names = [str(number) for number in range(12)]
+    finished: list[tuple[int, str]] = []
+
+    def work(who: int) -> None:
+        def do(name: str) -> None:
+            time.sleep(0.01)
+            finished.append((who, name))
+
+        share(names, lambda name: name in [n for _, n in finished], do, tmp_path)
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(work, (0, 1)))
+    assert sorted(name for _, name in finished) == sorted(names)
+    assert {who for who, _ in finished} == {0, 1}
+
+
+def test_several_versions_of_the_diagnosis_are_told(exam, tmp_path: Path) -> None:
+    """An exam whose answers are of different code says so."""
+    out, _ = exam
+    part = tmp_path / "part"
+    shutil.copytree(out, part)
+    for name, text in (("case_000", "abc"), ("case_001", "abc"), ("case_002", "def")):
+        (part / "answers" / name / "version.txt").write_text(f"{text}\n")
+    run(exam=EXAM, seed=1, resume=str(part), out=tmp_path)
+    assert "2 by abc, 1 by def" in (part / "table.md").read_text()
 
 
 def test_a_key_that_was_changed_is_refused(exam, tmp_path: Path) -> None:
