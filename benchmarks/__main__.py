@@ -19,6 +19,7 @@ LONG = (  # modules; each resumes
     "hopper_gap",
     "robot_gap",
     "hopper_grid",
+    "robots",
     "blindcheck",
 )
 

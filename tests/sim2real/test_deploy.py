@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 import yaml
+from torch import nn
 
 from hardware.calibration import calibration_of, write_calibration
 from hardware.config import ROBOTS, load_robot
@@ -21,6 +23,7 @@ from sim2real import deploy, replay
 from sim2real.config import compose, prepare
 from sim2real.deployment import Deployment
 from sim2real.errors import Sim2RealError, Stopped
+from sim2real.trained import Act
 from tests.sim2real.trained import SMALL_ES, SMALL_PPO, train
 
 CLIMB = ["adapt=hillclimb", "adapt.queries=3", "adapt.sigma=0.3"]
@@ -120,6 +123,29 @@ def test_a_policy_of_ppo_adapts_too(tmp_path):
     (first, _) = csv.DictReader((tmp_path / "out" / "table.csv").open())
     robot, twin = float(first["return on the robot"]), float(first["return in its simulator"])
     assert robot == pytest.approx(twin, abs=0.02)
+
+
+def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
+    """On the robot the network sees what it saw in training: mean and deviation taken out."""
+    run = train(tmp_path / "run", SMALL_PPO)
+    verb, arguments = prepare(compose(SMALL_PPO), tmp_path / "again")
+    learner = verb(**arguments)  # the same seed gives the same policy
+    acting, pairs = deploy.acting, []
+
+    def noted(module: nn.Module) -> Act:
+        act = acting(module)
+        return lambda seen: pairs.append((seen, act(seen))) or pairs[-1][1]
+
+    monkeypatch.setattr(deploy, "acting", noted)
+    go(run, tmp_path / "out", "adapt=none")
+    assert len(pairs) == 2 * 2 * 20  # two episodes on the robot, and the same in its simulator
+    seen, done = (np.array(values) for values in zip(*pairs, strict=True))
+    mean, std = learner.normalizer.mean, learner.normalizer.std
+    bare = learner.policy.actor(np.zeros_like(mean), np.ones_like(std))
+    with torch.no_grad():
+        wanted, raw = (bare(torch.from_numpy(x)).numpy() for x in ((seen - mean) / std, seen))
+    np.testing.assert_allclose(done, wanted, atol=1e-6)
+    assert np.abs(done - raw).max() > 1e-3
 
 
 def test_what_cannot_be_is_refused_before_torque(run, tmp_path):
