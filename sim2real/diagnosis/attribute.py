@@ -23,15 +23,15 @@ from sim2real.diagnosis.fit import FOLDS, Fit, Guess, Problem, Screening, refine
 from sim2real.diagnosis.score import Blocks
 
 MOST = 4  # effects in all
-SCREENED, RACED, FITTED = 5.0, 12.0, 40.0  # s of windows that screening, race and fit look at
+SCREENED, RACED, FITTED = 9.0, 15.0, 40.0  # s of windows that screening, race and fit look at
 RACE = ((8, 0), (4, 1), (3, 1))  # how many candidates run, and for how many steps
 SPREAD = (1.0, 0.55, 1.7)  # starts of a fit, as multiples of the guess
-PROMISE, LATER = 0.03, 0.15  # least share of the squared error that screening must promise
+PROMISE, LATER = 0.03, 0.1  # least share of the squared error that screening must promise
 SHARE = 0.03  # a joint with less of the gap is not suspected
 WORTH = 0.04  # least share of the first gap that a further effect closes
 ENOUGH = 0.25  # of the floor: least fall of the gap that counts
 ALONE = 0.93  # share of the gap from which one effect is thought to be alone
-COUPLES = (6, 3, 1)  # couples that are fitted, on more windows each
+COUPLES = (8, 3, 1)  # couples that are fitted, on more windows each
 CLOSE = 0.05  # share of what a cause closes within which another one is as good
 ALIKE = 3  # members of an equivalence set, the cause included
 
@@ -263,24 +263,25 @@ class Search:
 
 
 def lively(data: Data, error: np.ndarray, seconds: float) -> np.ndarray:
-    """Return windows of so many seconds in all: half those with most error, half spread evenly."""
+    """Return windows of about so many seconds in all.
+
+    Of each model and each fold some, by turns the one with most error and one of those spread
+    evenly from calm to lively.
+    """
     lengths = np.array([w.sample[-1, 0] - w.sample[0, 0] for w in data.windows])
     if lengths.sum() <= seconds:
         return np.arange(len(lengths))
-    weight = (error**2).sum(axis=(1, 2)) / data.mask.sum(axis=1)
+    weight = (error**2).sum(axis=(1, 2)) / np.maximum(data.mask.sum(axis=1), 1)
+    model = np.array([w.model for w in data.windows])
+    speed = np.array([w.lively for w in data.windows])
+    groups = [np.flatnonzero((model == m) & (data.fold == f)) for m in set(model) for f in (0, 1)]
     chosen: list[int] = []
-    worst = {f: [i for i in np.argsort(-weight) if data.fold[i] == f] for f in range(FOLDS)}
-    order = {
-        f: sorted(np.flatnonzero(data.fold == f), key=lambda i: data.windows[i].lively)
-        for f in range(FOLDS)
-    }
-    rank = 0
-    while lengths[chosen].sum() < seconds and rank < len(lengths):
-        for f in range(FOLDS):
-            line = order[f]
-            pick = worst[f] if rank % 2 == 0 else [line[(7 * rank) % len(line)], *line[::-1]]
-            fresh = [int(i) for i in pick if i not in chosen]
-            if fresh and lengths[chosen].sum() < seconds:
-                chosen.append(fresh[0])
-        rank += 1
+    for rank in range(len(lengths)):
+        if lengths[chosen].sum() >= seconds and rank > 0:
+            break
+        for group in groups:
+            worst, line = group[np.argsort(-weight[group])], group[np.argsort(speed[group])]
+            spread = np.roll(line[::-1], 7 * rank)
+            pick = worst if rank % 2 == 0 else spread
+            chosen += [int(i) for i in pick if i not in chosen][:1]
     return np.sort(np.array(chosen))

@@ -22,7 +22,7 @@ from sim2real.errors import Sim2RealError
 from sim2real.replay import to_recording
 
 WARM = 0.4  # s simulated before a window's comparison starts
-LONGEST, SHORTEST, WINDOWS = 5.0, 0.8, 12  # s, s, and into how many windows a short log is cut
+LONGEST, SHORTEST, WINDOWS = 3.0, 0.8, 12  # s, s, and into how many windows a short log is cut
 STATE = 0.25  # s of a window where the whole state is logged and no servo pulls errors back
 KICK = 0.3  # s after a servo was switched on again, whose exact moment no log knows
 
