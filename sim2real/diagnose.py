@@ -129,7 +129,7 @@ def examine(
     progress: Progress | None,
 ) -> Diagnosis:
     """Diagnose; the arguments are those of `diagnose`, logs in memory."""
-    start, tell = time.monotonic(), progress or (lambda text, share: None)
+    start, tell = time.monotonic(), _forward(progress or (lambda text, share: None))
     check_names(exclude)
     fixed = [] if effects is None else load_effects(effects)
     rng = np.random.default_rng(seed)
@@ -194,6 +194,18 @@ class _Lines:
         if time.monotonic() - self._last > EVERY:
             self._last = time.monotonic()
             log_.info("%3.0f %%  %s", 100 * share, text)
+
+
+def _forward(progress: Progress) -> Progress:
+    """Return progress whose share never falls: what is left to try is known only as it is tried."""
+    furthest = 0.0
+
+    def tell(text: str, share: float) -> None:
+        nonlocal furthest
+        furthest = max(furthest, share)
+        progress(text, furthest)
+
+    return tell
 
 
 def _read(logs: str | Path | Iterable[str | Path | Log]) -> list[Log]:

@@ -3,8 +3,9 @@
     report = conclude(search, found, floors, rng)
 
 Verdicts: `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if
-what is left is within twice the floor or nine tenths are closed; `partly_explained` from three
-tenths with a lower bound above zero; else `unexplained`.
+what is left is within twice the floor, or nine tenths are closed and what is left has no structure
+that commands and motion could still explain; `partly_explained` from three tenths with a lower
+bound above zero; else `unexplained`.
 """
 
 from __future__ import annotations
@@ -40,9 +41,10 @@ from sim2real.diagnosis.report import (
     Verdict,
     Where,
 )
-from sim2real.diagnosis.residue import describe
+from sim2real.diagnosis.residue import ceiling, describe
 
 EXPLAINED, PARTLY = 0.9, 0.3
+STRUCTURE = 0.1  # share of its square that a free-form model catches of a residue with structure
 Set = frozenset[int]
 
 
@@ -71,12 +73,28 @@ def is_no_gap(before: float, floor: float, data: Data) -> bool:
 
 
 def verdict_of(
-    before: float, after: float, floor: float, closed: float, low: float, data: Data
+    before: float,
+    after: float,
+    floor: float,
+    closed: float,
+    low: float,
+    data: Data,
+    caught: float = 0.0,
 ) -> Verdict:
-    """Return the verdict on a gap of which a share `closed` closes, its lower bound being `low`."""
+    """Return the verdict on a gap.
+
+    Args:
+        before: the gap as given.
+        after: what is left of it.
+        floor: the noise floor.
+        closed: the share that is closed.
+        low: its lower bound.
+        data: the windows.
+        caught: share of what is left, squared, that a free-form model catches.
+    """
     if is_no_gap(before, floor, data):
         return "no_gap"
-    if after <= 2 * floor or closed >= EXPLAINED:
+    if after <= 2 * floor or (closed >= EXPLAINED and caught < STRUCTURE):
         return "explained"
     return "partly_explained" if closed >= PARTLY and low > 0 else "unexplained"
 
@@ -108,7 +126,8 @@ def conclude(
     subsets = coalitions(search.problem, search.racing, found.fit, found.error)
     gaps = {subset: blocks.rms(error) for subset, error in subsets.items()}
     room = max(search.before - floor, 1e-12)
-    shares = shapley({s: (search.before - gap) / room for s, gap in gaps.items()}, _count(found))
+    worth = {s: min((search.before - gap) / room, 1.0) for s, gap in gaps.items()}
+    shares = np.minimum(shapley(worth, _count(found)), 1.0)
     order = [int(i) for i in np.argsort(-shares)]
     fit = without(found.fit, order)
     after = blocks.rms(found.error)
@@ -129,7 +148,7 @@ def conclude(
     where, spectrum = _where(search, found.error, floors)
     gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
     report = Report(
-        verdict_of(search.before, after, floor, closed, ci[0], data),
+        verdict_of(search.before, after, floor, closed, ci[0], data, ceiling(data, found.error)),
         gap,
         where,
         tuple(causes),

@@ -4,8 +4,9 @@
 
 Where commands repeat (the same ones for a second, with the same settings), it is the scatter of
 where a joint then is whose own command moved: one that holds still remembers for longer from which
-side it came. Where nothing repeats it is what a moment's motion does not explain: the
-rest of a cubic through neighbouring rows, while the joint is slow, and never less than what
+side it came. Few moments that are far apart (a step was commanded a row earlier, or the joint swung
+freely before) are left out. Where nothing repeats it is what a moment's motion does not explain:
+the rest of a cubic through neighbouring rows, while the joint is slow, and never less than what
 rounding to counts makes.
 """
 
@@ -25,6 +26,7 @@ SAME = 2e-3  # rad or m: commands this near count as the same
 MOVED = 0.02  # rad or m: a command that moves less in that time holds still
 FEWEST = 20  # repeats below which scatter is not trusted
 FOURTH = 70  # variances in a fourth difference: 1 + 16 + 36 + 16 + 1
+APART = 5.0, 3.0  # times the middle scatter, and counts, beyond which moments are not repeats
 SLOW = 0.3  # share of the rows that count as slow
 
 
@@ -80,18 +82,30 @@ def _repeats(logs: Sequence[Log], names: Sequence[str]) -> dict[str, float]:
             number += 1
             for when, key, q in _moments(part, names):
                 groups.setdefault((settings, key), []).append((number, when, q))
-    squares, freedom = np.zeros(len(names)), np.zeros(len(names))
+    squares, freedom = [], []
     for moments in groups.values():
         values = np.array(_apart(moments))  # (n, M)
         if len(values) > 1:
-            known = np.isfinite(values).all(axis=0)  # (M,)
-            squares[known] += ((values[:, known] - values[:, known].mean(axis=0)) ** 2).sum(axis=0)
-            freedom[known] += len(values) - 1
-    return {
-        name: float(np.sqrt(square / n))
-        for name, square, n in zip(names, squares, freedom, strict=True)
-        if n >= FEWEST
-    }
+            squares.append(((values - values.mean(axis=0)) ** 2).sum(axis=0))
+            freedom.append(len(values) - 1)
+    found = {}
+    for name, square in zip(names, np.array(squares).T, strict=False):
+        known = np.isfinite(square)
+        number, own = np.array(freedom)[known], square[known]
+        scatter = np.sqrt(own / number)
+        if not scatter.size:
+            continue
+        far = max(APART[0] * float(np.median(scatter)), APART[1] * _count(logs, name))
+        near = scatter <= far
+        if number[near].sum() >= FEWEST:
+            found[name] = float(np.sqrt(own[near].sum() / number[near].sum()))
+    return found
+
+
+def _count(logs: Sequence[Log], joint: str) -> float:
+    """Return the step between two readings of a joint, 0 if they are not rounded."""
+    column = f"qpos.{joint}"
+    return step_of(np.concatenate([log.column(column) for log in logs if column in log.columns]))
 
 
 def _moments(part: Log, names: Sequence[str]) -> list[tuple[float, bytes, np.ndarray]]:

@@ -30,6 +30,8 @@ EXCLUDED = ("cogging", "joint_compliance", "stribeck_friction", "load_dependent_
 EXCLUDED += ("backlash", "supply_sag", "thermal_derating", "dead_zone", "profile_velocity")
 EXCLUDED += ("profile_acceleration",)  # those that take most time
 
+SHARES: list[float] = []  # of the work done, as the last diagnosis told them
+
 
 def make_log(*hidden: dict[str, Any], seed: int = 0, seconds: float = 6.0) -> Log:
     """Return a log of the emulated bench."""
@@ -50,7 +52,8 @@ def make_log(*hidden: dict[str, Any], seed: int = 0, seconds: float = 6.0) -> Lo
 def found(effect: str, value: float, excluded: tuple[str, ...] = EXCLUDED) -> Diagnosis:
     """Diagnose a log that hides one effect; a few costly candidates are left out to save time."""
     log = make_log({"effect": effect, "where": "hinge", "value": value})
-    return examine([log], None, None, excluded, 0, None)
+    SHARES.clear()
+    return examine([log], None, None, excluded, 0, lambda text, share: SHARES.append(share))
 
 
 def test_a_hidden_effect_is_named_with_its_value() -> None:
@@ -63,6 +66,8 @@ def test_a_hidden_effect_is_named_with_its_value() -> None:
     assert cause.value == pytest.approx(0.02, rel=0.1)
     assert report.gap.closed is not None and report.gap.closed > 0.9
     assert report.gap.held_out
+    assert sorted(SHARES) == SHARES
+    assert SHARES[-1] == 1.0
     assert report.where[0].joint == "hinge"
     assert sum(c.closed for c in report.causes) == pytest.approx(report.gap.closed, abs=0.02)
 

@@ -204,6 +204,8 @@ def test_the_floor_is_the_scatter_of_repeats_or_a_count() -> None:
     ]
     assert noise_floor(logs)["elbow"] == pytest.approx(0.005, rel=0.2)
     assert noise_floor([log])["elbow"] == pytest.approx(COUNT / np.sqrt(12), rel=0.3)
+    logs[0].columns["qpos.elbow"][150:156] += 0.4  # held up once
+    assert noise_floor(logs)["elbow"] == pytest.approx(0.005, rel=0.2)
     assert step_of(log.column("qpos.elbow")) == pytest.approx(COUNT, rel=1e-6)
     assert step_of(rng.normal(size=100)) == 0.0
 
