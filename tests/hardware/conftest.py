@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -54,6 +54,15 @@ def chain(tmp_path) -> Callable[..., Robot]:
         return make_robot(bench_data(count, model=str(path), name=f"chain{count}", **changes))
 
     return make
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left_powered() -> Iterator[None]:
+    """End every rig of a test, whatever its fault, and fail if a servo keeps its torque."""
+    Rig.made.clear()
+    yield
+    while Rig.made:
+        Rig.made.pop().end()
 
 
 @pytest.fixture

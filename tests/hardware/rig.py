@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,9 +19,15 @@ START = 0.99  # s, when faults begin: after arming, between two control steps
 
 
 class Rig:
-    """Three emulated servos with faults, their driver and their guard, armed."""
+    """Three emulated servos with faults, their driver and their guard, armed.
+
+    `made` are those of one test; `conftest.py` ends them and looks that none is powered.
+    """
+
+    made: ClassVar[list[Rig]] = []
 
     def __init__(self, robot, faults=(), registers=None, believed=None, **guard) -> None:
+        self.made.append(self)
         self.world = World(robot, faults=faults, registers=registers)
         self.clock = VirtualClock()
         self.port = LoopbackPort(self.world, self.clock)
@@ -43,6 +50,24 @@ class Rig:
             angles = goal(k) if callable(goal) else np.full(len(self.driver), goal)
             self.sent = self.guard.command(angles)
 
+    def end(self) -> None:
+        """Stop as a program's end does, and look that no servo is left powered.
+
+        Where the cable is out nothing can be switched off; the next program does so at its start.
+        """
+        if self.port.unplugged:
+            self.port.unplugged = False
+            self.start_again()
+        elif hasattr(self, "guard"):
+            self.guard.stop()
+        assert not any(self.powered), "a servo was left powered"
+
+    def start_again(self) -> None:
+        """Do what the next program does first: look at all servos, and switch their torque off."""
+        self.clock.sleep_until(max(self.clock.now(), self.world.time) + 1)
+        self.driver.connect()
+        self.driver.configure()
+
     @property
     def powered(self) -> list[bool]:
         """Which servos have torque."""
@@ -51,6 +76,19 @@ class Rig:
     def count(self, name: str) -> list[int]:
         """Return one counter of each servo."""
         return [getattr(self.driver.line.counters[n], name) for n in self.driver.ids]
+
+    def counted(self) -> tuple[dict[str, int], ...]:
+        """Return what was counted of each servo beside requests and answers.
+
+        Every request is answered, timed out, or answered by an error without data.
+        """
+        found = []
+        for number in self.driver.ids:
+            counters = self.driver.line.counters[number]
+            assert counters.asked - counters.answered == counters.timeout + counters.error
+            kept = {k: v for k, v in counters.as_dict().items() if v}
+            found.append({k: v for k, v in kept.items() if k not in ("asked", "answered")})
+        return tuple(found)
 
 
 def wave(k: int) -> np.ndarray:

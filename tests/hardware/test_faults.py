@@ -337,6 +337,7 @@ def test_22_an_hour_of_twelve_servos(chain):
     import time
 
     r = Rig(chain(12))
+    before = r.count("asked")
     r.guard.arm()
     pace = Pace(r.clock, 50.0)
     began, work, base = time.perf_counter(), time.process_time(), 0
@@ -353,7 +354,11 @@ def test_22_an_hour_of_twelve_servos(chain):
     sys.stdout.write(f"\n{speeds}; memory grew by {grown} kB, missed {pace.missed}\n")
     assert pace.missed == 0
     assert grown < 5_000
-    assert sum(r.count("timeout")) == 0
+    assert r.counted() == ({},) * 12
+    arming = 1 + 1 + 8  # a reading, a health, 4 writes, each read back
+    expected = arming + 180_000 + 180_000 // 12  # readings, and healths in turn
+    assert (np.array(r.count("asked")) - before).tolist() == [expected] * 12
+    assert r.world.firmware.errors.tolist() == [0] * 12
     assert 3600 / busy > 10  # of this process's own time: the machine may be shared
 
 
