@@ -47,7 +47,7 @@ SHIFTS = {  # what differs from the model, by robot
 CLIMB = (
     "adapt=hillclimb",
     f"adapt.queries={BUDGET - 1}",
-    "adapt.sigma=0.1",
+    "adapt.sigma=0.05",
 )
 
 
@@ -206,7 +206,7 @@ def ride(plan: Plan, robot: str, seed: int, name: str, shift: str | None = None)
         f"robot={robot}",
         f"trials={TRIALS}",
         f"seed={seed}",
-        "stops={odd_voltage: 0.4}",
+        "stops={odd_voltage: 0.4, stray: 2.0}",  # a lower supply and legs that give are no faults
         *([hidden, *CLIMB] if hidden else ["adapt=none"]),
     ]
     try:
