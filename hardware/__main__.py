@@ -18,7 +18,9 @@ Keys:
 from __future__ import annotations
 
 import math
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -199,7 +201,7 @@ def _count(driver: Driver, i: int, ask: Ask, where: str) -> int:
 
 
 def emulate(robot: Robot, keys: Keys, ask: Ask) -> None:
-    """Serve an emulated robot at a device file until Ctrl-C."""
+    """Serve an emulated robot at a device file until Ctrl-C or SIGTERM, also in the background."""
     hidden = Path(keys["hidden"]) if "hidden" in keys else robot.hidden
     world = World(replace(robot, hidden=hidden), seed=int(_number(keys, "seed", 0)))
     end = time.perf_counter() + _number(keys, "seconds", math.inf)
@@ -208,7 +210,14 @@ def emulate(robot: Robot, keys: Keys, ask: Ask) -> None:
     def ready(device: str) -> None:
         print(f"{robot.name} at {device}, {robot.bus.baud} bits/s; Ctrl-C ends it", flush=True)
 
-    serve(world, ready, lambda: time.perf_counter() > end, link)
+    asked = threading.Event()
+    numbers = (signal.SIGINT, signal.SIGTERM)  # a shell's background jobs begin deaf to the first
+    before = [signal.signal(number, lambda *_: asked.set()) for number in numbers]
+    try:
+        serve(world, ready, lambda: asked.is_set() or time.perf_counter() > end, link)
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
 
 
 if __name__ == "__main__":

@@ -126,8 +126,11 @@ class Driver:
         self._values[3] = self._zero
         self._ages = [Freshness() for _ in self.ids]
         self._health_ages = [Freshness() for _ in self.ids]
-        reading = self.read()
-        if not reading.fresh.all():
+        for _ in range(RETRIES):
+            reading = self.read()
+            if reading.fresh.all():
+                break
+        else:
             name = self.robot.names[int(np.argmin(reading.fresh))]
             raise ServoError(f"{name}: it answers pings, but not reads; check cable and supply")
         self._find_turns()

@@ -21,7 +21,7 @@ from pathlib import Path
 from hardware.emulator.world import World
 
 IDLE = 0.005  # s between looks at the clock while nobody writes
-FURTHEST = 0.25  # s that the robot may fall behind before its time is moved
+FURTHEST = 2.0  # s that the robot may fall behind before its time is moved, which clients notice
 SPEEDS = {
     getattr(termios, f"B{baud}"): baud
     for baud in (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)

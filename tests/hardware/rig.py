@@ -12,6 +12,7 @@ from hardware.clock import VirtualClock
 from hardware.driver import Driver
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
+from hardware.errors import HardwareError
 from hardware.pace import Pace
 from hardware.safety import Guard
 
@@ -94,3 +95,13 @@ class Rig:
 def wave(k: int) -> np.ndarray:
     """Return a slow motion of three servos."""
     return np.full(3, 0.3 * np.sin(k / 10))
+
+
+def in_real_time(action: Callable[[], None], attempts: int = 6) -> None:
+    """Do what needs real time again if a busy machine spoiled it; the last attempt must succeed."""
+    for attempt in range(attempts):
+        try:
+            return action()
+        except HardwareError:
+            if attempt == attempts - 1:
+                raise

@@ -21,20 +21,26 @@ from hardware.clock import RealClock
 from hardware.config import load_robot
 from hardware.driver import Driver
 from hardware.emulator.world import World
-from hardware.safety import Guard
+from hardware.safety import Guard, Policy
+from tests.hardware.rig import in_real_time
 
 
 @contextlib.contextmanager
-def emulated(*words: str) -> Iterator[tuple[str, subprocess.Popen]]:
-    """Run `python -m hardware emulate` and yield its device."""
+def emulated(
+    *words: str, end: signal.Signals = signal.SIGINT
+) -> Iterator[tuple[str, subprocess.Popen]]:
+    """Run `python -m hardware emulate`, deaf to SIGINT at first, and yield its device."""
     run = [sys.executable, "-m", "hardware", "emulate", *words]
-    process = subprocess.Popen(run, stdout=subprocess.PIPE, text=True)
+    deaf = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", *run]  # as a shell's `&` does
+    process = subprocess.Popen(deaf, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         yield process.stdout.readline().split(" at ")[1].split(",")[0], process
+        process.send_signal(end)
+        assert process.wait(30) == 0
     finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(10)
+        process.kill()
+        process.wait()
 
 
 def patiently(action: Callable[..., tuple], *arguments: object) -> tuple:
@@ -134,19 +140,31 @@ def test_device_file_with_the_bare_sdk(tmp_path):
     assert not link.exists()
 
 
+def test_the_emulator_ends_when_it_is_told(tmp_path):
+    """SIGTERM ends it as Ctrl-C does: its link is gone, and it says that all was well."""
+    link = tmp_path / "robot"
+    with emulated("robot=bench1", f"link={link}", end=signal.SIGTERM):
+        assert link.exists()
+    assert not link.is_symlink()
+
+
 def test_device_file_with_our_driver():
     """Our driver and guard move the robot behind a device file, in real time."""
     with emulated("robot=bench1") as (device, _):
-        robot = replace(load_robot("bench1"), watchdog=2.0)  # this machine may be busy
-        driver = Driver(robot, PortHandler(device), RealClock())
-        driver.connect()
-        driver.configure()
-        with Guard(driver) as guard:
-            guard.arm()
-            guard.move_to(np.array([0.3]), speed=2.0)
-            time.sleep(0.03)
-            reading = guard.read()
-        assert reading.position[0] == pytest.approx(0.25, abs=0.12)
-        health = driver.health(0)
-        assert health is None or not health.torque
-        driver.close()
+        robot = replace(load_robot("bench1"), watchdog=2.54)
+
+        def drive() -> None:
+            driver = Driver(robot, PortHandler(device), RealClock())
+            driver.connect()
+            driver.configure()
+            with Guard(driver, Policy(misses=50, patience=5.0)) as guard:
+                guard.arm()
+                guard.move_to(np.array([0.3]), speed=2.0)
+                time.sleep(0.03)
+                reading = guard.read()
+            assert reading.position[0] == pytest.approx(0.25, abs=0.12)
+            health = driver.health(0)
+            assert health is None or not health.torque
+            driver.close()
+
+        in_real_time(drive)
