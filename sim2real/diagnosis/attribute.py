@@ -20,11 +20,12 @@ from sim2real.diagnosis.candidates import Candidate
 from sim2real.diagnosis.couples import couples
 from sim2real.diagnosis.data import Data
 from sim2real.diagnosis.fit import FOLDS, Fit, Guess, Problem, Screening, refine, screen
+from sim2real.diagnosis.ripples import with_ripples
 from sim2real.diagnosis.score import Blocks
 
 MOST = 4  # effects in all
 SCREENED, RACED, FITTED = 9.0, 15.0, 40.0  # s of windows that screening, race and fit look at
-RACE = ((8, 0), (4, 1), (3, 1))  # how many candidates run, and for how many steps
+RACE = ((10, 0), (6, 1), (4, 1))  # how many candidates run, and for how many steps
 SPREAD = (1.0, 0.55, 1.7)  # starts of a fit, as multiples of the guess
 PROMISE, LATER = 0.03, 0.1  # least share of the squared error that screening must promise
 SHARE = 0.03  # a joint with less of the gap is not suspected
@@ -57,6 +58,7 @@ class Found:
         rivals: for each cause, the contenders for its place, the best first.
         guesses: what screening made of every candidate, alone.
         singles: candidates that were fitted alone.
+        seen: the rows on which rivals are compared, (W, T, 1); None for all.
     """
 
     fit: Fit
@@ -65,6 +67,11 @@ class Found:
     rivals: dict[str, list[Contender]] = field(default_factory=dict)
     guesses: list[Guess] = field(default_factory=list)
     singles: list[Contender] = field(default_factory=list)
+    seen: np.ndarray | None = None
+
+    def on(self, error: np.ndarray) -> np.ndarray:
+        """Return errors on the rows on which rivals are compared, zeros elsewhere, (W, T, M)."""
+        return error if self.seen is None else np.where(self.seen, error, 0.0)
 
 
 class Search:
@@ -214,11 +221,15 @@ class Search:
         guilty = {
             n for n, e in zip(names, excess, strict=True) if e > SHARE * max(excess.sum(), 1e-18)
         }
-        return [
+        found = [
             option
             for option in self.options
             if (option.name, option.effect.where) not in taken
             and (option.joint is None or guilty & set(option.shown))
+        ]
+        return [
+            with_ripples(option, self.problem.data, error) if option.name == "cogging" else option
+            for option in found
         ]
 
     def look_back(self, found: Found) -> None:

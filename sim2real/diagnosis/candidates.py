@@ -147,7 +147,7 @@ def _places(name: str, robot: Robot) -> Iterator[dict[str, Any]]:
     if name == "encoder_offset":
         more = [{"servo": 1.0}, {"servo": 0.0}]
     elif name == "cogging":
-        more = [{"free": ("phase",)}]
+        more = [{"free": ("count", "phase")}]
     elif name == "supply_sag":
         constant = robot.torque_constant()
         if constant is None:

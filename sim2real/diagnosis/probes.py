@@ -109,9 +109,9 @@ def _viscous(effect: Effect, robot: Robot) -> np.ndarray:
 
 
 def _cogging(effect: Effect, robot: Robot) -> np.ndarray:
+    """Rough ones: the error itself shows better ones (`ripples`)."""
     phases = np.arange(4) * np.pi / 2
-    sizes = np.array([0.02, 0.1]) * _torque(effect, robot)
-    return np.array([(size, phase) for size in sizes for phase in phases])
+    return np.array([(0.05 * _torque(effect, robot), 12.0, phase) for phase in phases])
 
 
 def _inertia(effect: Effect, robot: Robot) -> np.ndarray:
