@@ -35,6 +35,7 @@ from sim2real.diagnosis.html import write_html
 from sim2real.diagnosis.model_file import write as write_model
 from sim2real.diagnosis.next_experiment import Member, next_experiment
 from sim2real.diagnosis.numerics import is_numerics, null_test
+from sim2real.diagnosis.powered import instead
 from sim2real.diagnosis.preflight import preflight
 from sim2real.diagnosis.report import Evidence, Report, Trace
 from sim2real.diagnosis.simulate import Simulator
@@ -170,7 +171,7 @@ def examine(
 def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
     if is_no_gap(search.before, search.floor, data):
         return nothing(search, floors)
-    found = search.run()
+    found = instead(search, search.run())
     search.tell("weighing what was found", 0.9)
     return conclude(search, found, floors, rng)
 

@@ -175,19 +175,18 @@ def _cause(
 ) -> tuple[Cause, list[Contender]]:
     """Return a cause without its value, and those that the data cannot tell from it."""
     rivals = found.rivals.get(member.label, [])
-    crowd = _equals(search, member, rivals, rest, found.error)
+    seen = found.on(rest)
+    crowd = _equals(search, member, rivals, seen, found.on(found.error))
     names: dict[tuple[str, str | None], None] = {}
     for contender in crowd:
         place = (contender.candidate.name, contender.candidate.place)
         if place != (member.name, member.place):
             names[place] = None
     alike = tuple(Equivalent(*name) for name in list(names)[: ALIKE - 1])
-    form = (
-        "contradicted"
-        if contradicted(search.problem.data, search.blocks, rest, found.error)
-        else "holds"
-    )
-    sure = _confidence(search, member, crowd, rivals, rest, closed)
+    wrong = found.seen is not None  # it was named although it fails elsewhere
+    wrong = wrong or contradicted(search.problem.data, search.blocks, rest, found.error)
+    form = "contradicted" if wrong else "holds"
+    sure = _confidence(search, member, crowd, rivals, seen, closed)
     extra = {**member.effect.extra, **member.effect.options()}
     if member.effect.place == "body":
         extra["body"] = member.effect.where
