@@ -29,6 +29,7 @@ from sim2real.diagnosis.attribute import Search
 from sim2real.diagnosis.candidates import candidates, check_names
 from sim2real.diagnosis.conclude import Conclusion, conclude, is_no_gap, nothing
 from sim2real.diagnosis.data import Data, whole_episodes
+from sim2real.diagnosis.families import by_family, is_spread
 from sim2real.diagnosis.fit import Fit, Problem, columns
 from sim2real.diagnosis.floor import noise_floor
 from sim2real.diagnosis.html import write_html
@@ -172,6 +173,8 @@ def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Gener
     if is_no_gap(search.before, search.floor, data):
         return nothing(search, floors)
     found = instead(search, search.run())
+    if is_spread(search, found):
+        found = by_family(search, found)
     search.tell("weighing what was found", 0.9)
     return conclude(search, found, floors, rng)
 

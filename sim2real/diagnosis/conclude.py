@@ -25,6 +25,7 @@ from sim2real.diagnosis.quantify import (
     coalitions,
     contradicted,
     intervals,
+    one_less,
     shapley,
     without,
 )
@@ -45,6 +46,7 @@ from sim2real.diagnosis.residue import ceiling, describe
 
 EXPLAINED, PARTLY = 0.9, 0.3
 STRUCTURE = 0.1  # share of its square that a free-form model catches of a residue with structure
+FEW = 5  # causes of which every subset is fitted anew
 Set = frozenset[int]
 
 
@@ -123,11 +125,7 @@ def conclude(
         rng: for the intervals.
     """
     data, blocks, floor = search.problem.data, search.blocks, search.floor
-    subsets = coalitions(search.problem, search.racing, found.fit, found.error)
-    gaps = {subset: blocks.rms(error) for subset, error in subsets.items()}
-    room = max(search.before - floor, 1e-12)
-    worth = {s: min((search.before - gap) / room, 1.0) for s, gap in gaps.items()}
-    shares = np.minimum(shapley(worth, _count(found)), 1.0)
+    subsets, shares = _weighed(search, found)
     order = [int(i) for i in np.argsort(-shares)]
     fit = without(found.fit, order)
     after = blocks.rms(found.error)
@@ -164,6 +162,26 @@ def conclude(
         spans,
         alike,
     )
+
+
+def _weighed(search: Search, found: Found) -> tuple[dict[Set, np.ndarray], np.ndarray]:
+    """Return held-out errors without some causes, and each cause's share of the closable gap, (n,).
+
+    Of few causes every subset is fitted anew, and the shares are Shapley's. Of many only the others
+    are looked at without each, and the shares are as large as these falls, in proportion.
+    """
+    blocks, room = search.blocks, max(search.before - search.floor, 1e-12)
+    if _count(found) <= FEW:
+        subsets = coalitions(search.problem, search.racing, found.fit, found.error)
+        gaps = {subset: blocks.rms(error) for subset, error in subsets.items()}
+        worth = {s: min((search.before - gap) / room, 1.0) for s, gap in gaps.items()}
+        return subsets, np.minimum(shapley(worth, _count(found)), 1.0)
+    subsets, every = one_less(search.problem, found.fit, found.error), range(_count(found))
+    after = blocks.rms(found.error)
+    falls = np.array([blocks.rms(subsets[frozenset(every) - {i}]) - after for i in every])
+    falls = np.maximum(falls, 0.0)
+    closed = min((search.before - after) / room, 1.0)
+    return subsets, closed * falls / max(falls.sum(), 1e-12)
 
 
 def _count(found: Found) -> int:
@@ -303,9 +321,12 @@ def _ladder(
 ) -> tuple[Rung, ...]:
     """Return the gap as given, after each cause in their order, and the floor."""
     rungs = [Rung("as given", search.before, search.blocks.interval(search.base))]
-    for size in range(1, len(order) + 1):
-        error = subsets[frozenset(order[:size])]
-        label = found.fit.members[order[size - 1]].label
+    steps = [
+        (found.fit.members[order[size - 1]].label, subsets[frozenset(order[:size])])
+        for size in range(1, len(order) + 1)
+        if len(order) <= FEW
+    ]
+    for label, error in steps or found.steps:
         rungs.append(Rung(f"+ {label}", search.blocks.rms(error), search.blocks.interval(error)))
     return (*rungs, Rung("noise floor", search.floor, (search.floor, search.floor)))
 

@@ -55,6 +55,22 @@ def coalitions(
     return found
 
 
+def one_less(problem: Problem, fit: Fit, full: np.ndarray) -> dict[Set, np.ndarray]:
+    """Return the held-out errors of all members, and of all but each; the rest is not fitted anew.
+
+    Args:
+        problem: all windows.
+        fit: all members.
+        full: its held-out errors, (W, T, M).
+    """
+    every = frozenset(range(len(fit.members)))
+    found: dict[Set, np.ndarray] = {every: full}
+    for member in every:
+        part = without(fit, sorted(every - {member}))
+        found[every - {member}] = problem.held_out(part.members, part.values)
+    return found
+
+
 def shapley(values: dict[Set, float], count: int) -> np.ndarray:
     """Return each member's Shapley value, (count,), of what every subset of them closes."""
     shares = np.zeros(count)

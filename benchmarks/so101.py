@@ -1,0 +1,177 @@
+"""What is missing in the public model of a real arm? The SO-101's logs, diagnosed and held out.
+
+    SIM2REAL_DATA=/data python -m benchmarks.so101
+    SIM2REAL_DATA=/data python -m benchmarks.so101 --report      # only the table, of what is there
+
+Diagnoses the arm's stock model from the logs of FIT, puts what was found into it, and replays the
+logs of HELD_OUT, whole, from their first positions: other motions that nothing was fitted to. Five
+joints; the gripper is left out, since its model has no contact with what it closes on. What is
+closed of the gap is (before - after) / (before - floor), the floor being what the tool makes of the
+held-out logs' own scatter.
+
+docs/logs.md says where the logs are from; they are no part of this project.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from envs.effects import load_effects
+from hardware.log import Log, read_log
+from sim2real.blind.inject import ARM, told
+from sim2real.blind.measure import apart
+from sim2real.diagnose import examine, write
+from sim2real.diagnosis.floor import noise_floor
+from sim2real.files import write_text
+from sim2real.plots import COLOURS, figure
+from sim2real.stats import Interval, bootstrap
+from sim2real.tables import Table
+
+RESULTS = Path(__file__).parent / "results"
+FIT = ("step_response", "friction_gravity", "sinusoidal_sweep", "workspace_sweep")
+HELD_OUT = (
+    *("backlash_detection", "inertia_coupling", "oscillation_low_freq", "oscillation_med_freq"),
+    *("reaching_points", "single_joint_elbow", "slow_precision", "trapezoidal_profile"),
+    *("triangle_wave", "velocity_ramp"),
+)
+DRAWS = 10_000  # resamples of an interval
+
+
+def logs_of(data: Path, names: Sequence[str], model: Path) -> list[Log]:
+    """Return logs without the gripper's columns, for a model."""
+    found = []
+    for name in names:
+        log = read_log(data / "so101" / f"{name}.csv")
+        columns = {key: values for key, values in log.columns.items() if "gripper" not in key}
+        found.append(Log(columns, {**log.meta, "model": str(model.resolve())}, log.path))
+    return found
+
+
+def diagnose(data: Path, out: Path) -> None:
+    """Diagnose the logs of FIT and write all files of the diagnosis into a folder."""
+    model = write_text(out / "model.xml", told(data / "so101" / "so101.xml", ARM).to_xml())
+
+    def tell(text: str, share: float) -> None:
+        print(f"{100 * share:3.0f} %  {text}", file=sys.stderr, flush=True)
+
+    write(examine(logs_of(data, FIT, model), model, None, (), 0, tell), out / "diagnosis")
+
+
+def replayed(data: Path, out: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return each held-out log's RMS errors as given and corrected, and floors, (L, M) [rad]."""
+    model = out / "model.xml"
+    spec = mujoco.MjSpec.from_file(str(model))
+    found = load_effects(out / "diagnosis" / "effects.yaml")
+    logs = logs_of(data, HELD_OUT, model)
+    floor = noise_floor(logs)
+    before = np.array([apart(log, spec) for log in logs])
+    after = np.array([apart(log, spec, found) for log in logs])
+    return before, after, np.tile([floor.get(joint, 0.0) for joint in ARM], (len(logs), 1))
+
+
+def overall(errors: np.ndarray) -> np.ndarray:
+    """Return the RMS of RMS errors (..., L, M) over logs and joints."""
+    return np.sqrt(np.mean(np.square(errors), axis=(-2, -1)))
+
+
+def closed(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> Interval:
+    """Return the share of the gap that is closed, (L, M) each, with an interval over the logs."""
+    every = np.stack([before, after, floor], axis=-1)  # (L, M, 3)
+
+    def share(rows: np.ndarray) -> np.ndarray:
+        first, last, least = (overall(every[rows[..., 0].astype(int)][..., i]) for i in range(3))
+        return (first - last) / (first - least)
+
+    numbers = np.arange(len(every), dtype=float)[:, None]
+    return bootstrap(numbers, share, np.random.default_rng(0), draws=DRAWS, resample="rows")
+
+
+def report(data: Path, out: Path, results: Path) -> Table:
+    """Write so101.md, .csv and .png, and return the table of the joints."""
+    before, after, floor = replayed(data, out)
+    degrees = [np.degrees(one) for one in (before, after, floor)]
+    answer = json.loads((out / "diagnosis" / "report.json").read_text(encoding="utf-8"))
+    table = Table(("joint", "before (deg)", "after (deg)", "floor (deg)", "closed"))
+    for i, joint in enumerate(ARM):
+        one = [part[:, i : i + 1] for part in degrees]
+        table.add(joint, *(float(overall(part)) for part in one), closed(*one))
+    table.add("all five", *(float(overall(part)) for part in degrees), closed(*degrees))
+    table.notes += [
+        f"Fitted on {', '.join(FIT)}. Held out, replayed whole: {', '.join(HELD_OUT)}. "
+        "RMS over rows and logs; brackets: 95 %, bootstrap over the held-out logs.",
+        f"Verdict on held-out windows of the fitted logs: {answer['verdict']}, "
+        f"{np.degrees(answer['gap']['before']):.2f} to "
+        f"{np.degrees(answer['gap']['after'] or answer['gap']['before']):.2f} degrees.",
+        f"What is left: {answer['unexplained']['structure']}.",
+    ]
+    causes = Table(("effect", "where", "value", "unit", "closed"))
+    for cause in answer["causes"]:
+        value = Interval(cause["value"], *cause["value_ci"])
+        causes.add(
+            cause["effect"], cause["where"] or "robot", value, cause["unit"], cause["closed"]
+        )
+    causes.notes.append("Brackets: 90 % intervals. closed: of the fitted logs' gap, shares add up.")
+    files = Table(("held-out log", "before (deg)", "after (deg)"))
+    for number, name in enumerate(HELD_OUT):
+        files.add(name, *(float(overall(part[number : number + 1])) for part in degrees[:2]))
+    text = "# SO-101: a real arm, diagnosed\n\n" + "\n".join(
+        part.markdown() for part in (table, causes, files)
+    )
+    write_text(results / "so101.md", text)
+    write_text(results / "so101.csv", table.csv())
+    write_text(results / "so101_files.csv", files.csv())
+    draw(degrees, results / "so101.png")
+    return table
+
+
+def draw(degrees: Sequence[np.ndarray], path: Path) -> None:
+    """Draw each joint's error before and after, and its floor."""
+    with figure(path, 1, 1, (6.4, 3.2)) as (_, axes):
+        panel, places = axes[0, 0], np.arange(len(ARM))
+        for number, (part, label) in enumerate(zip(degrees, LABELS, strict=True)):
+            heights = [float(overall(part[:, i : i + 1])) for i in range(len(ARM))]
+            panel.bar(
+                places + 0.26 * (number - 1), heights, 0.24, color=COLOURS[number], label=label
+            )
+        panel.set_xticks(places, [name.replace("_", " ") for name in ARM])
+        panel.set_ylabel("RMS error, held-out logs (degrees)")
+        panel.legend()
+
+
+LABELS = ("stock model", "with what was found", "noise floor")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line and run; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.so101",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add, folder = parser.add_argument, os.environ.get("SIM2REAL_DATA")
+    add("--data", type=Path, default=folder and Path(folder), help="default: SIM2REAL_DATA")
+    add("--report", action="store_true", help="diagnose nothing, write the table")
+    add(
+        "--out", type=Path, default=Path("outputs/bench_long/so101"), help="folder of the diagnosis"
+    )
+    add("--results", type=Path, default=RESULTS, help="folder of the tables and the picture")
+    chosen = parser.parse_args(arguments)
+    if chosen.data is None or not (chosen.data / "so101").is_dir():
+        print("skipped: SIM2REAL_DATA names no folder with so101/ (docs/logs.md)", file=sys.stderr)
+        return 0
+    if not chosen.report and not (chosen.out / "diagnosis" / "report.json").is_file():
+        diagnose(chosen.data, chosen.out)
+    print(report(chosen.data, chosen.out, chosen.results).markdown())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
