@@ -143,7 +143,7 @@ def examine(
     floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
     problem = Problem(data, Simulator(data, fixed))
     _refuse_lost(problem)
-    search = Search(problem, candidates(data, exclude), floor, rng, tell)
+    search = Search(problem, candidates(data, exclude, fixed), floor, rng, tell)
     null = null_test(logs, specs, fixed)
     made = _search(search, data, floors, rng)
     tell("telling what was found", 0.95)

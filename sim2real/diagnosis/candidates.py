@@ -22,6 +22,7 @@ from envs.effects import EFFECTS, Effect, make
 from envs.effects.base import FieldEffect
 from envs.effects.structure import SeriesEffect
 from envs.errors import EnvsError, did_you_mean
+from envs.plant import Fixed
 from sim2real.diagnosis.data import Data
 from sim2real.diagnosis.probes import Robot, probes_of
 from sim2real.errors import Sim2RealError
@@ -111,8 +112,16 @@ def check_names(exclude: Sequence[str]) -> None:
             )
 
 
-def candidates(data: Data, exclude: Sequence[str] = ()) -> list[Candidate]:
+def candidates(
+    data: Data, exclude: Sequence[str] = (), fixed: Sequence[Fixed] = ()
+) -> list[Candidate]:
     """Return every effect that the models can have, but those excluded.
+
+    Args:
+        data: the logs and their models.
+        exclude: names of effects to leave out.
+        fixed: effects that are in the model already; more of the same is a candidate where two of
+            them add up, and no candidate where they would get into each other's way.
 
     Raises:
         Sim2RealError: an unknown name to exclude.
@@ -125,9 +134,15 @@ def candidates(data: Data, exclude: Sequence[str] = ()) -> list[Candidate]:
         if name not in MEASURED and name not in exclude and not shown:
             for arguments in _places(name, robot):
                 candidate = _make(name, arguments, robot)
-                if candidate is not None:
+                if candidate is not None and not _taken(candidate.effect, fixed):
                     found.append(candidate)
     return found
+
+
+def _taken(effect: Effect, fixed: Sequence[Fixed]) -> bool:
+    """Return whether an effect is fixed at this place, and cannot stand beside itself."""
+    there = any((one.name, one.where) == (effect.name, effect.where) for one, _ in fixed)
+    return there and (not effect.composes or effect.how == "set")
 
 
 def _places(name: str, robot: Robot) -> Iterator[dict[str, Any]]:

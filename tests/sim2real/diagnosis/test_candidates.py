@@ -1,0 +1,31 @@
+"""Candidates: what can stand beside what is known already."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from envs.effects import make
+from hardware.config import load_robot
+from hardware.log import Log
+from sim2real.diagnosis.candidates import candidates
+from sim2real.diagnosis.data import Data
+from sim2real.stand import hung
+
+
+def test_what_is_known_and_cannot_be_doubled_is_no_candidate(tmp_path: Path) -> None:
+    """More friction may be missing beside a known one; a second law of the same rule cannot be."""
+    robot = hung(load_robot("bench1"), tmp_path)
+    time = np.arange(300) / 50
+    columns = {"episode": np.zeros(300, int), "time": time}
+    columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}
+    data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
+    known = [
+        (make("coulomb_friction", where="hinge"), (0.01,)),
+        (make("load_dependent_friction", where="hinge"), (0.2,)),
+    ]
+    free = {option.name for option in candidates(data)}
+    left = {option.name for option in candidates(data, fixed=known)}
+    assert free - left == {"load_dependent_friction"}
+    assert "coulomb_friction" in left
