@@ -203,7 +203,7 @@ class Search:
         if before is not None:
             return refine(problem, members, before.values[None], rounds)
         starts = [
-            np.concatenate([fit.values, np.tile(candidate.towards(guess.start, s), (FOLDS, 1))], 1)
+            np.concatenate([guess.known, np.tile(candidate.towards(guess.start, s), (FOLDS, 1))], 1)
             for s in SPREAD
         ]
         return refine(problem, members, np.array(starts), rounds)

@@ -27,6 +27,7 @@ CLOCK = 1e-3  # s: the least that stamps may be off
 DAMPING = (0.0, 0.3, 3.0)  # of the trial steps of a round, in units of the curvature
 NUDGE = 0.06  # of a typical change: the step of a finite difference
 GOOD = 0.01  # relative improvement below which a fit has settled
+SHY = 1e-3  # of a square: keeps changes that look alike from cancelling
 NEAR, FAR = (0.4, 2.2), (0.05, 6.0)  # how far a probe's response may be scaled, between and beyond
 
 
@@ -105,6 +106,7 @@ class Guess(NamedTuple):
     start: np.ndarray  # (P,) where a fit begins
     gain: float  # share of the squared error that it should remove, judged on the other fold
     error: np.ndarray | None  # (W, T, M) predicted held-out errors
+    known: np.ndarray  # (2, K) values of what is known already, as they would then be
 
 
 class Response(NamedTuple):
@@ -147,8 +149,9 @@ def columns(members: Sequence[Candidate]) -> list[slice]:
 def screen(problem: Problem, found: Fit, options: Sequence[Candidate]) -> Screening:
     """Return a guess for each option, the most promising first.
 
-    A probe's change of the simulation, scaled, should be what is wrong with it. Options that
-    change nothing are left out.
+    A probe's change of the simulation, scaled, should be what is wrong with it, while the values of
+    what is known already may follow: a servo that is too soft and rubs is first taken for one that
+    rubs too much. Options that change nothing are left out.
 
     Args:
         problem: on the windows to look at.
@@ -158,14 +161,20 @@ def screen(problem: Problem, found: Fit, options: Sequence[Candidate]) -> Screen
     error, slope = problem.errors(found.members, found.values[None])
     base, drift = error[0], slope[0]
     result = Screening([], [], base, drift)
+    known = sensitivities(problem, found.members, found.values, base) if found.members else ()
     for group in dict.fromkeys(option.group for option in options):
-        _screen_group(problem, found, [o for o in options if o.group == group], result)
+        own = [o for o in options if o.group == group]
+        _screen_group(problem, found, own, np.array([drift, *known]), result)
     result.guesses.sort(key=lambda guess: -guess.gain)
     return result
 
 
 def _screen_group(
-    problem: Problem, found: Fit, own: Sequence[Candidate], result: Screening
+    problem: Problem,
+    found: Fit,
+    own: Sequence[Candidate],
+    free: np.ndarray,
+    result: Screening,
 ) -> None:
     members = [*found.members, *own]
     known = found.values.shape[1]
@@ -182,7 +191,7 @@ def _screen_group(
     for option in own:
         part = slice(start, start + len(option.probes))
         start += len(option.probes)
-        guess = _guess(problem, option, error[part], result.base, result.drift)
+        guess = _guess(problem, found, option, error[part], result.base, free)
         if guess is not None:
             result.guesses.append(guess)
             changes = error[part] - result.base
@@ -191,10 +200,24 @@ def _screen_group(
 
 
 def _guess(
-    problem: Problem, option: Candidate, error: np.ndarray, base: np.ndarray, drift: np.ndarray
+    problem: Problem,
+    found: Fit,
+    option: Candidate,
+    error: np.ndarray,
+    base: np.ndarray,
+    free: np.ndarray,
 ) -> Guess | None:
-    """Return the best scaled probe of an option; None if it changes nothing."""
-    before = _squares(problem, _timed(problem, base, drift))
+    """Return the best scaled probe of an option; None if it changes nothing.
+
+    Args:
+        problem: on the screened windows.
+        found: what is known already.
+        option: the candidate.
+        error: of its probes, (K, W, T, M).
+        base: of what is known already, (W, T, M).
+        free: the changes that may go with it, of the clock and of each known value, (F, W, T, M).
+    """
+    before = _squares(problem, _timed(problem, base, free[0]))
     best: Guess | None = None
     sizes = np.abs(option.probes - option.neutral).sum(axis=1)
     for k, probe in enumerate(option.probes):
@@ -203,36 +226,49 @@ def _guess(
             continue
         low = FAR[0] if sizes[k] == sizes.min() else NEAR[0]
         high = FAR[1] if sizes[k] == sizes.max() else NEAR[1]
-        scale = _scales(problem, base, drift, change, (low, high))  # (2,)
-        predicted = base + scale[::-1][problem.fold][:, None, None] * change
-        left = _squares(problem, _timed(problem, predicted, drift))
-        gain = 1.0 - left.sum() / max(before.sum(), 1e-18)
+        scales = _scales(problem, base, np.array([change, *free]), (low, high))  # (2, 1 + F)
+        other = scales[::-1][problem.fold]  # (W, 1 + F)
+        moved = np.array([change, *free[1:]])
+        predicted = base + np.einsum("wf,fwtm->wtm", np.delete(other, 1, axis=1), moved)
+        left = _timed(problem, predicted, free[0])
+        gain = 1.0 - _squares(problem, left).sum() / max(before.sum(), 1e-18)
         if best is None or gain > best.gain:
-            start = option.towards(probe, float(scale.mean()))
-            best = Guess(option, start, float(gain), _timed(problem, predicted, drift))
+            start = option.towards(probe, float(scales[:, 0].mean()))
+            best = Guess(option, start, float(gain), left, found.values + scales[:, 2:])
     return best
 
 
 def _scales(
-    problem: Problem,
-    base: np.ndarray,
-    drift: np.ndarray,
-    change: np.ndarray,
-    bounds: tuple[float, float],
+    problem: Problem, base: np.ndarray, changes: np.ndarray, bounds: tuple[float, float]
 ) -> np.ndarray:
-    """Return by how much a change is scaled to undo the error of each fold best, (2,)."""
-    found = np.zeros(FOLDS)
+    """Return by how much changes are scaled to undo the error of each fold best, (2, 1 + F).
+
+    The first one's scale stays within bounds, the second one's, the clock's, within a step.
+    """
+    found = np.zeros((FOLDS, len(changes)))
     for f in range(FOLDS):
         own = problem.fold == f
-        pair = np.stack([change[own].ravel(), drift[own].ravel()], axis=1)
-        solution, *_ = np.linalg.lstsq(
-            pair.T @ pair + 1e-15 * np.eye(2), -pair.T @ base[own].ravel()
-        )
-        if abs(solution[1]) > problem.clock:
-            rest = base[own].ravel() + np.sign(solution[1]) * problem.clock * pair[:, 1]
-            solution[0] = -(pair[:, 0] @ rest) / max(pair[:, 0] @ pair[:, 0], 1e-18)
-        found[f] = np.clip(solution[0], *bounds)
+        flat, rest = changes[:, own].reshape(len(changes), -1), base[own].ravel()
+        curve, down = flat @ flat.T, -flat @ rest
+        curve += np.diag(SHY * np.diag(curve) + 1e-15)
+        held: list[int] = []
+        for number, (low, high) in ((1, (-problem.clock, problem.clock)), (0, bounds)):
+            found[f] = _solve(curve, down, found[f], held)
+            found[f, number] = np.clip(found[f, number], low, high)
+            held.append(number)
+        found[f] = _solve(curve, down, found[f], held)
     return found
+
+
+def _solve(
+    curve: np.ndarray, down: np.ndarray, scales: np.ndarray, held: Sequence[int]
+) -> np.ndarray:
+    """Return the scales that minimize a quadratic, some of them held."""
+    free = np.setdiff1d(np.arange(len(scales)), held).astype(int)
+    result = scales.copy()
+    against = curve[np.ix_(free, held)] @ scales[list(held)] if held else 0.0
+    result[free] = np.linalg.solve(curve[np.ix_(free, free)], down[free] - against)
+    return result
 
 
 def _timed(problem: Problem, error: np.ndarray, slope: np.ndarray) -> np.ndarray:

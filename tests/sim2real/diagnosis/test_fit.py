@@ -56,6 +56,20 @@ def test_two_effects_are_found_together(problem: Problem, options: list[Candidat
     assert found["position_gain.b"] == pytest.approx(0.7, rel=0.02)
 
 
+def test_what_is_known_may_follow_what_is_screened(
+    problem: Problem, options: list[Candidate]
+) -> None:
+    """A friction that was found too large does not hide the gain: both are guessed together."""
+    friction, gain = (
+        next(c for c in options if c.name == n) for n in ("coulomb_friction", "position_gain")
+    )
+    known = Fit((friction,), np.full((2, 1), 0.15), np.zeros(2))
+    best = screen(problem, known, [gain]).guesses[0]
+    assert best.known == pytest.approx(0.1, rel=0.25)
+    assert best.start == pytest.approx(0.7, rel=0.1)
+    assert best.gain > 0.8
+
+
 def test_a_larger_model_fits_no_worse(problem: Problem, options: list[Candidate]) -> None:
     """Nested models: an effect added at its neutral value can only lower the fitted cost."""
     friction, drag = (
