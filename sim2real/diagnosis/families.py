@@ -171,11 +171,14 @@ class _Families:
         least = max(ENOUGH * search.floor, WORTH * (search.before - search.floor))
         if fall < least or self.blocks.gain(found.error, error)[0] <= 0:
             return False
-        for kind in choice:
-            del self.left[kind]
+        self.leave_out({self.left[kind][0].name for kind in choice})
         found.fit, found.error = fit, error
         found.steps.append((" and ".join(choice), error))
         return self.blocks.rms(error) > search.least
+
+    def leave_out(self, names: set[str]) -> None:
+        """Let no variant of effects join any more: one joint has no two springs or offsets."""
+        self.left = {kind: own for kind, own in self.left.items() if own[0].name not in names}
 
     def pruned(self, fit: Fit) -> Fit:
         """Return the fit without members that do nothing on held-out windows."""

@@ -12,7 +12,7 @@ from hardware.log import Log
 from sim2real.diagnosis.attribute import Found, Search
 from sim2real.diagnosis.candidates import candidates
 from sim2real.diagnosis.data import Data
-from sim2real.diagnosis.families import by_family, families, is_spread
+from sim2real.diagnosis.families import _Families, by_family, families, is_spread
 from sim2real.diagnosis.fit import Problem
 from sim2real.diagnosis.simulate import Simulator
 
@@ -77,6 +77,15 @@ def test_families_are_kinds_at_joints(search: Search) -> None:
     assert set(kinds) >= {"position_gain", "coulomb_friction", "viscous_friction"}
     assert [member.joint for member in kinds["position_gain"]] == list(JOINTS)
     assert kinds["position_gain"][0].probes.min() <= 0.02
+
+
+def test_no_second_variant_of_an_effect_joins(search: Search) -> None:
+    """What has joined leaves with all its variants, such as the other side of a spring."""
+    state = _Families(search, np.random.default_rng(0))
+    assert {"encoder_offset", "encoder_offset (log only)"} <= set(state.left)
+    state.leave_out({"encoder_offset"})
+    assert not any("encoder_offset" in kind for kind in state.left)
+    assert "position_gain" in state.left
 
 
 @pytest.mark.slow
