@@ -24,8 +24,8 @@ from sim2real.blind.logs import difference, drive, overall, plans
 log_ = logging.getLogger(__name__)
 SMALLEST, LARGEST = 3.0, 30.0  # gaps, in floors
 COUNT = 2 * np.pi / 4096  # rad: the encoders' resolution
-CLOSE = 1.12  # a gap this near to the wanted one, as a factor, will do
-TRIALS = 9  # recordings of a search at most
+CLOSE = 1.25  # a gap this near to the wanted one, as a factor, will do
+TRIALS = 7  # recordings of a search at most
 Gap = Callable[[list[dict[str, Any]]], float | None]  # of entries; None: the robot cannot run so
 
 
