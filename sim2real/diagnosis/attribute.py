@@ -32,7 +32,7 @@ SHARE = 0.03  # a joint with less of the gap is not suspected
 WORTH = 0.04  # least share of the first gap that a further effect closes
 ENOUGH = 0.25  # of the floor: least fall of the gap that counts
 ALONE = 0.93  # share of the gap from which one effect is thought to be alone
-COUPLES = (8, 3, 1)  # couples that are fitted, on more windows each
+COUPLES = (8, 4, 3, 1)  # couples that are fitted, in steps and on more windows
 CLOSE = 0.05  # share of what a cause closes within which another one is as good
 ALIKE = 3  # members of an equivalence set, the cause included
 
@@ -138,8 +138,9 @@ class Search:
         fits = []
         for couple in ranked:
             self.tell(f"fitting {' and '.join(m.label for m in couple.members)}", 0.3)
-            fits.append(refine(self.screening, couple.members, couple.start[None], 2))
-        for count, problem in zip(COUPLES[1:], (self.racing, self.fitting), strict=True):
+            fits.append(refine(self.screening, couple.members, couple.start[None], 1))
+        stages = (self.screening, self.racing, self.fitting)
+        for count, problem in zip(COUPLES[1:], stages, strict=True):
             fits = sorted(fits, key=lambda fit: float(fit.cost.sum()))[:count]
             fits = [refine(problem, fit.members, fit.values[None], 1) for fit in fits]
         if not fits:
