@@ -165,6 +165,8 @@ class _Families:
         """Let families join, fitted on more windows, without the joints that gain nothing."""
         search = self.search
         fit = self.pruned(fit)
+        if len(fit.members) <= len(found.fit.members):
+            return False
         fit = refine(self.judge, fit.members, fit.values[None], 2)
         error = search.problem.held_out(fit.members, fit.values)
         fall = self.blocks.rms(found.error) - self.blocks.rms(error)

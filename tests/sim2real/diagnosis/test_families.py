@@ -90,7 +90,7 @@ def test_no_second_variant_of_an_effect_joins(search: Search) -> None:
 
 @pytest.mark.slow
 def test_gains_and_frictions_of_all_joints_are_found(search: Search) -> None:
-    """Six causes that no single one of which closes the gap: each value within a tenth or so."""
+    """Six causes none of which closes the gap: gains within 15 %, frictions within 40 %."""
     nothing = Found(search.none, search.base)
     assert is_spread(search, nothing)
     found = by_family(search, nothing)
@@ -98,7 +98,7 @@ def test_gains_and_frictions_of_all_joints_are_found(search: Search) -> None:
     values = {m.label: v for m, v in zip(found.fit.members, found.fit.mean, strict=True)}
     for name, gain, rub in zip(JOINTS, GAINS, FRICTION, strict=True):
         assert values[f"position_gain.{name}"] * STIFF == pytest.approx(gain, rel=0.15)
-        assert values[f"coulomb_friction.{name}"] == pytest.approx(rub, rel=0.25)
+        assert values[f"coulomb_friction.{name}"] == pytest.approx(rub, rel=0.4)
 
 
 def test_a_gap_that_single_effects_close_is_none_of_families(search: Search) -> None:
