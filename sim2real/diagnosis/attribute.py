@@ -25,6 +25,7 @@ from sim2real.diagnosis.score import Blocks
 
 MOST = 4  # effects in all
 SCREENED, RACED, FITTED = 9.0, 15.0, 40.0  # s of windows that screening, race and fit look at
+FINAL, STEPS = 90.0, 4  # s of windows, and steps, of the last fit
 RACE = ((10, 0), (6, 1), (4, 1))  # how many candidates run, and for how many steps
 SPREAD = (1.0, 0.55, 1.7)  # starts of a fit, as multiples of the guess
 PROMISE, LATER = 0.03, 0.1  # least share of the squared error that screening must promise
@@ -97,6 +98,7 @@ class Search:
         self.none = Fit((), np.zeros((FOLDS, 0)), np.zeros(FOLDS))
         self.base = problem.held_out((), self.none.values)
         self.fitting = problem.subset(lively(problem.data, self.base, FITTED))
+        self.settling = problem.subset(lively(problem.data, self.base, FINAL))
         self.racing = problem.subset(lively(problem.data, self.base, RACED))
         self.screening = problem.subset(lively(problem.data, self.base, SCREENED))
         self.blocks = Blocks(problem.data, problem.windows, rng)
@@ -123,7 +125,25 @@ class Search:
                 break
         if len(found.fit.members) > 1:
             self.look_back(found)
+        if found.fit.members:
+            self.settle(found)
         return found
+
+    def settle(self, found: Found) -> None:
+        """Fit what was found to more windows and to the end, unless little is left as it is.
+
+        Each fold starts from its own values, from the other one's and from between: several
+        effects together may have settled beside the best in one of them.
+        """
+        if self.blocks.rms(found.error) <= self.least:
+            return
+        values = found.fit.values
+        between = np.repeat(found.fit.mean[None], FOLDS, axis=0)
+        starts = np.stack([values, values[::-1], between])
+        fit = refine(self.settling, found.fit.members, starts, STEPS)
+        error = self.problem.held_out(fit.members, fit.values)
+        if self.blocks.rms(error) < self.blocks.rms(found.error):
+            found.fit, found.error = fit, error
 
     def couple(self, found: Found) -> None:
         """Put two effects in the place of the first, if they do far better together.
@@ -150,7 +170,8 @@ class Search:
         if self.joins(both, found):
             found.fit, found.error = both.fit, both.error
             found.rivals = {}
-            found.steps.append((" and ".join(m.label for m in fits[0].members), error))
+            self.settle(found)
+            found.steps.append((" and ".join(m.label for m in fits[0].members), found.error))
 
     def closed(self, gap: float) -> float:
         """Return the share of the closable gap that is closed where this gap remains."""

@@ -1,0 +1,32 @@
+"""The search for missing effects, step by step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.attribute import Found, Search
+from sim2real.diagnosis.candidates import candidates
+from sim2real.diagnosis.fit import Fit, Problem
+from sim2real.diagnosis.simulate import Simulator
+from tests.sim2real.diagnosis import arm
+
+
+def test_a_couple_is_fitted_to_the_end(tmp_path: Path) -> None:
+    """Two folds that stopped far from the truth, apart, end at it, and stay once little is left."""
+    truth = [("coulomb_friction", {"where": "a"}, 0.1), ("position_gain", {"where": "b"}, 0.7)]
+    data = arm.data_of(arm.make_log(*truth, noise=3e-4), tmp_path)
+    labels = ("coulomb_friction.a", "position_gain.b")
+    members = tuple(c for label in labels for c in candidates(data) if c.label == label)
+    problem = Problem(data, Simulator(data, threads=1))
+    search = Search(problem, members, 3e-4, np.random.default_rng(0), lambda text, share: None)
+    fit = Fit(members, np.array([[0.05, 0.85], [0.16, 0.6]]), np.zeros(2))
+    found = Found(fit, problem.held_out(members, fit.values))
+    search.settle(found)
+    assert found.fit.values == pytest.approx(np.array([[0.1, 0.7]] * 2), rel=0.05)
+    assert search.blocks.rms(found.error) < search.least
+    settled = found.fit
+    search.settle(found)
+    assert found.fit is settled
