@@ -27,6 +27,7 @@ MOST = 4  # effects in all
 SCREENED, RACED, FITTED = 9.0, 15.0, 40.0  # s of windows that screening, race and fit look at
 FINAL, STEPS = 90.0, 4  # s of windows, and steps, of the last fit
 RACE = ((10, 0), (6, 1), (4, 1))  # how many candidates run, and for how many steps
+SETTLED = 6  # steps at most of a winner's fit, which ends once a step gains little
 SPREAD = (1.0, 0.55, 1.7)  # starts of a fit, as multiples of the guess
 PROMISE, LATER = 0.03, 0.1  # least share of the squared error that screening must promise
 SHARE = 0.03  # a joint with less of the gap is not suspected
@@ -215,7 +216,7 @@ class Search:
 
     def polish(self, best: Contender) -> Contender:
         """Return the winner fitted on more windows."""
-        fit = refine(self.fitting, best.fit.members, best.fit.values[None], 2)
+        fit = refine(self.fitting, best.fit.members, best.fit.values[None], SETTLED)
         return self.judge(best.candidate, fit)
 
     def add(self, problem: Problem, fit: Fit, guess: Guess, before: Fit | None, rounds: int) -> Fit:
