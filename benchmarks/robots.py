@@ -244,7 +244,8 @@ def gather(plan: Plan, robot: str, seed: int) -> dict[str, float]:
         if files:
             (scores,) = read(files[-1])
             figures[f"{name}.steps"] = float(scores.frames)
-            figures[f"{name}.minutes"] = cpu_minutes(folder)
+            if (folder / "cpu.json").is_file():
+                figures[f"{name}.minutes"] = cpu_minutes(folder)
             for world in ("ideal", "servo"):
                 figures[f"{name}.in_{world}"] = float(scores.returns[world].mean())
         told = phases(plan.folder(robot, seed, f"bus_{name}"))

@@ -134,7 +134,7 @@ def returns(found: Figures) -> Table:
             columns_ = [values_of(seeds, _item(f"{name}.{key}")) for key in keys]
             if not columns_[0]:
                 continue
-            cost: list[Cell] = [float(np.median(values)) for values in columns_[:2]]
+            cost: list[Cell] = [float(np.median(v)) if v else None for v in columns_[:2]]
             table.add(robot, words, len(columns_[0]), *cost, *map(estimate, columns_[2:]))
     return table
 
@@ -196,6 +196,7 @@ def picture(found: Figures, path: Path) -> None:
                     panel.bar(place, np.median(values), 0.65, color=COLOURS[colour], alpha=0.45)
                     panel.plot([place] * len(values), values, "o", color=INK, markersize=3)
             panel.set_xticks(range(len(BARS)), [label for _, label, _ in BARS], fontsize=7)
+            panel.set_xlim(-0.6, len(BARS) - 0.4)
             panel.set_ylabel("return of an episode")
             panel.set_title(robot)
 
@@ -207,7 +208,9 @@ def page(found: Figures) -> str:
         f"![Returns by robot, training and world]({NAME}.png)",
         "Bars: medians over training seeds; points: seeds. In brackets: 95 % bootstrap intervals "
         "of the median over seeds. A return in simulation is a mean of 64 episodes, on the "
-        "emulated bus of 5. CPU minutes are those of all threads on a busy machine.",
+        "emulated bus of 5. CPU minutes are those of all threads, with start and "
+        "evaluation; those of ES-MAML come on top of the policy's that it goes on from, whose "
+        "steps are counted in.",
         "## Claims",
         claims(found).markdown().strip(),
         "## Returns",
