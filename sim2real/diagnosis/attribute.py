@@ -38,6 +38,8 @@ COUPLES = (8, 4, 3, 1)  # couples that are fitted, in steps and on more windows
 CLOSE = 0.05  # share of what a cause closes within which another one is as good
 ALIKE = 3  # members of an equivalence set, the cause included
 
+MANY = 0.9  # share of the windows that count fully, however large their error
+
 Tell = Callable[[str, float], None]
 
 
@@ -98,10 +100,11 @@ class Search:
         self.problem, self.options, self.floor, self.tell = problem, list(options), floor, tell
         self.none = Fit((), np.zeros((FOLDS, 0)), np.zeros(FOLDS))
         self.base = problem.held_out((), self.none.values)
+        weight = tempered(problem.data, self.base)
         self.fitting = problem.subset(lively(problem.data, self.base, FITTED))
         self.settling = problem.subset(lively(problem.data, self.base, FINAL))
-        self.racing = problem.subset(lively(problem.data, self.base, RACED))
-        self.screening = problem.subset(lively(problem.data, self.base, SCREENED))
+        self.racing = problem.subset(lively(problem.data, self.base, RACED), weight)
+        self.screening = problem.subset(lively(problem.data, self.base, SCREENED), weight)
         self.blocks = Blocks(problem.data, problem.windows, rng)
         self.before = self.blocks.rms(self.base)
         counts = np.array([joint.count / joint.scale for joint in problem.data.joints])
@@ -294,6 +297,16 @@ class Search:
 
     def _share(self, fit: Fit) -> float:
         return min(0.1 + 0.25 * len(fit.members), 0.9)
+
+
+def tempered(data: Data, error: np.ndarray) -> np.ndarray:
+    """Return what each window counts in a fit, (W,): 1, less for the few with by far most error.
+
+    A joint that swings freely in the model and sticks on the robot would outweigh everything else.
+    """
+    own = np.sqrt((error**2).sum(axis=(1, 2)) / np.maximum(data.mask.sum(axis=1), 1))
+    limit = float(np.quantile(own, MANY, method="lower"))
+    return np.minimum(1.0, max(limit, 1e-12) / np.maximum(own, 1e-12))
 
 
 def lively(data: Data, error: np.ndarray, seconds: float) -> np.ndarray:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sim2real.diagnosis.bounds import Bounds
 from sim2real.diagnosis.candidates import FREE, Candidate
 from sim2real.diagnosis.data import Data
 from sim2real.diagnosis.simulate import Simulator
@@ -38,19 +39,27 @@ class Problem:
         data: the windows.
         simulator: of these windows.
         chosen: indices of the windows to look at, (n,); None for all.
+        weight: what the errors of each window of the data count, (W,); None: all are 1.
     """
 
-    def __init__(self, data: Data, simulator: Simulator, chosen: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        data: Data,
+        simulator: Simulator,
+        chosen: np.ndarray | None = None,
+        weight: np.ndarray | None = None,
+    ) -> None:
         self.data, self.simulator = data, simulator
         self.windows = np.arange(len(data.windows)) if chosen is None else np.sort(chosen)
         self.fold = data.fold[self.windows]
+        self.weight = None if weight is None else weight[self.windows]
         steps = [model.opt.timestep for model in data.models]
         self.clock = max(CLOCK, *steps)
         self.rows = data.mask[self.windows].sum() * len(data.joints)
 
-    def subset(self, chosen: np.ndarray) -> Problem:
-        """Return the same problem on fewer windows, (n,) indices into the data."""
-        return Problem(self.data, self.simulator, chosen)
+    def subset(self, chosen: np.ndarray, weight: np.ndarray | None = None) -> Problem:
+        """Return the same problem on fewer windows, (n,) indices, that count so much, (W,)."""
+        return Problem(self.data, self.simulator, chosen, weight)
 
     def errors(
         self, members: Sequence[Candidate], points: np.ndarray
@@ -61,7 +70,11 @@ class Problem:
         effects = [member.effect for member in members]
         result = self.simulator.run(effects, np.tile(self.windows, k), values)
         shape = (k, w, *result.error.shape[1:])
-        return result.error.reshape(shape), result.slope.reshape(shape)
+        error, slope = result.error.reshape(shape), result.slope.reshape(shape)
+        if self.weight is None:
+            return error, slope
+        weight = self.weight[:, None, None]
+        return weight * error, weight * slope
 
     def shift(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """Return the clock's shift [s] that fits best in each fold, (..., 2), of (..., W, T, M)."""
@@ -295,7 +308,7 @@ def refine(
     """
     members = tuple(members)
     starts = np.repeat(starts[:, None], FOLDS, axis=1) if starts.ndim == 2 else starts
-    bounds = _Bounds(members)
+    bounds = Bounds(members)
     points = bounds.clip(starts)
     error, slope = problem.errors(members, points)
     costs = problem.cost(error, slope)  # (K, 2)
@@ -306,19 +319,6 @@ def refine(
         if (state.cost > (1 - GOOD) * before).all():
             break
     return Fit(members, state.values, state.cost)
-
-
-class _Bounds:
-    """Ranges and typical changes of all parameters of some members."""
-
-    def __init__(self, members: Sequence[Candidate]) -> None:
-        self.low = np.concatenate([np.zeros(0), *(m.low for m in members)])
-        self.high = np.concatenate([np.zeros(0), *(m.high for m in members)])
-        self.neutral = np.concatenate([np.zeros(0), *(m.neutral for m in members)])
-        self.step = np.concatenate([np.zeros(0), *(m.step for m in members)])
-
-    def clip(self, values: np.ndarray) -> np.ndarray:
-        return np.clip(values, self.low, self.high)
 
 
 class _Pick:
@@ -354,7 +354,7 @@ class _Pick:
 
 def nudges(members: Sequence[Candidate], values: np.ndarray) -> np.ndarray:
     """Return a step of each parameter for finite differences, (2, P), towards where it may go."""
-    bounds = _Bounds(members)
+    bounds = Bounds(members)
     size = np.abs(np.where(bounds.neutral >= FREE, values, values - bounds.neutral))
     step = NUDGE * np.maximum(size, 0.3 * bounds.step)
     return np.where(values + step > bounds.high, -step, step)
@@ -372,7 +372,7 @@ def sensitivities(
     return (moved - error) / step.T[:, problem.fold][:, :, None, None]
 
 
-def _round(problem: Problem, members: tuple[Candidate, ...], bounds: _Bounds, state: _Pick) -> None:
+def _round(problem: Problem, members: tuple[Candidate, ...], bounds: Bounds, state: _Pick) -> None:
     """Take one step in each fold, the best of several dampings."""
     change = sensitivities(problem, members, state.values, state.error)  # (P, W, T, M)
     trials = np.repeat(state.values[None], len(DAMPING), axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sim2real.diagnosis.attribute import tempered
 from sim2real.diagnosis.candidates import Candidate, candidates
 from sim2real.diagnosis.couples import couples
 from sim2real.diagnosis.fit import Fit, Problem, refine, screen
@@ -119,3 +120,17 @@ def test_intervals_are_wider_than_those_of_independent_samples(problem: Problem)
     alone = 2 * 1.64 * rows.std() / np.sqrt(len(rows))
     assert low < blocks.rms(error) < high
     assert high - low > 2 * alone
+
+
+def test_a_window_with_by_far_most_error_does_not_outweigh_the_others(problem: Problem) -> None:
+    """Its weight brings it down to the others; theirs stay 1, and a fit sees weighted errors."""
+    error = problem.held_out((), np.zeros((2, 0)))
+    error[3] *= 30.0
+    weight = tempered(problem.data, error)
+    assert weight[3] < 0.3
+    assert np.mean(weight == 1) > 0.7
+    assert np.mean((weight[:, None, None] * error)[3] ** 2) < 3 * np.mean(error[weight == 1] ** 2)
+    every = np.arange(len(problem.windows))
+    plain, _ = problem.errors((), np.zeros((1, 2, 0)))
+    seen, _ = problem.subset(every, weight).errors((), np.zeros((1, 2, 0)))
+    assert seen[0, 3] == pytest.approx(weight[3] * plain[0, 3])
