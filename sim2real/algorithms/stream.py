@@ -101,10 +101,16 @@ class EpisodeStream:
             "drawn": self._drawn.copy(),
             "seeds": self._seeds.copy(),
             "ages": self._ages.copy(),
-            "actions": self._actions[: self._ages.max()].copy(),
+            "actions": self._played(),
             "ended": list(self._ended),
             "counts": (self.failures, self.frames),
         }
+
+    def _played(self) -> np.ndarray:
+        """Return the actions of the episodes in progress, (T, N, A), 0 where there are none yet."""
+        longest = int(self._ages.max())
+        now = np.arange(longest)[:, None] < self._ages  # (T, N); else left from episodes before
+        return np.where(now[:, :, None], self._actions[:longest], np.float32(0.0))
 
     def refuse_other_rows(self, state: dict[str, Any]) -> None:
         """Raise CheckpointError for a state of another number of rows."""
