@@ -20,6 +20,7 @@ LONG = (  # modules; each resumes
     "robot_gap",
     "hopper_grid",
     "robots",
+    "xl330",
     "so101",
     "blindcheck",
 )

@@ -45,6 +45,11 @@ def gain_of(log: Log) -> int:
     return int(log.meta["settings"]["hinge"]["position_p_gain"])
 
 
+def name_of(log: Log) -> str:
+    """Return the name of a log's file, without its ending."""
+    return log.path.stem if log.path else "log"
+
+
 def diagnose(logs: Sequence[Log], out: Path, name: str) -> None:
     """Diagnose logs and write all files of the diagnosis into a folder, unless they are there."""
     if (out / "report.json").is_file():
@@ -88,17 +93,17 @@ def mean_of(values: Sequence[float]) -> Interval:
 
 def report(logs: Sequence[Log], out: Path, results: Path) -> Table:
     """Write xl330.md and xl330.csv and return the table of gains that were left out."""
-    nominal = {log.path.name: error(log) for log in logs}
+    nominal = {name_of(log): error(log) for log in logs}
     table = Table(("left out", "as given (mrad)", "from the other gains (mrad)", "logs"))
     files = Table(("log", "as given (mrad)", "its gain left out (mrad)", "all gains fitted (mrad)"))
     for gain in GAINS:
         held = [log for log in logs if gain_of(log) == gain]
-        before = [1e3 * nominal[log.path.name] for log in held]
+        before = [1e3 * nominal[name_of(log)] for log in held]
         after = [1e3 * error(log, out / f"without_{gain}" / "effects.yaml") for log in held]
         table.add(f"P gain {gain}", mean_of(before), mean_of(after), len(held))
         for log, first, last in zip(held, before, after, strict=True):
             every = 1e3 * error(log, out / "all" / "effects.yaml")
-            files.add(log.path.stem, first, last, every)
+            files.add(name_of(log), first, last, every)
     table.notes.append(
         "Mean absolute error of whole logs, which nothing was fitted to; 95 %, bootstrap over logs."
     )

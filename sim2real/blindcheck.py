@@ -51,8 +51,10 @@ class Examiner(Protocol):
         most: cases that are diagnosed at most before the score; None for all.
     """
 
-    longest: float
-    most: int | None
+    @property
+    def longest(self) -> float: ...  # noqa: D102
+    @property
+    def most(self) -> int | None: ...  # noqa: D102
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""

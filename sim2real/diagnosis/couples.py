@@ -54,8 +54,8 @@ def couples(
         left += a * a * gram[g, i, i] + b * b * gram[g, j, j] + 2 * a * b * gram[g, i, j]
     gains = 1 - left / max(whole.sum(), 1e-18)
     found: dict[tuple[int, int], Couple] = {}
-    for k in np.argsort(-gains)[:400]:
-        one, two = responses[i[k]], responses[j[k]]
+    for k in np.argsort(-gains)[:400].tolist():
+        one, two = responses[int(i[k])], responses[int(j[k])]
         key = (int(numbers[i[k]]), int(numbers[j[k]]))
         if key not in found:
             mean = scales[:, :, k].mean(axis=0)

@@ -279,7 +279,8 @@ def _solve(
     """Return the scales that minimize a quadratic, some of them held."""
     free = np.setdiff1d(np.arange(len(scales)), held).astype(int)
     result = scales.copy()
-    against = curve[np.ix_(free, held)] @ scales[list(held)] if held else 0.0
+    fixed = np.array(held, int)
+    against = curve[np.ix_(free, fixed)] @ scales[fixed]
     result[free] = np.linalg.solve(curve[np.ix_(free, free)], down[free] - against)
     return result
 

@@ -78,7 +78,7 @@ def _on(window: Window) -> np.ndarray:
     if powered is None:
         return np.ones(len(window.usable), bool)
     latest = np.searchsorted(window.recording.time, window.sample[:, 0], side="right") - 1
-    return powered[np.maximum(latest, 0)].all(axis=1)
+    return np.asarray(powered[np.maximum(latest, 0)].all(axis=1))
 
 
 def _search(search: Search, on: np.ndarray, chosen: np.ndarray) -> Search:

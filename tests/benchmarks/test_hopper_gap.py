@@ -12,6 +12,7 @@ from benchmarks import hopper_gap, study
 from benchmarks.hopper_gap import Plan, main, report, run
 from benchmarks.transfer import STUDY
 from envs.effects import make, write_effects
+from sim2real.stats import Interval
 from sim2real.transfer import TransferScores, write
 
 LEVELS = {"source": 800.0, "corrected": 1500.0, "target": 1600.0}
@@ -65,6 +66,7 @@ def test_what_is_closed_of_the_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     table = report(plan(tmp_path))
     assert table is not None
     closed = {row[0]: row[3] for row in table.rows}["the corrected source"]
+    assert isinstance(closed, Interval)
     assert closed.value == pytest.approx(0.875)
     assert 0.8 < closed.low < 0.875 < closed.high < 0.95
     page = (tmp_path / "results" / "hopper_gap.md").read_text()

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks import robot_gap, study
 from benchmarks.robot_gap import Plan, main, report, run
+from sim2real.stats import Interval
 
 LEVELS = {"nominal": 0.5, "corrected": 2.0, "truth": 2.5}
 
@@ -38,6 +39,7 @@ def test_what_is_closed_of_the_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     table = report(plan)
     assert table is not None
     closed = {row[0]: row[4] for row in table.rows}["with what was found"]
+    assert isinstance(closed, Interval)
     assert closed.value == pytest.approx(0.75)
     assert closed.low < 0.75 < closed.high
     page = (tmp_path / "results" / "robot_gap.md").read_text()

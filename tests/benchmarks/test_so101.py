@@ -11,6 +11,7 @@ import pytest
 from benchmarks import so101
 from benchmarks.so101 import ARM, FIT, HELD_OUT, closed, main, overall, report
 from envs.effects import make, write_effects
+from sim2real.stats import Interval
 
 
 def test_nothing_is_held_out_that_was_fitted() -> None:
@@ -45,7 +46,9 @@ def test_the_report_has_joints_causes_and_logs(
     everything = table.rows[-1]
     assert everything[0] == "all five"
     assert everything[1:4] == pytest.approx((2.0, 0.6, 0.2))
-    assert everything[4].value == pytest.approx(1.4 / 1.8)
+    share = everything[4]
+    assert isinstance(share, Interval)
+    assert share.value == pytest.approx(1.4 / 1.8)
     page = (tmp_path / "results" / "so101.md").read_text()
     assert "What is left: slow." in page and "| position_gain | elbow_flex |" in page
     assert (tmp_path / "results" / "so101.png").is_file()

@@ -39,7 +39,7 @@ def test_episodes_that_end_early_are_paid_no_more() -> None:
     assert len(set(played.lengths.tolist())) > 1
     for number, seed in enumerate(seeds):
         rows, total, steps, over = Simulation(Hopper(), 1, threads=1), 0.0, 0, False
-        rows.reset(np.zeros(1, np.int64), np.zeros((1, 0)), seed[None])
+        rows.reset(np.zeros(1, np.int64), np.zeros((1, 0)), np.array([seed]))
         while not over:
             step = rows.step(None, torch.tensor([[0.4, -0.2, 0.1]]).double().numpy())
             total, steps = total + step.reward[0], steps + 1

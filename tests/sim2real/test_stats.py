@@ -171,7 +171,7 @@ def test_the_share_of_a_gap_that_is_closed() -> None:
     luck, held = rng(1), 0
     for _ in range(100):
         groups = [luck.normal(level, 0.4, (10, 1)) for level in (1.0, 4.2, 5.0)]
-        found = share_closed(*groups, mean, luck, draws=300)
+        found = share_closed(groups[0], groups[1], groups[2], mean, luck, draws=300)
         held += found.low <= 0.8 <= found.high
     assert 84 <= held <= 100
 
