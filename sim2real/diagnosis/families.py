@@ -24,7 +24,7 @@ from sim2real.diagnosis.fit import FOLDS, Fit, Problem, refine
 from sim2real.diagnosis.quantify import without
 from sim2real.diagnosis.score import Blocks
 
-JOINTS, PART = 3, 0.05  # joints with at least this share of the square, for a gap that is spread
+JOINTS, ABOVE = 3, 4.0  # joints whose error is so many floors, for a gap that is spread
 POOR = 0.5  # share of the gap below which the search by single effects has found too little
 BETTER = 0.1  # share of the gap that families must close beyond single effects
 MOST = 3  # rounds in which families join
@@ -41,9 +41,8 @@ Family = tuple[Candidate, ...]
 
 def is_spread(search: Search, found: Found) -> bool:
     """Return whether single effects leave much of a gap that many joints share."""
-    square = (search.base**2).sum(axis=(0, 1))
-    shares = square / max(float(square.sum()), 1e-18)
-    many = int((shares > PART).sum()) >= JOINTS
+    square = (search.base**2).sum(axis=(0, 1)) / max(int(search.problem.data.mask.sum()), 1)  # (M,)
+    many = int((np.sqrt(square) > ABOVE * search.floor).sum()) >= JOINTS
     return many and search.closed(search.blocks.rms(found.error)) < POOR
 
 
