@@ -3,9 +3,8 @@
     report = conclude(search, found, floors, rng)
 
 Verdicts: `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if
-what is left is within twice the floor, or nine tenths are closed and what is left has no structure
-that commands and motion could still explain; `partly_explained` from three tenths with a lower
-bound above zero; else `unexplained`.
+what is left is within twice the floor, or nine tenths are closed; `partly_explained` from three
+tenths with a lower bound above zero; else `unexplained`.
 """
 
 from __future__ import annotations
@@ -42,10 +41,9 @@ from sim2real.diagnosis.report import (
     Verdict,
     Where,
 )
-from sim2real.diagnosis.residue import ceiling, describe
+from sim2real.diagnosis.residue import describe
 
 EXPLAINED, PARTLY = 0.9, 0.3
-STRUCTURE = 0.1  # share of its square that a free-form model catches of a residue with structure
 FEW = 5  # causes of which every subset is fitted anew
 Set = frozenset[int]
 
@@ -81,7 +79,6 @@ def verdict_of(
     closed: float,
     low: float,
     data: Data,
-    caught: float = 0.0,
 ) -> Verdict:
     """Return the verdict on a gap.
 
@@ -92,11 +89,10 @@ def verdict_of(
         closed: the share that is closed.
         low: its lower bound.
         data: the windows.
-        caught: share of what is left, squared, that a free-form model catches.
     """
     if is_no_gap(before, floor, data):
         return "no_gap"
-    if after <= 2 * floor or (closed >= EXPLAINED and caught < STRUCTURE):
+    if after <= 2 * floor or closed >= EXPLAINED:
         return "explained"
     return "partly_explained" if closed >= PARTLY and low > 0 else "unexplained"
 
@@ -146,7 +142,7 @@ def conclude(
     where, spectrum = _where(search, found.error, floors)
     gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
     report = Report(
-        verdict_of(search.before, after, floor, closed, ci[0], data, ceiling(data, found.error)),
+        verdict_of(search.before, after, floor, closed, ci[0], data),
         gap,
         where,
         tuple(causes),
