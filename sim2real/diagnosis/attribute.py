@@ -265,21 +265,17 @@ class Search:
                 return
             rest = self.without(found.fit, member)
             error = self.problem.held_out(rest.members, rest.values)
-            contenders = self.race(rest, error)
-            if not contenders:
-                continue
-            own = [c for c in contenders if c.candidate.label == member.label]
-            if not own:
-                refit = refine(self.fitting, found.fit.members, found.fit.values[None], 2)
-                contenders.append(self.judge(member, refit))
-            best = min(contenders, key=lambda c: self.blocks.rms(c.error))
+            others = [c for c in self.race(rest, error) if c.candidate.label != member.label]
+            contenders = [Contender(member, found.fit, found.error), *others]  # it has settled
             contenders.sort(key=lambda c: self.blocks.rms(c.error))
+            best = contenders[0]
             dropped = Found(rest, error)
             if not self.joins(best, dropped):
                 found.fit, found.error = rest, error
                 found.rivals.pop(member.label, None)
                 continue
-            best = self.polish(best)
+            if best.candidate is not member:
+                best = self.polish(best)
             found.fit, found.error = best.fit, best.error
             found.rivals.pop(member.label, None)
             found.rivals[best.candidate.label] = contenders
