@@ -95,6 +95,7 @@ class Robot:
         bus: the serial bus.
         rate: control steps a second.
         command_delay: from writing a command to its effect [s].
+        reading_age: from a reading to writing the command made of it [s].
         max_step: largest change of a command in one control step [rad].
         watchdog: the servos stop after this long without a command [s].
         supply: the power supply.
@@ -109,6 +110,7 @@ class Robot:
     bus: BusSettings
     rate: float
     command_delay: float
+    reading_age: float
     max_step: float
     watchdog: float
     supply: Supply
@@ -214,6 +216,7 @@ def _check(robot: Robot, place: str) -> None:
         "bus.return_delay": robot.bus.return_delay,
         "bus.latency": robot.bus.latency,
         "command_delay": robot.command_delay,
+        "reading_age": robot.reading_age,
         "supply.resistance": robot.supply.resistance,
     }
     for key, value in at_least_0.items():

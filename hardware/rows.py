@@ -6,8 +6,8 @@
     rows.close()
 
 It has the members of `envs.rows.Rows` with one row, so whatever runs simulations runs it, and needs
-no torch. A task is any object with `measured`, `observe`, `command`, `reward` and `terminated`, as
-`envs.tasks.servo.ServoTask` has them.
+no torch. A task is any object with `initial`, `measured`, `observe`, `command`, `reward` and
+`terminated`, as `envs.tasks.servo.ServoTask` has them.
 
 An episode ends as in simulation, and, with `failed` set, when the guard stops the robot; `stopped`
 then says why, and the next reset raises until `arm` was called.
@@ -131,7 +131,7 @@ class RobotRows:
         if not len(ids):
             return np.zeros((0, self.observation_size))
         self.finish()
-        pose = self.task.initial(np.asarray(seeds, np.uint64))[0][0, self.task.q]
+        pose = self._held(seeds)
         measured = self.backend.start(pose[self._to_robot])
         goal = np.clip(pose, self.task.machine.low, self.task.machine.high)[None]
         self._take(measured, np.zeros((1, self.action_size)), goal)
@@ -139,6 +139,15 @@ class RobotRows:
         self.note, self.over = self._blank_note(goal[0]), False
         self._last = self.task.observe(self._state)
         return self._last.copy()
+
+    def _held(self, seeds: np.ndarray) -> np.ndarray:
+        """Return the goals [rad], (n,), under which the robot comes to rest where episodes start.
+
+        Soft servos sag: the goals are those of the simulation's own start, off by the same noise.
+        """
+        task = self.task
+        start = task.initial(np.asarray(seeds, np.uint64))[0][0]
+        return self._rest[0] + (start - task.start)[task.q]
 
     def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
         """Send what the task makes of an action (1, A), and measure at the next deadline.

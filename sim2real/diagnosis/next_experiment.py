@@ -211,7 +211,7 @@ def stand_in(spec: mujoco.MjSpec) -> Robot:
     if not servos:
         raise Sim2RealError("the model has no position actuator that an experiment could move")
     bus, supply = BusSettings(1_000_000, 0.0, 0.001), Supply(5.0, 0.0)
-    return Robot("model", Path(), tuple(servos), {}, bus, RATE, 0.0, REACH, 0.1, supply)
+    return Robot("model", Path(), tuple(servos), {}, bus, RATE, 0.0, 0.0, REACH, 0.1, supply)
 
 
 def _scores(

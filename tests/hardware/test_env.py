@@ -16,10 +16,12 @@ from torchrl.envs.utils import check_env_specs
 
 from envs.mujoco import MujocoEnv
 from envs.simulation import Simulation
-from envs.tasks import Bench1, Quad8
+from envs.tasks import Bench1, Hopper2, Quad8
+from envs.tasks.servo.drive import COUNT
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.emulator.faults import Fault
+from hardware.emulator.firmware import TICK, Firmware
 from hardware.emulator.pty import serve
 from hardware.emulator.world import World
 from hardware.env import HardwareEnv
@@ -109,6 +111,44 @@ def test_observations_are_those_of_the_twin(task, name, far):
     exact = [2, 3, 4, 5] if name == "bench1" else [10, 11]  # references, clocks, last actions
     assert off[:, angles].max() < far
     np.testing.assert_allclose(here[:, exact], np.array(there)[:, exact], atol=1e-12)
+
+
+@pytest.mark.parametrize(("task", "name"), [(Hopper2, "hopper2"), (Quad8, "quad8")])
+def test_an_episode_starts_where_its_simulation_starts(task, name):
+    """Servos that sag do so once: the legs rest within 5 counts of where simulated ones do."""
+    rows, made = RobotRows(task(), loopback(name, settle=1.0)), task()
+    seen = rows.reset(ROW, NO_VALUES, SEED)[0]
+    wanted = Simulation(made, 1, threads=1).reset(ROW, NO_VALUES, SEED)[0]
+    model = made.spec().compile()
+    sag = np.abs(made.start[made.q] - made.rest(model)).max()
+    rows.close()
+    angles = slice(2, 10) if name == "quad8" else slice(0, 2)
+    assert sag > 0.03  # rad: what a second sag would be off by
+    np.testing.assert_allclose(seen[angles], wanted[angles], atol=5 * COUNT)
+
+
+@pytest.mark.parametrize(
+    ("task", "name"), [(Bench1, "bench1"), (Hopper2, "hopper2"), (Quad8, "quad8")]
+)
+def test_readings_are_as_old_as_the_file_says(task, name, monkeypatch):
+    """From what a servo measured to the writing of the command: the file's within half a tick."""
+    measured = []
+    present = Firmware.present
+
+    def spy(firmware):
+        measured.append((firmware.ticks - 1) * TICK)  # a tick measures, then moves the physics
+        return present(firmware)
+
+    monkeypatch.setattr(Firmware, "present", spy)
+    backend = loopback(name)
+    rows, ages = RobotRows(task(), backend), []
+    rows.reset(ROW, NO_VALUES, SEED)
+    while not rows.over:
+        last = np.mean(measured[-len(backend.robot.servos) :])
+        rows.step(None, np.zeros((1, rows.action_size)))
+        ages.append(backend._began + backend.written - last)
+    rows.close()
+    assert np.mean(ages) == pytest.approx(backend.robot.reading_age, abs=TICK / 2)
 
 
 def test_what_was_asked_and_what_was_sent_are_both_told():

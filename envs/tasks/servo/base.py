@@ -38,7 +38,7 @@ ASSETS = Path(__file__).parents[2] / "assets"
 TIMESTEP = 0.001  # s, of the physics: one pass of the firmware's loop
 SPEED_FILTER = 0.005  # s, of a servo's reported speed; no maker publishes it
 SETTLE = 1.0  # s, that a robot holds its pose before an episode
-READING_AGE = 0.0025  # s, from a servo's reading to the command made of it: 1 Mbit/s, USB at 1 ms
+OLDEST = 0.01  # s, that a reading may be, or twice what the robot's file says
 START_NOISE = 0.02  # rad, largest deviation of the starting angles from the pose at home
 
 
@@ -117,12 +117,12 @@ class ServoTask(Task):
         """Return what readings go through, and a slow voltage where the registers ask for it."""
         if self.fidelity == "ideal":
             return ()
+        machine = self.machine
         own: list[tuple[Effect, Sequence[float]]] = [
             (make("quantization"), (COUNT,)),
             (make("velocity_filter"), (SPEED_FILTER,)),
-            (make("observation_delay", longest=4 * READING_AGE), (READING_AGE,)),
+            (make("observation_delay", longest=max(OLDEST, 2 * machine.age)), (machine.age,)),
         ]
-        machine = self.machine
         rates = [slope(k, r) for k, r in zip(machine.kinds, machine.registers, strict=True)]
         return own if np.isinf(rates).all() else [*own, (PwmSlope(np.array(rates)), ())]
 

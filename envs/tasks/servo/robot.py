@@ -29,6 +29,7 @@ class Machine:
         name: the robot's.
         rate: control steps a second [1/s].
         delay: from writing a command to its effect [s].
+        age: from a servo's reading to writing the command made of it [s].
         voltage: of the supply, without load [V].
         low: least angles that may be commanded [rad], (n,).
         high: largest angles, (n,).
@@ -40,6 +41,7 @@ class Machine:
     name: str
     rate: float
     delay: float
+    age: float
     voltage: float
     low: np.ndarray
     high: np.ndarray
@@ -67,6 +69,7 @@ def read_machine(robot: str | Mapping[str, Any], actuators: Sequence[str]) -> Ma
             name=str(data["name"]),
             rate=rate,
             delay=float(data["command_delay"]),
+            age=float(data["reading_age"]),
             voltage=float(data["supply"]["voltage"]),
             low=np.array([float(servo["position"][0]) for servo in servos]),
             high=np.array([float(servo["position"][1]) for servo in servos]),
