@@ -192,7 +192,12 @@ def calibrate(robot: Robot, keys: Keys, ask: Ask) -> None:
 
 def _count(driver: Driver, i: int, ask: Ask, where: str) -> int:
     """Ask for a joint to be moved somewhere, and return its count there, whole turns included."""
-    ask(f"move {driver.robot.names[i]} to {where}, then press Enter ")
+    try:
+        ask(f"move {driver.robot.names[i]} to {where}, then press Enter ")
+    except EOFError:
+        raise HardwareError(
+            "calibrate asks a person at a terminal, and nobody answers here; nothing was written"
+        ) from None
     driver.clock.sleep_until(driver.clock.now() + 0.05)
     reading = driver.read()
     if not reading.fresh[i]:

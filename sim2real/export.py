@@ -175,7 +175,7 @@ def evaluate(module: Callable[[torch.Tensor], torch.Tensor], seen: np.ndarray) -
 
 
 def compare(got: np.ndarray, wanted: np.ndarray, name: str) -> None:
-    """Raise ExportError if actions (n, A) differ by more than 1e-6 of their range."""
+    """Raise ExportError if actions (n, A) differ by more than TOLERANCE of their range."""
     off = float(np.abs(got - wanted).max()) / max(float(np.abs(wanted).max()), 1.0)
     if not off <= TOLERANCE:
         raise ExportError(f"{name} would differ from the trained policy by {off:.2g}; not written")

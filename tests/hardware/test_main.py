@@ -119,6 +119,18 @@ def test_calibrate(tmp_path, monkeypatch, capsys):
     assert robot.name in path.read_text()
 
 
+def test_calibrate_needs_somebody(tmp_path, capsys):
+    """Without a terminal it says so, and writes nothing."""
+
+    def nobody(_: str) -> str:
+        raise EOFError
+
+    file = tmp_path / "arm.json"
+    assert command.main(["calibrate", f"file={file}"], nobody) == 1
+    assert "nobody answers" in capsys.readouterr().err
+    assert not file.exists()
+
+
 def test_device_file_with_the_bare_sdk(tmp_path):
     """The SDK's own port drives the device file; a client that dies leaves the robot for others."""
     link = tmp_path / "robot"

@@ -184,7 +184,7 @@ def test_what_does_not_agree_is_not_written(tmp_path):
 
     class Sly(Odd):
         def forward(self, observation: torch.Tensor) -> torch.Tensor:
-            return self.network(observation.to(torch.float32)) + 1e-4
+            return self.network(observation.to(torch.float32)) + 1e-2
 
     module = Sly(nn.Linear(6, 1))
     module.register_buffer("observation_mean", torch.zeros(6, dtype=torch.float64))
@@ -195,6 +195,27 @@ def test_what_does_not_agree_is_not_written(tmp_path):
     assert not (tmp_path / "out").exists()
     with pytest.raises(ExportError):
         compare(np.array([[np.nan]]), np.array([[0.0]]), "policy.pt2")
+
+
+def test_steep_policies_are_exported_too(tmp_path):
+    """Weights of trained walkers are large: float32 rounds in another order, and no more."""
+
+    class Steep(Odd):
+        def forward(self, observation: torch.Tensor) -> torch.Tensor:
+            return self.network(observation.to(torch.float32))
+
+    rng = np.random.default_rng(0)
+    weights = rng.normal(0, 30, (1, 6)).astype(np.float32)
+    module = Steep(nn.Linear(6, 1))
+    with torch.no_grad():
+        module.network[0].weight.copy_(torch.from_numpy(weights))
+        module.network[0].bias.zero_()
+    module.register_buffer("observation_mean", torch.zeros(6, dtype=torch.float64))
+    module.register_buffer("observation_std", torch.ones(6, dtype=torch.float64))
+    trained = Trained(np.zeros(7, np.float32), lambda theta: module, Path("x"), 0)
+    export(trained, Bench1(), tmp_path / "out", rng)
+    policy, seen = ExportedPolicy.load(tmp_path / "out"), rng.normal(0, 1, (50, 6))
+    np.testing.assert_allclose(policy(seen), seen @ weights.T, atol=1e-4)
 
 
 def test_a_checkpoint_is_needed(tmp_path):
