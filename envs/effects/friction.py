@@ -162,9 +162,14 @@ class _LoadDependent(_FrictionRule):
     def __init__(self, plant: Plant, effect: Effect) -> None:
         super().__init__(plant, effect.where, effect)
         self.motor, self.bias = plant.batch.bind("qfrc_actuator"), plant.batch.bind("qfrc_bias")
+        self.external = np.ones((plant.num_rows, 1))
         self.running = np.zeros(
             (plant.num_rows, 1), dtype=bool
         )  # whether a substep has computed the motor's torque
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        self.external[ids, 0] = self.effect.scalar("external", values)
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         self.running[ids] = False
@@ -172,27 +177,33 @@ class _LoadDependent(_FrictionRule):
     def before_substep(self, ids: np.ndarray | slice) -> None:
         bias = self.bias[ids][:, self.dofs]  # (n, k)
         motor = np.where(self.running[ids], self.motor[ids][:, self.dofs], bias)
-        self.add(ids, self.value[ids] * np.abs(motor + bias))
+        self.add(ids, self.value[ids] * np.abs(motor + self.external[ids] * bias))
         self.running[ids] = True
 
 
 class LoadDependentFriction(Effect):
-    """Friction in proportion to what the gear carries: value |tau_motor - tau_external|.
+    """Friction in proportion to what the gear carries: value |tau_motor - external tau_external|.
 
     The external torque is that of gravity and inertia, minus the engine's bias force; contacts are
     left out of it. At a hold the motor's and the external torque are opposite, so that the friction
-    is value times twice the gravity torque. The torques are those of the substep before.
+    is value times twice the gravity torque where `external` is 1. Gears differ in how much a load
+    that drives them back rubs: with 0 only the motor's own torque does. The torques are those of
+    the substep before.
     """
 
     name = "load_dependent_friction"
     place = "joint"
     unit = ""
+    extras = (Extra("external", "", 1.0, 0.0, 1.0, "the part of the external torque that rubs"),)
     typical = (0.0, 0.35)
     looks_like = (
         "friction that grows with the load: wide hysteresis where gravity pulls, little"
         " where it does not"
     )
-    source = "Rhoban's BAM (arXiv 2410.08650) M3: Kl |tau_m - tau_e| added to the Coulomb friction"
+    source = (
+        "Rhoban's BAM (arXiv 2410.08650) M3: Kl |tau_m - tau_e| added to the Coulomb friction;"
+        " M5: a coefficient for each of the two torques"
+    )
     experiment = (
         "slow reversals with two payloads, or through poses with and without gravity torque"
     )
@@ -202,9 +213,9 @@ class LoadDependentFriction(Effect):
         stiffen(spec, self.where)
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the coefficient."""
+        """Return the coefficient, and the free extras."""
         joints(model, self.where)
-        return (self.parameter(low=0.0, high=1.0),)
+        return (self.parameter(low=0.0, high=1.0), *self.free_parameters())
 
     def bind(self, plant: Plant) -> SubstepRule:
         """Write the friction loss before each substep."""

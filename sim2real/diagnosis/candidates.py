@@ -40,6 +40,13 @@ PLAIN = (
 )
 PLAIN += ("center_of_mass", "payload", "contact_stiffness", "encoder_offset")  # in one batch
 FREE = 1e5  # a limit of this size is none
+# Further scalars that are fitted too, and between what. Dry friction that has not fallen at a few
+# rad/s is Coulomb's.
+FITTED: dict[str, dict[str, tuple[float, float]]] = {
+    "cogging": {"count": (0.0, 1e4), "phase": (-2 * np.pi, 2 * np.pi)},
+    "load_dependent_friction": {"external": (0.0, 1.0)},
+    "stribeck_friction": {"speed": (0.05, 3.0)},
+}
 
 
 @dataclass(frozen=True)
@@ -161,8 +168,8 @@ def _places(name: str, robot: Robot) -> Iterator[dict[str, Any]]:
     more: list[dict[str, Any]] = [{}]
     if name == "encoder_offset":
         more = [{"servo": 1.0}, {"servo": 0.0}]
-    elif name == "cogging":
-        more = [{"free": ("count", "phase")}]
+    elif name in FITTED:
+        more = [{"free": tuple(FITTED[name])}]
     elif name == "supply_sag":
         constant = robot.torque_constant()
         if constant is None:
@@ -185,6 +192,8 @@ def _make(name: str, arguments: dict[str, Any], robot: Robot) -> Candidate | Non
         return None
     neutral = np.array([p.neutral for p in parameters])
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+    for place, name in enumerate(effect.free, len(neutral) - len(effect.free)):
+        low[place], high[place] = FITTED[effect.name][name]
     probes = probes_of(effect, neutral, robot)
     probes = np.clip(probes, low, high)
     probes = probes[(np.abs(probes - neutral) > 1e-12).any(axis=1)]

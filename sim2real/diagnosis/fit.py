@@ -7,7 +7,7 @@
 
 Both folds are fitted side by side in the same batches: windows of fold f are simulated under the
 values of fold f, and to be judged under those of the other one. A shift of the clock by less than a
-simulation step is fitted along, since no log knows its stamps better.
+simulation step, or half of one, is fitted along, since no log knows its stamps better.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from sim2real.diagnosis.data import Data
 from sim2real.diagnosis.simulate import Simulator
 
 FOLDS = 2
-CLOCK = 1e-3  # s: the least that stamps may be off
+CLOCK = 1e-3  # s: the least that stamps may be off, where a row has one for all its readings
+STAMPED = 0.5  # of a simulation step: what clocks may be off where every reading has its own
 DAMPING = (0.0, 0.3, 3.0)  # of the trial steps of a round, in units of the curvature
 NUDGE = 0.06  # of a typical change: the step of a finite difference
 GOOD = 0.01  # relative improvement below which a fit has settled
@@ -53,8 +54,7 @@ class Problem:
         self.windows = np.arange(len(data.windows)) if chosen is None else np.sort(chosen)
         self.fold = data.fold[self.windows]
         self.weight = None if weight is None else weight[self.windows]
-        steps = [model.opt.timestep for model in data.models]
-        self.clock = max(CLOCK, *steps)
+        self.clock = _clock(data)
         self.rows = data.mask[self.windows].sum() * len(data.joints)
 
     def subset(self, chosen: np.ndarray, weight: np.ndarray | None = None) -> Problem:
@@ -110,6 +110,18 @@ class Problem:
         error, slope = self.errors(members, np.stack([values, values[::-1]]))
         shift = self.shift(error[0], slope[0])[::-1]
         return error[1] + shift[self.fold][:, None, None] * slope[1]
+
+
+def _clock(data: Data) -> float:
+    """Return by how much the log's clock may be off [s].
+
+    A command acts from the next step of the simulation on: half a step late in the mean. Beyond
+    that, a clock that is free to follow takes lags for its own that are the robot's.
+    """
+    step = max(model.opt.timestep for model in data.models)
+    stamps = [f"stamp.{joint.name}" for joint in data.joints]
+    known = all(stamp in log.columns for log in data.logs for stamp in stamps)
+    return STAMPED * step if known else max(CLOCK, step)
 
 
 class Guess(NamedTuple):
@@ -232,7 +244,8 @@ def _guess(
     """
     before = _squares(problem, _timed(problem, base, free[0]))
     best: Guess | None = None
-    sizes = np.abs(option.probes - option.neutral).sum(axis=1)
+    own = len(option.neutral) - len(option.effect.free)  # its size, not a phase or the like
+    sizes = np.abs(option.probes - option.neutral)[:, :own].sum(axis=1)
     for k, probe in enumerate(option.probes):
         change = error[k] - base
         if (change**2).sum() < 1e-6 * max(before.sum(), 1e-12):

@@ -7,6 +7,7 @@ They follow from the robot's own sizes: friction from its motors' torque, speeds
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import mujoco
@@ -104,6 +105,15 @@ def _friction(effect: Effect, robot: Robot) -> np.ndarray:
     return np.array([0.01, 0.035, 0.12, 0.35]) * _torque(effect, robot)
 
 
+def _stribeck(effect: Effect, robot: Robot) -> np.ndarray:
+    sizes = np.array([0.01, 0.035, 0.12, 0.35]) * _torque(effect, robot)
+    return np.array(list(itertools.product(sizes, (0.25, 0.8))))
+
+
+def _load_friction(effect: Effect, robot: Robot) -> np.ndarray:
+    return np.array(list(itertools.product((0.03, 0.12, 0.4), (0.0, 1.0))))
+
+
 def _viscous(effect: Effect, robot: Robot) -> np.ndarray:
     return np.array([0.02, 0.1, 0.4, 1.2]) * _torque(effect, robot) / FASTEST
 
@@ -173,9 +183,9 @@ def _tilt(effect: Effect, robot: Robot) -> np.ndarray:
 
 _PROBES: dict[str, Callable[[Effect, Robot], np.ndarray]] = {
     "coulomb_friction": _friction,
-    "stribeck_friction": _friction,
+    "stribeck_friction": _stribeck,
     "viscous_friction": _viscous,
-    "load_dependent_friction": lambda e, r: np.array([0.03, 0.12, 0.4]),
+    "load_dependent_friction": _load_friction,
     "cogging": _cogging,
     "armature": _inertia,
     "backlash": lambda e, r: np.array([0.004, 0.015, 0.05, 0.15]),

@@ -104,6 +104,14 @@ def test_load_dependent_friction_grows_with_the_load(bench, one) -> None:
     assert hysteresis(bench([one("load_dependent_friction")], [[0.2]], gravity=0.0)) < 1e-3
 
 
+def test_load_dependent_friction_may_follow_the_motor_alone(bench, one) -> None:
+    """Without the external torque's part a hold sticks from T / (1+K) to T / (1-K)."""
+    coefficient, gain, load = 0.2, 4.0, 0.2 * 9.81 * 0.1
+    arm = bench([one("load_dependent_friction", external=0.0)], [[coefficient]], gravity=9.81)
+    width = 1 / (1 - coefficient) - 1 / (1 + coefficient)
+    assert hysteresis(arm) == pytest.approx(load * width / gain, rel=0.05)
+
+
 def test_cogging_is_a_torque_of_the_angle(bench, one) -> None:
     """The motor accelerates as value sin(count q + phase) / I, and several ripples add up."""
     ripple = one("cogging", count=8.0, phase=0.5)

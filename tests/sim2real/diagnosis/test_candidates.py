@@ -14,6 +14,21 @@ from sim2real.diagnosis.data import Data
 from sim2real.stand import hung
 
 
+def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
+    """Stribeck's speed and the external torque's part are values of their own, within bounds."""
+    robot = hung(load_robot("bench1"), tmp_path)
+    time = np.arange(300) / 50
+    columns = {"episode": np.zeros(300, int), "time": time}
+    columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}
+    data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
+    found = {option.name: option for option in candidates(data) if option.effect.free}
+    assert set(found) == {"cogging", "load_dependent_friction", "stribeck_friction"}
+    stribeck = found["stribeck_friction"]
+    assert stribeck.low[1] > 0.01 and stribeck.high[1] < 10.0  # rad/s
+    assert np.ptp(stribeck.probes[:, 1]) > 0
+    assert (stribeck.towards(np.array([0.1, 0.3]), 2.0) == [0.2, 0.3]).all()
+
+
 def test_what_is_known_and_cannot_be_doubled_is_no_candidate(tmp_path: Path) -> None:
     """More friction may be missing beside a known one; a second law of the same rule cannot be."""
     robot = hung(load_robot("bench1"), tmp_path)
