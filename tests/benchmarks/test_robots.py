@@ -90,8 +90,9 @@ def test_each_policy_is_trained_and_taken_to_the_bus(
     assert len(order) == 2 * 2 * len(TRAININGS)
     assert len(shell.rides) == 2 * 2 * (len(TRAININGS) + 2)
     adapting = [ride for ride in shell.rides if "robot.hidden" in ride]
-    assert all(ride["adapt"] == "hillclimb" for ride in adapting)
-    assert int(adapting[0]["adapt.queries"]) + 1 == 50  # and the policy's own episode
+    assert all(ride["adapt"] == "batch" for ride in adapting)
+    rounds = int(adapting[0]["adapt.queries"]) * int(adapting[0]["adapt.parallel"])
+    assert rounds + 1 == 50  # and the policy's own episode
     shifts = {Path(ride["robot.hidden"]).stem for ride in adapting}
     assert shifts == {name for of_robot in SHIFTS.values() for name in of_robot.values()}
 
