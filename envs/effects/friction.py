@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import Effect, Extra, FieldEffect, SubstepRule, joints
+from envs.effects.base import Effect, Extra, FieldEffect, SubstepRule, joint_driven, joints
 from envs.params import How, Parameter
 
 if TYPE_CHECKING:
@@ -163,6 +163,12 @@ class _LoadDependent(_FrictionRule):
         super().__init__(plant, effect.where, effect)
         self.motor, self.bias = plant.batch.bind("qfrc_actuator"), plant.batch.bind("qfrc_bias")
         self.external = np.ones((plant.num_rows, 1))
+        model = plant.model
+        self.driven = np.array([i for i in range(model.nactuator) if joint_driven(model, i)], int)
+        dofs = model.jnt_dofadr[model.actuator_trnid[self.driven, 0]]
+        turns = model.actuator_gear[self.driven, :1] ** 2
+        self.turns = (dofs[:, None] == self.dofs) * turns  # (actuators, k)
+        self.damping = plant.field("actuator_damping")
         self.running = np.zeros(
             (plant.num_rows, 1), dtype=bool
         )  # whether a substep has computed the motor's torque
@@ -176,7 +182,8 @@ class _LoadDependent(_FrictionRule):
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         bias = self.bias[ids][:, self.dofs]  # (n, k)
-        motor = np.where(self.running[ids], self.motor[ids][:, self.dofs], bias)
+        drag = self.damping[ids][:, self.driven] @ self.turns * self.qvel[ids][:, self.dofs]
+        motor = np.where(self.running[ids], self.motor[ids][:, self.dofs] - drag, bias)
         self.add(ids, self.value[ids] * np.abs(motor + self.external[ids] * bias))
         self.running[ids] = True
 
@@ -187,8 +194,9 @@ class LoadDependentFriction(Effect):
     The external torque is that of gravity and inertia, minus the engine's bias force; contacts are
     left out of it. At a hold the motor's and the external torque are opposite, so that the friction
     is value times twice the gravity torque where `external` is 1. Gears differ in how much a load
-    that drives them back rubs: with 0 only the motor's own torque does. The torques are those of
-    the substep before.
+    that drives them back rubs: with 0 only the motor's own torque does. Of that, what the
+    actuator's damping takes, the back-EMF, never gets to the gear. The torques are those of the
+    substep before.
     """
 
     name = "load_dependent_friction"

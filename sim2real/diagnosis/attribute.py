@@ -19,7 +19,7 @@ import numpy as np
 from sim2real.diagnosis.candidates import Candidate
 from sim2real.diagnosis.couples import couples
 from sim2real.diagnosis.data import Data
-from sim2real.diagnosis.fit import FOLDS, Fit, Guess, Problem, Screening, refine, screen
+from sim2real.diagnosis.fit import FOLDS, Fit, Guess, Problem, Screening, columns, refine, screen
 from sim2real.diagnosis.ripples import with_ripples
 from sim2real.diagnosis.score import Blocks
 
@@ -218,8 +218,9 @@ class Search:
         return [guess for guess in guesses if guess.gain > least]
 
     def polish(self, best: Contender) -> Contender:
-        """Return the winner fitted on more windows."""
-        fit = refine(self.fitting, best.fit.members, best.fit.values[None], SETTLED)
+        """Return the winner fitted on more windows, from where it is and from further scalars."""
+        starts = np.concatenate([best.fit.values[None], beside(best)])
+        fit = refine(self.fitting, best.fit.members, starts, SETTLED)
         return self.judge(best.candidate, fit)
 
     def add(self, problem: Problem, fit: Fit, guess: Guess, before: Fit | None, rounds: int) -> Fit:
@@ -293,6 +294,25 @@ class Search:
 
     def _share(self, fit: Fit) -> float:
         return min(0.1 + 0.25 * len(fit.members), 0.9)
+
+
+def beside(best: Contender) -> np.ndarray:
+    """Return the values of a fit with its newest member's further scalars as probed, (K, 2, P).
+
+    Steps along a slope do not get from one of them to another: where it swings freely, a joint that
+    rubs with any load is far from one that does not rub at all.
+    """
+    option = best.candidate
+    own = columns(best.fit.members)[best.fit.members.index(option)]
+    size = len(option.neutral) - len(option.effect.free)
+    found = []
+    for further in np.unique(option.probes[:, size:], axis=0) if option.effect.free else ():
+        for scale in SPREAD:
+            values = best.fit.values.copy()
+            values[:, own] = [option.towards(row, scale) for row in values[:, own]]
+            values[:, own.start + size : own.stop] = further
+            found.append(values)
+    return np.array(found).reshape(len(found), *best.fit.values.shape)
 
 
 def tempered(data: Data, error: np.ndarray) -> np.ndarray:

@@ -44,6 +44,7 @@ FREE = 1e5  # a limit of this size is none
 # rad/s is Coulomb's.
 FITTED: dict[str, dict[str, tuple[float, float]]] = {
     "cogging": {"count": (0.0, 1e4), "phase": (-2 * np.pi, 2 * np.pi)},
+    "joint_compliance": {"damping": (0.0, 1e3)},
     "load_dependent_friction": {"external": (0.0, 1.0)},
     "stribeck_friction": {"speed": (0.05, 3.0)},
 }

@@ -132,7 +132,10 @@ def _inertia(effect: Effect, robot: Robot) -> np.ndarray:
 
 
 def _spring(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([0.005, 0.02, 0.08, 0.3]) / _torque(effect, robot)
+    """Springs that a torque bends little and much, with a tenth of their critical damping."""
+    soft = np.array([0.005, 0.02, 0.08, 0.3]) / _torque(effect, robot)
+    joint = int(mujoco.mj_name2id(robot.model, mujoco.mjtObj.mjOBJ_JOINT, str(effect.where)))
+    return np.column_stack([soft, 0.2 * np.sqrt(link_inertia(robot.model, joint) / soft)])
 
 
 def _limit(effect: Effect, robot: Robot) -> np.ndarray:

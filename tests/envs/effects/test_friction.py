@@ -112,6 +112,16 @@ def test_load_dependent_friction_may_follow_the_motor_alone(bench, one) -> None:
     assert hysteresis(arm) == pytest.approx(load * width / gain, rel=0.05)
 
 
+def test_back_emf_loads_no_gear(bench, one) -> None:
+    """What the motor's own back-EMF takes is no load: a steady motion without any is not rubbed."""
+    servo = '<position name="servo" joint="hinge" kp="4" damping="0.3"/>'
+    arm = bench([one("load_dependent_friction", external=0.0)], [[0.0], [0.3]], servo)
+    arm.reset()
+    angles = arm.run(np.linspace(0.0, 2.0, 2000))[0][-1]
+    assert angles[0] == pytest.approx(2.0 - 0.3 / 4.0, abs=2e-3)
+    assert angles[1] == pytest.approx(angles[0], abs=2e-3)
+
+
 def test_cogging_is_a_torque_of_the_angle(bench, one) -> None:
     """The motor accelerates as value sin(count q + phase) / I, and several ripples add up."""
     ripple = one("cogging", count=8.0, phase=0.5)

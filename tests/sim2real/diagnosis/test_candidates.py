@@ -22,7 +22,8 @@ def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
     columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}
     data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
     found = {option.name: option for option in candidates(data) if option.effect.free}
-    assert set(found) == {"cogging", "load_dependent_friction", "stribeck_friction"}
+    scaled = {"cogging", "joint_compliance", "load_dependent_friction", "stribeck_friction"}
+    assert set(found) == scaled
     stribeck = found["stribeck_friction"]
     assert stribeck.low[1] > 0.01 and stribeck.high[1] < 10.0  # rad/s
     assert np.ptp(stribeck.probes[:, 1]) > 0

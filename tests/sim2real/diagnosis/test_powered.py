@@ -36,7 +36,7 @@ def test_rows_without_torque_are_left_out(tmp_path: Path) -> None:
 
 
 def test_a_law_that_fails_without_torque_is_named_and_contradicted() -> None:
-    """Friction with the motor's torque alone, sought as motor's and load's: wrong in swings."""
+    """Friction with the motor's torque alone, sought with some of the load's: wrong in swings."""
     data = Data.of(
         [
             make_log(
@@ -51,7 +51,7 @@ def test_a_law_that_fails_without_torque_is_named_and_contradicted() -> None:
     found = instead(search, Found(search.none, search.base))
     (member,) = found.fit.members
     assert member.label == labels[0]
-    assert 0.15 < found.fit.mean[0] < 0.3  # of motor's minus external torque, 0.4 of motor's
+    assert 0.2 < found.fit.mean[0] < 0.4  # of motor's and some external torque, 0.4 of motor's
     off = data.mask & ~with_torque(data)
     assert (found.error[off] ** 2).sum() > 2 * (search.base[off] ** 2).sum()
     assert found.on(found.error)[off].sum() == 0
@@ -60,10 +60,10 @@ def test_a_law_that_fails_without_torque_is_named_and_contradicted() -> None:
 
 
 def _with_one_law(option: Candidate) -> Candidate:
-    """Return a candidate without further scalars that are fitted."""
+    """Return a load's friction whose part of the external torque is fixed, and wrong."""
     if not option.effect.free:
         return option
     kept = slice(0, len(option.neutral) - len(option.effect.free))
     bounds = {name: getattr(option, name)[kept] for name in ("neutral", "low", "high")}
-    effect = make(option.name, where=option.effect.where)
+    effect = make(option.name, where=option.effect.where, external=0.3)
     return replace(option, effect=effect, probes=option.probes[:, kept], **bounds)
