@@ -5,9 +5,10 @@
     python -m sim2real +experiment=blindcheck resume=outputs/mine      # go on where it stopped
     python -m sim2real +experiment=blindcheck resume=outputs/mine exam.most=0   # score it
 
-Logs and model of each case lie in `logs/`, what was hidden in `keys/`; each diagnosis is a process
-of its own that is given one folder of `logs/`, and leaves its answer in `answers/`. Only then are
-the keys of the answered cases read, and checked against the hashes that were written with the logs.
+Logs and model of each case lie in `logs/`, what was hidden in `keys/`. Cases come in blocks: all of
+a block are made and sealed before the first one is diagnosed. Each diagnosis is a process of its
+own that is given one folder of `logs/`, and leaves its answer in `answers/`. Only then are the keys
+of the answered cases read, and checked against the hashes that were written with the logs.
 """
 
 from __future__ import annotations
@@ -49,12 +50,15 @@ class Examiner(Protocol):
     Attributes:
         longest: time after which a diagnosis counts as failed [s].
         most: cases that are diagnosed at most before the score; None for all.
+        block: cases that are made and sealed before the first of them is diagnosed.
     """
 
     @property
     def longest(self) -> float: ...  # noqa: D102
     @property
     def most(self) -> int | None: ...  # noqa: D102
+    @property
+    def block(self) -> int: ...  # noqa: D102
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
@@ -86,54 +90,60 @@ def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> list[Mar
         KeyboardInterrupt: after Ctrl-C; the cases answered until then are scored.
     """
     folder = Path(resume) if resume else Path(out)
-    names = prepare(exam, seed, folder)
+    outlines = exam.draw(seed)
     try:
-        diagnose(names, folder, exam)
+        hold(exam, outlines, folder)
     except KeyboardInterrupt:
-        report(folder, names, seed)
+        if seal.cases(folder / LOGS):
+            report(folder, len(outlines), seed)
         raise
-    return report(folder, names, seed)
+    return report(folder, len(outlines), seed)
 
 
-def prepare(exam: Examiner, seed: int, folder: Path) -> list[str]:
-    """Make the cases that are not there yet, close the seal, and return the names of all.
+def hold(exam: Examiner, outlines: Sequence[Outline], folder: Path) -> None:
+    """Make, seal and diagnose one block of cases after the other, till `most` were asked."""
+    left = exam.most
+    for start in range(0, len(outlines), exam.block):
+        if left == 0:
+            return
+        names = prepare(exam, outlines[start : start + exam.block], folder)
+        asked = diagnose(names, folder, exam.longest, left)
+        left = None if left is None else left - asked
 
-    Raises:
-        Sim2RealError: not one case could be made.
-    """
-    keys = folder / KEYS
-    outlines = {one.name: one for one in exam.draw(seed)}
+
+def prepare(exam: Examiner, block: Sequence[Outline], folder: Path) -> list[str]:
+    """Make the cases that are not there yet, seal them, and return the names of those to ask."""
+    keys, logs = folder / KEYS, folder / LOGS
+    outlines = {one.name: one for one in block}
 
     def made(name: str) -> bool:
         return (keys / name / KEY).is_file() or (keys / name / DROPPED).is_file()
 
     def make(name: str) -> None:
-        log_.info("%s: making it, one of %d", name, len(outlines))
+        log_.info("%s: making it", name)
         outline = outlines[name]
-        if not exam.make(outline, folder / LOGS / name, keys / name):
+        if not exam.make(outline, logs / name, keys / name):
             effects = ", ".join(outline.effects)
             write_text(keys / name / DROPPED, f"{outline.robot} cannot show {effects}\n")
 
     share(list(outlines), made, make, folder / CLAIMS / "making")
-    names = [name for name in outlines if (keys / name / KEY).is_file()]
-    if not names:
-        raise Sim2RealError(f"{folder}: not one case could be made; ask for more robots or cases")
     with claimed(folder / CLAIMS / "seal") as mine:
-        if mine and not (folder / LOGS / seal.SEAL).is_file():
-            seal.close(keys, folder / LOGS)
-    return names
+        if mine and not outlines.keys() <= set(seal.cases(logs)):
+            seal.close(keys, logs, outlines)
+    return [name for name in outlines if (keys / name / KEY).is_file()]
 
 
-def diagnose(names: Sequence[str], folder: Path, exam: Examiner) -> None:
-    """Ask for the answers that are not there yet, at most as many as the exam says."""
-    left = [name for name in names if not answered(folder / ANSWERS / name)][: exam.most]
+def diagnose(names: Sequence[str], folder: Path, longest: float, most: int | None) -> int:
+    """Ask for the answers that are not there yet, at most so many; return how many it was."""
+    left = [name for name in names if not answered(folder / ANSWERS / name)][:most]
 
     def ask_one(name: str) -> None:
         log_.info("%s, %d to go", name, len(left) - left.index(name))
         logs, answer = folder / LOGS / name, folder / ANSWERS / name
-        ask(logs.resolve(), answer.resolve(), exam.longest)
+        ask(logs.resolve(), answer.resolve(), longest)
 
     share(left, lambda name: answered(folder / ANSWERS / name), ask_one, folder / CLAIMS / "asking")
+    return len(left)
 
 
 def share(
@@ -158,17 +168,28 @@ def share(
         time.sleep(PATIENCE)
 
 
-def report(folder: Path, names: Sequence[str], seed: int) -> list[Mark]:
+def report(folder: Path, drawn: int, seed: int) -> list[Mark]:
     """Open the seals, mark every case that was answered, and write the tables and the picture.
 
+    Args:
+        folder: of the exam.
+        drawn: cases that it has, with those that could not be made.
+        seed: of its draw.
+
     Raises:
-        Sim2RealError: the keys are not the ones that were sealed, or nothing was answered.
+        Sim2RealError: the keys are not the ones that were sealed, no case could be made, or none
+            was answered.
     """
-    seal.check(folder / KEYS, folder / LOGS)
+    keys, logs = folder / KEYS, folder / LOGS
+    seal.check(keys, logs)
+    sealed = seal.cases(logs)
+    names = [name for name in sealed if (keys / name / KEY).is_file()]
+    if not names:
+        raise Sim2RealError(f"{folder}: not one case could be made; ask for more robots or cases")
     marks = [_mark(folder, name) for name in names if answered(folder / ANSWERS / name)]
     if not marks:
         raise Sim2RealError(f"{folder}: not one case was answered; start it again with resume=")
-    write(marks, folder, seed, len(names))
+    write(marks, folder, seed, drawn - len(sealed) + len(names))
     return marks
 
 

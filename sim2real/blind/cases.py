@@ -110,6 +110,7 @@ class Exam:
         none: cases with nothing hidden, of each robot.
         excluded: cases whose effect is no candidate, of each robot.
         longest: time after which a diagnosis counts as failed [s].
+        block: make and seal so many cases before the first of them is diagnosed.
         sample: keep so many of all these, drawn at random but of every kind; None keeps all.
         most: diagnose at most so many cases now, and score what is answered; None goes to the end.
 
@@ -123,6 +124,7 @@ class Exam:
     none: int
     excluded: int
     longest: float
+    block: int
     sample: int | None = None
     most: int | None = None
 
@@ -136,7 +138,7 @@ class Exam:
             )
         if self.sample is not None and self.sample < 1:
             raise Sim2RealError(f"sample={self.sample} must be at least 1, or null for all cases")
-        check_limits(self.longest, self.most)
+        check_limits(self.longest, self.most, self.block)
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
@@ -190,11 +192,12 @@ class Exam:
         return True
 
 
-def check_limits(longest: float, most: int | None) -> None:
-    """Refuse a time limit that is none, or a negative number of cases."""
-    if not longest > 0 or (most is not None and most < 0):
+def check_limits(longest: float, most: int | None, block: int) -> None:
+    """Refuse a time limit that is none, a negative number of cases, or a block of none."""
+    if not longest > 0 or (most is not None and most < 0) or block < 1:
         raise Sim2RealError(
-            f"longest={longest} must be above 0 s and most={most} at least 0, or null for all"
+            f"longest={longest} must be above 0 s, most={most} at least 0, or null for all, and "
+            f"block={block} at least 1"
         )
 
 

@@ -139,6 +139,7 @@ class RealExam:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
         each: cases of each robot and effect; places and sizes are drawn anew for each.
         longest: time after which a diagnosis counts as failed [s].
+        block: make and seal so many cases before the first of them is diagnosed.
         most: diagnose at most so many cases now, and score what is answered; None goes to the end.
 
     Raises:
@@ -146,13 +147,13 @@ class RealExam:
     """
 
     def __init__(
-        self, data: str | None, each: int, longest: float, most: int | None = None
+        self, data: str | None, each: int, longest: float, block: int, most: int | None = None
     ) -> None:
         if each < 1:
             raise Sim2RealError(f"each={each} must be at least 1")
-        check_limits(longest, most)
+        check_limits(longest, most, block)
         self.data, self.each = Path(data or ""), each
-        self.longest, self.most = longest, most
+        self.longest, self.most, self.block = longest, most, block
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""

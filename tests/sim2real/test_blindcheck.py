@@ -14,14 +14,14 @@ import pytest
 from envs.effects import Effect, make, write_effects
 from sim2real import blindcheck
 from sim2real.blind import logs as logs_module
-from sim2real.blind import sizes
-from sim2real.blind.cases import KEY, Exam
+from sim2real.blind import seal, sizes
+from sim2real.blind.cases import KEY, Exam, Outline
 from sim2real.blind.hiding import EFFECTS
 from sim2real.blindcheck import run, share
 from sim2real.errors import Sim2RealError
 from sim2real.files import write_text
 
-EXAM = Exam(["bench1"], one=1, two=0, none=1, excluded=0, longest=60.0, sample=3)
+EXAM = Exam(["bench1"], one=1, two=0, none=1, excluded=0, longest=60.0, block=2, sample=3)
 asked: list[str] = []
 
 
@@ -114,6 +114,40 @@ def test_what_is_answered_is_scored_and_called_a_part(
     assert (told["partial"], told["answered"], told["cases"]) == (True, 2, 3)
     assert run(exam=EXAM, seed=1, resume=str(part), out=tmp_path) == marks
     assert not json.loads((part / "score.json").read_text())["partial"]
+
+
+def test_a_block_is_sealed_before_its_first_question(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two are made, sealed and asked, then the next one; whoever stops has made no more."""
+    told: list[str] = []
+
+    class Fake:
+        longest, block = 60.0, 2
+
+        def __init__(self, most: int | None) -> None:
+            self.most = most
+
+        def draw(self, seed: int) -> list[Outline]:
+            return [Outline(f"case_{i:03d}", "none", "bench1", (), i) for i in range(3)]
+
+        def make(self, outline: Outline, logs: Path, key: Path) -> bool:
+            told.append(f"made {outline.name}")
+            write_text(logs / "a.csv", "")
+            write_text(key / KEY, "{}")
+            return True
+
+    def ask(logs: Path, answer: Path, longest: float) -> None:
+        assert logs.name in seal.cases(logs.parent)
+        told.append(f"asked {logs.name}")
+        write_text(answer / "report.json", "{}")
+
+    monkeypatch.setattr(blindcheck, "ask", ask)
+    fake = Fake(None)
+    blindcheck.hold(Fake(1), fake.draw(0), tmp_path)
+    assert told == ["made case_000", "made case_001", "asked case_000"]
+    blindcheck.hold(fake, fake.draw(0), tmp_path)
+    assert told[3:] == ["asked case_001", "made case_002", "asked case_002"]
 
 
 def test_after_ctrl_c_what_is_answered_is_scored(

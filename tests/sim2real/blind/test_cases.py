@@ -15,7 +15,7 @@ from sim2real.blind.cases import KEY, Exam, Outline
 from sim2real.blind.hiding import EFFECTS
 from sim2real.errors import Sim2RealError
 
-FULL = Exam(["bench1", "arm6"], one=2, two=12, none=3, excluded=4, longest=60.0)
+FULL = Exam(["bench1", "arm6"], one=2, two=12, none=3, excluded=4, longest=60.0, block=4)
 
 
 def test_every_robot_gets_every_effect_equally_often() -> None:
@@ -47,18 +47,22 @@ def test_the_same_seed_draws_the_same_cases() -> None:
 
 def test_a_sample_holds_every_kind() -> None:
     """Even where its share of the kind would be less than a case."""
-    drawn = Exam(["bench1"], one=3, two=1, none=1, excluded=1, longest=60.0, sample=8).draw(0)
+    drawn = Exam(
+        ["bench1"], one=3, two=1, none=1, excluded=1, longest=60.0, block=4, sample=8
+    ).draw(0)
     assert {one.kind for one in drawn} == {"one", "two", "none", "excluded"}
     assert len(drawn) == 8
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"robots": []}, {"one": -1}, {"one": 0}, {"sample": 0}, {"longest": 0}], ids=str
+    "wrong",
+    [{"robots": []}, {"one": -1}, {"one": 0}, {"sample": 0}, {"longest": 0}, {"block": 0}],
+    ids=str,
 )
 def test_an_exam_without_cases_is_refused(wrong: dict) -> None:
     """With the value and what to do."""
     given = {"robots": ["bench1"], "one": 1, "two": 0, "none": 0, "excluded": 0, "longest": 60.0}
-    given |= wrong
+    given |= {"block": 4} | wrong
     with pytest.raises(Sim2RealError, match=r"no case|must be at least 1|above 0 s"):
         Exam(**given)
 
@@ -68,7 +72,7 @@ def test_a_case_keeps_its_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(logs_module, "SECONDS", 4.0)
     monkeypatch.setattr(logs_module, "AGAIN", 2.0)
     monkeypatch.setattr(sizes, "TRIALS", 6)
-    exam = Exam(["bench1"], one=1, two=0, none=0, excluded=0, longest=60.0)
+    exam = Exam(["bench1"], one=1, two=0, none=0, excluded=0, longest=60.0, block=4)
     logs, key = tmp_path / "logs", tmp_path / "keys"
     assert exam.make(Outline("case_000", "one", "bench1", ("dead_zone",), 5), logs, key)
     told = "".join(file.read_text() for file in logs.iterdir())

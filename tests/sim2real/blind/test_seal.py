@@ -17,7 +17,7 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
     (keys / "case_000").mkdir(parents=True)
     logs.mkdir()
     (keys / "case_000" / "key.json").write_text("{}")
-    seal.close(keys, logs)
+    seal.close(keys, logs, ["case_000"])
     return keys, logs
 
 
@@ -34,6 +34,20 @@ def test_touched_keys_are_refused(folders: tuple[Path, Path], how: str) -> None:
     file.unlink() if how == "gone" else file.write_text('{"a": 1}')
     with pytest.raises(Sim2RealError, match=f"{file.name} was {how}"):
         seal.check(*folders)
+
+
+def test_a_seal_grows_and_keeps_what_it_holds(folders: tuple[Path, Path]) -> None:
+    """Further cases are added; one that was sealed is not sealed again with other numbers."""
+    keys, logs = folders
+    (keys / "case_001").mkdir()
+    (keys / "case_001" / "key.json").write_text("[]")
+    seal.check(keys, logs)  # what is not sealed yet is not looked at
+    assert seal.cases(logs) == ["case_000"]
+    (keys / "case_000" / "key.json").write_text("other")
+    seal.close(keys, logs, ["case_000", "case_001"])
+    assert seal.cases(logs) == ["case_000", "case_001"]
+    with pytest.raises(Sim2RealError, match=r"case_000/key.json was changed"):
+        seal.check(keys, logs)
 
 
 def test_logs_without_a_seal_are_refused(folders: tuple[Path, Path]) -> None:
