@@ -77,7 +77,8 @@ class Claim:
 
 CLAIMS = (
     Claim("return on the bus / return in `servo`, ES", kept("servo"), 0.9),
-    Claim("return on the bus / return in `servo`, PPO", kept("ppo"), None),
+    Claim("return on the bus / return in `servo`, ES-MAML", kept("esmaml"), 0.9),
+    Claim("return on the bus / return in `servo`, PPO", kept("ppo"), 0.9),
     Claim("loss of the `ideal` policy on the bus, of its own return", lost, 0.15),
     Claim("the `ideal` policy behind the `servo` one, on the bus", behind, 0.15),
     Claim("load and low voltage: recovered by adapting on the bus", recovered("load"), 0.3),
