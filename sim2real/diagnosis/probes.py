@@ -139,7 +139,7 @@ def _spring(effect: Effect, robot: Robot) -> np.ndarray:
 
 
 def _limit(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([0.7, 0.45, 0.25, 0.12]) * _torque(effect, robot)
+    return np.array([0.7, 0.45, 0.25, 0.12, 0.04]) * _torque(effect, robot)  # light joints too
 
 
 def _sag(effect: Effect, robot: Robot) -> np.ndarray:
