@@ -19,9 +19,10 @@ import numpy as np
 from sim2real.diagnosis.candidates import Candidate
 from sim2real.diagnosis.couples import couples
 from sim2real.diagnosis.data import Data
-from sim2real.diagnosis.fit import FOLDS, Fit, Guess, Problem, Screening, columns, refine, screen
+from sim2real.diagnosis.fit import FOLDS, Fit, Problem, columns, refine
 from sim2real.diagnosis.ripples import with_ripples
 from sim2real.diagnosis.score import Blocks
+from sim2real.diagnosis.screen import Guess, Screening, screen
 
 MOST = 4  # effects in all
 SCREENED, RACED, FITTED = 9.0, 15.0, 40.0  # s of windows that screening, race and fit look at

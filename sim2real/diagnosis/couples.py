@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sim2real.diagnosis.candidates import Candidate
-from sim2real.diagnosis.fit import FOLDS, Problem, Response
+from sim2real.diagnosis.fit import FOLDS, Problem
+from sim2real.diagnosis.screen import Response
 
 LIMITS = (0.3, 3.0)  # how far a response may be scaled
 

@@ -1,8 +1,7 @@
-"""Values of candidate effects: found on one fold of the windows, judged on the other.
+"""Values of effects: found on one fold of the windows, judged on the other.
 
     problem = Problem(data, simulator)
     base = problem.held_out((), np.zeros((2, 0)))          # errors with the model as given
-    for guess in screen(problem, candidates, base): ...    # promising first
     fit = refine(problem, (candidate,), starts)            # values (2, P), one row for each fold
 
 Both folds are fitted side by side in the same batches: windows of fold f are simulated under the
@@ -14,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +27,6 @@ STAMPED = 0.5  # of a simulation step: what clocks may be off where every readin
 DAMPING = (0.0, 0.3, 3.0)  # of the trial steps of a round, in units of the curvature
 NUDGE = 0.06  # of a typical change: the step of a finite difference
 GOOD = 0.01  # relative improvement below which a fit has settled
-SHY = 1e-3  # of a square: keeps changes that look alike from cancelling
-NEAR, FAR = (0.4, 2.2), (0.05, 6.0)  # how far a probe's response may be scaled, between and beyond
 
 
 class Problem:
@@ -124,33 +120,6 @@ def _clock(data: Data) -> float:
     return STAMPED * step if known else max(CLOCK, step)
 
 
-class Guess(NamedTuple):
-    """A candidate's promise, from how its probes change the simulation."""
-
-    candidate: Candidate
-    start: np.ndarray  # (P,) where a fit begins
-    gain: float  # share of the squared error that it should remove, judged on the other fold
-    error: np.ndarray | None  # (W, T, M) predicted held-out errors
-    known: np.ndarray  # (2, K) values of what is known already, as they would then be
-
-
-class Response(NamedTuple):
-    """How one probe of a candidate changes the simulation of the screened windows."""
-
-    candidate: Candidate
-    probe: np.ndarray  # (P,)
-    change: np.ndarray  # (W, T, M)
-
-
-class Screening(NamedTuple):
-    """What screening found, on its windows."""
-
-    guesses: list[Guess]  # the most promising first
-    responses: list[Response]
-    base: np.ndarray  # (W, T, M) errors with what is known already
-    drift: np.ndarray  # (W, T, M) their change with the clock
-
-
 @dataclass(frozen=True)
 class Fit:
     """Members with their values, one row for each fold, and the mean square errors there."""
@@ -169,144 +138,6 @@ def columns(members: Sequence[Candidate]) -> list[slice]:
     """Return where each member's parameters are in a row of values."""
     ends = np.cumsum([len(m.neutral) for m in members], dtype=int)
     return [slice(end - len(m.neutral), end) for m, end in zip(members, ends, strict=True)]
-
-
-def screen(problem: Problem, found: Fit, options: Sequence[Candidate]) -> Screening:
-    """Return a guess for each option, the most promising first.
-
-    A probe's change of the simulation, scaled, should be what is wrong with it, while the values of
-    what is known already may follow: a servo that is too soft and rubs is first taken for one that
-    rubs too much. Options that change nothing are left out.
-
-    Args:
-        problem: on the windows to look at.
-        found: the effects that are known already.
-        options: what may be added to them.
-    """
-    error, slope = problem.errors(found.members, found.values[None])
-    base, drift = error[0], slope[0]
-    result = Screening([], [], base, drift)
-    known = sensitivities(problem, found.members, found.values, base) if found.members else ()
-    for group in dict.fromkeys(option.group for option in options):
-        own = [o for o in options if o.group == group]
-        _screen_group(problem, found, own, np.array([drift, *known]), result)
-    result.guesses.sort(key=lambda guess: -guess.gain)
-    return result
-
-
-def _screen_group(
-    problem: Problem,
-    found: Fit,
-    own: Sequence[Candidate],
-    free: np.ndarray,
-    result: Screening,
-) -> None:
-    members = [*found.members, *own]
-    known = found.values.shape[1]
-    places = columns(own)
-    neutral = np.concatenate([option.neutral for option in own])
-    points = []
-    for option, place in zip(own, places, strict=True):
-        for probe in option.probes:
-            point = np.concatenate([found.values, np.tile(neutral, (FOLDS, 1))], axis=1)
-            point[:, known + place.start : known + place.stop] = probe
-            points.append(point)
-    error, _ = problem.errors(members, np.array(points))
-    start = 0
-    for option in own:
-        part = slice(start, start + len(option.probes))
-        start += len(option.probes)
-        guess = _guess(problem, found, option, error[part], result.base, free)
-        if guess is not None:
-            result.guesses.append(guess)
-            changes = error[part] - result.base
-            pairs = zip(option.probes, changes, strict=True)
-            result.responses.extend(Response(option, probe, change) for probe, change in pairs)
-
-
-def _guess(
-    problem: Problem,
-    found: Fit,
-    option: Candidate,
-    error: np.ndarray,
-    base: np.ndarray,
-    free: np.ndarray,
-) -> Guess | None:
-    """Return the best scaled probe of an option; None if it changes nothing.
-
-    Args:
-        problem: on the screened windows.
-        found: what is known already.
-        option: the candidate.
-        error: of its probes, (K, W, T, M).
-        base: of what is known already, (W, T, M).
-        free: the changes that may go with it, of the clock and of each known value, (F, W, T, M).
-    """
-    before = _squares(problem, _timed(problem, base, free[0]))
-    best: Guess | None = None
-    own = len(option.neutral) - len(option.effect.free)  # its size, not a phase or the like
-    sizes = np.abs(option.probes - option.neutral)[:, :own].sum(axis=1)
-    for k, probe in enumerate(option.probes):
-        change = error[k] - base
-        if (change**2).sum() < 1e-6 * max(before.sum(), 1e-12):
-            continue
-        low = FAR[0] if sizes[k] == sizes.min() else NEAR[0]
-        high = FAR[1] if sizes[k] == sizes.max() else NEAR[1]
-        scales = _scales(problem, base, np.array([change, *free]), (low, high))  # (2, 1 + F)
-        other = scales[::-1][problem.fold]  # (W, 1 + F)
-        moved = np.array([change, *free[1:]])
-        predicted = base + np.einsum("wf,fwtm->wtm", np.delete(other, 1, axis=1), moved)
-        left = _timed(problem, predicted, free[0])
-        gain = 1.0 - _squares(problem, left).sum() / max(before.sum(), 1e-18)
-        if best is None or gain > best.gain:
-            start = option.towards(probe, float(scales[:, 0].mean()))
-            best = Guess(option, start, float(gain), left, found.values + scales[:, 2:])
-    return best
-
-
-def _scales(
-    problem: Problem, base: np.ndarray, changes: np.ndarray, bounds: tuple[float, float]
-) -> np.ndarray:
-    """Return by how much changes are scaled to undo the error of each fold best, (2, 1 + F).
-
-    The first one's scale stays within bounds, the second one's, the clock's, within a step.
-    """
-    found = np.zeros((FOLDS, len(changes)))
-    for f in range(FOLDS):
-        own = problem.fold == f
-        flat, rest = changes[:, own].reshape(len(changes), -1), base[own].ravel()
-        curve, down = flat @ flat.T, -flat @ rest
-        curve += np.diag(SHY * np.diag(curve) + 1e-15)
-        held: list[int] = []
-        for number, (low, high) in ((1, (-problem.clock, problem.clock)), (0, bounds)):
-            found[f] = _solve(curve, down, found[f], held)
-            found[f, number] = np.clip(found[f, number], low, high)
-            held.append(number)
-        found[f] = _solve(curve, down, found[f], held)
-    return found
-
-
-def _solve(
-    curve: np.ndarray, down: np.ndarray, scales: np.ndarray, held: Sequence[int]
-) -> np.ndarray:
-    """Return the scales that minimize a quadratic, some of them held."""
-    free = np.setdiff1d(np.arange(len(scales)), held).astype(int)
-    result = scales.copy()
-    fixed = np.array(held, int)
-    against = curve[np.ix_(free, fixed)] @ scales[fixed]
-    result[free] = np.linalg.solve(curve[np.ix_(free, free)], down[free] - against)
-    return result
-
-
-def _timed(problem: Problem, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return errors with each fold's clock set by the other, (W, T, M)."""
-    shift = problem.shift(error, slope)[::-1]
-    return error + shift[problem.fold][:, None, None] * slope
-
-
-def _squares(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """Return each window's summed square error, (W,)."""
-    return (error**2).sum(axis=(1, 2))
 
 
 def refine(

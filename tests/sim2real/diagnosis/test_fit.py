@@ -8,9 +8,10 @@ import pytest
 from sim2real.diagnosis.attribute import tempered
 from sim2real.diagnosis.candidates import Candidate, candidates
 from sim2real.diagnosis.couples import couples
-from sim2real.diagnosis.fit import Fit, Problem, refine, screen
+from sim2real.diagnosis.fit import Fit, Problem, refine
 from sim2real.diagnosis.quantify import coalitions, intervals, shapley
 from sim2real.diagnosis.score import Blocks
+from sim2real.diagnosis.screen import screen
 from sim2real.diagnosis.simulate import Simulator
 from sim2real.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
