@@ -206,10 +206,11 @@ def test_steep_policies_are_exported_too(tmp_path):
 
     rng = np.random.default_rng(0)
     weights = rng.normal(0, 30, (1, 6)).astype(np.float32)
-    module = Steep(nn.Linear(6, 1))
+    layer = nn.Linear(6, 1, bias=True)
     with torch.no_grad():
-        module.network[0].weight.copy_(torch.from_numpy(weights))
-        module.network[0].bias.zero_()
+        layer.weight.copy_(torch.from_numpy(weights))
+        layer.bias.zero_()
+    module = Steep(layer)
     module.register_buffer("observation_mean", torch.zeros(6, dtype=torch.float64))
     module.register_buffer("observation_std", torch.ones(6, dtype=torch.float64))
     trained = Trained(np.zeros(7, np.float32), lambda theta: module, Path("x"), 0)
