@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 LONG = (  # modules; each resumes
+    "bus",
     "toys",
     "ppo_returns",
     "transfer",
