@@ -100,10 +100,14 @@ class Candidate:
     def towards(self, point: np.ndarray, scale: float) -> np.ndarray:
         """Return the point at which the effect is `scale` times as large as at `point`, (P,).
 
-        Phases and the like stay; a limit that is neutral at a huge value shrinks as it acts more.
+        Phases and the like stay. What acts more as it shrinks (a limit, a factor below 1) shrinks
+        in proportion where a straight line would take it past zero.
         """
         grown = self.neutral + scale * (point - self.neutral)
-        grown = np.where(self.neutral >= FREE, point / np.maximum(scale, 1e-3), grown)
+        shrunk = point / np.maximum(scale, 1e-3)
+        shrinks = (self.low >= 0.0) & (point < self.neutral) & (scale > 1.0)
+        grown = np.where(shrinks, np.maximum(grown, shrunk), grown)
+        grown = np.where(self.neutral >= FREE, shrunk, grown)
         free = len(self.effect.free)
         kept = np.arange(len(point)) >= len(point) - free
         return np.clip(np.where(kept, point, grown), self.low, self.high)

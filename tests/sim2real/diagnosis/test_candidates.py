@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from envs.effects import make
 from hardware.config import load_robot
 from hardware.log import Log
-from sim2real.diagnosis.candidates import candidates
+from sim2real.diagnosis.candidates import Candidate, candidates
 from sim2real.diagnosis.data import Data
 from sim2real.stand import hung
 
@@ -28,6 +29,23 @@ def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
     assert stribeck.low[1] > 0.01 and stribeck.high[1] < 10.0  # rad/s
     assert np.ptp(stribeck.probes[:, 1]) > 0
     assert (stribeck.towards(np.array([0.1, 0.3]), 2.0) == [0.2, 0.3]).all()
+
+
+def test_what_acts_more_as_it_shrinks_does_not_pass_zero() -> None:
+    """A limit grows tighter in proportion; friction, or a factor above 1, along a line."""
+
+    def option(name: str, neutral: float, low: float) -> Candidate:
+        limits = (np.array([v]) for v in (neutral, low, 10.0))
+        return Candidate(make(name, where="hinge"), "hinge", np.zeros((1, 1)), *limits, group="")
+
+    limit, friction = option("torque_limit", 2.0, 0.0), option("coulomb_friction", 0.0, 0.0)
+    factor, offset = option("position_gain", 1.0, 0.0), option("encoder_offset", 0.0, -1.0)
+    assert limit.towards(np.array([0.08]), 1.1) == pytest.approx(0.08 / 1.1)  # a line gives -0.11
+    assert limit.towards(np.array([1.4]), 1.1) == pytest.approx(2.0 - 1.1 * 0.6)
+    assert limit.towards(np.array([0.08]), 0.5) == pytest.approx(2.0 - 0.5 * 1.92)
+    assert factor.towards(np.array([2.0]), 1.5) == pytest.approx(2.5)
+    assert friction.towards(np.array([0.1]), 2.0) == pytest.approx(0.2)
+    assert offset.towards(np.array([-0.1]), 2.0) == pytest.approx(-0.2)
 
 
 def test_what_is_known_and_cannot_be_doubled_is_no_candidate(tmp_path: Path) -> None:
