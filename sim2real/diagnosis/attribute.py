@@ -188,9 +188,20 @@ class Search:
         least = max(ENOUGH * self.floor, WORTH * (self.before - self.floor))
         return fall > least and self.blocks.gain(found.error, best.error)[0] > 0
 
-    def race(self, fit: Fit, error: np.ndarray, found: Found | None = None) -> list[Contender]:
-        """Return the best candidates to add to a fit, the best on held-out windows first."""
+    def race(
+        self,
+        fit: Fit,
+        error: np.ndarray,
+        found: Found | None = None,
+        instead: Candidate | None = None,
+    ) -> list[Contender]:
+        """Return the best candidates to add to a fit, the best on held-out windows first.
+
+        With `instead` only those that could take its place.
+        """
         options = self.suspects(fit, error)
+        if instead is not None:
+            options = [option for option in options if meets(option, instead)]
         self.tell(f"screening {len(options)} effects", self._share(fit))
         screening = screen(self.screening, fit, options)
         guesses = screening.guesses
@@ -267,7 +278,8 @@ class Search:
                 return
             rest = self.without(found.fit, member)
             error = self.problem.held_out(rest.members, rest.values)
-            others = [c for c in self.race(rest, error) if c.candidate.label != member.label]
+            others = self.race(rest, error, instead=member)
+            others = [other for other in others if other.candidate.label != member.label]
             contenders = [Contender(member, found.fit, found.error), *others]  # it has settled
             contenders.sort(key=lambda c: self.blocks.rms(c.error))
             best = contenders[0]
@@ -295,6 +307,12 @@ class Search:
 
     def _share(self, fit: Fit) -> float:
         return min(0.1 + 0.25 * len(fit.members), 0.9)
+
+
+def meets(one: Candidate, other: Candidate) -> bool:
+    """Return whether there is a joint whose motion both change."""
+    everywhere = one.joint is None or other.joint is None
+    return everywhere or not set(one.shown).isdisjoint(other.shown)
 
 
 def beside(best: Contender) -> np.ndarray:

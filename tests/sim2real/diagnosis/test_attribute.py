@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.attribute import Found, Search
-from sim2real.diagnosis.candidates import candidates
+from envs.effects import make
+from sim2real.diagnosis.attribute import Found, Search, meets
+from sim2real.diagnosis.candidates import Candidate, candidates
 from sim2real.diagnosis.fit import Fit, Problem
 from sim2real.diagnosis.simulate import Simulator
 from tests.sim2real.diagnosis import arm
@@ -30,3 +31,17 @@ def test_a_couple_is_fitted_to_the_end(tmp_path: Path) -> None:
     settled = found.fit
     search.settle(found)
     assert found.fit is settled
+
+
+def test_only_what_moves_the_same_joint_can_take_a_place() -> None:
+    """A neighbour's friction cannot stand for an elbow's; a body it carries, or a delay, can."""
+
+    def option(name: str, joint: str | None, *shown: str) -> Candidate:
+        empty = np.zeros((1, 1))
+        effect = make(name, where=joint)
+        return Candidate(effect, joint, empty, *np.zeros((3, 1)), group="", shown=shown)
+
+    elbow = option("coulomb_friction", "elbow", "elbow")
+    assert not meets(option("armature", "wrist", "wrist"), elbow)
+    assert meets(option("link_mass", "hand", "elbow", "wrist"), elbow)
+    assert meets(option("command_delay", None), elbow)
