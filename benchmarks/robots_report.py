@@ -67,12 +67,12 @@ class Claim:
     Args:
         text: what.
         value: of one seed; a KeyError where figures are missing, NaN where there is nothing to say.
-        least: the median must reach, or None.
+        least: the median must reach.
     """
 
     text: str
     value: Callable[[Seed], float]
-    least: float | None
+    least: float
 
 
 CLAIMS = (
@@ -118,9 +118,8 @@ def claims(found: Figures) -> Table:
             values = values_of(seeds, claim.value)
             if not values:
                 continue
-            reached = float(np.median(values)) >= (claim.least or 0.0)
-            answer = None if claim.least is None else "holds" if reached else "fails"
-            must = None if claim.least is None else f">= {claim.least:g}"
+            reached = float(np.median(values)) >= claim.least
+            answer, must = "holds" if reached else "fails", f">= {claim.least:g}"
             table.add(robot, claim.text, estimate(values), must, len(values), answer)
     return table
 

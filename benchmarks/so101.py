@@ -14,9 +14,7 @@ docs/logs.md says where the logs are from; they are no part of this project.
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +22,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from benchmarks import real_logs
 from envs.effects import load_effects
 from hardware.log import Log, read_log
 from sim2real.blind.inject import ARM, told
@@ -35,7 +34,6 @@ from sim2real.plots import COLOURS, figure
 from sim2real.stats import Interval, bootstrap
 from sim2real.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 FIT = ("step_response", "friction_gravity", "sinusoidal_sweep", "workspace_sweep")
 HELD_OUT = (
     *("backlash_detection", "inertia_coupling", "oscillation_low_freq", "oscillation_med_freq"),
@@ -99,6 +97,7 @@ def report(data: Path, out: Path, results: Path) -> Table:
     before, after, floor = replayed(data, out)
     degrees = [np.degrees(one) for one in (before, after, floor)]
     answer = json.loads((out / "diagnosis" / "report.json").read_text(encoding="utf-8"))
+    first, last = real_logs.gap(answer)
     table = Table(("joint", "before (deg)", "after (deg)", "floor (deg)", "closed"))
     for i, joint in enumerate(ARM):
         one = [part[:, i : i + 1] for part in degrees]
@@ -108,8 +107,7 @@ def report(data: Path, out: Path, results: Path) -> Table:
         f"Fitted on {', '.join(FIT)}. Held out, replayed whole: {', '.join(HELD_OUT)}. "
         "RMS over rows and logs; brackets: 95 %, bootstrap over the held-out logs.",
         f"Verdict on held-out windows of the fitted logs: {answer['verdict']}, "
-        f"{np.degrees(answer['gap']['before']):.2f} to "
-        f"{np.degrees(answer['gap']['after'] or answer['gap']['before']):.2f} degrees.",
+        f"{np.degrees(first):.2f} to {np.degrees(last):.2f} degrees.",
         f"What is left: {answer['unexplained']['structure']}.",
     ]
     causes = Table(("effect", "where", "value", "unit", "closed"))
@@ -151,21 +149,8 @@ LABELS = ("stock model", "with what was found", "noise floor")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.so101",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add, folder = parser.add_argument, os.environ.get("SIM2REAL_DATA")
-    add("--data", type=Path, default=folder and Path(folder), help="default: SIM2REAL_DATA")
-    add("--report", action="store_true", help="diagnose nothing, write the table")
-    add(
-        "--out", type=Path, default=Path("outputs/bench_long/so101"), help="folder of the diagnosis"
-    )
-    add("--results", type=Path, default=RESULTS, help="folder of the tables and the picture")
-    chosen = parser.parse_args(arguments)
-    if chosen.data is None or not (chosen.data / "so101").is_dir():
-        print("skipped: SIM2REAL_DATA names no folder with so101/ (docs/logs.md)", file=sys.stderr)
+    chosen = real_logs.arguments("so101", __doc__, "so101", arguments)
+    if chosen is None:
         return 0
     if not chosen.report and not (chosen.out / "diagnosis" / "report.json").is_file():
         diagnose(chosen.data, chosen.out)

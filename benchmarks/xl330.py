@@ -15,9 +15,7 @@ folder; what is there is not repeated.
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import real_logs
 from envs.effects import load_effects
 from hardware.log import Log, read_logs
 from sim2real.diagnose import examine, write
@@ -33,7 +32,6 @@ from sim2real.replay import load_model, measure
 from sim2real.stats import Interval, bootstrap
 from sim2real.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 GAINS = (100, 200, 800)  # the servo's P gain register
 FOLDER, COUNTS, FULL = "xl330_bench", 4096, 885  # counts a turn; PWM that is all of the supply
 MANUAL = 128  # PWM is P x error / this, says the manual
@@ -136,10 +134,9 @@ def _causes(out: Path, name: str, words: str) -> Table:
         others = ", ".join(one["effect"] for one in cause["equivalent"]) or None
         where = cause["where"] or "robot"
         table.add(cause["effect"], where, value, cause["unit"], cause["closed"], others)
-    gap = answer["gap"]
-    after = gap["before"] if gap["after"] is None else gap["after"]
+    before, after = real_logs.gap(answer)
     table.notes.append(
-        f"{answer['verdict']}: {1e3 * gap['before']:.0f} to {1e3 * after:.0f} mrad (rms) on "
+        f"{answer['verdict']}: {1e3 * before:.0f} to {1e3 * after:.0f} mrad (rms) on "
         f"held-out windows of these gains. Left: {answer['unexplained']['structure']}."
     )
     return table
@@ -147,21 +144,8 @@ def _causes(out: Path, name: str, words: str) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.xl330",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add, folder = parser.add_argument, os.environ.get("SIM2REAL_DATA")
-    add("--data", type=Path, default=folder and Path(folder), help="default: SIM2REAL_DATA")
-    add("--report", action="store_true", help="diagnose nothing, write the tables")
-    add("--out", type=Path, default=Path("outputs/bench_long/xl330"), help="folder of diagnoses")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables")
-    chosen = parser.parse_args(arguments)
-    if chosen.data is None or not (chosen.data / FOLDER).is_dir():
-        print(
-            f"skipped: SIM2REAL_DATA names no folder with {FOLDER}/ (docs/logs.md)", file=sys.stderr
-        )
+    chosen = real_logs.arguments("xl330", __doc__, FOLDER, arguments)
+    if chosen is None:
         return 0
     logs = [log for log in read_logs(chosen.data / FOLDER) if gain_of(log) in GAINS]
     for name, _ in () if chosen.report else _fits():

@@ -196,7 +196,8 @@ def _count(driver: Driver, i: int, ask: Ask, where: str) -> int:
         ask(f"move {driver.robot.names[i]} to {where}, then press Enter ")
     except EOFError:
         raise HardwareError(
-            "calibrate asks a person at a terminal, and nobody answers here; nothing was written"
+            "calibrate asks a person at a terminal, and nobody answers here; "
+            "nothing was written: run it in a terminal"
         ) from None
     driver.clock.sleep_until(driver.clock.now() + 0.05)
     reading = driver.read()

@@ -184,7 +184,7 @@ def test_what_does_not_agree_is_not_written(tmp_path):
 
     class Sly(Odd):
         def forward(self, observation: torch.Tensor) -> torch.Tensor:
-            return self.network(observation.to(torch.float32)) + 1e-2
+            return self.network(observation.to(torch.float32)) + 1e-3
 
     module = Sly(nn.Linear(6, 1))
     module.register_buffer("observation_mean", torch.zeros(6, dtype=torch.float64))

@@ -1,0 +1,56 @@
+"""What the benchmarks on real logs share: their command line, and how a diagnosis is summed up.
+
+chosen = arguments("so101", __doc__, "so101", None)     # None, and a word why, without the logs
+before, after = gap(answer)                             # of a report.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def arguments(
+    name: str, doc: str | None, folder: str, words: Sequence[str] | None
+) -> argparse.Namespace | None:
+    """Read a benchmark's command line: data, report, out and results.
+
+    Args:
+        name: the module's.
+        doc: what `--help` says.
+        folder: the one that it needs below SIM2REAL_DATA.
+        words: of the command line; None for the program's own.
+
+    Returns:
+        The choices, or None where the logs are missing, which is said.
+    """
+    parser = argparse.ArgumentParser(
+        prog=f"python -m benchmarks.{name}",
+        description=doc,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add, data = parser.add_argument, os.environ.get("SIM2REAL_DATA")
+    out = Path("outputs/bench_long") / name
+    add("--data", type=Path, default=data and Path(data), help="default: SIM2REAL_DATA")
+    add("--report", action="store_true", help="diagnose nothing, write the tables")
+    add("--out", type=Path, default=out, help="folder of what is diagnosed")
+    add("--results", type=Path, default=RESULTS, help="folder of the tables")
+    chosen = parser.parse_args(words)
+    if chosen.data is None or not (chosen.data / folder).is_dir():
+        print(
+            f"skipped: SIM2REAL_DATA names no folder with {folder}/ (docs/logs.md)", file=sys.stderr
+        )
+        return None
+    return chosen
+
+
+def gap(answer: Mapping[str, Any]) -> tuple[float, float]:
+    """Return a report's gap before and after; the same where nothing was found."""
+    found = answer["gap"]
+    return found["before"], found["before"] if found["after"] is None else found["after"]
