@@ -1,6 +1,8 @@
 """Actor and critic that see images: NatureCNN (Mnih et al. 2015) with two heads.
 
-    policy = ConvActorCritic(4 * 84 * 84, 3, low, high, size=84, log_std=0.0)
+    policy = ConvActorCritic(
+        4 * 84 * 84, 3, low, high, size=84, log_std=0.0, precision="float32"
+    )
     mean, log_std, value = policy(observation)        # (B, O) flat images in [0, 1]
 
 Both share the features, as Stable-Baselines3's CnnPolicy does; sizes, initialization and heads are
@@ -9,7 +11,7 @@ its own, so that results compare.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -44,9 +46,12 @@ class ConvActorCritic(nn.Module):
         action_high: the actions' upper limits, (A,).
         size: of the square images [px].
         log_std: logarithm of the actions' first standard deviation.
+        precision: of the products that make the features; weights, heads and optimizer keep
+            float32.
 
     Raises:
-        Sim2RealError: for observations that are no images of that size, or images too small.
+        Sim2RealError: for observations that are no images of that size, images too small, or a
+            precision of another name.
     """
 
     def __init__(
@@ -58,8 +63,13 @@ class ConvActorCritic(nn.Module):
         *,
         size: int,
         log_std: float,
+        precision: Literal["float32", "bfloat16"],
     ) -> None:
         super().__init__()
+        if precision not in ("float32", "bfloat16"):
+            raise Sim2RealError(
+                f"policy.precision={precision} is not known; it is float32 or bfloat16"
+            )
         if size < SMALLEST:
             raise Sim2RealError(
                 f"policy.size={size} px is too small for this network; it takes {SMALLEST} or more"
@@ -73,7 +83,7 @@ class ConvActorCritic(nn.Module):
         self.observation_size, self.action_size, self.size = observation_size, action_size, size
         self.action_low = np.asarray(action_low, np.float64)  # (A,)
         self.action_high = np.asarray(action_high, np.float64)  # (A,)
-        self._log_std = log_std
+        self._log_std, self._half = log_std, precision == "bfloat16"
         self._shapes = self._list_shapes()
         count = sum(int(np.prod(shape)) for shape in self._shapes)
         self.theta = nn.Parameter(torch.zeros(count))  # (P,)
@@ -131,9 +141,11 @@ class ConvActorCritic(nn.Module):
     def _features(self, observation: Tensor, weights: Parts) -> Tensor:
         """Return what both heads see, (B, F)."""
         x = observation.reshape(-1, self.channels, self.size, self.size)
-        for (weight, bias), (_, _, stride) in zip(weights.layers[:-1], LAYERS, strict=True):
-            x = F.relu(F.conv2d(x, weight, bias, stride))
-        return F.relu(F.linear(x.flatten(1), *weights.layers[-1]))
+        with torch.autocast(x.device.type, torch.bfloat16, enabled=self._half):
+            for (weight, bias), (_, _, stride) in zip(weights.layers[:-1], LAYERS, strict=True):
+                x = F.relu(F.conv2d(x, weight, bias, stride))
+            x = F.relu(F.linear(x.flatten(1), *weights.layers[-1]))
+        return x.to(observation.dtype)
 
     def actor(self, mean: np.ndarray, std: np.ndarray) -> Actor:
         """Return the deterministic policy of raw observations, on the CPU.
