@@ -34,10 +34,10 @@ from sim2real.plots import COLOURS, figure
 from sim2real.stats import Interval, bootstrap
 from sim2real.tables import Table
 
-FIT = ("step_response", "friction_gravity", "sinusoidal_sweep", "workspace_sweep")
+FIT = ("step_response", "friction_gravity", "workspace_sweep", "backlash_detection")
 HELD_OUT = (
-    *("backlash_detection", "inertia_coupling", "oscillation_low_freq", "oscillation_med_freq"),
-    *("reaching_points", "single_joint_elbow", "slow_precision", "trapezoidal_profile"),
+    *("inertia_coupling", "oscillation_low_freq", "oscillation_med_freq", "reaching_points"),
+    *("single_joint_elbow", "sinusoidal_sweep", "slow_precision", "trapezoidal_profile"),
     *("triangle_wave", "velocity_ramp"),
 )
 DRAWS = 10_000  # resamples of an interval

@@ -26,8 +26,9 @@ from envs.effects import Effect, load_effects, write_effects
 from envs.plant import Fixed
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.attribute import Search
+from sim2real.diagnosis.blocked import mark_blocked
 from sim2real.diagnosis.candidates import candidates, check_names
-from sim2real.diagnosis.conclude import Conclusion, conclude, is_no_gap, nothing
+from sim2real.diagnosis.conclude import Conclusion, conclude, is_no_gap, nothing, stands_out
 from sim2real.diagnosis.data import Data, whole_episodes
 from sim2real.diagnosis.families import by_family, is_spread
 from sim2real.diagnosis.fit import Fit, Problem, columns
@@ -136,9 +137,10 @@ def examine(
     fixed = [] if effects is None else load_effects(effects)
     rng = np.random.default_rng(seed)
     tell("looking at the logs", 0.0)
+    logs, held = mark_blocked(logs)
     data = Data.of(logs, model)
     specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
-    findings = preflight(logs, specs)
+    findings = [*held, *preflight(logs, specs)]
     floors = _floors(data)
     floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
     problem = Problem(data, Simulator(data, fixed))
@@ -170,7 +172,7 @@ def examine(
 
 
 def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
-    if is_no_gap(search.before, search.floor, data):
+    if is_no_gap(search.before, search.floor, data, stands_out(search.base, data, floors)):
         return nothing(search, floors)
     found = instead(search, search.run())
     if is_spread(search, found):

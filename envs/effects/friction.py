@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import Effect, Extra, FieldEffect, SubstepRule, joint_driven, joints
+from envs.effects.base import (
+    Bound,
+    Effect,
+    Extra,
+    FieldBound,
+    FieldEffect,
+    SubstepRule,
+    joint_driven,
+    joints,
+)
 from envs.params import How, Parameter
 
 if TYPE_CHECKING:
@@ -19,10 +28,11 @@ if TYPE_CHECKING:
 
 # The engine's default friction creeps: 1.4 degrees in 10 s under three quarters of its torque.
 STIFF_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+STICKS = 0.999  # impedance from which a model's own friction is left as it is
 
 
 def stiffen(spec: mujoco.MjSpec, where: str | None) -> None:
-    """Make friction stick without creep in joints whose model has none; others keep their own."""
+    """Make friction stick without creep in joints whose model has none; see `Grip` for others."""
     driven = {actuator.target for actuator in spec.actuators}
     for joint in spec.joints:
         if joint.frictionloss == 0 and (
@@ -30,6 +40,46 @@ def stiffen(spec: mujoco.MjSpec, where: str | None) -> None:
         ):
             joint.solimp_friction = STIFF_SOLIMP
             joint.solref_friction = [2 * spec.option.timestep, 1.0]
+
+
+class Grip:
+    """Makes a model's own creeping friction stick, in the rows to which an effect adds some.
+
+    Rows without keep what the model says, bit for bit. A joint whose model sticks keeps it, too.
+
+    Args:
+        plant: the simulations.
+        where: the joint; None for all driven ones.
+    """
+
+    def __init__(self, plant: Plant, where: str | None) -> None:
+        model = plant.model
+        dofs = model.jnt_dofadr[joints(model, where)]  # (k,)
+        creeps = (model.dof_frictionloss[dofs] > 0) & (model.dof_solimp[dofs, 0] < STICKS)
+        self._dofs = dofs[creeps]
+        if len(self._dofs):
+            self._solimp, self._solref = plant.field("dof_solimp"), plant.field("dof_solref")
+            self._reference = (2 * model.opt.timestep, 1.0)
+
+    def hold(self, ids: np.ndarray) -> None:
+        """Let friction stick in the rows ids (n,)."""
+        if len(self._dofs) and len(ids):
+            self._solimp[ids[:, None], self._dofs] = STIFF_SOLIMP
+            self._solref[ids[:, None], self._dofs] = self._reference
+
+
+class _Coulomb(Bound):
+    """See `CoulombFriction`."""
+
+    def __init__(self, plant: Plant, effect: CoulombFriction) -> None:
+        (parameter,) = effect.parameters(plant.model)
+        elements = effect.elements(plant.model)
+        self._loss = FieldBound(plant.field(effect.field), elements, parameter)
+        self._grip, self._neutral = Grip(plant, effect.where), parameter.neutral
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self._loss.write(ids, values)
+        self._grip.hold(ids[values[:, 0] != self._neutral])
 
 
 class CoulombFriction(FieldEffect):
@@ -52,6 +102,10 @@ class CoulombFriction(FieldEffect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Make the joint stick where it had no friction."""
         stiffen(spec, self.where)
+
+    def bind(self, plant: Plant) -> Bound:
+        """Write the friction loss, and let it stick where it is not the model's own."""
+        return _Coulomb(plant, self)
 
 
 class ViscousFriction(FieldEffect):
@@ -95,10 +149,12 @@ class _FrictionRule(SubstepRule):
         self.loss = plant.live("dof_frictionloss")  # (N, nv)
         self.value = np.zeros((plant.num_rows, 1))
         self.qvel = plant.layout.raw_qvel
+        self.grip = Grip(plant, where)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Keep the coefficient of each row."""
         self.value[ids] = values[:, :1]
+        self.grip.hold(ids[values[:, 0] != 0])
 
     def add(self, ids: np.ndarray | slice, torque: np.ndarray) -> None:
         """Add friction torques (n, k) [N·m] for the coming substep."""

@@ -196,6 +196,7 @@ class _Derating(_Weakening):
 
     def __init__(self, plant: Plant, index: np.ndarray, effect: Effect) -> None:
         super().__init__(plant, index)
+        self.damping = plant.live("actuator_damping")
         self.effect, self.dt = effect, plant.model.opt.timestep
         self.heat = np.zeros((plant.num_rows, len(index)))  # N²·m²·s
         self.decay = np.zeros((plant.num_rows, 1))
@@ -210,13 +211,22 @@ class _Derating(_Weakening):
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         kept = np.exp(-self.decay[ids] * self.dt)
+        left = np.maximum(1.0 - self.value[ids] * self.heat[ids], 0.0)
+        self._brake(ids, left)  # as it was in the substep before
         self.heat[ids] = self.heat[ids] * kept + self.torque(ids) ** 2 * self.dt
-        self.weaken(ids, np.maximum(1.0 - self.value[ids] * self.heat[ids], 0.0))
+        weaker = np.maximum(1.0 - self.value[ids] * self.heat[ids], 0.0)
+        self.weaken(ids, weaker)
+        self._brake(ids, weaker / np.maximum(left, 1e-9))
+
+    def _brake(self, ids: np.ndarray | slice, factor: np.ndarray) -> None:
+        """Scale the back-EMF, which goes through the same winding, by factors (n, k)."""
+        self.damping[np.arange(self.plant.num_rows)[ids][:, None], self.index] *= factor
 
 
 class ThermalDerating(ActuatorEffect):
-    """A motor that weakens as it heats, by a factor 1 - value E on its law and limit.
+    """A motor that weakens as it heats, by a factor 1 - value E on all its torque.
 
+    Law, limit and back-EMF alike, since all go through the winding whose resistance rises.
     dE/dt = torque² - decay E, with E = 0 at a reset.
     """
 

@@ -86,6 +86,7 @@ class Firmware:
         self.supply = np.full(n, self.battery)
         self.dark = False  # no supply at all
         self._strain, self._energy = np.zeros(n), np.zeros(n)
+        self._worked = np.zeros(n)  # N²·m²·s since the last look at the heat
         self.errors = np.zeros(n, int)
         self.born = np.zeros(n, int)  # tick at which each started
         self._raw = self._encoder()
@@ -226,6 +227,8 @@ class Firmware:
         law = self._plain_law if self._simple else self._any_law
         self._output(np.trunc(law(position)))
         self.mechanics.step()
+        if self._heats:  # in every tick: torque has spikes in step with the commands
+            self._worked += TICK * self.mechanics.torque**2
         if self.ticks % SLOW_TICKS == 0:
             self._slow()
 
@@ -311,7 +314,8 @@ class Firmware:
         if self._heats:
             hidden = self.hidden
             decay = hidden["thermal_derating.decay"] * self._energy
-            self._energy += dt * (self.mechanics.torque**2 - decay)
+            self._energy += self._worked - dt * decay
+            self._worked[:] = 0.0
             factor = np.maximum(1 - hidden["thermal_derating"] * self._energy, 0.0)
             self.mechanics.set_strength(hidden["motor_strength"] * factor)
         stalled = self.torque_on & (np.abs(self.pwm) >= 0.95 * self._most_pwm)

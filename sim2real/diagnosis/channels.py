@@ -19,6 +19,7 @@ from sim2real.diagnosis.floor import step_of
 from sim2real.diagnosis.pairs import Pairs, index_of, joints_of, name_of, unit_of, which
 from sim2real.diagnosis.registers import check_duties, check_speeds
 from sim2real.diagnosis.report import Finding
+from sim2real.diagnosis.windows import reversals
 
 NOTES = frozenset({"quantization", "noise", "velocity_filter", "unsigned"})
 JITTER, LONG, MANY = 0.25, 2.5, 0.005  # of the median interval; times it; share of rows
@@ -169,20 +170,8 @@ def excitation(pairs: Pairs) -> dict[str, tuple[float, int]]:
             for part in log.episodes()
         ]
         moved = max(float(np.ptp(q)) for q in parts)
-        found[joint] = moved, sum(_reversals(q, 0.1 * moved) for q in parts)
+        found[joint] = moved, sum(reversals(q, 0.1 * moved) for q in parts)
     return found
-
-
-def _reversals(values: np.ndarray, size: float) -> int:
-    """How often a signal turns back by more than a size."""
-    count, direction, edge = 0, 0, float(values[0])
-    for value in values.tolist():
-        if (direction >= 0 and value > edge) or (direction <= 0 and value < edge):
-            direction = direction or (1 if value > edge else -1 if value < edge else 0)
-            edge = value
-        elif direction and abs(value - edge) > size:
-            count, direction, edge = count + 1, -direction, value
-    return count
 
 
 def _limits(pairs: Pairs) -> Iterator[Finding]:

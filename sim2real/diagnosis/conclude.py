@@ -43,6 +43,7 @@ from sim2real.diagnosis.report import (
 )
 from sim2real.diagnosis.residue import describe
 
+ALONE, COUNTS = 3.0, 1.5  # floors, and encoder counts, from which a joint stands out
 EXPLAINED, PARTLY = 0.9, 0.3
 FEW = 5  # causes of which every subset is fitted anew
 Set = frozenset[int]
@@ -67,9 +68,23 @@ def resolution(data: Data) -> float:
     return float(2 * np.sqrt(np.mean(counts**2)))
 
 
-def is_no_gap(before: float, floor: float, data: Data) -> bool:
-    """Return whether a gap is within what noise and rounding make."""
-    return before <= max(2 * floor, resolution(data))
+def stands_out(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
+    """Return whether one joint is further off than noise and rounding make, whatever the others do.
+
+    Args:
+        error: in the units of `data`, (W, T, M).
+        data: the windows.
+        floors: noise floor of each joint [rad or m], (M,).
+    """
+    square = (error**2).sum(axis=(0, 1)) / max(int(data.mask.sum()), 1)  # (M,)
+    counts = np.array([joint.count for joint in data.joints])
+    least = np.maximum(ALONE * floors, COUNTS * counts)
+    return bool((np.sqrt(square) * data.scale > least).any())
+
+
+def is_no_gap(before: float, floor: float, data: Data, alone: bool) -> bool:
+    """Return whether a gap is within what noise and rounding make; `alone`: see `stands_out`."""
+    return not alone and before <= max(2 * floor, resolution(data))
 
 
 def verdict_of(
@@ -79,6 +94,7 @@ def verdict_of(
     closed: float,
     low: float,
     data: Data,
+    alone: tuple[bool, bool] = (False, False),
 ) -> Verdict:
     """Return the verdict on a gap.
 
@@ -89,10 +105,11 @@ def verdict_of(
         closed: the share that is closed.
         low: its lower bound.
         data: the windows.
+        alone: whether one joint stands out, before and after.
     """
-    if is_no_gap(before, floor, data):
+    if is_no_gap(before, floor, data, alone[0]):
         return "no_gap"
-    if after <= 2 * floor or closed >= EXPLAINED:
+    if (after <= 2 * floor and not alone[1]) or closed >= EXPLAINED:
         return "explained"
     return "partly_explained" if closed >= PARTLY and low > 0 else "unexplained"
 
@@ -139,10 +156,11 @@ def conclude(
             others = [(c.candidate.label, c.fit) for c in crowd[: ALIKE - 1]]
             alike = ((member.label, found.fit), *others)
     text = describe(data, found.error, floor)
+    alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
     where, spectrum = _where(search, found.error, floors)
     gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
     report = Report(
-        verdict_of(search.before, after, floor, closed, ci[0], data),
+        verdict_of(search.before, after, floor, closed, ci[0], data, alone),
         gap,
         where,
         tuple(causes),

@@ -7,13 +7,14 @@ An arm whose gains and frictions were all guessed has several causes at each joi
 one, none closes enough of the whole gap to matter, and four are too few. So one kind of effect (a
 family: `position_gain` at every joint) is tried at all joints in the same simulations, each joint
 choosing its own value by its own error; the family that does best on held-out windows joins, with
-all values fitted together; a joint that does not gain by it leaves it. The first to join is a pair
-of gains and another family: a servo that is too stiff and does not rub looks like many things, and
-like neither alone.
+all values fitted together; a joint that does not gain by it leaves it. The first to join are gains
+of position and speed with dry and viscous friction, or with another family: a servo that is too
+stiff, rubs too little and is damped too much looks like many things, and like none of these alone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -25,14 +26,17 @@ from sim2real.diagnosis.quantify import without
 from sim2real.diagnosis.score import Blocks
 
 JOINTS, ABOVE = 3, 4.0  # joints whose error is so many floors, for a gap that is spread
-POOR = 0.5  # share of the gap below which the search by single effects has found too little
+POOR = 0.8  # share of the gap below which the search by single effects has found too little
 BETTER = 0.1  # share of the gap that families must close beyond single effects
 MOST = 3  # rounds in which families join
 TRIED = 3  # families, or pairs of them, of a round that are fitted
 WORKED = 80.0  # s of windows that families are fitted to and compared on: joints move in turn
-POINTS, ROUNDS = 10, 4  # simulations of a round of a joint's own search, and rounds
+POINTS = 24  # simulations of a round of a joint's own search
+ROUNDS, MORE = 2, 4  # rounds for each family that is tried, and further ones for the best
 SPREAD, SHRINK = 0.7, 0.7  # of its factors, as a logarithm, and how it shrinks from round to round
-STIFFNESS, PLAIN = "position_gain", "plain"  # pairs are of it and of effects of this group
+TIED = ("position_gain", "derivative_gain")  # start from the same factor
+SERVO = (*TIED, "coulomb_friction", "viscous_friction")  # what every servo model has
+STIFFNESS, PLAIN = SERVO[0], "plain"  # pairs are of it and of effects of this group
 COARSE = (0.2, 0.07, 0.025, 0.01)  # further factors: data sheets are off by orders of magnitude
 WORTH = 0.02  # least share of the first gap that a further family closes
 JOINT_WORTH = 0.002  # least share of it that a joint's own member closes
@@ -40,8 +44,8 @@ Family = tuple[Candidate, ...]
 
 
 def is_spread(search: Search, found: Found) -> bool:
-    """Return whether single effects leave much of a gap that many joints share."""
-    square = (search.base**2).sum(axis=(0, 1)) / max(int(search.problem.data.mask.sum()), 1)  # (M,)
+    """Return whether single effects leave much of a gap, and leave it at many joints."""
+    square = (found.error**2).sum(axis=(0, 1)) / max(int(search.problem.data.mask.sum()), 1)  # (M,)
     many = int((np.sqrt(square) > ABOVE * search.floor).sum()) >= JOINTS
     return many and search.closed(search.blocks.rms(found.error)) < POOR
 
@@ -98,49 +102,54 @@ class _Families:
                 told = " and ".join(choice)
                 search.tell(f"fitting {told} at every joint", 0.3 + 0.12 * len(found.steps))
                 members = (*found.fit.members, *self.members(choice))
-                fit = self.settled(members, self.promise(self.judge, choice, found.fit)[1], ROUNDS)
+                start = self.promise(self.judge, choice, found.fit)[1]
+                fit = self.settled(members, start, range(ROUNDS))
                 tried.append((choice, fit, self.gap(fit)))
             if not tried:
                 break
             choice, fit, _ = min(tried, key=lambda one: one[2])
+            fit = self.settled(fit.members, fit.values, range(ROUNDS, ROUNDS + MORE))
             if not self.joins(choice, fit, found):
                 break
         return found
 
     def choices(self, fit: Fit) -> list[tuple[str, ...]]:
-        """Return what may join: first a gain with another plain effect, then every family."""
+        """Return what may join: first a gain with what goes with it, then every family."""
         single: list[tuple[str, ...]] = [(kind,) for kind in self.left]
         plain = [kind for kind, family in self.left.items() if family[0].group == PLAIN]
         if fit.members or STIFFNESS not in plain:
             return single
-        others = [kind for kind in plain if kind != STIFFNESS and "offset" not in kind]
-        return [(STIFFNESS, kind) for kind in others]
+        servo = tuple(kind for kind in SERVO if kind in plain)
+        others = [kind for kind in plain if kind not in servo and "offset" not in kind]
+        return [servo, *((STIFFNESS, kind) for kind in others)]
 
     def members(self, choice: tuple[str, ...]) -> Family:
-        """Return the candidates of one or two families."""
+        """Return the candidates of some families."""
         return tuple(member for kind in choice for member in self.left[kind])
 
-    def settled(self, members: Family, start: np.ndarray, rounds: int) -> Fit:
+    def settled(self, members: Family, start: np.ndarray, rounds: Iterable[int]) -> Fit:
         """Return members whose values every joint sought by itself, all in the same simulations.
 
         A joint's values are multiplied by random factors about the best so far, less random from
-        round to round, and the best by its own error stay: no joint has to wait for another.
+        round to round, and the best by its own error stay: no joint has to wait for another. What
+        is added to the model's own is multiplied together with that.
 
         Args:
             members: the effects.
             start: their values, (2, P).
-            rounds: of `POINTS` simulations each.
+            rounds: their numbers, of `POINTS` simulations each.
         """
         best, low, high = (
             start.copy(),
             *(np.concatenate([getattr(m, end) for m in members]) for end in ("low", "high")),
         )
+        zero = np.where(np.isfinite(low) & (low < 0), low, 0.0)
         own = self.joints_of(members)  # (P,)
         least = self.squares(self.judge, members, best[None])[0]  # (2, M)
-        for number in range(rounds):
+        for number in rounds:
             spread = SPREAD * SHRINK**number
             factors = np.exp(spread * self.rng.standard_normal((POINTS, *best.shape)))
-            points = np.clip(best * factors, low, high)
+            points = np.clip(zero + (best - zero) * factors, low, high)
             squares = self.squares(self.judge, members, points)  # (K, 2, M)
             for f in range(FOLDS):
                 for joint in range(len(self.order)):
@@ -198,7 +207,8 @@ class _Families:
         """
         groups = [self.left[kind] for kind in choice]
         counts = [max(len(member.probes) for member in family) for family in groups]
-        grid = [None, *np.ndindex(*counts)]
+        tied = [choice.index(kind) for kind in TIED if kind in choice]
+        grid = [None, *(g for g in np.ndindex(*counts) if len({g[i] for i in tied}) < 2)]
         points = np.stack([self.point(groups, fit, probes) for probes in grid])
         members = (*fit.members, *self.members(choice))
         squares = self.squares(problem, members, points)  # (K + 1, 2, M)

@@ -1,29 +1,42 @@
 """How hot motors are when a window starts, so that heat need not be replayed from the beginning.
 
-    heat = Heat(data)
+    heat = Heat(data, paths)            # paths(windows): positions that the model as given takes
     heat.start(plant, windows)          # after a reset
 
 Under `thermal_derating` a motor's strength falls with the integral of its squared torque. Up to the
-window's first row the torque follows from the log itself: the actuator's law at the measured
-position, weakened as it then was.
+window's first row the torque is the one that the model as given needs to follow the log's commands,
+window by window, in proportion to the motor's strength then: a load that is held takes the same
+torque from a weak motor, and a swing less by the square. (The servo's law at the measured position
+is no way to it: readings are milliseconds from the commands that they are subtracted from, and a
+stiff gain makes torques of that.)
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
+import mujoco
 import numpy as np
 
 from envs.effects.supply import _Derating
 from envs.plant import Plant
 from sim2real.diagnosis.data import Data
-from sim2real.replay import to_recording
+
+Paths = Callable[[int], Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]]
 
 
 class Heat:
-    """The motors' torques of whole logs."""
+    """The motors' squared torques along whole logs.
 
-    def __init__(self, data: Data) -> None:
-        self._data = data
-        self._torques: dict[int, np.ndarray] = {}  # by log, (T, nu) N·m
+    Args:
+        data: the windows.
+        paths: of a log's number; returns, of each of its windows in turn, the positions at the
+            steps of the simulation (K + 1, nq), the commands (K, nu) and whether motors are on.
+    """
+
+    def __init__(self, data: Data, paths: Paths) -> None:
+        self._data, self._paths = data, paths
+        self._squares: dict[int, np.ndarray] = {}  # by log, (T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
         """Warm the motors of a plant whose rows replay these windows, (R,)."""
@@ -44,7 +57,7 @@ class Heat:
         for k in range(longest):
             span = spans[:, k : k + 1]
             weak = np.maximum(1.0 - rule.value * heat, 0.0)
-            heat = heat * np.exp(-rule.decay * span) + weak**2 * squares[:, k] * span
+            heat = heat * np.exp(-rule.decay * span) + weak * squares[:, k] * span
         return heat
 
     def _before(self, window: int, actuators: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -53,30 +66,41 @@ class Heat:
         log = self._data.logs[one.log]
         first = int(np.argmax(log.episode == one.episode))
         rows = slice(first, one.start)
-        square = self._torque(one.log)[rows][:, actuators] ** 2
+        square = self.squares(one.log)[rows][:, actuators]
         return np.diff(log.time[first : one.start + 1]), square
 
-    def _torque(self, number: int) -> np.ndarray:
-        """Return the torque that the law makes of each row of a log, (T, nu) N·m."""
-        if number in self._torques:
-            return self._torques[number]
-        log = self._data.logs[number]
-        model = self._data.models[next(w.model for w in self._data.windows if w.log == number)]
-        recording = to_recording(log, model)
-        found = np.zeros((len(log), model.nu))
-        for i in range(model.nu):
-            name = model.joint(int(model.actuator_trnid[i, 0])).name
-            if f"qpos.{name}" not in log.columns:
-                continue
-            q, gear = log.columns[f"qpos.{name}"], float(model.actuator_gear[i, 0])
-            speed = np.gradient(q, log.time)
-            bias = model.actuator_biasprm[i]
-            force = model.actuator_gainprm[i, 0] * recording.ctrl[:, i] + bias[0]
-            force = force + bias[1] * gear * q + bias[2] * gear * speed
-            if model.actuator_forcelimited[i]:
-                force = np.clip(force, *model.actuator_forcerange[i])
-            torque = force * gear - model.actuator_damping[i] * gear**2 * speed
-            on = np.ones(len(log), bool) if recording.powered is None else recording.powered[:, i]
-            found[:, i] = np.where(on, torque, 0.0)
-        self._torques[number] = found
-        return found
+    def squares(self, number: int) -> np.ndarray:
+        """Return the mean squared torque between each row of a log and the next, (T, nu) N²·m²."""
+        if number not in self._squares:
+            log = self._data.logs[number]
+            windows = [w for w in self._data.windows if w.log == number]
+            found = np.zeros((len(log), self._data.models[windows[0].model].nu))
+            for window, (path, ctrl, on) in zip(windows, self._paths(number), strict=True):
+                model = self._data.models[window.model]
+                square = np.where(on, _law(model, path, ctrl) ** 2, 0.0)  # (K, nu)
+                ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
+                rows = slice(window.first, window.last)
+                place = np.searchsorted(log.time[rows], ticks, side="right") - 1  # (K,)
+                square, place = square[place >= 0], place[place >= 0]
+                counts = np.bincount(place, minlength=window.last - window.first)
+                for i, column in enumerate(square.T):
+                    total = np.bincount(place, column, minlength=len(counts))
+                    found[rows, i] = total / np.maximum(counts, 1)
+            self._squares[number] = found
+        return self._squares[number]
+
+
+def _law(model: mujoco.MjModel, path: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
+    """Return the torques (K, nu) of affine actuators along positions (K + 1, nq)."""
+    speed = np.diff(path, axis=0) / model.opt.timestep
+    found = np.zeros(ctrl.shape)
+    for i in range(model.nu):
+        joint = int(model.actuator_trnid[i, 0])
+        place, gear = int(model.jnt_qposadr[joint]), float(model.actuator_gear[i, 0])
+        q, v, bias = path[:-1, place], speed[:, place], model.actuator_biasprm[i]
+        force = model.actuator_gainprm[i, 0] * ctrl[:, i] + bias[0]
+        force = force + bias[1] * gear * q + bias[2] * gear * v
+        if model.actuator_forcelimited[i]:
+            force = np.clip(force, *model.actuator_forcerange[i])
+        found[:, i] = force * gear - model.actuator_damping[i] * gear**2 * v
+    return found

@@ -160,6 +160,8 @@ def _set_control_range(actuator: Any, value: np.ndarray) -> None:
 # The fields that effects write, but those of inertia: whose they are, and where they belong there.
 FIELDS: dict[str, tuple[Callable[[mujoco.MjSpec], Iterable[Any]], Put]] = {
     "dof_frictionloss": (_joints, _set("frictionloss")),
+    "dof_solimp": (_joints, _set("solimp_friction")),
+    "dof_solref": (_joints, _set("solref_friction")),
     "dof_damping": (_joints, _set_first("damping")),
     "dof_armature": (_joints, _set("armature")),
     "jnt_range": (_joints, _set("range")),

@@ -17,7 +17,9 @@ from envs.effects import Effect
 from envs.effects.inertia import far_end
 from envs.effects.structure import link_inertia
 from sim2real.diagnosis.data import Data
+from sim2real.diagnosis.simulate import Simulator
 
+MOST = 0.9  # of the model's own friction that a probe takes away
 FASTEST = 8.0  # rad/s: of a servo whose model does not say
 
 
@@ -45,7 +47,7 @@ class Robot:
         self.mass = float(model.body_mass[1:].sum())
         self.voltage = float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0)
         span = max(w.recording.time[-1] for w in data.windows)
-        self.span = span
+        self.span, self._heat = span, Simulator(data).heat
 
     def _torque(self, i: int) -> float:
         model = self.model
@@ -53,6 +55,14 @@ class Robot:
         if model.actuator_forcelimited[i]:
             return float(model.actuator_forcerange[i, 1]) * gear
         return max(float(abs(model.actuator_biasprm[i, 1])) * 0.5, 1e-3) * gear
+
+    def heat(self, actuator: str) -> float:
+        """What an actuator's squared torque adds up to in the hardest of the logs [N²·m²·s]."""
+        place = self.actuators.index(actuator)
+        return max(
+            float(np.trapezoid(self._heat.squares(number)[:, place], log.time))
+            for number, log in enumerate(self.data.logs)
+        )
 
     def fastest(self, actuator: str) -> float:
         """The fastest that an actuator's commands move for a tenth of their time [rad/s]."""
@@ -102,7 +112,15 @@ def _torque(effect: Effect, robot: Robot) -> float:
 
 
 def _friction(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([0.01, 0.035, 0.12, 0.35]) * _torque(effect, robot)
+    sizes = np.array([0.01, 0.035, 0.12, 0.35]) * _torque(effect, robot)
+    return _with_less(sizes, robot.model.dof_frictionloss, effect, robot)
+
+
+def _with_less(sizes: np.ndarray, field: np.ndarray, effect: Effect, robot: Robot) -> np.ndarray:
+    """Return what may be added to a joint's own, and most of that taken away."""
+    joint = int(mujoco.mj_name2id(robot.model, mujoco.mjtObj.mjOBJ_JOINT, str(effect.where)))
+    own = float(field[robot.model.jnt_dofadr[joint]])
+    return np.append(sizes, -MOST * own) if own > 0 else sizes
 
 
 def _stribeck(effect: Effect, robot: Robot) -> np.ndarray:
@@ -115,7 +133,8 @@ def _load_friction(effect: Effect, robot: Robot) -> np.ndarray:
 
 
 def _viscous(effect: Effect, robot: Robot) -> np.ndarray:
-    return np.array([0.02, 0.1, 0.4, 1.2]) * _torque(effect, robot) / FASTEST
+    sizes = np.array([0.02, 0.1, 0.4, 1.2]) * _torque(effect, robot) / FASTEST
+    return _with_less(sizes, robot.model.dof_damping, effect, robot)
 
 
 def _cogging(effect: Effect, robot: Robot) -> np.ndarray:
@@ -132,10 +151,13 @@ def _inertia(effect: Effect, robot: Robot) -> np.ndarray:
 
 
 def _spring(effect: Effect, robot: Robot) -> np.ndarray:
-    """Springs that a torque bends little and much, with a tenth of their critical damping."""
-    soft = np.array([0.005, 0.02, 0.08, 0.3]) / _torque(effect, robot)
+    """Springs that a torque bends little and much, with a third of their critical damping.
+
+    With much less, a loop that is closed behind the spring swings by itself.
+    """
+    soft = np.array([0.005, 0.02, 0.08, 0.3, 0.8]) / _torque(effect, robot)
     joint = int(mujoco.mj_name2id(robot.model, mujoco.mjtObj.mjOBJ_JOINT, str(effect.where)))
-    return np.column_stack([soft, 0.2 * np.sqrt(link_inertia(robot.model, joint) / soft)])
+    return np.column_stack([soft, 0.6 * np.sqrt(link_inertia(robot.model, joint) / soft)])
 
 
 def _limit(effect: Effect, robot: Robot) -> np.ndarray:
@@ -149,11 +171,7 @@ def _sag(effect: Effect, robot: Robot) -> np.ndarray:
 
 
 def _heat(effect: Effect, robot: Robot) -> np.ndarray:
-    torque, span = (
-        _torque(effect, robot),
-        sum(float(log.time[-1] - log.time[0]) for log in robot.data.logs),
-    )
-    return np.array([0.3, 2.0, 12.0]) / (0.01 * torque**2 * span)
+    return np.array([0.15, 0.6, 2.5]) / max(robot.heat(str(effect.where)), 1e-9)
 
 
 def _speed(effect: Effect, robot: Robot) -> np.ndarray:

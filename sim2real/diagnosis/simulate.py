@@ -10,7 +10,7 @@ Each row R is one window under one set of values. Plants are kept by their struc
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,7 +65,7 @@ class Simulator:
 
     def __init__(self, data: Data, fixed: Sequence[Fixed] = (), threads: int = 0) -> None:
         self.data, self.fixed, self.threads = data, tuple(fixed), threads
-        self._heat = Heat(data)
+        self.heat = Heat(data, self._paths)
         self.seconds = 0.0  # of robot time simulated
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
         self._stepped: dict[tuple[Any, ...], bool] = {}  # by structure: whether Python steps it
@@ -130,6 +130,21 @@ class Simulator:
             self._plants.popitem(last=False)
         return plant
 
+    def _paths(self, number: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Yield what the model as given does in each window of a log; see `Heat`."""
+        windows = [i for i, w in enumerate(self.data.windows) if w.log == number]
+        plans = [self._plans[i] for i in windows]
+        steps = max(plan.steps for plan in plans)
+        plant = self._plant((), self.data.windows[windows[0]].model, len(windows))
+        ctrl = np.stack([_held(plan.ctrl, steps) for plan in plans])
+        off = np.stack([_held(plan.off, steps) for plan in plans])
+        recordings = [self.data.windows[i].recording for i in windows]
+        _start(plant, recordings, np.zeros((len(windows), 0)))
+        bits = np.arange(ctrl.shape[2])
+        for plan, path, held, mask in zip(plans, roll(plant, ctrl, off), ctrl, off, strict=True):
+            on = (mask[: plan.steps, None] >> bits & 1) == 0
+            yield np.nan_to_num(path[: plan.steps + 1]), held[: plan.steps], on
+
     def _chunk(
         self, effects: Sequence[Effect], model: int, windows: np.ndarray, values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -141,7 +156,7 @@ class Simulator:
         off = np.stack([_held(plan.off, steps) for plan in plans])
         recordings = [data.windows[i].recording for i in windows]
         _start(plant, recordings, values)
-        self._heat.start(plant, windows)
+        self.heat.start(plant, windows)
         paths = roll(plant, ctrl, off)[:, :, self._places]  # (R, K + 1, M)
         dt = data.models[model].opt.timestep
         self.seconds += steps * dt * len(windows)

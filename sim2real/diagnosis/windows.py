@@ -24,6 +24,9 @@ from sim2real.replay import to_recording
 WARM = 0.4  # s simulated before a window's comparison starts
 LONGEST, SHORTEST, WINDOWS = 3.0, 0.8, 12  # s, s, and into how many windows a short log is cut
 STATE = 0.25  # s of a window where the whole state is logged and no servo pulls errors back
+BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
+SLOWEST, TURN = 12.0, 0.1  # s of a window of slow motions; of the range, a turn of the commands
+MANY = 40  # windows that long logs are cut into before any is longer than LONGEST
 KICK = 0.3  # s after a servo was switched on again, whose exact moment no log knows
 
 
@@ -75,23 +78,52 @@ def cut(
     servo = all(_is_driven(models[0], joint.qpos) for joint in joints)
     parts = [(n, part) for n, log in enumerate(logs) for part in log.episodes()]
     total = sum(part.time[-1] - part.time[0] for _, part in parts)
-    length = float(np.clip(total / WINDOWS, SHORTEST, LONGEST)) if servo else STATE
     windows, start, before = [], 0, -1
     for number, part in parts:
         start = start if number == before else 0
         before = number
+        most = max(LONGEST, min(total / MANY, _pace(part)))
+        length = float(np.clip(total / WINDOWS, SHORTEST, most)) if servo else STATE
         pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
         cuts = _cuts(part, joints, pieces) if servo else _even(part, pieces)
         for first, last in pairwise(cuts):
             warm = int(np.searchsorted(part.time, part.time[first] - (WARM if servo else 0.0)))
             rows = (start + warm, start + first, start + last)
-            if last - first > 1:
+            if last - first > 1 and _free(part, first, last):
                 own = which[number]
                 windows.append(cut_one(logs[number], number, own, models[own], joints, rows, start))
         start += len(part)
     if not windows:
         raise Sim2RealError("the logs are too short to be cut into windows; record a few seconds")
     return windows
+
+
+def _pace(part: Log) -> float:
+    """Return in what time the commands turn back twice [s], the busiest of them.
+
+    Where they do so every ten seconds, windows of three say little: friction holds a joint where
+    it is put, and where it comes to rest with and against its load is seen in none of them.
+    """
+    commands = [part.column(f"ctrl.{name}") for name in part.actuators]
+    turns = [reversals(c, TURN * float(np.ptp(c))) for c in commands if np.ptp(c) > 0]
+    return min(2 * float(part.time[-1] - part.time[0]) / (max(turns, default=0) + 1), SLOWEST)
+
+
+def _free(part: Log, first: int, last: int) -> bool:
+    """Return whether nothing is in the robot's way in most of some rows."""
+    return BLOCKED not in part.columns or part.columns[BLOCKED][first:last].mean() < 0.5
+
+
+def reversals(values: np.ndarray, size: float) -> int:
+    """How often a signal turns back by more than a size."""
+    count, direction, edge = 0, 0, float(values[0])
+    for value in values.tolist():
+        if (direction >= 0 and value > edge) or (direction <= 0 and value < edge):
+            direction = direction or (1 if value > edge else -1 if value < edge else 0)
+            edge = value
+        elif direction and abs(value - edge) > size:
+            count, direction, edge = count + 1, -direction, value
+    return count
 
 
 def _even(part: Log, pieces: int) -> np.ndarray:
@@ -168,12 +200,15 @@ def cut_one(
 def _usable(log: Log, first: int, last: int) -> np.ndarray:
     """Return which rows say what a replay can know, (T,).
 
-    Not a reading that was missing and held, and not the moments after a servo was switched on.
+    Not a reading that was missing and held, not the moments after a servo was switched on, and not
+    those in which something was in the robot's way.
     """
     time = log.time[first:last]
     good = np.ones(last - first, bool)
     if "flag.fresh" in log.columns:
         good &= log.columns["flag.fresh"][first:last] > 0
+    if BLOCKED in log.columns:
+        good &= log.columns[BLOCKED][first:last] <= 0
     for name in log.actuators:
         column = f"torque.{name}"
         if column in log.columns:

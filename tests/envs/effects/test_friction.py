@@ -44,6 +44,30 @@ def test_a_model_with_friction_keeps_its_own_way(bench, one) -> None:
     assert paths[0] == paths[1]
 
 
+@pytest.mark.parametrize(
+    "name, value",
+    [("coulomb_friction", 0.2), ("stribeck_friction", 0.2), ("load_dependent_friction", 0.5)],
+)
+def test_more_friction_sticks_where_the_models_own_creeps(name: str, value: float, one) -> None:
+    """The engine's default friction gives way slowly; with an effect on top it holds."""
+    text = '<mujoco><worldbody><body><joint name="hinge" axis="0 1 0" frictionloss="0.4"/>'
+    text += '<geom size="0.05" mass="0.2" pos="0.1 0 0"/></body></worldbody></mujoco>'
+    import mujoco
+
+    from envs.plant import Plant
+
+    plant = Plant(mujoco.MjSpec.from_string(text), [one(name)], 2, 1)
+    plant.set_params(np.arange(2), np.array([[0.0], [value]]))
+    plant.reset(np.arange(2), np.zeros((2, 1)), np.zeros((2, 1)), np.zeros(2, np.uint64))
+    plant.step(None, np.zeros((2, 0)), 2000)
+    crept, held = np.abs(plant.qpos[:, 0])
+    assert crept > 0.01 > 20 * held
+    plant.set_params(np.arange(2), np.array([[value], [0.0]]))  # rows change places
+    plant.reset(np.arange(2), np.zeros((2, 1)), np.zeros((2, 1)), np.zeros(2, np.uint64))
+    plant.step(None, np.zeros((2, 0)), 2000)
+    assert np.abs(plant.qpos[:, 0]) == pytest.approx([held, crept])
+
+
 def test_viscous_friction_is_a_rate_of_decay(bench, one) -> None:
     """Speed decays as exp(-c t / I)."""
     arm = bench([one("viscous_friction")], [[0.005], [0.01]], MOTOR)

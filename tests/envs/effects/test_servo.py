@@ -151,6 +151,21 @@ def test_thermal_derating_follows_the_integral_of_torque_squared(bench, one) -> 
     assert arm.force[0] == pytest.approx(1.0, abs=1e-3)
 
 
+def test_thermal_derating_weakens_the_back_emf_too(bench, one) -> None:
+    """A hot winding brakes less: what a motor does is all scaled by the same factor."""
+    servo = '<position name="servo" joint="hinge" kp="0.1" damping="0.2"/>'
+    hot = bench([one("thermal_derating")], [[0.0], [0.02]], servo, damping=0.0)
+    weak = bench([one("motor_strength")], [[1.0], [1.0]], servo, damping=0.0)
+    hot.reset(w=20.0)
+    hot.plant.substep_rules[0].heat[:] = [[0.0], [30.0]]  # a factor of 0.4
+    weak.plant.set_params(np.arange(2), np.array([[1.0], [0.4]]))
+    weak.reset(w=20.0)
+    for arm in (hot, weak):
+        arm.run(0.0, 5)
+    assert hot.speed == pytest.approx(weak.speed, rel=2e-3)
+    assert hot.speed[1] > 1.05 * hot.speed[0]
+
+
 @pytest.mark.parametrize("name", ["position_gain", "derivative_gain", "dead_zone"])
 def test_a_torque_motor_is_refused_with_what_it_can_have(bench, one, name: str) -> None:
     """The error lists the effects that the actuator does have."""

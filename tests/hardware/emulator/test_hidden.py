@@ -215,6 +215,19 @@ def test_thermal_derating_weakens():
     assert world.mechanics.torque[0] == pytest.approx(tau0 * (1 - 0.5 * energy), rel=0.02)
 
 
+def test_heat_counts_every_tick(floating):
+    """Commands in step with the looks at the heat make spikes, which heat as much as they work."""
+    world = world_with(floating, effect="thermal_derating", value=1e-6)
+    work = 0.0
+    for tick in range(400):
+        if tick % 10 == 0:
+            put(world, goal_position=2048 + 20 * (tick // 10 % 2))
+        world.firmware.tick()
+        work += 1e-3 * float(world.mechanics.torque[0] ** 2)
+    assert work > 0
+    assert world.firmware._energy[0] == pytest.approx(work, rel=1e-6)
+
+
 def test_dead_zone_ignores_small_errors(floating):
     """Errors below the zone drive nothing; larger ones drive in full."""
     world = world_with(floating, effect="dead_zone", value=0.05)

@@ -13,7 +13,7 @@ from sim2real.diagnosis.attribute import Found, Search
 from sim2real.diagnosis.candidates import candidates
 from sim2real.diagnosis.data import Data
 from sim2real.diagnosis.families import _Families, by_family, families, is_spread
-from sim2real.diagnosis.fit import Problem
+from sim2real.diagnosis.fit import Fit, Problem
 from sim2real.diagnosis.simulate import Simulator
 
 JOINTS = ("base", "elbow", "wrist")
@@ -77,6 +77,21 @@ def test_families_are_kinds_at_joints(search: Search) -> None:
     assert set(kinds) >= {"position_gain", "coulomb_friction", "viscous_friction"}
     assert [member.joint for member in kinds["position_gain"]] == list(JOINTS)
     assert kinds["position_gain"][0].probes.min() <= 0.02
+
+
+def test_gains_come_first_with_what_every_servo_has(search: Search) -> None:
+    """Gains, dry and viscous friction are tried together; once something joined, one by one."""
+    state = _Families(search, np.random.default_rng(0))
+    assert ("position_gain", "coulomb_friction", "viscous_friction") in state.choices(search.none)
+    some = Fit((search.options[0],), np.zeros((2, 1)), np.zeros(2))
+    assert all(len(choice) == 1 for choice in state.choices(some))
+
+
+def test_friction_of_the_model_itself_is_tried_with_less(search: Search) -> None:
+    """A joint whose model is damped may be damped too much."""
+    damped = families(search)["viscous_friction"][0]
+    assert damped.probes.min() == pytest.approx(-0.9 * 0.2)
+    assert families(search)["coulomb_friction"][0].probes.min() > 0  # this model has none
 
 
 def test_no_second_variant_of_an_effect_joins(search: Search) -> None:
