@@ -47,6 +47,11 @@ class MetricsFile:
         whole = text[: text.rfind("\n") + 1]
         return list(csv.DictReader(io.StringIO(whole, newline="")))
 
+    def clear(self) -> None:
+        """Forget all rows and columns, and the file."""
+        self.path.unlink(missing_ok=True)
+        self._columns = []
+
     def cut(self, key: str, last: int, source: MetricsFile | None = None) -> None:
         """Keep the rows in which `key` is at most `last`: of this file or, if given, another's."""
         source = source or self

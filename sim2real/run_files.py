@@ -70,8 +70,8 @@ class RunFiles:
                 raise CheckpointError(
                     f"{self.out} already holds a run; continue it with resume={newest}"
                 )
-            self.metrics.path.unlink(missing_ok=True)
-            self.timing.path.unlink(missing_ok=True)
+            self.metrics.clear()  # of a run that was killed before its first checkpoint
+            self.timing.clear()
             return
         found = restore(source, algorithm, self._identity)
         self._compare(source, found)

@@ -41,3 +41,13 @@ def test_another_file_s_rows_are_taken_over(tmp_path: Path) -> None:
     here.cut("i", 2, former)
     here.write({"i": 3, "a": 0.1 * 3})
     assert (tmp_path / "here.csv").read_bytes() == (tmp_path / "former.csv").read_bytes()
+
+
+def test_a_cleared_file_begins_with_its_header(tmp_path: Path) -> None:
+    """What a killed run left behind goes, and the next rows have their names again."""
+    MetricsFile(tmp_path / "metrics.csv").write({"a": 1.0, "b": 2.0})
+    again = MetricsFile(tmp_path / "metrics.csv")
+    again.clear()
+    assert not again.path.exists()
+    again.write({"a": 3.0, "b": 4.0})
+    assert again.path.read_text() == "a,b\n3.0,4.0\n"
