@@ -7,33 +7,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envs.effects import Effect, make
 from envs.plant import Plant
 from envs.rollout import roll
 from hardware.log import Log
+from sim2real.diagnosis.candidates import candidates
 from sim2real.diagnosis.fit import Problem
 from sim2real.diagnosis.simulate import Simulator
 from tests.sim2real.diagnosis import arm
 
 
 def test_heat_of_a_hold_is_torque_squared_times_time(tmp_path: Path) -> None:
-    """Held still against gravity a motor needs m g l; readings 5 ms late change nothing."""
-    log = arm.make_log(seconds=12.0)
-    log.columns["ctrl.a"][:], log.columns["ctrl.b"][:] = 0.4, 0.0
-    log.columns["qpos.a"][:], log.columns["qpos.b"][:] = 0.4, 0.0
-    held = Simulator(arm.data_of(_settled(log), tmp_path)).heat.squares(0)[100:500, 0]
+    """Held still against gravity a motor needs m g l sin q."""
+    held = Simulator(arm.data_of(_hold(), tmp_path)).heat.squares(0)[100:500, 0]
     weight = 9.81 * np.sin(0.35) * (0.3 * 0.1 + 0.2 * 0.3)  # where it comes to rest, 0.35 rad
     assert np.sqrt(held.mean()) == pytest.approx(weight, rel=0.1)
 
 
-def _settled(log: Log) -> Log:
-    """Return the log with the positions that the arm itself comes to."""
+def _hold() -> Log:
+    """Return 12 s of the arm held at a goal of 0.4 rad."""
+    ctrl = np.tile([0.4, 0.0], (1, 6000, 1))
     plant = Plant(arm.spec(), (), 1, threads=1)
-    zero, ctrl = np.zeros((1, 2)), np.tile([0.4, 0.0], (1, len(log) * 10, 1))
+    zero = np.zeros((1, 2))
     plant.reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:, 0], measured=True)
-    path = roll(plant, ctrl)[0, :-1:10]
-    log.columns["qpos.a"], log.columns["qpos.b"] = path[:, 0].copy(), path[:, 1].copy()
-    return log
+    path, time = roll(plant, ctrl)[0, :-1:10], np.arange(600) / arm.RATE
+    columns = {"episode": np.zeros(600), "time": time}
+    columns |= {f"ctrl.{n}": ctrl[0, ::10, i] for i, n in enumerate("ab")}
+    columns |= {f"qpos.{n}": path[:, i] for i, n in enumerate("ab")}
+    return Log(columns)
 
 
 def test_the_true_derating_leaves_no_error_in_later_windows(tmp_path: Path) -> None:
@@ -41,15 +41,8 @@ def test_the_true_derating_leaves_no_error_in_later_windows(tmp_path: Path) -> N
     effect = ("thermal_derating", {"where": "a"}, 0.04)
     data = arm.data_of(arm.make_log(effect, seconds=20.0), tmp_path)
     problem = Problem(data, Simulator(data))
-    members = (_Member(make("thermal_derating", where="a")),)
+    members = [o for o in candidates(data) if o.label == "thermal_derating.a"]
     right, _ = problem.errors(members, np.full((1, 2, 1), 0.04))
     wrong, _ = problem.errors(members, np.zeros((1, 2, 1)))
     late = [i for i, w in enumerate(data.windows) if w.first > len(data.logs[0]) // 2]
     assert np.square(right[0, late]).mean() < 0.1 * np.square(wrong[0, late]).mean()
-
-
-class _Member:
-    """What a problem asks of a candidate."""
-
-    def __init__(self, effect: Effect) -> None:
-        self.effect = effect
