@@ -112,7 +112,8 @@ def report(data: Path, out: Path, results: Path) -> Table:
     ]
     causes = Table(("effect", "where", "value", "unit", "closed"))
     for cause in answer["causes"]:
-        value = Interval(cause["value"], *cause["value_ci"])
+        low, high = cause["value_ci"]
+        value = f"{cause['value']:.3g} [{low:.2g}, {high:.2g}]"
         causes.add(
             cause["effect"], cause["where"] or "robot", value, cause["unit"], cause["closed"]
         )
