@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from sim2real.diagnosis.report import Report
 
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
+SINGLY = 4  # causes that a sentence names with their places
 PEOPLE = ("coulomb", "stribeck")
 SUBTITLES = {
     "explained": "Explained",
@@ -79,12 +80,25 @@ def sentence(report: Report) -> str:
         )
     if report.verdict == "unexplained" or not report.causes:
         return "There is a gap, and no effect that is known here explains it."
-    subject = _and([name(c.effect, c.extra.get("body") or c.where) for c in report.causes])
+    subject = _and(subjects([(c.effect, c.extra.get("body") or c.where) for c in report.causes]))
     verb = "explains" if len(report.causes) == 1 else "explain"
     text = f"{subject} {verb} {percent(gap.closed)} of the gap."
     if report.verdict == "partly_explained":
         text = f"{text[:-1]}; the rest has another cause."
     return text[0].upper() + text[1:]
+
+
+def subjects(causes: Sequence[tuple[str, str | None]]) -> list[str]:
+    """Return causes (effect, place) in words; many are told by effect, with how many places."""
+    if len(causes) <= SINGLY:
+        return [name(effect, where) for effect, where in causes]
+    places: dict[str, list[str | None]] = {}
+    for effect, where in causes:
+        places.setdefault(effect, []).append(where)
+    return [
+        name(effect, where[0]) if len(where) == 1 else f"{plain(effect)} at {len(where)} places"
+        for effect, where in places.items()
+    ]
 
 
 def details(report: Report) -> str:

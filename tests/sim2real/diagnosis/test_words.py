@@ -53,6 +53,21 @@ def test_names_of_effects_are_words() -> None:
     assert words.label("noise floor") == "noise floor"
 
 
+def test_many_causes_are_told_by_their_kind() -> None:
+    """A headline of seventeen places is none."""
+    few = [("position_gain", "elbow"), ("coulomb_friction", "elbow")]
+    assert words.subjects(few) == ["position gain at elbow", "Coulomb friction at elbow"]
+    many = [("position_gain", joint) for joint in "abc"] + [
+        *[("coulomb_friction", joint) for joint in "ab"],
+        ("supply_sag", None),
+    ]
+    assert words.subjects(many) == [
+        "position gain at 3 places",
+        "Coulomb friction at 2 places",
+        "supply sag",
+    ]
+
+
 def test_what_the_simulator_was_tested_for_is_one_sentence() -> None:
     """What makes no difference is said together, what does on its own."""
     assert words.numerics({"timestep": "ok", "solver": "ok"}) == [
