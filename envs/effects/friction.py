@@ -83,7 +83,11 @@ class _Coulomb(Bound):
 
 
 class CoulombFriction(FieldEffect):
-    """Dry friction: a torque against the motion, whatever its speed; the joint sticks below it."""
+    """Dry friction: a torque against the motion, whatever its speed; the joint sticks below it.
+
+    Where the model has friction of its own that creeps, as the engine's default does, any change of
+    it makes all of it stick.
+    """
 
     name = "coulomb_friction"
     place = "joint"

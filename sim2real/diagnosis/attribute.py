@@ -254,7 +254,7 @@ class Search:
     def suspects(self, fit: Fit, error: np.ndarray) -> list[Candidate]:
         """Return the candidates that could cause what is wrong: at joints with a gap, or above."""
         taken = {(m.name, m.effect.where) for m in fit.members}
-        square = (error**2).sum(axis=(0, 1)) / max(self.problem.data.mask.sum(), 1)  # (M,)
+        square = self.problem.data.mean_squares(error)
         excess = np.maximum(square - self.floor**2, 0.0)
         names = [joint.name for joint in self.problem.data.joints]
         guilty = {

@@ -18,7 +18,7 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.report import Finding
-from sim2real.diagnosis.windows import BLOCKED as FLAG
+from sim2real.diagnosis.windows import BLOCKED
 
 REST, STILL = 0.1, 0.003  # s on either side within which a resting joint moves less [rad, m]
 USUAL = 0.9  # quantile of a joint's rests that counts as usual
@@ -36,7 +36,7 @@ def mark_blocked(logs: Sequence[Log]) -> tuple[list[Log], list[Finding]]:
     Args:
         logs: of one robot.
     """
-    flags = [np.array(log.columns.get(FLAG, np.zeros(len(log)))) > 0 for log in logs]
+    flags = [np.array(log.columns.get(BLOCKED, np.zeros(len(log)))) > 0 for log in logs]
     findings = []
     for joint in dict.fromkeys(name for log in logs for name in log.actuators):
         held = _held(logs, joint)
@@ -47,7 +47,7 @@ def mark_blocked(logs: Sequence[Log]) -> tuple[list[Log], list[Finding]]:
                 for flag, log, rows in zip(flags, logs, held, strict=True)
             ]
     marked = [
-        Log({**log.columns, FLAG: flag.astype(float)}, log.meta, log.path) if flag.any() else log
+        Log({**log.columns, BLOCKED: flag.astype(float)}, log.meta, log.path) if flag.any() else log
         for log, flag in zip(logs, flags, strict=True)
     ]
     return marked, findings
@@ -126,5 +126,5 @@ def _finding(logs: Sequence[Log], joint: str, held: Sequence[np.ndarray]) -> Fin
         f"current of its other rests, for {seconds:.1f} s in all, first at {log.time[row]:.1f} s "
         f"of {name}: something is in its way.",
         "These moments are left out. Look at what the robot touches there; a log may flag such "
-        f"rows itself, in a column {FLAG}.",
+        f"rows itself, in a column {BLOCKED}.",
     )

@@ -139,7 +139,7 @@ def candidates(
         Sim2RealError: an unknown name to exclude.
     """
     check_names(exclude)
-    robot = Robot(data)
+    robot = Robot(data, fixed)
     found = []
     for name in EFFECTS:
         shown = EFFECTS[name].__module__.endswith(LOOKS)

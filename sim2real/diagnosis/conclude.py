@@ -76,10 +76,9 @@ def stands_out(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
         data: the windows.
         floors: noise floor of each joint [rad or m], (M,).
     """
-    square = (error**2).sum(axis=(0, 1)) / max(int(data.mask.sum()), 1)  # (M,)
     counts = np.array([joint.count for joint in data.joints])
     least = np.maximum(ALONE * floors, COUNTS * counts)
-    return bool((np.sqrt(square) * data.scale > least).any())
+    return bool((np.sqrt(data.mean_squares(error)) * data.scale > least).any())
 
 
 def is_no_gap(before: float, floor: float, data: Data, alone: bool) -> bool:
@@ -94,7 +93,7 @@ def verdict_of(
     closed: float,
     low: float,
     data: Data,
-    alone: tuple[bool, bool] = (False, False),
+    alone: tuple[bool, bool],
 ) -> Verdict:
     """Return the verdict on a gap.
 

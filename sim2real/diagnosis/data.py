@@ -105,6 +105,10 @@ class Data:
             count += pieces
         return found
 
+    def mean_squares(self, error: np.ndarray) -> np.ndarray:
+        """Return each joint's mean square over the compared rows, (M,), of errors (W, T, M)."""
+        return (error**2).sum(axis=(0, 1)) / max(int(self.mask.sum()), 1)
+
     def only(self, chosen: np.ndarray) -> Data:
         """Return the data of some windows, (n,) indices."""
         return replace(

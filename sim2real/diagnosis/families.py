@@ -45,7 +45,7 @@ Family = tuple[Candidate, ...]
 
 def is_spread(search: Search, found: Found) -> bool:
     """Return whether single effects leave much of a gap, and leave it at many joints."""
-    square = (found.error**2).sum(axis=(0, 1)) / max(int(search.problem.data.mask.sum()), 1)  # (M,)
+    square = search.problem.data.mean_squares(found.error)
     many = int((np.sqrt(square) > ABOVE * search.floor).sum()) >= JOINTS
     return many and search.closed(search.blocks.rms(found.error)) < POOR
 

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable
 import mujoco
 import numpy as np
 
+from envs.effects.base import joint_driven
 from envs.effects.supply import _Derating
 from envs.plant import Plant
 from sim2real.diagnosis.data import Data
@@ -77,7 +78,9 @@ class Heat:
             found = np.zeros((len(log), self._data.models[windows[0].model].nu))
             for window, (path, ctrl, on) in zip(windows, self._paths(number), strict=True):
                 model = self._data.models[window.model]
-                square = np.where(on, _law(model, path, ctrl) ** 2, 0.0)  # (K, nu)
+                torque = _law(model, path, ctrl)
+                known = on & np.isfinite(torque)  # not that of a simulation that diverged
+                square = np.where(known, torque, 0.0) ** 2  # (K, nu)
                 ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
                 rows = slice(window.first, window.last)
                 place = np.searchsorted(log.time[rows], ticks, side="right") - 1  # (K,)
@@ -91,10 +94,12 @@ class Heat:
 
 
 def _law(model: mujoco.MjModel, path: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
-    """Return the torques (K, nu) of affine actuators along positions (K + 1, nq)."""
+    """Return the torques (K, nu) of affine actuators at joints along positions (K + 1, nq)."""
     speed = np.diff(path, axis=0) / model.opt.timestep
     found = np.zeros(ctrl.shape)
     for i in range(model.nu):
+        if not joint_driven(model, i):
+            continue
         joint = int(model.actuator_trnid[i, 0])
         place, gear = int(model.jnt_qposadr[joint]), float(model.actuator_gear[i, 0])
         q, v, bias = path[:-1, place], speed[:, place], model.actuator_biasprm[i]

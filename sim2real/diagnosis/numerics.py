@@ -18,6 +18,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from envs.effects.friction import STIFF_SOLIMP
 from envs.plant import Fixed
 from hardware.log import Log
 from sim2real.diagnosis.trial import Piece, choose, trial
@@ -26,7 +27,6 @@ SECONDS, PIECES = 5.0, 4  # of a replay, and how many
 CHANGES = 0.1  # of the gap: a smaller change is none
 TINY = 0.005  # of the motion: nobody minds less
 GONE = 0.25  # of an effect's gain that has to be left for it to be physics
-STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # friction that holds: 0.005 degrees in 10 s
 INERTIA = 5e-4  # kg m^2: of the smallest servos, XL-320 1.1e-3
 LEAST = 0.03  # rad or m: a joint that moves less counts as moving this much
 WORST = 5.0  # of a joint's motion: larger errors count as this
@@ -210,7 +210,7 @@ def _tight(spec: mujoco.MjSpec) -> None:
 
 def _stiff(spec: mujoco.MjSpec) -> None:
     for joint in spec.joints:
-        joint.solimp_friction = np.array(STIFF)
+        joint.solimp_friction = np.array(STIFF_SOLIMP)
 
 
 def _inertia(spec: mujoco.MjSpec) -> None:

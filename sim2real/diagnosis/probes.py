@@ -8,7 +8,8 @@ They follow from the robot's own sizes: friction from its motors' torque, speeds
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -16,7 +17,9 @@ import numpy as np
 from envs.effects import Effect
 from envs.effects.inertia import far_end
 from envs.effects.structure import link_inertia
+from envs.plant import Fixed
 from sim2real.diagnosis.data import Data
+from sim2real.diagnosis.heat import Heat
 from sim2real.diagnosis.simulate import Simulator
 
 MOST = 0.9  # of the model's own friction that a probe takes away
@@ -26,12 +29,16 @@ FASTEST = 8.0  # rad/s: of a servo whose model does not say
 class Robot:
     """Sizes of a robot, from which typical values of effects on it follow.
 
+    Args:
+        data: the logs and their models.
+        fixed: effects that are in the model already.
+
     Attributes:
         torque: the largest of each actuator at its joint [N·m], by actuator.
         joint_torque: the same by joint.
     """
 
-    def __init__(self, data: Data) -> None:
+    def __init__(self, data: Data, fixed: Sequence[Fixed] = ()) -> None:
         self.data, self.model = data, data.models[0]
         model = self.model
         self.joints = [joint.name for joint in data.joints]
@@ -47,7 +54,7 @@ class Robot:
         self.mass = float(model.body_mass[1:].sum())
         self.voltage = float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0)
         span = max(w.recording.time[-1] for w in data.windows)
-        self.span, self._heat = span, Simulator(data).heat
+        self.span, self._fixed = span, tuple(fixed)
 
     def _torque(self, i: int) -> float:
         model = self.model
@@ -60,9 +67,17 @@ class Robot:
         """What an actuator's squared torque adds up to in the hardest of the logs [N²·m²·s]."""
         place = self.actuators.index(actuator)
         return max(
-            float(np.trapezoid(self._heat.squares(number)[:, place], log.time))
+            float(np.trapezoid(self._squares.squares(number)[:, place], log.time))
             for number, log in enumerate(self.data.logs)
         )
+
+    @cached_property
+    def _squares(self) -> Heat:
+        return Simulator(self.data, self._fixed).heat
+
+    def own(self, field: np.ndarray, joint: str | None) -> float:
+        """Return a joint's entry of one of the model's fields of degrees of freedom."""
+        return float(field[self.model.jnt_dofadr[self.model.joint(str(joint)).id]])
 
     def fastest(self, actuator: str) -> float:
         """The fastest that an actuator's commands move for a tenth of their time [rad/s]."""
@@ -113,13 +128,11 @@ def _torque(effect: Effect, robot: Robot) -> float:
 
 def _friction(effect: Effect, robot: Robot) -> np.ndarray:
     sizes = np.array([0.01, 0.035, 0.12, 0.35]) * _torque(effect, robot)
-    return _with_less(sizes, robot.model.dof_frictionloss, effect, robot)
+    return _with_less(sizes, robot.own(robot.model.dof_frictionloss, effect.where))
 
 
-def _with_less(sizes: np.ndarray, field: np.ndarray, effect: Effect, robot: Robot) -> np.ndarray:
-    """Return what may be added to a joint's own, and most of that taken away."""
-    joint = int(mujoco.mj_name2id(robot.model, mujoco.mjtObj.mjOBJ_JOINT, str(effect.where)))
-    own = float(field[robot.model.jnt_dofadr[joint]])
+def _with_less(sizes: np.ndarray, own: float) -> np.ndarray:
+    """Return what may be added to a joint's own friction, and most of that taken away."""
     return np.append(sizes, -MOST * own) if own > 0 else sizes
 
 
@@ -134,7 +147,7 @@ def _load_friction(effect: Effect, robot: Robot) -> np.ndarray:
 
 def _viscous(effect: Effect, robot: Robot) -> np.ndarray:
     sizes = np.array([0.02, 0.1, 0.4, 1.2]) * _torque(effect, robot) / FASTEST
-    return _with_less(sizes, robot.model.dof_damping, effect, robot)
+    return _with_less(sizes, robot.own(robot.model.dof_damping, effect.where))
 
 
 def _cogging(effect: Effect, robot: Robot) -> np.ndarray:
@@ -146,7 +159,7 @@ def _cogging(effect: Effect, robot: Robot) -> np.ndarray:
 def _inertia(effect: Effect, robot: Robot) -> np.ndarray:
     model = robot.model
     joint = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, str(effect.where)))
-    own = float(model.dof_armature[model.jnt_dofadr[joint]])
+    own = robot.own(model.dof_armature, effect.where)
     return np.append(np.array([0.1, 0.4, 1.5]) * (link_inertia(model, joint) + own), -0.4 * own)
 
 

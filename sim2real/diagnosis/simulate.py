@@ -132,34 +132,39 @@ class Simulator:
 
     def _paths(self, number: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield what the model as given does in each window of a log; see `Heat`."""
-        windows = [i for i, w in enumerate(self.data.windows) if w.log == number]
-        plans = [self._plans[i] for i in windows]
-        steps = max(plan.steps for plan in plans)
+        windows = np.array([i for i, w in enumerate(self.data.windows) if w.log == number])
         plant = self._plant((), self.data.windows[windows[0]].model, len(windows))
-        ctrl = np.stack([_held(plan.ctrl, steps) for plan in plans])
-        off = np.stack([_held(plan.off, steps) for plan in plans])
-        recordings = [self.data.windows[i].recording for i in windows]
-        _start(plant, recordings, np.zeros((len(windows), 0)))
+        plans, ctrl, off = self._begin(plant, windows, np.zeros((len(windows), 0)))
         bits = np.arange(ctrl.shape[2])
         for plan, path, held, mask in zip(plans, roll(plant, ctrl, off), ctrl, off, strict=True):
             on = (mask[: plan.steps, None] >> bits & 1) == 0
-            yield np.nan_to_num(path[: plan.steps + 1]), held[: plan.steps], on
+            yield path[: plan.steps + 1], held[: plan.steps], on
+
+    def _begin(
+        self, plant: Plant, windows: np.ndarray, values: np.ndarray
+    ) -> tuple[list[_Plan], np.ndarray, np.ndarray]:
+        """Put each row at the start of its window, under its values.
+
+        Returns:
+            The plans, the commands (R, K, nu) and the motors that are off (R, K).
+        """
+        plans = [self._plans[i] for i in windows]
+        steps = max(plan.steps for plan in plans)
+        ctrl = np.stack([_held(plan.ctrl, steps) for plan in plans])
+        off = np.stack([_held(plan.off, steps) for plan in plans])
+        _start(plant, [self.data.windows[i].recording for i in windows], values)
+        return plans, ctrl, off
 
     def _chunk(
         self, effects: Sequence[Effect], model: int, windows: np.ndarray, values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         data, every = self.data, np.arange(len(windows))
         plant = self._plant(effects, model, len(windows))
-        plans = [self._plans[i] for i in windows]
-        steps = max(plan.steps for plan in plans)
-        ctrl = np.stack([_held(plan.ctrl, steps) for plan in plans])  # (R, K, nu)
-        off = np.stack([_held(plan.off, steps) for plan in plans])
-        recordings = [data.windows[i].recording for i in windows]
-        _start(plant, recordings, values)
+        plans, ctrl, off = self._begin(plant, windows, values)
         self.heat.start(plant, windows)
         paths = roll(plant, ctrl, off)[:, :, self._places]  # (R, K + 1, M)
         dt = data.models[model].opt.timestep
-        self.seconds += steps * dt * len(windows)
+        self.seconds += off.size * dt
         bad = np.asarray(np.isnan(paths).any(axis=2))  # (R, K + 1)
         lost = np.where(np.any(bad, axis=1), bad.argmax(axis=1) * dt, np.inf)
         before = np.stack([plan.before for plan in plans])  # (R, T, M)

@@ -73,7 +73,7 @@ def cut(
         joints: the compared positions.
 
     Raises:
-        Sim2RealError: logs too short to be cut.
+        Sim2RealError: a log too short to be cut, or blocked nearly throughout.
     """
     servo = all(_is_driven(models[0], joint.qpos) for joint in joints)
     parts = [(n, part) for n, log in enumerate(logs) for part in log.episodes()]
@@ -93,8 +93,13 @@ def cut(
                 own = which[number]
                 windows.append(cut_one(logs[number], number, own, models[own], joints, rows, start))
         start += len(part)
-    if not windows:
-        raise Sim2RealError("the logs are too short to be cut into windows; record a few seconds")
+    empty = [n for n in range(len(logs)) if all(window.log != n for window in windows)]
+    if empty:
+        place = logs[empty[0]].path or f"log {empty[0] + 1} of {len(logs)}"
+        raise Sim2RealError(
+            f"{place}: no piece of its {len(logs[empty[0]])} rows can be compared: it is too short "
+            f"to be cut, or {BLOCKED} is set in most of it; record a few seconds, or leave it out"
+        )
     return windows
 
 
@@ -207,15 +212,14 @@ def _usable(log: Log, first: int, last: int) -> np.ndarray:
     good = np.ones(last - first, bool)
     if "flag.fresh" in log.columns:
         good &= log.columns["flag.fresh"][first:last] > 0
-    if BLOCKED in log.columns:
-        good &= log.columns[BLOCKED][first:last] <= 0
     for name in log.actuators:
         column = f"torque.{name}"
         if column in log.columns:
             on = np.diff((log.columns[column][first:last] > 0).astype(int)) > 0
             for moment in time[1:][on]:
                 good &= (time < moment - 0.03) | (time > moment + KICK)
-    return good if good.sum() > 1 else np.ones(last - first, bool)
+    free = log.columns.get(BLOCKED, np.zeros(len(log)))[first:last] <= 0
+    return free & (good if good.sum() > 1 else np.ones(last - first, bool))
 
 
 def to_ctrl(log: Log, model: mujoco.MjModel, row: int) -> np.ndarray:

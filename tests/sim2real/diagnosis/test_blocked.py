@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.blocked import FLAG, mark_blocked
-from sim2real.diagnosis.windows import _usable
+from sim2real.diagnosis.blocked import mark_blocked
+from sim2real.diagnosis.windows import BLOCKED, _usable
 
 RATE = 50.0
 STOP = 0.6  # rad: where an obstacle is
@@ -35,7 +35,7 @@ def log_of(stop: float | None = None, current: bool = True, limit: float = np.in
 def test_a_joint_that_is_held_is_flagged() -> None:
     """Errors and currents far above those of other rests, and half a second around."""
     (marked,), (finding,) = mark_blocked([log_of(STOP)])
-    held = marked.columns[FLAG] > 0
+    held = marked.columns[BLOCKED] > 0
     assert finding.check == "blocked" and finding.where == "hinge"
     assert "0.4 short of its goal" in finding.finding
     blocked = (marked.time > 70) & (marked.column("ctrl.hinge") > 0.5)
@@ -54,7 +54,7 @@ def test_flagged_rows_are_not_compared() -> None:
     """Those that the log flags itself are kept out, too."""
     log = log_of()
     flag = (log.time > 10) & (log.time < 12)
-    own = Log({**log.columns, FLAG: flag.astype(float)}, log.meta, None)
+    own = Log({**log.columns, BLOCKED: flag.astype(float)}, log.meta, None)
     (marked,), _ = mark_blocked([own])
-    assert (marked.columns[FLAG] == flag).all()
+    assert (marked.columns[BLOCKED] == flag).all()
     assert (_usable(marked, 0, len(marked)) == ~flag).all()

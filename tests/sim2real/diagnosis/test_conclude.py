@@ -27,7 +27,7 @@ def test_verdicts_follow_what_is_left(
 ) -> None:
     """Twice the floor, nine tenths and three tenths part the verdicts."""
     data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
-    assert verdict_of(before, after, 0.01, closed, low, data) == verdict
+    assert verdict_of(before, after, 0.01, closed, low, data, (False, False)) == verdict
 
 
 def test_one_joint_that_stands_out_is_a_gap(tmp_path: Path) -> None:
