@@ -97,7 +97,7 @@ class SAC(Algorithm):
         self._device = torch.device(device)
         self._steps, self._ratio, self._batch = steps, update_ratio, batch_size
         self._warmup, self._tau = warmup_frames, tau
-        self.log_alpha = torch.tensor(float(np.log(alpha)), device=device, requires_grad=True)
+        self.log_alpha = torch.full((), float(np.log(alpha)), device=device, requires_grad=True)
         entropy = -rows.action_size if target_entropy is None else target_entropy
         self._gradient = SACGradient(self.policy, gamma, float(entropy))
         parameters = [self.policy.actor_theta, self.policy.critic_theta, self.log_alpha]
