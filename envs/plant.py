@@ -133,6 +133,13 @@ class Plant:
         self._starters = sorted(
             starters, key=lambda b: not isinstance(b, CommandRule)
         )  # what arrives, then who hears it
+        own = [id(bound) for bound in self._bound]
+        self._awake = {
+            bound: np.ones(self.num_rows, dtype=bool)
+            for bound in self._bound
+            if isinstance(bound, SubstepRule) and own.count(id(bound)) == 1
+        }  # where such an effect is not absent, (N,); what several effects share always acts
+        self._asked: dict[SubstepRule, np.ndarray | slice] = {}  # the same as rows
         self._fresh = np.zeros(self.num_rows, dtype=bool)  # reset, and no command seen yet
         self.measures = bool(self._measurements)  # whether `measured` differs from the true state
         if self.measures:
@@ -210,6 +217,13 @@ class Plant:
             bound.write(ids, np.repeat(constants, len(ids), axis=0))
         for bound, columns in self._drawn:
             bound.write(ids, values[:, columns])
+            if isinstance(bound, SubstepRule) and bound in self._awake:
+                away = values[:, columns] != self.space.neutral[columns]
+                self._awake[bound][ids] = away.any(axis=1)
+        self._asked = {
+            rule: slice(None) if awake.all() else np.flatnonzero(awake)
+            for rule, awake in self._awake.items()
+        }
         for name, base in self._live.items():
             base[ids] = self._fields[name][ids]
         if self._constants:
@@ -307,7 +321,18 @@ class Plant:
         self.applied[rows] = 0.0
         with np.errstate(all="ignore"):  # a diverged row's numbers are its own affair
             for rule in self._rules:
-                rule.before_substep(rows)
+                self._ask(rule, rows)
+
+    def _ask(self, rule: SubstepRule, rows: np.ndarray | slice) -> None:
+        """Let a rule act, but for the rows in which its effect is absent."""
+        asked = self._asked.get(rule, slice(None))
+        if isinstance(asked, slice):
+            rule.before_substep(rows)
+            return
+        if not isinstance(rows, slice):
+            asked = rows[self._awake[rule][rows]]
+        if asked.size:
+            rule.before_substep(asked)
 
     def _advance(self, ids: np.ndarray | None, nstep: int, broken: np.ndarray) -> None:
         try:

@@ -82,6 +82,9 @@ class CommandRule(Bound, ABC):
 class SubstepRule(Bound, ABC):
     """A bound effect that acts before each physics substep, on all the rows of a call at once.
 
+    Rows in which all of its parameters are neutral are left out: what it remembers stands still
+    there. A mechanism that several effects share acts on every row.
+
     It changes controls (`plant.ctrl`), model fields (`Plant.live`, restored before each substep) or
     adds to the applied forces (`Plant.applied`, zeroed before each substep).
     """

@@ -166,6 +166,35 @@ def test_torques_of_several_rules_add_up() -> None:
     assert (arm.applied == 0).all()
 
 
+def test_rules_are_asked_only_where_their_effect_is_there() -> None:
+    """A row at the neutral value costs nothing; with or without a selection of rows."""
+    asked: list[list[int]] = []
+
+    class Watched(Pushing):
+        def before_substep(self, ids: np.ndarray | slice) -> None:
+            asked.append(np.arange(4)[ids].tolist())
+            super().before_substep(ids)
+
+    class WatchedPush(Push):
+        def bind(self, plant: Plant) -> SubstepRule:
+            return Watched(plant)
+
+    arm, ids = plant([WatchedPush("hinge")], 4), np.arange(4)
+    for values, rows, expected in (
+        ([0.0, 0.0, 0.0, 0.0], None, []),
+        ([0.0, 0.2, 0.0, 0.1], None, [1, 3]),
+        ([0.0, 0.2, 0.0, 0.1], np.array([0, 2, 3]), [3]),
+        ([0.3, 0.2, 0.1, 0.1], np.array([0, 2]), [0, 2]),
+    ):
+        arm.set_params(ids, np.array(values)[:, None])
+        arm.reset(ids, np.zeros((4, 1)), np.zeros((4, 1)), np.zeros(4, np.uint64))
+        asked.clear()
+        arm.step(rows, np.zeros((4 if rows is None else len(rows), 1)), 2)
+        assert asked == ([expected] * 2 if expected else [])
+        chosen = ids if rows is None else rows
+        assert arm.applied[chosen, 0] == pytest.approx(np.array(values)[chosen])
+
+
 def test_it_needs_a_row() -> None:
     """A plant of no simulations is an error."""
     with pytest.raises(TaskError, match="num_rows=0"):
