@@ -203,7 +203,7 @@ class Search:
         if instead is not None:
             options = [option for option in options if meets(option, instead)]
         self.tell(f"screening {len(options)} effects", self._share(fit))
-        screening = screen(self.screening, fit, options)
+        screening = screen(self.screening, fit, options, self.first.responses)
         guesses = screening.guesses
         if found is not None and not fit.members:
             found.guesses = guesses

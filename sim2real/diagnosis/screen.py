@@ -18,6 +18,7 @@ from sim2real.diagnosis.candidates import Candidate
 from sim2real.diagnosis.fit import FOLDS, Fit, Problem, columns, sensitivities
 
 SHY = 1e-3  # of a square: keeps changes that look alike from cancelling
+LIKELY = 40  # options that are simulated once it is known how all of them change the model
 NEAR, FAR = (0.4, 2.2), (0.05, 6.0)  # how far a probe's response may be scaled, between and beyond
 
 
@@ -48,7 +49,12 @@ class Screening(NamedTuple):
     drift: np.ndarray  # (W, T, M) their change with the clock
 
 
-def screen(problem: Problem, found: Fit, options: Sequence[Candidate]) -> Screening:
+def screen(
+    problem: Problem,
+    found: Fit,
+    options: Sequence[Candidate],
+    before: Sequence[Response] = (),
+) -> Screening:
     """Return a guess for each option, the most promising first.
 
     A probe's change of the simulation, scaled, should be what is wrong with it, while the values of
@@ -59,16 +65,46 @@ def screen(problem: Problem, found: Fit, options: Sequence[Candidate]) -> Screen
         problem: on the windows to look at.
         found: the effects that are known already.
         options: what may be added to them.
+        before: how options changed a simulation with less known, on the same windows: of many, only
+            those are simulated that would be among the `LIKELY` if they changed this one alike.
     """
     error, slope = problem.errors(found.members, found.values[None])
     base, drift = error[0], slope[0]
     result = Screening([], [], base, drift)
     known = sensitivities(problem, found.members, found.values, base) if found.members else ()
+    free = np.array([drift, *known])
+    options = _likely(problem, found, options, before, base, free)
     for group in dict.fromkeys(option.group for option in options):
         own = [o for o in options if o.group == group]
-        _screen_group(problem, found, own, np.array([drift, *known]), result)
+        _screen_group(problem, found, own, free, result)
     result.guesses.sort(key=lambda guess: -guess.gain)
     return result
+
+
+def _likely(
+    problem: Problem,
+    found: Fit,
+    options: Sequence[Candidate],
+    before: Sequence[Response],
+    base: np.ndarray,
+    free: np.ndarray,
+) -> list[Candidate]:
+    """Return the options that may promise most, and those of which nothing is known."""
+    changes: dict[str, list[Response]] = {}
+    for response in before:
+        changes.setdefault(response.candidate.label, []).append(response)
+    gains = {}
+    for option in options:
+        own = changes.get(option.label, [])
+        if len(own) == len(option.probes) and all(
+            np.array_equal(response.probe, probe)
+            for response, probe in zip(own, option.probes, strict=True)
+        ):
+            error = np.array([base + response.change for response in own])
+            guess = _guess(problem, found, option, error, base, free)
+            gains[option.label] = 0.0 if guess is None else guess.gain
+    kept = set(sorted(gains, key=lambda label: -gains[label])[:LIKELY])
+    return [o for o in options if o.label in kept or o.label not in gains]
 
 
 def _screen_group(
