@@ -22,7 +22,7 @@ from sim2real.diagnosis.data import Data
 from sim2real.diagnosis.fit import FOLDS, Fit, Problem, columns, refine
 from sim2real.diagnosis.ripples import with_ripples
 from sim2real.diagnosis.score import Blocks
-from sim2real.diagnosis.screen import Guess, Screening, screen
+from sim2real.diagnosis.screen import Guess, Response, Screening, screen
 
 MOST = 4  # effects in all
 SCREENED, RACED, FITTED = 9.0, 15.0, 40.0  # s of windows that screening, race and fit look at
@@ -111,6 +111,7 @@ class Search:
         counts = np.array([joint.count / joint.scale for joint in problem.data.joints])
         self.least = max(1.3 * floor, float(np.sqrt(np.mean(counts**2))))  # nothing is left then
         self.first = Screening([], [], self.base, self.base)
+        self.responses: list[Response] = []  # of each candidate, as last screened
 
     def run(self) -> Found:
         """Search."""
@@ -203,7 +204,10 @@ class Search:
         if instead is not None:
             options = [option for option in options if meets(option, instead)]
         self.tell(f"screening {len(options)} effects", self._share(fit))
-        screening = screen(self.screening, fit, options, self.first.responses)
+        screening = screen(self.screening, fit, options, self.responses)
+        seen = {response.candidate.label for response in screening.responses}
+        self.responses = [r for r in self.responses if r.candidate.label not in seen]
+        self.responses += screening.responses
         guesses = screening.guesses
         if found is not None and not fit.members:
             found.guesses = guesses

@@ -10,6 +10,7 @@ each, and takes what lies between the probes for a straight line.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from sim2real.diagnosis.candidates import Candidate
 from sim2real.diagnosis.fit import FOLDS, Fit, Problem, columns, sensitivities
 
 SHY = 1e-3  # of a square: keeps changes that look alike from cancelling
-LIKELY = 40  # options that are simulated once it is known how all of them change the model
+LIKELY = 40  # options that are probed in full beside what is known
 NEAR, FAR = (0.4, 2.2), (0.05, 6.0)  # how far a probe's response may be scaled, between and beyond
 
 
@@ -65,18 +66,19 @@ def screen(
         problem: on the windows to look at.
         found: the effects that are known already.
         options: what may be added to them.
-        before: how options changed a simulation with less known, on the same windows: of many, only
-            those are simulated that would be among the `LIKELY` if they changed this one alike.
+        before: how options changed a simulation with less or other effects known, on the same
+            windows. Beside known effects, of many options only the `LIKELY` are probed in full:
+            those that would promise most if they changed this simulation as they changed that
+            one, or, where nothing is known of them, as their middle probes do.
     """
     error, slope = problem.errors(found.members, found.values[None])
     base, drift = error[0], slope[0]
     result = Screening([], [], base, drift)
     known = sensitivities(problem, found.members, found.values, base) if found.members else ()
     free = np.array([drift, *known])
-    options = _likely(problem, found, options, before, base, free)
-    for group in dict.fromkeys(option.group for option in options):
-        own = [o for o in options if o.group == group]
-        _screen_group(problem, found, own, free, result)
+    if found.members and len(options) > LIKELY:
+        options = _likely(problem, found, options, before, result, free)
+    _probe(problem, found, options, free, result)
     result.guesses.sort(key=lambda guess: -guess.gain)
     return result
 
@@ -86,25 +88,55 @@ def _likely(
     found: Fit,
     options: Sequence[Candidate],
     before: Sequence[Response],
-    base: np.ndarray,
+    now: Screening,
     free: np.ndarray,
 ) -> list[Candidate]:
-    """Return the options that may promise most, and those of which nothing is known."""
+    """Return the options that may promise most; adds how the middle probes of others change it."""
     changes: dict[str, list[Response]] = {}
     for response in before:
         changes.setdefault(response.candidate.label, []).append(response)
     gains = {}
     for option in options:
-        own = changes.get(option.label, [])
-        if len(own) == len(option.probes) and all(
-            np.array_equal(response.probe, probe)
-            for response, probe in zip(own, option.probes, strict=True)
-        ):
-            error = np.array([base + response.change for response in own])
-            guess = _guess(problem, found, option, error, base, free)
+        own = [
+            r for r in changes.get(option.label, []) if r.probe.tolist() in option.probes.tolist()
+        ]
+        if own:
+            error = np.array([now.base + response.change for response in own])
+            seen = replace(option, probes=np.array([response.probe for response in own]))
+            guess = _guess(problem, found, seen, error, now.base, free)
             gains[option.label] = 0.0 if guess is None else guess.gain
-    kept = set(sorted(gains, key=lambda label: -gains[label])[:LIKELY])
-    return [o for o in options if o.label in kept or o.label not in gains]
+    glance = Screening([], [], now.base, now.drift)
+    strangers = [_middle(option) for option in options if option.label not in gains]
+    _probe(problem, found, strangers, free, glance)
+    gains |= {guess.candidate.label: guess.gain for guess in glance.guesses}
+    kept = sorted(gains, key=lambda label: -gains[label])[:LIKELY]
+    now.responses.extend(r for r in glance.responses if r.candidate.label not in kept)
+    return [option for option in options if option.label in kept]
+
+
+def _middle(option: Candidate) -> Candidate:
+    """Return an option with its middle probe in each direction; all where it has free extras."""
+    if option.effect.free:
+        return option
+    change = option.probes - option.neutral
+    kept = []
+    for sign in np.unique(np.sign(change), axis=0):
+        own = np.flatnonzero((np.sign(change) == sign).all(axis=1))
+        kept.append(own[np.argsort(np.abs(change[own]).sum(axis=1))[len(own) // 2]])
+    return replace(option, probes=option.probes[np.sort(kept)])
+
+
+def _probe(
+    problem: Problem,
+    found: Fit,
+    options: Sequence[Candidate],
+    free: np.ndarray,
+    result: Screening,
+) -> None:
+    """Simulate the options' probes, those of a group in one batch, and add what they promise."""
+    for group in dict.fromkeys(option.group for option in options):
+        own = [option for option in options if option.group == group]
+        _screen_group(problem, found, own, free, result)
 
 
 def _screen_group(

@@ -28,6 +28,7 @@ def test_beside_what_is_known_only_the_likely_are_simulated(
     known = next(option for option in options if option.label == "position_gain.b")
     fit = Fit((known,), np.full((2, 1), 0.5), np.zeros(2))
     rest = [option for option in options if option is not known]
+    monkeypatch.setattr(module, "LIKELY", len(rest))
     full = screen(problem, fit, rest).guesses
     monkeypatch.setattr(module, "LIKELY", 10)
     few = screen(problem, fit, rest, first.responses).guesses
@@ -35,5 +36,8 @@ def test_beside_what_is_known_only_the_likely_are_simulated(
     assert few[0].gain == pytest.approx(full[0].gain, rel=1e-9)
     assert len(few) < len(full) / 2
     told = [response for response in first.responses if response.candidate.name != "armature"]
-    more = {guess.candidate.label for guess in screen(problem, fit, rest, told).guesses}
-    assert {"armature.a", "armature.b"} <= more  # nothing is known of them
+    glanced = screen(problem, fit, rest, told)
+    assert {"armature.a", "armature.b"} <= {r.candidate.label for r in glanced.responses}
+    blind = screen(problem, fit, rest).guesses  # by their middle probes alone
+    assert blind[0].candidate.label == "coulomb_friction.a"
+    assert blind[0].gain == pytest.approx(full[0].gain, rel=1e-9)
