@@ -180,6 +180,15 @@ class Plant:
             self._live[name] = self.field(name).copy()
         return self._fields[name]
 
+    def hold(self, name: str, ids: np.ndarray, values: np.ndarray) -> None:
+        """Let a field that was given out be values (n, ...) in the rows ids, from now on.
+
+        Live fields return to them before each substep; new parameters undo it.
+        """
+        self._fields[name][ids] = values
+        if name in self._live:
+            self._live[name][ids] = values
+
     def varies(self, name: str) -> bool:
         """Return whether an effect writes that model field, so that rows may differ in it."""
         return name in self._fields

@@ -57,8 +57,7 @@ class _Power:
         self.cuts = np.concatenate([[0], np.flatnonzero(changes) + 1])  # steps where any switches
         self._bits = 1 << np.arange(plant.model.nu)
         self._mask = plant.batch.expand("opt.disableactuator").reshape(plant.num_rows)
-        self._damping = plant.field("actuator_damping")  # (N, nu)
-        self._full = self._damping.copy()
+        self._full = plant.field("actuator_damping").copy()  # (N, nu)
 
     def switch(self, step: int) -> None:
         """Bring the actuators to what they are from this step on."""
@@ -67,14 +66,15 @@ class _Power:
         off = self._off[:, step]
         ids = np.arange(len(off)) if step == 0 else np.flatnonzero(off != self._off[:, step - 1])
         self._mask[ids] = off[ids]
-        self._damping[ids] = np.where(off[ids, None] & self._bits, 0.0, self._full[ids])
+        damping = np.where(off[ids, None] & self._bits, 0.0, self._full[ids])
+        self._plant.hold("actuator_damping", ids, damping)
         self._plant.batch.set_const(ids)
 
     def restore(self) -> None:
         """Switch everything on again."""
         if self._off is not None:
             self._mask[:] = 0
-            self._damping[:] = self._full
+            self._plant.hold("actuator_damping", np.arange(len(self._full)), self._full)
 
 
 def _roll(plant: Plant, ctrl: np.ndarray, power: _Power) -> np.ndarray:

@@ -97,6 +97,21 @@ def test_a_servo_that_is_off_lets_go_and_takes_hold_again() -> None:
     assert not np.any(rows.batch.expanded("opt.disableactuator"))
 
 
+def test_a_servo_that_is_off_does_not_brake_where_heat_could_weaken_it() -> None:
+    """Its windings carry nothing: no friction follows their drag, derated or not."""
+    spec = switchable(mujoco.MjSpec.from_string(ARM.replace("kv=", "damping=")))
+    off = np.zeros((ROWS, STEPS), np.int64)
+    off[:, 40:120] = 0b11
+    rubs = make("load_dependent_friction", where="b", external=0.0)
+    every, start, paths = np.arange(ROWS), np.zeros((ROWS, 2)), []
+    for absent in ([], [make("thermal_derating", where="b")]):
+        rows = Plant(spec, [rubs, *absent], ROWS, threads=1)
+        rows.set_params(every, np.tile([0.5, 0.0][: 1 + len(absent)], (ROWS, 1)))
+        rows.reset(every, start, start, every.astype(np.uint64), commands()[:, 0])
+        paths.append(roll(rows, commands(), off))
+    assert paths[1] == pytest.approx(paths[0], abs=1e-12)
+
+
 def test_a_row_that_diverges_is_told_apart() -> None:
     """Its positions are NaN from where it broke; the others are untouched."""
     rows = plant(("motor_strength", {"where": "a"}, 1.0))
