@@ -142,11 +142,14 @@ def conclude(
     fit = without(found.fit, order)
     after = blocks.rms(found.error)
     closed, ci = blocks.closed(search.base, found.error, floor)
-    spans = intervals(search.problem, fit, rng) if order else np.zeros((0, 2))
+    every = frozenset(range(_count(found)))
+    rests = np.array([blocks.rms(subsets[every - {number}]) for number in order])
+    left = after / np.sqrt(np.maximum(rests**2 - after**2, 1e-6 * after**2))
+    spans = intervals(search.problem, fit, left, rng) if order else np.zeros((0, 2))
     causes, findings, alike = [], [], ()
     for place, number in enumerate(order):
         member = found.fit.members[number]
-        rest = subsets[frozenset(range(_count(found))) - {number}]
+        rest = subsets[every - {number}]
         cause, crowd = _cause(search, found, member, rest, float(shares[number]), closed)
         own = columns(fit.members)[place]
         causes.append(_valued(cause, member, fit.mean[own], spans[own]))

@@ -19,8 +19,8 @@ from sim2real.diagnosis.fit import CLOCK, FOLDS, Fit, Problem, columns, refine, 
 from sim2real.diagnosis.score import Blocks
 from sim2real.replay import Gap
 
-UNSURE = 0.02  # least half-width of an interval, of how far a value is from neutral
-FACTOR = (0.01, 0.1)  # bounds of the same for factors, of the factor
+LEFT, LEAST = 0.3, 0.005  # half-width of an interval by what is left of a gap, and the least
+FACTOR = 0.01  # the least for factors, of the factor
 DELAYS = ("command_delay", "observation_delay")
 Set = frozenset[int]
 
@@ -84,11 +84,18 @@ def shapley(values: dict[Set, float], count: int) -> np.ndarray:
     return shares
 
 
-def intervals(problem: Problem, fit: Fit, rng: np.random.Generator) -> np.ndarray:
+def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return the 90 % intervals of a fit's values, (P, 2).
 
     One Gauss-Newton step on blocks of a second that are drawn again, in each fold; never less than
-    the two folds differ, and than clocks and counts can resolve.
+    the two folds differ, than clocks and counts can resolve, and than what is left of the gap may
+    hide.
+
+    Args:
+        problem: all windows.
+        fit: the causes.
+        left: what is left of the gap over what each of them closes, (n,).
+        rng: for the bootstrap.
     """
     error, slope = problem.errors(fit.members, fit.values[None])
     shift = problem.shift(error[0], slope[0])[problem.fold]
@@ -111,21 +118,26 @@ def intervals(problem: Problem, fit: Fit, rng: np.random.Generator) -> np.ndarra
     both = np.mean(drawn, axis=0)
     spread = (np.quantile(both, 0.95, axis=0) - np.quantile(both, 0.05, axis=0)) / 2
     apart = np.abs(fit.values[0] - fit.values[1])
-    half = np.maximum.reduce([spread, apart, _doubt(fit), _resolution(problem, fit)])
+    half = np.maximum.reduce([spread, apart, _doubt(fit, left), _resolution(problem, fit)])
     low = np.concatenate([m.low for m in fit.members])
     high = np.concatenate([m.high for m in fit.members])
     return np.stack([np.clip(fit.mean - half, low, high), np.clip(fit.mean + half, low, high)], 1)
 
 
-def _doubt(fit: Fit) -> np.ndarray:
-    """Return what other errors of the model leave open of each parameter, (P,).
+def _doubt(fit: Fit, left: np.ndarray) -> np.ndarray:
+    """Return what an error that is left may have done to each parameter, (P,).
 
-    Calibrated on logs of known effects: nine of ten values were nearer to the truth.
+    Where something unknown is left, it may act like a part of a cause: of 30 values found in logs
+    of known effects, nine of ten were as near to the truth as `LEFT` of it would bring them. Of a
+    factor below 1 it is a part of the logarithm, so that no interval reaches 0 for it alone.
     """
     neutral = np.concatenate([m.neutral for m in fit.members])
+    share = np.repeat(np.maximum(LEFT * left, LEAST), [len(m.neutral) for m in fit.members])
     scaled = np.concatenate([[m.effect.how == "scale"] * len(m.neutral) for m in fit.members])
-    least = UNSURE * np.abs(np.where(neutral > FREE, fit.mean, fit.mean - neutral))
-    return np.where(scaled, np.clip(least, *(bound * fit.mean for bound in FACTOR)), least)
+    size = np.abs(np.where(neutral > FREE, fit.mean, fit.mean - neutral))
+    factor = np.where(scaled, np.maximum(fit.mean, 1e-12), 1.0)
+    folded = np.minimum(size, factor * np.abs(np.log(factor)))
+    return np.where(scaled, np.maximum(share * folded, FACTOR * factor), share * size)
 
 
 def _resolution(problem: Problem, fit: Fit) -> np.ndarray:

@@ -16,21 +16,23 @@ from tests.sim2real.diagnosis import arm
 
 
 @pytest.mark.parametrize(
-    ("label", "value", "half"),
+    ("label", "value", "left", "half"),
     [
-        ("position_gain.a", 0.5, 0.01),  # a fiftieth of how far it is from 1
-        ("position_gain.a", 0.95, 0.0095),  # no factor is known better than by a hundredth of it,
-        ("position_gain.a", 0.012, 0.0012),  # nor worse than by a tenth for that alone
-        ("coulomb_friction.a", 0.1, 0.002),
+        ("coulomb_friction.a", 0.1, 0.2, 0.006),  # three tenths of what is left
+        ("coulomb_friction.a", 0.1, 0.0, 0.0005),  # where nothing is, a two-hundredth
+        ("position_gain.a", 2.0, 0.2, 0.06),  # of how far it is from 1,
+        ("position_gain.a", np.exp(-4), 0.2, 0.24 * np.exp(-4)),  # or its logarithm from 0
+        ("position_gain.a", 0.95, 0.2, 0.0095),  # no factor is known better than to a hundredth
     ],
 )
-def test_other_errors_of_the_model_leave_values_open(
-    label: str, value: float, half: float, tmp_path: Path
+def test_what_is_left_of_a_gap_leaves_values_open(
+    label: str, value: float, left: float, half: float, tmp_path: Path
 ) -> None:
-    """However well a log is explained."""
+    """However many rows there are."""
     data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
     option = next(option for option in candidates(data) if option.label == label)
-    assert _doubt(Fit((option,), np.full((2, 1), value), np.zeros(2))) == pytest.approx([half])
+    fit = Fit((option,), np.full((2, 1), value), np.zeros(2))
+    assert _doubt(fit, np.array([left])) == pytest.approx([half])
 
 
 def test_a_delay_is_known_to_a_millisecond(tmp_path: Path) -> None:
