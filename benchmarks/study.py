@@ -159,6 +159,9 @@ def keep(made: Path, results: Path) -> None:
         target = results / file.relative_to(made)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(file.read_bytes())
+    for old in results.glob("plots/*.png"):
+        if not (made / "plots" / old.name).is_file():
+            old.unlink()
 
 
 def sim2real(*arguments: str) -> bool:

@@ -1,4 +1,4 @@
-"""Pictures of a report: bars over each sweep, and learning curves.
+"""Pictures of a report: bars over each sweep of numbers, and learning curves of the others.
 
 pictures = draw(study, "ppo_source", out, draws=2000)
 pictures[0]                 # ("plots/sweep_udr.png", "udr over width, after 300,000 steps; ...")
@@ -33,16 +33,20 @@ def draw(study: Study, baseline: str | None, out: Path, draws: int) -> list[tupl
     Returns:
         Their paths below `out` and captions.
     """
-    pictures = []
+    pictures, barred = [], set()
     for experiment in dict.fromkeys(group.experiment for group in study.groups):
         groups = study.find(experiment)
         keys = list(groups[0].swept)
         values = [next(iter(group.swept.values()), None) for group in groups]
         if len(keys) == 1 and len(groups) > 1 and all(_is_number(value) for value in values):
             pictures.append(_sweep(study, groups, keys[0], baseline, out, draws))
-    for kind, main in _kinds(study, baseline).items():
+            barred.add(experiment)
+    rest = [group for group in study.groups if group.experiment not in barred and _curves(group)]
+    for kind, main in _kinds(rest, baseline).items():
         for part in range(0, len(main), CURVES):
             pictures += _learning(main[part : part + CURVES], f"{kind}{part or ''}", out, draws)
+    for old in set((out / "plots").glob("*.png")) - {out / place for place, _ in pictures}:
+        old.unlink()  # of fewer runs
     return pictures
 
 
@@ -104,16 +108,15 @@ def _bar(ax: Any, x: int, values: np.ndarray, colour: str, draws: int) -> None:
     ax.plot(x + np.array(spread), values, ".", color=INK, markersize=3, alpha=0.55)
 
 
-def _kinds(study: Study, baseline: str | None) -> dict[str, list[Group]]:
+def _kinds(main: Sequence[Group], baseline: str | None) -> dict[str, list[Group]]:
     """Return what is drawn together: runs of other robots, and of other settings of the training.
 
-    The baseline stands in both; sweeps have bars of their own.
+    The baseline stands in both.
     """
-    main = [group for group in study.groups if not group.swept and _curves(group)]
     first = [group for group in main if group.experiment == baseline]
     others = [group for group in main if group not in first]
     if not first:
-        return {"": others}
+        return {"": others} if others else {}
     plain = _training(first[0])
     robots = [group for group in others if _training(group) == plain]
     settings = [group for group in others if _training(group) != plain]

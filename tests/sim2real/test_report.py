@@ -148,3 +148,16 @@ def test_experiments_claim_what_can_be_judged() -> None:
     assert len(claims) > 10
     assert {side.experiment for side in sides} <= set(options("experiment"))
     assert {side.robot for side in sides} <= {"source", "target", None}
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_has_no_bars_has_curves_and_no_old_picture_stays(tmp_path: Path) -> None:
+    """Settings in words cannot stand along an axis; a picture of fewer runs would mislead."""
+    runs, out = tmp_path / "runs", tmp_path / "out"
+    for how in ("rays", "gl"):
+        make_run(runs, "pixels", 0, (1, 2), params={"renderer": how})
+    (out / "plots").mkdir(parents=True)
+    (out / "plots" / "old.png").write_bytes(b"")
+    pictures = report_plots.draw(Study(collect([runs])), None, out, draws=50)
+    assert [place for place, _ in pictures] == ["plots/learning_curves.png"]
+    assert [path.name for path in (out / "plots").iterdir()] == ["learning_curves.png"]
