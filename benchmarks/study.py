@@ -19,6 +19,7 @@ from pathlib import Path
 from sim2real.checkpoint import find, read_metadata
 from sim2real.errors import Sim2RealError
 from sim2real.files import claimed
+from sim2real.report_plots import drawn
 
 RESULTS = Path(__file__).parent / "results"
 SIGNALLED = 128  # exit statuses above are those of a job that was told to stop
@@ -154,12 +155,12 @@ def report(plan: Plan) -> bool:
 
 
 def keep(made: Path, results: Path) -> None:
-    """Copy a report, without what belongs to the job that wrote it."""
+    """Copy a report, without what belongs to the job that wrote it, over the one before."""
     for file in [*made.glob("*.md"), *made.glob("*.csv"), *made.glob("plots/*.png")]:
         target = results / file.relative_to(made)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(file.read_bytes())
-    for old in results.glob("plots/*.png"):
+    for old in drawn(results):
         if not (made / "plots" / old.name).is_file():
             old.unlink()
 

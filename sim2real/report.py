@@ -80,12 +80,17 @@ def main_table(study: Study, baseline: str | None, seed: int) -> Table:
     columns = ["experiment", "trained on", "runs", "steps"]
     studied = [f"the study: {robot}" for robot in study.robots]
     table = Table([*columns, *(f"IQM on {r}" for r in study.robots), *compared, *studied])
-    for group in study.groups:
-        middle = [estimate(study.returns(group, robot), seed) for robot in study.robots]
-        chance = [_chance(study, group, baseline, meant, seed)] if baseline else []
+    for group, budget in _shown(study):
+        middle = [estimate(study.returns(group, robot, budget), seed) for robot in study.robots]
+        chance = [_chance(study, group, baseline, meant, seed, budget)] if baseline else []
         figures = [_figure_words(group, robot) for robot in study.robots]
-        table.add(group.label, group.trained_on, *_size(group), *middle, *chance, *figures)
+        own = (group.label, group.trained_on, *_size(group, budget))
+        table.add(*own, *middle, *chance, *figures)
     return table
+
+
+def _shown(study: Study) -> list[tuple[Group, int]]:
+    return [(group, budget) for group in study.groups for budget in group.shown()]
 
 
 def pair_table(
@@ -95,11 +100,12 @@ def pair_table(
     columns = ["experiment", "runs", "steps", "IQM", "mean", "sd over runs", "sd over episodes"]
     compared = [f"P(better than {baseline})"] if baseline else []
     table = Table([*columns, *compared, "the study: mean", "its sd over episodes"])
-    for group in study.groups:
+    for group, budget in _shown(study):
         if group.trained_on == trained:
-            chance = [_chance(study, group, baseline, tested, seed)] if baseline else []
-            numbers = _numbers(study, group, tested, seed)
-            table.add(group.label, *_size(group), *numbers, *chance, *_figure(group, tested))
+            chance = [_chance(study, group, baseline, tested, seed, budget)] if baseline else []
+            numbers = _numbers(study, group, tested, seed, budget)
+            own = (group.label, *_size(group, budget))
+            table.add(*own, *numbers, *chance, *_figure(group, tested))
     return f"{trained or 'another robot'} → {tested}", table
 
 

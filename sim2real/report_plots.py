@@ -18,6 +18,11 @@ from sim2real.stats import Interval, bootstrap, iqm
 
 INK, BAR, EDGE = plots.INK, plots.COLOURS[0], plots.COLOURS[1]
 KL = "train/kl"
+DRAWN = (
+    "sweep_*.png",
+    "learning_curves*.png",
+    "divergence_*.png",
+)  # names of pictures, and of no others
 CURVES = len(plots.COLOURS)  # lines that one picture can tell apart
 
 
@@ -43,11 +48,18 @@ def draw(study: Study, baseline: str | None, out: Path, draws: int) -> list[tupl
             barred.add(experiment)
     rest = [group for group in study.groups if group.experiment not in barred and _curves(group)]
     for kind, main in _kinds(rest, baseline).items():
-        for part in range(0, len(main), CURVES):
-            pictures += _learning(main[part : part + CURVES], f"{kind}{part or ''}", out, draws)
-    for old in set((out / "plots").glob("*.png")) - {out / place for place, _ in pictures}:
+        lines = [line for group in main for line in _lines(group)]
+        for part in range(0, len(lines), CURVES):
+            some = dict(lines[part : part + CURVES])
+            pictures += _learning(some, f"{kind}{part or ''}", out, draws)
+    for old in drawn(out) - {out / place for place, _ in pictures}:
         old.unlink()  # of fewer runs
     return pictures
+
+
+def drawn(folder: Path) -> set[Path]:
+    """Return the pictures that a report has left in a folder."""
+    return {path for name in DRAWN for path in (folder / "plots").glob(name)}
 
 
 def _sweep(
@@ -131,9 +143,19 @@ def _training(group: Group) -> dict[str, Any]:
     return {k: v for k, v in group.settings.items() if k.startswith(("algorithm.", "policy."))}
 
 
-def _learning(groups: Sequence[Group], kind: str, out: Path, draws: int) -> list[tuple[str, str]]:
+def _lines(group: Group) -> list[tuple[str, list[Path]]]:
+    """Return a group's lines, with their names: its runs, and more runs up to fewer steps."""
+    shown = group.shown()
+    return [
+        (group.label if len(shown) == 1 else f"{group.label} to {budget:,}", _curves(group, budget))
+        for budget in shown
+    ]
+
+
+def _learning(
+    curves: dict[str, list[Path]], kind: str, out: Path, draws: int
+) -> list[tuple[str, str]]:
     """Draw the returns during training, and the divergences of the updates where all have them."""
-    curves = {group.label: _curves(group) for group in groups}
     suffix = f"_{kind}" if kind else ""
     place = f"plots/learning_curves{suffix}.png"
     plots.learning_curve(curves, out / place, draws=draws)
@@ -150,8 +172,8 @@ def _has(file: Path, column: str) -> bool:
         return column in next(lines, "").strip().split(",")
 
 
-def _curves(group: Group) -> list[Path]:
-    files = [run.folder / "metrics.csv" for run in group.at()]
+def _curves(group: Group, budget: int | None = None) -> list[Path]:
+    files = [run.folder / "metrics.csv" for run in group.at(budget)]
     return [file for file in files if file.is_file()]
 
 

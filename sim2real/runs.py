@@ -94,6 +94,14 @@ class Group:
         found = self.runs.get(max(self.runs) if budget is None else budget, {})
         return [found[name] for name in sorted(found, key=_natural)]
 
+    def shown(self) -> list[int]:
+        """Return the budgets to show: the largest, and smaller ones that more runs reached."""
+        found: list[int] = []
+        for budget in sorted(self.runs, reverse=True):
+            if not found or len(self.runs[budget]) > len(self.runs[found[0]]):
+                found.insert(0, budget)
+        return found
+
     def fits(self, experiment: str, when: Mapping[str, Any]) -> bool:
         """Return whether the group is of an experiment and has certain settings."""
         return self.experiment == experiment and all(

@@ -144,7 +144,7 @@ def conclude(
     closed, ci = blocks.closed(search.base, found.error, floor)
     every = frozenset(range(_count(found)))
     rests = np.array([blocks.rms(subsets[every - {number}]) for number in order])
-    left = after / np.sqrt(np.maximum(rests**2 - after**2, 1e-6 * after**2))
+    left = after / np.sqrt(np.maximum(rests**2 - after**2, 1e-6 * after**2 + 1e-18))
     spans = intervals(search.problem, fit, left, rng) if order else np.zeros((0, 2))
     causes, findings, alike = [], [], ()
     for place, number in enumerate(order):

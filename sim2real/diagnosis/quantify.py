@@ -127,8 +127,8 @@ def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Gener
 def _doubt(fit: Fit, left: np.ndarray) -> np.ndarray:
     """Return what an error that is left may have done to each parameter, (P,).
 
-    Where something unknown is left, it may act like a part of a cause: of 30 values found in logs
-    of known effects, nine of ten were as near to the truth as `LEFT` of it would bring them. Of a
+    Where something unknown is left, it may act like a part of a cause: `LEFT` of it held
+    nine of ten truths in the development cases of docs/blindcheck.md. Of a
     factor below 1 it is a part of the logarithm, so that no interval reaches 0 for it alone.
     """
     neutral = np.concatenate([m.neutral for m in fit.members])

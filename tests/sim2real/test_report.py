@@ -157,7 +157,19 @@ def test_what_has_no_bars_has_curves_and_no_old_picture_stays(tmp_path: Path) ->
     for how in ("rays", "gl"):
         make_run(runs, "pixels", 0, (1, 2), params={"renderer": how})
     (out / "plots").mkdir(parents=True)
-    (out / "plots" / "old.png").write_bytes(b"")
-    pictures = report_plots.draw(Study(collect([runs])), None, out, draws=50)
+    for name in ("learning_curves_robots.png", "learning_curve.png"):
+        (out / "plots" / name).write_bytes(b"")
+    make_run(runs, "pixels", 0, (3, 4), params={"renderer": "gl"}, steps=1_000_000)
+    make_run(runs, "pixels", 1, (1, 2), params={"renderer": "gl"})
+    study = Study(collect([runs]))
+    assert [group.shown() for group in study.groups] == [[500_000, 1_000_000], [500_000]]
+    pictures = report_plots.draw(study, None, out, draws=50)
     assert [place for place, _ in pictures] == ["plots/learning_curves.png"]
-    assert [path.name for path in (out / "plots").iterdir()] == ["learning_curves.png"]
+    kept = {path.name for path in (out / "plots").iterdir()}
+    assert kept == {"learning_curves.png", "learning_curve.png"}  # a training's own picture stays
+    rows = report.main_table(study, None, 0).rows
+    assert [list(row[:4]) for row in rows] == [
+        ["pixels renderer=gl", "source", 2, 500_000.0],
+        ["pixels renderer=gl", "source", 1, 1_000_000.0],
+        ["pixels renderer=rays", "source", 1, 500_000.0],
+    ]
