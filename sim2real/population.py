@@ -6,7 +6,7 @@
     results.final.mean(axis=1)                      # (J,) scores after adaptation
 
 A member's episodes are those of its adaptation, then those that score the result. Episodes wait in
-one queue; a row whose episode ended takes the next at once, so the batches stay full whatever the
+one queue; rows whose episodes ended take the next ones, so the batches stay full whatever the
 episodes' lengths, and the shards share what is left at the end. Nothing a member gets depends on
 rows, shards or order, to the last bit.
 """
@@ -100,9 +100,9 @@ class Population:
     Args:
         shards: environments of the same task. One shard runs in the calling thread.
         policy: the network that all members have.
-        refill: rows of a shard that must be free before the queue fills them; more than 1 pays
-            where a step of the whole batch costs little more than a step of one row, as in the toy
-            tasks.
+        refill: rows of a shard that must be free before the queue fills them. Starting several
+            episodes at once costs little more than starting one, so that more than 1 pays where
+            episodes are short, or where a step of few rows costs as much as one of many.
     """
 
     def __init__(self, shards: Sequence[Rows], policy: MLPPolicy, refill: int = 1) -> None:

@@ -5,7 +5,7 @@
         shard.fill(feed)        # free rows take what waits
         shard.step(feed)        # one control step; episodes that end go into the feed's books
 
-A row is filled again as soon as its episode ended. What an episode comes to does not depend on its
+Rows are filled again soon after their episodes ended. What an episode comes to does not depend on its
 row, on the other rows, or on how many there are.
 """
 

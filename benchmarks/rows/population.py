@@ -156,6 +156,7 @@ class ESPopulation(Row):
     """
 
     memory = "batched"
+    refill = 8  # as in conf/algorithm/esmaml.yaml
 
     def __init__(self, name: str, job: Evaluation, num_rows: int, of: str) -> None:
         self.name, self.of, self._job, self._rows = name, of, job, num_rows
@@ -167,7 +168,7 @@ class ESPopulation(Row):
     def build(self) -> None:
         """Make the shards."""
         shards = [make_simulation(self._rows, threads=1) for _ in range(THREADS)]
-        self._population = Population(shards, self._job.controller.policy)
+        self._population = Population(shards, self._job.controller.policy, self.refill)
 
     def run(self) -> Timing:
         """Evaluate all the members."""
