@@ -5,8 +5,8 @@
         shard.fill(feed)        # free rows take what waits
         shard.step(feed)        # one control step; episodes that end go into the feed's books
 
-Rows are filled again soon after their episodes ended. What an episode comes to does not depend on its
-row, on the other rows, or on how many there are.
+Rows are filled again soon after their episodes ended. What an episode comes to does not depend on
+its row, on the other rows, or on how many there are.
 """
 
 from __future__ import annotations
