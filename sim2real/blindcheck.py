@@ -23,7 +23,7 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from envs.effects import load_effects
+from envs.effects import combined, load_effects
 from envs.errors import EnvsError
 from envs.plant import Fixed
 from hardware.log import Log, read_log
@@ -223,7 +223,7 @@ def closes(
     spec = mujoco.MjSpec.from_file(str(log.model))
     before = overall(apart(log, spec, known))
     try:
-        after = overall(apart(log, spec, [*known, *named])) if named else before
+        after = overall(apart(log, spec, combined(known, named))) if named else before
     except EnvsError as error:
         log_.warning("the found effects cannot be replayed: %s", error)
         return None

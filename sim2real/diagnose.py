@@ -22,7 +22,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from envs.effects import Effect, load_effects, write_effects
+from envs.effects import Effect, combined, load_effects, write_effects
 from envs.plant import Fixed
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.attribute import Search
@@ -55,6 +55,7 @@ class Diagnosis(NamedTuple):
     found: tuple[Fixed, ...]  # the causes with their values
     spec: mujoco.MjSpec  # of the first log's model
     intervals: tuple[tuple[float, float], ...]  # of each cause's first value
+    known: tuple[Fixed, ...]  # what was in the model before
 
 
 def run(
@@ -168,7 +169,7 @@ def examine(
         evidence=evidence,
     )
     tell("done", 1.0)
-    return Diagnosis(report, causes, data.specs[0], _intervals(made))
+    return Diagnosis(report, causes, data.specs[0], _intervals(made), tuple(fixed))
 
 
 def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
@@ -184,10 +185,30 @@ def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Gener
 def write(found: Diagnosis, out: Path) -> None:
     """Write all files of a diagnosis into a folder."""
     out.mkdir(parents=True, exist_ok=True)
-    write_effects(out / "effects.yaml", found.found, found.intervals)
-    write_model(found.spec, found.found, out / "model.xml")
+    effects = combined(found.known, found.found)
+    write_effects(out / "effects.yaml", effects, _with_known(found))
+    write_model(found.spec, effects, out / "model.xml")
     write_html(out / "report.html", found.report)
     found.report.write(out / "report.json")
+
+
+def _with_known(found: Diagnosis) -> list[tuple[float, float] | None]:
+    """Return the intervals of the combined effects' first values; None for what was known alone."""
+    lows, highs = (
+        combined(
+            found.known,
+            [
+                (effect, (ends[side], *values[1:]))
+                for (effect, values), ends in zip(found.found, found.intervals, strict=True)
+            ],
+        )
+        for side in (0, 1)
+    )
+    alone = {id(effect): tuple(values) for effect, values in found.known}
+    return [
+        None if low == high == alone.get(id(effect)) else (low[0], high[0])
+        for (effect, low), (_, high) in zip(lows, highs, strict=True)
+    ]
 
 
 class _Lines:

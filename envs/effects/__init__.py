@@ -24,6 +24,7 @@ from envs.effects.base import (
     Measurement,
     SubstepRule,
 )
+from envs.effects.combine import combined
 from envs.effects.command import CommandDelay, PacketLoss, ProfileAcceleration, ProfileVelocity
 from envs.effects.contact import ContactStiffness, GroundFriction
 from envs.effects.file import load_effects, write_effects
@@ -69,6 +70,7 @@ __all__ = [
     "FieldEffect",
     "Measurement",
     "SubstepRule",
+    "combined",
     "load_effects",
     "make",
     "register",

@@ -87,9 +87,13 @@ def _bench(gain: int) -> Base:
 
 
 ARM = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
-GAINS = (25.0, 13.9, 11.2, 10.0, 34.9)  # N·m/rad, fitted on slow logs of this arm
-FRICTION = (0.26, 0.48, 0.44, 0.14, 0.39)  # N·m
-DAMPING = (1.6, 0.53, 0.5, 0.53, 2.0)  # N·m·s/rad
+# on top of the arm's public model: what `python -m benchmarks.so101` finds, joint by joint
+FOUND = {
+    "position_gain": (0.0135, 0.0135, 0.0118, 0.0109, 0.0691),  # factors
+    "derivative_gain": (0.00366, 0.0128, 0.00746, 0.00687, None),  # factors
+    "coulomb_friction": (0.0616, 0.369, 0.378, 0.0949, 0.841),  # N·m
+    "viscous_friction": (0.434, None, 0.25, 0.225, None),  # N·m·s/rad
+}
 BASES: Mapping[str, Base] = {
     "xl330_p200": _bench(200),
     "xl330_p100": _bench(100),
@@ -101,17 +105,14 @@ BASES: Mapping[str, Base] = {
         ("step_response", "friction_gravity"),
         tuple(
             (name, joint, value)
-            for name, values in (
-                ("position_gain", [gain / 998.22 for gain in GAINS]),
-                ("coulomb_friction", [value - 0.052 for value in FRICTION]),
-                ("viscous_friction", [value - 0.6 for value in DAMPING]),
-            )
+            for name, values in FOUND.items()
             for joint, value in zip(ARM, values, strict=True)
+            if value is not None
         ),
         {
             "position_gain": ("shoulder_lift", "elbow_flex", "wrist_flex"),
             "link_mass": ("gripper", "wrist", "lower_arm"),
-            "coulomb_friction": ("shoulder_lift", "elbow_flex", "shoulder_pan"),
+            "coulomb_friction": ("shoulder_lift", "elbow_flex", "wrist_roll"),
         },
     ),
 }

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
-from envs.effects import load_effects
+from envs.effects import load_effects, make
 from hardware.config import load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
@@ -126,6 +127,21 @@ def test_a_known_effect_leaves_no_gap(tmp_path: Path) -> None:
     verb.write(diagnosis, tmp_path)
     log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
     assert diagnose([log], effects=tmp_path / "effects.yaml").verdict == "no_gap"
+
+
+def test_the_file_holds_what_was_known_too(tmp_path: Path) -> None:
+    """A known effect stays in effects.yaml; one that more was found of is there once, with both."""
+    diagnosis = found("coulomb_friction", 0.02)
+    ((_, (value,)), (low, high)) = diagnosis.found[0], diagnosis.intervals[0]
+    friction, rotor = make("coulomb_friction", where="hinge"), make("armature", where="hinge")
+    known = ((rotor, (1e-4,)), (friction, (0.005,)))
+    verb.write(diagnosis._replace(known=known), tmp_path)
+    entries = yaml.safe_load((tmp_path / "effects.yaml").read_text(encoding="utf-8"))
+    assert [entry["effect"] for entry in entries[:2]] == ["armature", "coulomb_friction"]
+    assert (entries[0]["value"], entries[0]["ci"]) == (1e-4, None)
+    assert entries[1]["value"] == pytest.approx(value + 0.005)
+    assert entries[1]["ci"] == pytest.approx([low + 0.005, high + 0.005])
+    assert len(entries) == 1 + len(diagnosis.found)
 
 
 def test_mistakes_are_said_before_any_file(tmp_path: Path) -> None:
