@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 LONG = (  # modules; each resumes
+    "diagnosis",
     "bus",
     "toys",
     "ppo_returns",
@@ -36,7 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--long", action="store_true", help="the comparisons of returns (hours; they resume)"
     )
     parser.add_argument(
-        "--rows", default="", help="names of speed rows with commas between; default: all"
+        "--rows",
+        default="",
+        help="speed rows with commas between; default: all but diagnose_6_joints",
     )
     parser.add_argument(
         "--repeats", type=int, default=3, help="rounds of the speed rows (default: %(default)s)"
@@ -79,7 +82,7 @@ def run_speed(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> in
             close = difflib.get_close_matches(name, names, n=1)
             hint = f" (did you mean {close[0]!r}?)" if close else ""
             parser.error(f"no row {name!r}{hint}; there are: {', '.join(names)}")
-    rows = [row for row in rows if not wanted or row.name in wanted]
+    rows = [row for row in rows if (row.name in wanted if wanted else not row.long)]
     result = document(
         *compare(rows, chosen.repeats, lambda line: print(line, file=sys.stderr, flush=True)),
         machine(),

@@ -46,7 +46,12 @@ THRESHOLDS = (
     Threshold("sac", "sac_sb3", 1.0, 1.5),
     Threshold("pixels_gl", "pixels_gymenv", 15.0, 25.0),
     Threshold("pixels_rays", "pixels_gymenv", 100.0, 150.0),
+    Threshold("fit", "fit_sysid", None, 3.0),
 )
+LIMITS = {  # the seconds that a run of a row must and should take at most
+    "diagnose_3_joints": (180.0, 60.0),
+    "diagnose_6_joints": (1800.0, 600.0),
+}
 PACKAGES = (
     "mujoco", "torch", "torchrl", "gymnasium", "envpool", "stable-baselines3", "numpy",
 )  # fmt: skip
@@ -105,6 +110,7 @@ def document(
             {
                 "name": one.row.name,
                 "per_second": one.per_second,
+                "seconds": one.seconds,
                 "unit": one.row.unit,
                 "of": one.row.of or one.row.name,
                 "ratio": _median(ratios(measured, one.row.name, one.row.of)),
@@ -132,20 +138,25 @@ def table(document: dict[str, Any]) -> str:
         f"OMP_NUM_THREADS {where['omp_num_threads']}; "
         f"medians of {len(document['rows'][0]['runs'])} interleaved rounds; ratios of each round",
         "",
-        "| row | env steps/s | ratio | of | episode | KiB/simulation | other load, cores | what |",
-        "|---|---|---|---|---|---|---|---|",
+        "| row | env steps/s | s a run | ratio | of | episode | KiB/simulation | other load, cores "
+        "| what |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in document["rows"]:
         loads = [load for load in row["other_load_cores"] if load is not None]
         load = f"{max(loads):.2f}{' **busy**' if max(loads) > BUSY else ''}" if loads else "?"
         cells = (
-            row["name"], _rate(row), _number(row["ratio"], 3), row["of"],
-            _number(row["mean_episode_length"], 0), _number(row["bytes_per_simulation"], 0, 1 /
-            1024), load, row["setup"],
+            row["name"], _rate(row), _number(row["seconds"], 1), _number(row["ratio"], 3),
+            row["of"], _number(row["mean_episode_length"], 0),
+            _number(row["bytes_per_simulation"], 0, 1 / 1024), load, row["setup"],
         )  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
     lines += ["", "| ratio | median | range | must | goal | holds |", "|---|---|---|---|---|---|"]
     lines += [_verdict(**threshold) for threshold in document["thresholds"]]
+    timed = [row for row in document["rows"] if row["name"] in LIMITS]
+    if timed:
+        lines += ["", "| row | s a run | must | goal | holds |", "|---|---|---|---|---|"]
+        lines += [_limit(row) for row in timed]
     return "\n".join([*lines, *(f"\nSkipped {line}" for line in document["skipped"])]) + "\n"
 
 
@@ -154,10 +165,10 @@ def _verdict(row: str, of: str, must: float | None, goal: float | None, ratios: 
     middle = _median(ratios)
     if middle is None:
         holds = "not run"
-    elif must is None:
-        holds = "the most that is possible"
     elif goal is not None and middle >= goal:
-        holds = "yes, and the goal"
+        holds = "yes, and the goal" if must is not None else "the goal"
+    elif must is None:
+        holds = "the most that is possible" if goal is None else "not the goal"
     else:
         holds = "yes" if middle >= must else "**no**"
     spread = f"{min(ratios):.3g} to {max(ratios):.3g}" if ratios else ""
@@ -166,9 +177,17 @@ def _verdict(row: str, of: str, must: float | None, goal: float | None, ratios: 
     return f"| {' | '.join(cells)} |"
 
 
+def _limit(row: dict[str, Any]) -> str:
+    """Return a line of the third table: what a run took against what it may take."""
+    must, goal = LIMITS[row["name"]]
+    took = row["seconds"]
+    holds = "yes, and the goal" if took <= goal else "yes" if took <= must else "**no**"
+    return f"| {row['name']} | {took:.1f} | {must:g} | {goal:g} | {holds} |"
+
+
 def _rate(row: dict[str, Any]) -> str:
     """Return a row's rate, with its unit where that is no environment step."""
-    rate = f"{row['per_second']:,.0f}"
+    rate = f"{row['per_second']:,.0f}" if row["per_second"] >= 20 else f"{row['per_second']:.2g}"
     return rate if row["unit"] == "env steps" else f"{rate} {row['unit']}"
 
 
@@ -198,7 +217,7 @@ def picture(document: dict[str, Any]) -> bytes:
     figure = Figure(figsize=(8, 0.32 * len(rows) + 1.2), layout="constrained")
     axes = figure.subplots()
     ceiling = [row["name"].startswith("raw_physics") for row in rows]
-    own = [row["name"].startswith(OWN) or row["name"] == "sac" for row in rows]
+    own = [row["name"].startswith(OWN) or row["name"] in ("sac", "fit") for row in rows]
     colours = ["0.65" if raw else "C0" if ours else "C1"
                for raw, ours in zip(ceiling, own, strict=True)]  # fmt: skip
     bars = axes.barh(
@@ -227,6 +246,7 @@ OWN = (
     "ppo_tuned",
     "pixels_gl",
     "pixels_rays",
+    "diagnose",
 )
 
 

@@ -38,6 +38,11 @@ class Measured:
         return median(timing.per_second for timing in self.timings)
 
     @property
+    def seconds(self) -> float:
+        """Seconds of a run, the median."""
+        return median(timing.seconds for timing in self.timings)
+
+    @property
     def episode_length(self) -> float | None:
         """Mean length of its episodes in environment steps, or None where none ended."""
         episodes = sum(timing.episodes for timing in self.timings)
@@ -75,9 +80,10 @@ def compare(
                 patience -= _run(one, patience)
                 load = "unknown" if one.loads[-1] is None else f"{one.loads[-1]:.2f}"
                 say(
-                    f"round {number + 1}: {one.row.name} {one.timings[-1].per_second:.0f}/s, "
+                    f"round {number + 1}: {one.row.name} {one.timings[-1].per_second:.3g}/s, "
                     f"other load {load} cores"
                 )
+                one.memory = one.row.peak() or one.memory
     finally:
         for row in built:
             row.close()
@@ -125,6 +131,7 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     from torchrl.envs import GymEnv
 
     from benchmarks.rows.batched import BatchedEnv, Collected, make_env
+    from benchmarks.rows.diagnosis import Diagnose, Fit
     from benchmarks.rows.learning import Ours, StableBaselines3, TorchRLPPO
     from benchmarks.rows.others import TASK, EnvPool, GymnasiumTorch, TorchRLParallel, Vectorized
     from benchmarks.rows.physics import RawPhysics
@@ -203,4 +210,8 @@ def default_rows(scale: float = 1.0) -> list[Row]:
         Pixels("pixels_gymenv", 1, of(60), "GymEnv(from_pixels=True), 84 x 84"),
         BatchedPixels("gl", 32, of(40), f"N = 32, OpenGL in {THREADS} processes, 84 x 84"),
         BatchedPixels("rays", 128, of(60), f"N = 128, rays on {THREADS} threads, 84 x 84"),
+        Fit("sysid", max(6.0, 24 * scale)),
+        Fit("sim2real", max(6.0, 24 * scale)),
+        Diagnose("diagnose_3_joints", 3, max(6.0, 48 * scale), 1),
+        Diagnose("diagnose_6_joints", 6, max(6.0, 120 * scale), 3),
     ]

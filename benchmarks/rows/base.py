@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 class Timing(NamedTuple):
     """One run of a row."""
 
-    steps: int  # environment steps, or what the row counts
+    steps: float  # environment steps, or what the row counts
     seconds: float
     episodes: int  # that ended within
 
@@ -39,6 +39,7 @@ class Row(ABC):
         simulations: how many it holds.
         memory: kind of memory of `benchmarks.memory` that each takes; None for one process a
         simulation.
+        long: whether it takes so long that it runs only where it is named.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Row(ABC):
     needs: ClassVar[str | None] = None
     simulations: int = 1
     memory: str | None = None
+    long: bool = False
 
     def missing(self) -> str | None:
         """Return why the row cannot run here, or None."""
@@ -66,6 +68,10 @@ class Row(ABC):
     def pids(self) -> list[int]:
         """Return its worker processes, if it has any."""
         return []
+
+    def peak(self) -> float | None:
+        """Return the bytes that its process has taken at most; None where it has none."""
+        return None
 
     def close(self) -> None:  # noqa: B027 - most rows hold nothing that needs it
         """End workers."""

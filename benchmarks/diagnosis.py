@@ -1,0 +1,49 @@
+"""How long a diagnosis takes, and a fit beside that of `mujoco.sysid`.
+
+    python -m benchmarks.diagnosis                  # about a quarter of an hour on two cores
+    python -m benchmarks.diagnosis --repeats 3
+
+The rows `fit_sysid`, `fit`, `diagnose_3_joints` and `diagnose_6_joints` of the speed comparison, by
+themselves; what they come to is kept among the results.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import benchmarks.__main__ as speed
+
+RESULTS = Path(__file__).parent / "results"
+ROWS = "fit_sysid,fit,diagnose_3_joints,diagnose_6_joints"
+KEPT = {"table.md": "diagnosis_speed.md", "bench.json": "diagnosis_speed.json"}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line, run the rows and keep what they come to."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.diagnosis",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--repeats", type=int, default=1, help="rounds (default: %(default)s)")
+    parser.add_argument("--scale", type=float, default=1.0, help="of the logs' lengths")
+    parser.add_argument(
+        "--out", type=Path, default=Path("outputs/bench_long/diagnosis"), help="folder"
+    )
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of what is kept")
+    chosen = parser.parse_args(arguments)
+    options = ["--rows", ROWS, "--repeats", str(chosen.repeats), "--scale", str(chosen.scale)]
+    status = speed.main([*options, "--out", str(chosen.out)])
+    if status == 0:
+        chosen.results.mkdir(parents=True, exist_ok=True)
+        for name, kept in KEPT.items():
+            shutil.copyfile(chosen.out / name, chosen.results / kept)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""The diagnosis' rows: both fits find what the emulated arm hides, and the table tells the time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mujoco import sysid
+
+from benchmarks.report import document, table
+from benchmarks.rows.base import Timing
+from benchmarks.rows.diagnosis import (
+    HIDDEN,
+    Diagnose,
+    Recorded,
+    Worked,
+    fitted,
+    fitted_by_sysid,
+    record,
+)
+from benchmarks.speed import Measured
+
+SYSID = hasattr(sysid, "optimize")  # without its extra the package is empty
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """Half a minute would be better; nine seconds are enough for six values."""
+    return record(tmp_path_factory.mktemp("arm"), 3, 9.0, 1)
+
+
+def check(worked: Worked) -> None:
+    """Require the hidden friction and gain, nothing elsewhere, and counted replays."""
+    friction, gain = np.reshape(worked.values, (2, 3))
+    np.testing.assert_allclose(friction, [0, 0, HIDDEN[0]["value"]], atol=0.03)
+    np.testing.assert_allclose(gain, [1, HIDDEN[1]["value"], 1], atol=0.12)
+    assert worked.amount > 10
+    assert worked.seconds > 0
+    assert worked.memory > 5e7
+
+
+def test_the_fit_finds_what_is_hidden(recorded: Recorded) -> None:
+    """Of six values four are neutral and two are those of the emulated arm."""
+    check(fitted(recorded))
+
+
+@pytest.mark.skipif(not SYSID, reason="needs mujoco[sysid]; pip install '.[bench]'")
+def test_sysid_is_given_the_same_fit(recorded: Recorded) -> None:
+    """mujoco.sysid finds the same values: what it is compared with is no worse a question."""
+    check(fitted_by_sysid(recorded))
+
+
+def test_the_table_tells_the_time_and_its_limit() -> None:
+    """A row with a limit has a line of its own, of the median time of its runs."""
+    row = Diagnose("diagnose_3_joints", 3, 48.0, 1)
+    one = Measured(row, [Timing(48, s, 0) for s in (50.0, 70.0, 400.0)], [0.0] * 3, 3e8)
+    machine = {"cpu": "c", "cores": 2, "torch_threads": 1, "omp_num_threads": "1"}
+    text = table(document([one], [], machine))
+    assert "| diagnose_3_joints | 70.0 | 180 | 60 | yes |" in text
+    assert "0.69 s of log" in text
+
+
+@pytest.mark.slow
+def test_a_row_diagnoses_in_its_own_process() -> None:
+    """The row records, diagnoses, and tells the memory of its process."""
+    row = Diagnose("diagnose_3_joints", 3, 9.0, 1)
+    row.build()
+    try:
+        timing = row.run()
+    finally:
+        row.close()
+    assert timing.steps == pytest.approx(9.0, abs=0.1)
+    assert row.peak() > 5e7  # type: ignore[operator]
+    assert row.found
+    assert row.found.values
