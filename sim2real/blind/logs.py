@@ -35,6 +35,7 @@ MOTIONS: tuple[Kind, ...] = ("ramp", "chirp", "steps", "multisine", "hold", "swi
 NEVER_LIMP = ("arm6", "quad8")
 SECONDS = 24.0  # of each motion
 AGAIN = 8.0  # s of the first one that are driven twice: what noise does
+MEET = 1.0  # s after which robots that start from different poses follow the same motion
 SIZE = 0.5  # part of the way to the limits that the motions use
 
 Entries = Sequence[Mapping[str, Any]]
@@ -89,10 +90,14 @@ def drive(robot: Robot, entries: Entries, plan: Plan, seed: int) -> Log:
 
 
 def difference(one: Log, other: Log) -> np.ndarray:
-    """Return the joints' RMS differences between two recordings of one motion [rad], (n,)."""
+    """Return the joints' RMS differences between two recordings of one motion [rad], (n,).
+
+    Not of the first second, in which robots that stood differently meet: a replay starts where the
+    robot stood, and has no gap there.
+    """
     names = [f"qpos.{joint}" for joint in one.joints]
-    rows = min(len(one), len(other))
-    apart = [one.column(name)[:rows] - other.column(name)[:rows] for name in names]
+    rows = slice(int(np.searchsorted(one.time, one.time[0] + MEET)), min(len(one), len(other)))
+    apart = [one.column(name)[rows] - other.column(name)[rows] for name in names]
     return np.sqrt(np.mean(np.square(apart), axis=1))
 
 

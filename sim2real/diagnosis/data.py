@@ -220,16 +220,24 @@ def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint]) -> None:
 
 
 def _folds(windows: Sequence[Window]) -> np.ndarray:
-    """Return 0 or 1 for each window: like with like, in the order 0 1 1 0."""
+    """Return 0 or 1 for each window: like with like, in the order 0 1 1 0.
+
+    Those without torque are dealt by themselves, so that of two of them each fold gets one.
+    """
     episodes = list(dict.fromkeys((w.log, w.episode) for w in windows))
     whole = len(episodes) >= 4
     groups = episodes if whole else list(range(len(windows)))
     key = [(w.log, w.episode) if whole else i for i, w in enumerate(windows)]
 
-    def traits(group: object) -> tuple[float, float]:
-        own = [w for w, k in zip(windows, key, strict=True) if k == group]
-        return float(np.mean([w.off for w in own]) > 0.02), float(np.mean([w.lively for w in own]))
+    def mean(group: object, trait: str) -> float:
+        return float(
+            np.mean([getattr(w, trait) for w, k in zip(windows, key, strict=True) if k == group])
+        )
 
-    order = sorted(groups, key=traits)
-    side = {group: (0, 1, 1, 0)[place % 4] for place, group in enumerate(order)}
+    side = {}
+    for free in (False, True):
+        own = [group for group in groups if (mean(group, "off") > 0.02) == free]
+        turns = (1, 0, 0, 1) if free else (0, 1, 1, 0)
+        for place, group in enumerate(sorted(own, key=lambda group: mean(group, "lively"))):
+            side[group] = turns[place % 4]
     return np.array([side[k] for k in key])

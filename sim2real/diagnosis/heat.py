@@ -4,11 +4,11 @@
     heat.start(plant, windows)          # after a reset
 
 Under `thermal_derating` a motor's strength falls with the integral of its squared torque. Up to the
-window's first row the torque is the one that the model as given needs to follow the log's commands,
-window by window, in proportion to the motor's strength then: a load that is held takes the same
-torque from a weak motor, and a swing less by the square. (The servo's law at the measured position
-is no way to it: readings are milliseconds from the commands that they are subtracted from, and a
-stiff gain makes torques of that.)
+window's first row the torque is the one that it takes to follow the log's commands, window by
+window, between that of the model as given and that of a motor of half its strength: a load that is
+held takes the same torque from a weak motor, and a swing less by the square. (The servo's law at
+the measured position is no way to it: readings are milliseconds from the commands that they are
+subtracted from, and a stiff gain makes torques of that.)
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from envs.effects.supply import _Derating
 from envs.plant import Plant
 from sim2real.diagnosis.data import Data
 
-Paths = Callable[[int], Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]]
+WEAK = 0.5  # strength of the motor whose torque is looked at beside that of the model's
+Paths = Callable[[int, int | None, float], Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]]
 
 
 class Heat:
@@ -31,13 +32,14 @@ class Heat:
 
     Args:
         data: the windows.
-        paths: of a log's number; returns, of each of its windows in turn, the positions at the
-            steps of the simulation (K + 1, nq), the commands (K, nu) and whether motors are on.
+        paths: of a log's number, an actuator or None, and its strength; returns, of each of the
+            log's windows in turn, the positions at the steps of the simulation (K + 1, nq), the
+            commands (K, nu) and whether motors are on (K, nu).
     """
 
     def __init__(self, data: Data, paths: Paths) -> None:
         self._data, self._paths = data, paths
-        self._squares: dict[int, np.ndarray] = {}  # by log, (T, nu) N²·m²
+        self._squares: dict[tuple[int, int | None], np.ndarray] = {}  # (T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
         """Warm the motors of a plant whose rows replay these windows, (R,)."""
@@ -48,37 +50,55 @@ class Heat:
     def _at(self, rule: _Derating, windows: np.ndarray) -> np.ndarray:
         """Return the heat of the rule's motors, (R, k) N²·m²·s."""
         parts = [self._before(int(w), rule.index) for w in windows]
-        longest = max(len(square) for _, square in parts)
+        longest = max(len(span) for span, _ in parts)
         heat = np.zeros((len(windows), len(rule.index)))
         spans = np.zeros((len(windows), longest))
-        squares = np.zeros((len(windows), longest, len(rule.index)))
+        squares = np.zeros((2, len(windows), longest, len(rule.index)))
         for row, (span, square) in enumerate(parts):
             spans[row, longest - len(span) :] = span
-            squares[row, longest - len(span) :] = square
+            squares[:, row, longest - len(span) :] = square
+        falls = (squares[0] - squares[1]) / (1.0 - WEAK)  # as the strength falls by 1
         for k in range(longest):
             span = spans[:, k : k + 1]
-            weak = np.maximum(1.0 - rule.value * heat, 0.0)
-            heat = heat * np.exp(-rule.decay * span) + weak * squares[:, k] * span
+            lost = np.minimum(rule.value * heat, 1.0)
+            square = np.maximum(squares[0, :, k] - lost * falls[:, k], 0.0)
+            heat = heat * np.exp(-rule.decay * span) + square * span
         return heat
 
     def _before(self, window: int, actuators: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of the episode before a window: their lengths [s] and squared torques."""
+        """Return the rows of the episode before a window.
+
+        Their lengths [s], (K,), and the squared torques of motors (2, K, k) that have their
+        strength, and that have a part of it.
+        """
         one = self._data.windows[window]
         log = self._data.logs[one.log]
         first = int(np.argmax(log.episode == one.episode))
         rows = slice(first, one.start)
-        square = self.squares(one.log)[rows][:, actuators]
+        full = self.squares(one.log)[rows][:, actuators]
+        part = [self.squares(one.log, int(actuator))[rows, actuator] for actuator in actuators]
+        square = np.stack([full, np.column_stack(part)])
         return np.diff(log.time[first : one.start + 1]), square
 
-    def squares(self, number: int) -> np.ndarray:
-        """Return the mean squared torque between each row of a log and the next, (T, nu) N²·m²."""
-        if number not in self._squares:
+    def squares(self, number: int, weak: int | None = None) -> np.ndarray:
+        """Return the mean squared torque between each row of a log and the next, (T, nu) N²·m².
+
+        Args:
+            number: of the log.
+            weak: an actuator that has a part of its strength only; None for the model as given.
+        """
+        key = (number, weak)
+        if key not in self._squares:
             log = self._data.logs[number]
+            strength = np.ones(self._data.models[0].nu)
+            if weak is not None:
+                strength[weak] = WEAK
             windows = [w for w in self._data.windows if w.log == number]
             found = np.zeros((len(log), self._data.models[windows[0].model].nu))
-            for window, (path, ctrl, on) in zip(windows, self._paths(number), strict=True):
+            paths = self._paths(number, weak, WEAK)
+            for window, (path, ctrl, on) in zip(windows, paths, strict=True):
                 model = self._data.models[window.model]
-                torque = _law(model, path, ctrl)
+                torque = strength * _law(model, path, ctrl)
                 known = on & np.isfinite(torque)  # not that of a simulation that diverged
                 square = np.where(known, torque, 0.0) ** 2  # (K, nu)
                 ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
@@ -89,21 +109,22 @@ class Heat:
                 for i, column in enumerate(square.T):
                     total = np.bincount(place, column, minlength=len(counts))
                     found[rows, i] = total / np.maximum(counts, 1)
-            self._squares[number] = found
-        return self._squares[number]
+            self._squares[key] = found
+        return self._squares[key]
 
 
 def _law(model: mujoco.MjModel, path: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
     """Return the torques (K, nu) of affine actuators at joints along positions (K + 1, nq)."""
     speed = np.diff(path, axis=0) / model.opt.timestep
-    found = np.zeros(ctrl.shape)
+    found, steps = np.zeros(ctrl.shape), np.arange(len(ctrl))
     for i in range(model.nu):
         if not joint_driven(model, i):
             continue
         joint = int(model.actuator_trnid[i, 0])
         place, gear = int(model.jnt_qposadr[joint]), float(model.actuator_gear[i, 0])
         q, v, bias = path[:-1, place], speed[:, place], model.actuator_biasprm[i]
-        force = model.actuator_gainprm[i, 0] * ctrl[:, i] + bias[0]
+        late = ctrl[np.maximum(steps - round(model.actuator_delay[i] / model.opt.timestep), 0), i]
+        force = model.actuator_gainprm[i, 0] * late + bias[0]
         force = force + bias[1] * gear * q + bias[2] * gear * v
         if model.actuator_forcelimited[i]:
             force = np.clip(force, *model.actuator_forcerange[i])

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.effects import Effect
+from envs.effects import Effect, make
 from envs.plant import Fixed, Plant
 from envs.replay import ROUNDING, Recording
 from envs.rollout import roll
@@ -130,11 +130,17 @@ class Simulator:
             self._plants.popitem(last=False)
         return plant
 
-    def _paths(self, number: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield what the model as given does in each window of a log; see `Heat`."""
+    def _paths(
+        self, number: int, weak: int | None, strength: float
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Yield what the model does in each window of a log, one motor weakened; see `Heat`."""
         windows = np.array([i for i, w in enumerate(self.data.windows) if w.log == number])
-        plant = self._plant((), self.data.windows[windows[0]].model, len(windows))
-        plans, ctrl, off = self._begin(plant, windows, np.zeros((len(windows), 0)))
+        model = self.data.windows[windows[0]].model
+        name = None if weak is None else self.data.models[model].actuator(weak).name
+        effects = () if name is None else (make("motor_strength", where=name),)
+        plant = self._plant(effects, model, len(windows))
+        values = np.full((len(windows), len(effects)), strength)
+        plans, ctrl, off = self._begin(plant, windows, values)
         bits = np.arange(ctrl.shape[2])
         for plan, path, held, mask in zip(plans, roll(plant, ctrl, off), ctrl, off, strict=True):
             on = (mask[: plan.steps, None] >> bits & 1) == 0

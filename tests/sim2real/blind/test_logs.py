@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hardware.excite import Plan
+from hardware.log import Log
 from sim2real.blind.logs import difference, drive, exam_robot, overall, plans
 from sim2real.blind.measure import apart
 
@@ -72,3 +73,16 @@ def test_the_repeat_is_the_beginning_of_the_first_motion(tmp_path: Path) -> None
 
 def _start(plan: Plan, rows: int) -> Plan:
     return Plan(plan.angles[:rows], plan.torque[:rows])
+
+
+def test_where_a_robot_stood_is_no_gap(tmp_path: Path) -> None:
+    """Logs that differ in their first second alone differ by nothing: a replay starts from it."""
+    robot = exam_robot("bench1", tmp_path)
+    log = drive(robot, [], _start(plans(robot, 5)["a"], 150), 1)
+    position = log.column("qpos.hinge").copy()
+    position[:49] += 0.3
+    moved = Log({**log.columns, "qpos.hinge": position}, log.meta)
+    assert overall(difference(log, moved)) == 0.0
+    position[60:] += 0.1
+    later = Log({**log.columns, "qpos.hinge": position}, log.meta)
+    assert overall(difference(log, later)) == pytest.approx(0.1, rel=0.1)

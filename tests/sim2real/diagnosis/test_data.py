@@ -9,7 +9,7 @@ import pytest
 
 from envs.effects import make
 from hardware.log import Log
-from sim2real.diagnosis.data import Data, whole_episodes
+from sim2real.diagnosis.data import Data, _folds, whole_episodes
 from sim2real.diagnosis.simulate import Simulator
 from sim2real.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
@@ -38,6 +38,17 @@ def test_folds_are_alike(data: Data) -> None:
     for fold in (0, 1):
         own = lively[data.fold == fold]
         assert own.min() <= middle <= own.max()
+
+
+@pytest.mark.parametrize("driven", range(14, 18))
+def test_each_fold_gets_a_window_without_torque(driven: int, data: Data) -> None:
+    """Two stretches of free swinging are dealt to one fold each, however many others there are."""
+    window = data.windows[0]
+    windows = [window._replace(off=0.0, lively=float(n)) for n in range(driven)]
+    windows += [window._replace(off=0.5, lively=0.5), window._replace(off=0.9, lively=30.0)]
+    fold = _folds(windows)
+    assert sorted(fold[driven:]) == [0, 1]
+    assert abs(2 * fold.sum() - len(fold)) <= 1
 
 
 def test_whole_episodes_are_kept_together(tmp_path: Path) -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from envs.effects import make
+from envs.effects.supply import _Derating
 from envs.plant import Plant
 from envs.rollout import roll
 from hardware.log import Log
@@ -34,6 +36,28 @@ def _hold() -> Log:
     columns |= {f"ctrl.{n}": ctrl[0, ::10, i] for i, n in enumerate("ab")}
     columns |= {f"qpos.{n}": path[:, i] for i, n in enumerate("ab")}
     return Log(columns)
+
+
+def test_windows_start_as_hot_as_one_long_replay_gets(tmp_path: Path) -> None:
+    """What a weakening motor's torque comes to by each window's start is that of the whole log."""
+    effect, arguments, value = ("thermal_derating", {"where": "a"}, 0.04)
+    data = arm.data_of(arm.make_log((effect, arguments, value), seconds=20.0), tmp_path)
+    windows = np.arange(len(data.windows))
+    plants = [Plant(data.specs[0], [make(effect, **arguments)], n) for n in (len(windows), 1)]
+    for plant in plants:
+        plant.set_params(np.arange(plant.num_rows), np.full((plant.num_rows, 1), value))
+    rules = [next(r for r in p.substep_rules if isinstance(r, _Derating)) for p in plants]
+    Simulator(data).heat.start(plants[0], windows)
+    log, truth = data.logs[0], []
+    ctrl = np.column_stack([log.column(f"ctrl.{name}") for name in "ab"])
+    zero = np.zeros((1, 2))
+    plants[1].reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:1], measured=True)
+    for row in ctrl:
+        truth.append(float(rules[1].heat[0, 0]))
+        plants[1].step(None, row[None], round(1 / arm.RATE / arm.STEP))
+    expected = [truth[window.start] for window in data.windows]
+    assert max(expected) * value > 0.2  # it is weaker by so much
+    np.testing.assert_allclose(rules[0].heat[:, 0], expected, rtol=0.08, atol=0.05)
 
 
 def test_the_true_derating_leaves_no_error_in_later_windows(tmp_path: Path) -> None:
