@@ -23,6 +23,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from envs.effects import combined
 from envs.effects.inertia import far_end
 from envs.effects.servo import is_joint_servo
 from envs.errors import EnvsError
@@ -232,7 +233,7 @@ def _scores(
         items[0].change(spec)
     model = spec.copy().compile()
     recordings = [record_of(item.motions, model, robot, rng) for item in items]
-    paths = [trial(spec, recordings, fixed=[*fixed, *member.fixed]) for member in members]
+    paths = [trial(spec, recordings, fixed=combined(fixed, member.fixed)) for member in members]
     places = {
         model.joint(i).name: int(model.jnt_qposadr[i])
         for i in range(model.njnt)

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from envs.effects import combined
 from envs.effects.friction import STIFF_SOLIMP
 from envs.plant import Fixed
 from hardware.log import Log
@@ -113,7 +114,7 @@ def is_numerics(
     pieces = choose(logs, SECONDS, PIECES)
     clean = [better(spec, test.needed) for spec in specs]
     given, mended = (
-        [_replayed(pieces, models, [*fixed, *more])[0] for more in ((), cause)]
+        [_replayed(pieces, models, combined(fixed, more))[0] for more in ((), cause)]
         for models in (specs, clean)
     )
     gain, left = given[0] - given[1], mended[0] - mended[1]

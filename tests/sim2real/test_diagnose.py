@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from envs.effects import load_effects, make
+from envs.effects import load_effects, make, write_effects
 from hardware.config import load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
@@ -142,6 +142,20 @@ def test_the_file_holds_what_was_known_too(tmp_path: Path) -> None:
     assert entries[1]["value"] == pytest.approx(value + 0.005)
     assert entries[1]["ci"] == pytest.approx([low + 0.005, high + 0.005])
     assert len(entries) == 1 + len(diagnosis.found)
+
+
+def test_more_of_a_known_effect_is_found(tmp_path: Path) -> None:
+    """A gain known to be 0.8 that is 0.5 is found to be 0.63 of that, and the file says 0.5."""
+    write_effects(tmp_path / "known.yaml", [(make("position_gain", where="hinge"), (0.8,))])
+    log = make_log({"effect": "position_gain", "where": "hinge", "value": 0.5})
+    found = examine([log], None, tmp_path / "known.yaml", EXCLUDED, 0, None)
+    (cause,) = [c for c in found.report.causes if c.effect == "position_gain"]
+    assert cause.value == pytest.approx(0.5 / 0.8, rel=0.05)
+    verb.write(found, tmp_path)
+    ((gain, values),) = [
+        e for e in load_effects(tmp_path / "effects.yaml") if e[0].name == cause.effect
+    ]
+    assert (gain.where, values[0]) == ("hinge", pytest.approx(0.5, rel=0.05))
 
 
 def test_mistakes_are_said_before_any_file(tmp_path: Path) -> None:

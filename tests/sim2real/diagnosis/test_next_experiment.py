@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import get_args
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from envs.effects import make
+from envs.plant import Fixed
 from hardware.config import load_robot
 from hardware.excite import Kind
 from sim2real.diagnosis.next_experiment import (
@@ -29,11 +31,12 @@ def member(name: str, values: list[float], **where) -> Member:
     return Member(name, ((make(name, **where), values),))
 
 
-def ask(*members: Member, robot: str = "bench1") -> Experiment:
-    """Return the experiment for a robot's model."""
+def ask(*members: Member, robot: str = "bench1", fixed: Sequence[Fixed] = ()) -> Experiment:
+    """Return the experiment for a robot's model with some known effects."""
     machine = load_robot(robot)
     spec = mujoco.MjSpec.from_file(str(machine.model))
-    return next_experiment(members, spec, FLOOR, rng=np.random.default_rng(0), robot=machine)
+    rng = np.random.default_rng(0)
+    return next_experiment(members, spec, FLOOR, rng=rng, robot=machine, fixed=fixed)
 
 
 def test_the_torque_off_swing_tells_friction_from_the_motors_own_braking() -> None:
@@ -46,6 +49,17 @@ def test_the_torque_off_swing_tells_friction_from_the_motors_own_braking() -> No
     assert plan.separation == max(score for name, score in plan.ranking if "swings" in name)
     assert plan.separation > 10
     assert "run=record robot=bench1 motions=[swing]" in plan.text
+
+
+def test_more_of_a_known_effect_is_an_explanation() -> None:
+    """An explanation may add to what is known at its joint."""
+    known = [(make("viscous_friction", where="hinge"), (0.01,))]
+    plan = ask(
+        member("viscous_friction", [0.02], where="hinge"),
+        member("motor_strength", [0.8], where="hinge"),
+        fixed=known,
+    )
+    assert plan.motions == ("swing",)
 
 
 def test_explanations_that_no_motion_separates_are_called_so() -> None:
