@@ -26,6 +26,7 @@ from sim2real.diagnosis.screen import Guess, Response, Screening, screen
 
 MOST = 4  # effects in all
 SCREENED, RACED, FITTED = 9.0, 15.0, 40.0  # s of windows that screening, race and fit look at
+SHOWN = 0.5  # of the squared error of the windows that show it best: enough to stay with others
 FINAL, STEPS = 90.0, 4  # s of windows, and steps, of the last fit
 RACE = ((10, 0), (6, 1), (4, 1))  # how many candidates run, and for how many steps
 SETTLED = 6  # steps at most of a winner's fit, which ends once a step gains little
@@ -204,10 +205,12 @@ class Search:
         if instead is not None:
             options = [option for option in options if meets(option, instead)]
         self.tell(f"screening {len(options)} effects", self._share(fit))
-        screening = screen(self.screening, fit, options, self.responses)
-        seen = {response.candidate.label for response in screening.responses}
-        self.responses = [r for r in self.responses if r.candidate.label not in seen]
-        self.responses += screening.responses
+        looked, racing = self.stages(error)
+        screening = screen(looked, fit, options, self.responses if looked is self.screening else ())
+        if looked is self.screening:
+            seen = {response.candidate.label for response in screening.responses}
+            self.responses = [r for r in self.responses if r.candidate.label not in seen]
+            self.responses += screening.responses
         guesses = screening.guesses
         if found is not None and not fit.members:
             found.guesses = guesses
@@ -216,7 +219,7 @@ class Search:
         fits = {}
         for count, rounds in RACE:
             runners = runners[:count]
-            problem = self.racing if rounds else self.screening
+            problem = racing if rounds else looked
             for guess in runners:
                 self.tell(f"fitting {guess.candidate.label}", self._share(fit))
                 key = guess.candidate.label
@@ -227,6 +230,21 @@ class Search:
         if found is not None and not fit.members:
             found.singles = contenders
         return contenders
+
+    def stages(self, error: np.ndarray) -> tuple[Problem, Problem]:
+        """Return the windows to screen and to race on: the first ones, if these errors show there.
+
+        Windows that are full of a first effect may say nothing of a second one. A race looks at
+        both kinds, or it would spoil what was found.
+        """
+        data = self.problem.data
+        size = (error**2).sum(axis=(1, 2)) / np.maximum(data.mask.sum(axis=1), 1)  # (W,)
+        worst = lively(data, error, SCREENED)
+        if size[self.screening.windows].mean() >= SHOWN * size[worst].mean():
+            return self.screening, self.racing
+        weight = tempered(data, error)
+        both = np.union1d(self.screening.windows, lively(data, error, RACED))
+        return self.problem.subset(worst, weight), self.problem.subset(both, weight)
 
     def promising(self, guesses: Sequence[Guess], fit: Fit) -> list[Guess]:
         """Return the guesses that would matter if they held what they promise."""

@@ -33,6 +33,22 @@ def test_a_couple_is_fitted_to_the_end(tmp_path: Path) -> None:
     assert found.fit is settled
 
 
+def test_a_second_effect_is_looked_for_where_it_shows(tmp_path: Path) -> None:
+    """Windows follow what is left; what was screened first stays in view of the race."""
+    truth = ("coulomb_friction", {"where": "a"}, 0.1)
+    data = arm.data_of(arm.make_log(truth, seconds=36.0), tmp_path)
+    problem = Problem(data, Simulator(data, threads=1))
+    search = Search(problem, (), 3e-4, np.random.default_rng(0), lambda text, share: None)
+    assert search.stages(search.base) == (search.screening, search.racing)
+    others = np.setdiff1d(problem.windows, search.screening.windows)
+    worst = [next(w for w in others if data.fold[w] == fold) for fold in (0, 1)]
+    left = np.zeros_like(search.base)
+    left[worst] = 1.0
+    screening, racing = search.stages(left)
+    assert set(worst) <= set(screening.windows)
+    assert {*worst, *search.screening.windows} <= set(racing.windows)
+
+
 def test_only_what_moves_the_same_joint_can_take_a_place() -> None:
     """A neighbour's friction cannot stand for an elbow's; a body it carries, or a delay, can."""
 
