@@ -152,7 +152,12 @@ def table(document: dict[str, Any]) -> str:
         )  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
     lines += ["", "| ratio | median | range | must | goal | holds |", "|---|---|---|---|---|---|"]
-    lines += [_verdict(**threshold) for threshold in document["thresholds"]]
+    ran = {row["name"] for row in document["rows"]}
+    lines += [
+        _verdict(**threshold)
+        for threshold in document["thresholds"]
+        if {threshold["row"], threshold["of"]} & ran
+    ]
     timed = [row for row in document["rows"] if row["name"] in LIMITS]
     if timed:
         lines += ["", "| row | s a run | must | goal | holds |", "|---|---|---|---|---|"]
