@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-LONG = (  # modules; each resumes
+LONG = (  # modules; each resumes, but for the first, which takes minutes
     "diagnosis",
     "bus",
     "toys",

@@ -1,6 +1,6 @@
 """How long a diagnosis takes, and a fit beside that of `mujoco.sysid`.
 
-    python -m benchmarks.diagnosis                  # about a quarter of an hour on two cores
+    python -m benchmarks.diagnosis                  # about nine minutes on two cores
     python -m benchmarks.diagnosis --repeats 3
 
 The rows `fit_sysid`, `fit`, `diagnose_3_joints` and `diagnose_6_joints` of the speed comparison, by

@@ -213,5 +213,5 @@ def default_rows(scale: float = 1.0) -> list[Row]:
         Fit("sysid", max(6.0, 24 * scale)),
         Fit("sim2real", max(6.0, 24 * scale)),
         Diagnose("diagnose_3_joints", 3, max(6.0, 48 * scale), 1),
-        Diagnose("diagnose_6_joints", 6, max(6.0, 120 * scale), 3),
+        Diagnose("diagnose_6_joints", 6, max(6.0, 120 * scale), 3, long=True),
     ]

@@ -204,9 +204,9 @@ def _with_known(found: Diagnosis) -> list[tuple[float, float] | None]:
         )
         for side in (0, 1)
     )
-    alone = {id(effect): tuple(values) for effect, values in found.known}
+    named = {effect.label() for effect, _ in found.found}
     return [
-        None if low == high == alone.get(id(effect)) else (low[0], high[0])
+        (low[0], high[0]) if effect.label() in named else None
         for (effect, low), (_, high) in zip(lows, highs, strict=True)
     ]
 

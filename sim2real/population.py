@@ -100,9 +100,10 @@ class Population:
     Args:
         shards: environments of the same task. One shard runs in the calling thread.
         policy: the network that all members have.
-        refill: rows of a shard that must be free before the queue fills them. Starting several
-            episodes at once costs little more than starting one, so that more than 1 pays where
-            episodes are short, or where a step of few rows costs as much as one of many.
+        refill: rows of a shard that must be free before the queue fills them; half of them always
+            will do. Starting several episodes at once costs little more than starting one, so that
+            more than 1 pays where episodes are short, or where a step of few rows costs as much as
+            one of many.
     """
 
     def __init__(self, shards: Sequence[Rows], policy: MLPPolicy, refill: int = 1) -> None:
@@ -112,7 +113,9 @@ class Population:
             )
         self.policy = policy
         self.space = shards[0].space
-        self._shards = [Shard(rows, policy, min(refill, rows.num_rows)) for rows in shards]
+        self._shards = [
+            Shard(rows, policy, min(refill, max(1, rows.num_rows // 2))) for rows in shards
+        ]
 
     @property
     def num_rows(self) -> int:

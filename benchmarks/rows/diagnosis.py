@@ -2,8 +2,9 @@
 
 The arm is `arm6`, or its first three joints with the others fixed; the emulator makes its logs,
 with friction in a joint and a weak gain that the model does not have. The two fits are of the same
-six values, friction and gain of three joints, to the same log from the same start, and count how
-often they replay it: seconds of the robot simulated, over the log's length.
+six values, friction and gain of three joints, to the same log, both from the model as given
+(`mujoco.sysid` from beside its bounds, at which it would stall), and count how often they replay
+it: seconds of the robot simulated, over the log's length.
 
 Each row works in a process of its own, so that its memory can be told.
 """
@@ -26,9 +27,10 @@ import numpy as np
 
 from benchmarks.rows.base import Row, Timing
 from hardware.config import Robot, load_robot
-from hardware.excite import Kind, excite
+from hardware.excite import excite
 from hardware.log import Log, read_log, write_log
-from sim2real.blind.logs import MOTIONS, NEVER_LIMP, SIZE, drive
+from sim2real.blind.inject import told
+from sim2real.blind.logs import SIZE, drive, motions
 from sim2real.files import write_text
 from sim2real.stand import MODEL, angles_at_home, home_pose
 
@@ -36,9 +38,9 @@ HIDDEN = (  # what the emulated arm has and its model has not
     {"effect": "coulomb_friction", "where": "elbow", "value": 0.15},
     {"effect": "position_gain", "where": "shoulder", "value": 0.6},
 )
-PIECE = 3.0  # s of a window, here and there
-ROUNDS = 6  # steps of a fit at most, here and there
-LARGEST = {"friction": 1.0, "gain": 3.0}  # bounds of the fit's values: N·m, and a factor
+ROUNDS = 6  # steps of a fit at most
+PIECE = 3.0  # s of the windows that mujoco.sysid is given; the diagnosis cuts about as long ones
+LARGEST = {"friction": 1.0, "gain": 3.0}  # its bounds: N·m, and a factor; the least is 0
 
 
 class Recorded(NamedTuple):
@@ -58,13 +60,10 @@ def record(folder: Path, joints: int, seconds: float, logs: int) -> Recorded:
         logs: how many.
     """
     robot = _arm(folder, joints)
-    kinds: list[Kind] = [
-        kind for kind in MOTIONS if kind != "swing" or robot.name not in NEVER_LIMP
-    ]
     paths = []
     for number in range(logs):
         rng = np.random.default_rng([7, number])
-        plan = excite(robot, home_pose(robot), seconds, kinds, rng, SIZE)
+        plan = excite(robot, home_pose(robot), seconds, motions(robot), rng, SIZE)
         paths.append(folder / f"log_{number}.csv")
         write_log(paths[-1], drive(robot, HIDDEN, plan, seed=number))
     return Recorded(tuple(paths), Path(robot.model))
@@ -74,11 +73,8 @@ def _arm(folder: Path, joints: int) -> Robot:
     robot = load_robot("arm6")
     servos = robot.servos[:joints]
     moving = [servo.name for servo in servos]
-    spec = mujoco.MjSpec.from_file(str(robot.model))
-    home = angles_at_home(spec.copy().compile())
-    fixed = [part for part in (*spec.actuators, *spec.joints) if part.name not in moving]
-    for part in (*fixed, *spec.keys):
-        spec.delete(part)
+    home = angles_at_home(mujoco.MjModel.from_xml_path(str(robot.model)))
+    spec = told(Path(robot.model), moving)
     angles = [home[name] for name in moving]
     spec.add_key(name="home", qpos=angles, ctrl=angles)
     spec.compile()
@@ -127,7 +123,7 @@ class Worker(Row):
 
     def peak(self) -> float | None:
         """Return the bytes that the process took at most."""
-        return self.found and float(self.found.memory)
+        return None if self.found is None else float(self.found.memory)
 
     def close(self) -> None:
         """End the process and take the logs away."""
@@ -144,13 +140,16 @@ class Diagnose(Worker):
         joints: of the arm.
         seconds: of each log.
         logs: how many.
+        long: see `Row`.
     """
 
     unit = "s of log"
 
-    def __init__(self, name: str, joints: int, seconds: float, logs: int) -> None:
+    def __init__(
+        self, name: str, joints: int, seconds: float, logs: int, long: bool = False
+    ) -> None:
         super().__init__(diagnosed, joints, seconds, logs)
-        self.name, self.long = name, logs > 1
+        self.name, self.long = name, long
         count = f"{logs} logs" if logs > 1 else "a log"
         self.setup = f"whole library, {count} of {seconds:g} s at 100 Hz, {joints} joints"
 

@@ -50,13 +50,16 @@ def exam_robot(name: str, folder: Path) -> Robot:
     return hung(load_robot(name), folder)
 
 
+def motions(robot: Robot) -> list[Kind]:
+    """Return the kinds of motion that a robot is driven along; some are never let go."""
+    return [kind for kind in MOTIONS if kind != "swing" or robot.name not in NEVER_LIMP]
+
+
 def plans(robot: Robot, seed: int) -> dict[str, Plan]:
     """Return the motions: two whole ones, the first one's beginning again, one to be held back."""
-    kinds: list[Kind] = [
-        kind for kind in MOTIONS if kind != "swing" or robot.name not in NEVER_LIMP
-    ]
+    kinds, pose = motions(robot), home_pose(robot)
     made = {
-        name: excite(robot, home_pose(robot), SECONDS, kinds, np.random.default_rng(s), SIZE)
+        name: excite(robot, pose, SECONDS, kinds, np.random.default_rng(s), SIZE)
         for name, s in zip(("a", "b", "held"), np.random.SeedSequence(seed).spawn(3), strict=True)
     }
     rows = round(AGAIN * robot.rate)

@@ -238,7 +238,7 @@ class Search:
         both kinds, or it would spoil what was found.
         """
         data = self.problem.data
-        size = (error**2).sum(axis=(1, 2)) / np.maximum(data.mask.sum(axis=1), 1)  # (W,)
+        size = data.window_squares(error)
         worst = lively(data, error, SCREENED)
         if size[self.screening.windows].mean() >= SHOWN * size[worst].mean():
             return self.screening, self.racing
@@ -361,7 +361,7 @@ def tempered(data: Data, error: np.ndarray) -> np.ndarray:
 
     A joint that swings freely in the model and sticks on the robot would outweigh everything else.
     """
-    own = np.sqrt((error**2).sum(axis=(1, 2)) / np.maximum(data.mask.sum(axis=1), 1))
+    own = np.sqrt(data.window_squares(error))
     limit = float(np.quantile(own, MANY, method="lower"))
     return np.minimum(1.0, max(limit, 1e-12) / np.maximum(own, 1e-12))
 
@@ -375,7 +375,7 @@ def lively(data: Data, error: np.ndarray, seconds: float) -> np.ndarray:
     lengths = np.array([w.sample[-1, 0] - w.sample[0, 0] for w in data.windows])
     if lengths.sum() <= seconds:
         return np.arange(len(lengths))
-    weight = (error**2).sum(axis=(1, 2)) / np.maximum(data.mask.sum(axis=1), 1)
+    weight = data.window_squares(error)
     model = np.array([w.model for w in data.windows])
     speed = np.array([w.lively for w in data.windows])
     groups = [np.flatnonzero((model == m) & (data.fold == f)) for m in set(model) for f in (0, 1)]

@@ -109,6 +109,10 @@ class Data:
         """Return each joint's mean square over the compared rows, (M,), of errors (W, T, M)."""
         return (error**2).sum(axis=(0, 1)) / max(int(self.mask.sum()), 1)
 
+    def window_squares(self, error: np.ndarray) -> np.ndarray:
+        """Return each window's square over its compared rows, (W,), of errors (W, T, M)."""
+        return (error**2).sum(axis=(1, 2)) / np.maximum(self.mask.sum(axis=1), 1)
+
     def only(self, chosen: np.ndarray) -> Data:
         """Return the data of some windows, (n,) indices."""
         return replace(

@@ -24,7 +24,8 @@ from envs.plant import Plant
 from sim2real.diagnosis.data import Data
 
 WEAK = 0.5  # strength of the motor whose torque is looked at beside that of the model's
-Paths = Callable[[int, int | None, float], Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]]
+Path = tuple[mujoco.MjModel, np.ndarray, np.ndarray, np.ndarray]
+Paths = Callable[[int, int | None, float], Iterable[Path]]
 
 
 class Heat:
@@ -33,8 +34,9 @@ class Heat:
     Args:
         data: the windows.
         paths: of a log's number, an actuator or None, and its strength; returns, of each of the
-            log's windows in turn, the positions at the steps of the simulation (K + 1, nq), the
-            commands (K, nu) and whether motors are on (K, nu).
+            log's windows in turn, the model with its actuators as they were simulated, the
+            positions at the steps of the simulation (K + 1, nq), the commands (K, nu) and whether
+            motors are on (K, nu).
     """
 
     def __init__(self, data: Data, paths: Paths) -> None:
@@ -90,15 +92,11 @@ class Heat:
         key = (number, weak)
         if key not in self._squares:
             log = self._data.logs[number]
-            strength = np.ones(self._data.models[0].nu)
-            if weak is not None:
-                strength[weak] = WEAK
             windows = [w for w in self._data.windows if w.log == number]
             found = np.zeros((len(log), self._data.models[windows[0].model].nu))
             paths = self._paths(number, weak, WEAK)
-            for window, (path, ctrl, on) in zip(windows, paths, strict=True):
-                model = self._data.models[window.model]
-                torque = strength * _law(model, path, ctrl)
+            for window, (model, path, ctrl, on) in zip(windows, paths, strict=True):
+                torque = _law(model, path, ctrl)
                 known = on & np.isfinite(torque)  # not that of a simulation that diverged
                 square = np.where(known, torque, 0.0) ** 2  # (K, nu)
                 ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
+from copy import copy
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from envs.effects import Effect, make
@@ -26,6 +28,9 @@ from sim2real.diagnosis.windows import Window
 LOST = 10.0  # times a joint's spread: the error of a simulation that diverged
 PLANTS = 12  # kept at a time
 MANY = 400  # rows from which threads pay in a plant that is stepped from Python
+ACTUATORS = tuple(
+    f"actuator_{name}" for name in ("gainprm", "biasprm", "forcerange", "damping", "delay")
+)
 LARGEST = 2.5e8  # bytes of one batch's paths
 
 
@@ -132,7 +137,7 @@ class Simulator:
 
     def _paths(
         self, number: int, weak: int | None, strength: float
-    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    ) -> Iterator[tuple[mujoco.MjModel, np.ndarray, np.ndarray, np.ndarray]]:
         """Yield what the model does in each window of a log, one motor weakened; see `Heat`."""
         windows = np.array([i for i, w in enumerate(self.data.windows) if w.log == number])
         model = self.data.windows[windows[0]].model
@@ -141,10 +146,10 @@ class Simulator:
         plant = self._plant(effects, model, len(windows))
         values = np.full((len(windows), len(effects)), strength)
         plans, ctrl, off = self._begin(plant, windows, values)
-        bits = np.arange(ctrl.shape[2])
+        simulated, bits = _actuated(plant), np.arange(ctrl.shape[2])
         for plan, path, held, mask in zip(plans, roll(plant, ctrl, off), ctrl, off, strict=True):
             on = (mask[: plan.steps, None] >> bits & 1) == 0
-            yield path[: plan.steps + 1], held[: plan.steps], on
+            yield simulated, path[: plan.steps + 1], held[: plan.steps], on
 
     def _begin(
         self, plant: Plant, windows: np.ndarray, values: np.ndarray
@@ -184,6 +189,16 @@ class Simulator:
         limit = np.maximum(LOST * self._spread, 1e-3) / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
         return error, np.nan_to_num(slope), lost
+
+
+def _actuated(plant: Plant) -> mujoco.MjModel:
+    """Return the model with its actuators as the first row of a plant has them."""
+    model = copy(plant.nominal)
+    model.actuator_forcelimited[:] = plant.model.actuator_forcelimited
+    for name in ACTUATORS:
+        values = plant.batch.expanded(name)
+        getattr(model, name)[:] = getattr(plant.model, name) if values is None else values[0]
+    return model
 
 
 def _held(values: np.ndarray, length: int) -> np.ndarray:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 import pytest
 from mujoco import sysid
 
+from benchmarks import diagnosis
 from benchmarks.report import document, table
 from benchmarks.rows.base import Timing
 from benchmarks.rows.diagnosis import (
@@ -17,7 +21,7 @@ from benchmarks.rows.diagnosis import (
     fitted_by_sysid,
     record,
 )
-from benchmarks.speed import Measured
+from benchmarks.speed import Measured, default_rows
 
 SYSID = hasattr(sysid, "optimize")  # without its extra the package is empty
 
@@ -72,3 +76,26 @@ def test_a_row_diagnoses_in_its_own_process() -> None:
     assert row.peak() > 5e7  # type: ignore[operator]
     assert row.found
     assert row.found.values
+
+
+def test_what_the_rows_come_to_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The program names rows that exist and copies what they come to, but not after a failure."""
+
+    def run(arguments: Sequence[str]) -> int:
+        names = arguments[arguments.index("--rows") + 1].split(",")
+        assert set(names) <= {row.name for row in default_rows()}
+        out = Path(arguments[arguments.index("--out") + 1])
+        out.mkdir(exist_ok=True)
+        for name in diagnosis.KEPT:
+            (out / name).write_text(name, encoding="utf-8")
+        return status
+
+    monkeypatch.setattr(diagnosis.speed, "main", run)
+    places = ["--out", str(tmp_path / "out"), "--results", str(tmp_path / "kept")]
+    status = 1
+    assert diagnosis.main(places) == 1
+    assert not (tmp_path / "kept").exists()
+    status = 0
+    assert diagnosis.main(places) == 0
+    kept = {path.name: path.read_text(encoding="utf-8") for path in (tmp_path / "kept").iterdir()}
+    assert kept == {kept: name for name, kept in diagnosis.KEPT.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from envs.effects import make
 from envs.effects.supply import _Derating
-from envs.plant import Plant
+from envs.plant import Fixed, Plant
 from envs.rollout import roll
 from hardware.log import Log
 from sim2real.diagnosis.candidates import candidates
@@ -25,10 +26,21 @@ def test_heat_of_a_hold_is_torque_squared_times_time(tmp_path: Path) -> None:
     assert np.sqrt(held.mean()) == pytest.approx(weight, rel=0.1)
 
 
-def _hold() -> Log:
+def test_heat_is_that_of_the_gains_that_are_known(tmp_path: Path) -> None:
+    """A servo known to be half as stiff sags further, and its hold takes the torque of its load."""
+    soft: list[Fixed] = [(make("position_gain", where="a"), (0.5,))]
+    log = _hold(soft)
+    angle = float(log.column("qpos.a")[-1])
+    assert angle < 0.33  # 0.35 rad at the model's own gain
+    held = Simulator(arm.data_of(log, tmp_path), soft).heat.squares(0)[100:500, 0]
+    weight = 9.81 * np.sin(angle) * (0.3 * 0.1 + 0.2 * 0.3)
+    assert np.sqrt(held.mean()) == pytest.approx(weight, rel=0.1)
+
+
+def _hold(fixed: Sequence[Fixed] = ()) -> Log:
     """Return 12 s of the arm held at a goal of 0.4 rad."""
     ctrl = np.tile([0.4, 0.0], (1, 6000, 1))
-    plant = Plant(arm.spec(), (), 1, threads=1)
+    plant = Plant(arm.spec(), (), 1, threads=1, fixed=fixed)
     zero = np.zeros((1, 2))
     plant.reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:, 0], measured=True)
     path, time = roll(plant, ctrl)[0, :-1:10], np.arange(600) / arm.RATE
