@@ -187,7 +187,8 @@ def default_rows(scale: float = 1.0) -> list[Row]:
         TwoProcesses("es_two_processes_torch", job, of(48), "torch", "raw_physics_es"),
         TwoProcesses("es_two_processes_numpy", job, of(48), "numpy", "raw_physics_es"),
         RawPhysics("raw_physics_es_fresh", 256, lambda: job_fresh.tape(256), THREADS),
-        ESPopulation("es_population_fresh", job_fresh, 64, "raw_physics_es_fresh"),
+        # As many rows as episodes keep full: eight times the episodes, four times the rows.
+        ESPopulation("es_population_fresh", job_fresh, 256, "raw_physics_es_fresh"),
         TwoProcesses(
             "es_two_processes_torch_fresh", job_fresh, of(512), "torch", "raw_physics_es_fresh"
         ),
