@@ -79,15 +79,18 @@ class Robot:
         """Return a joint's entry of one of the model's fields of degrees of freedom."""
         return float(field[self.model.jnt_dofadr[self.model.joint(str(joint)).id]])
 
-    def fastest(self, actuator: str) -> float:
-        """The fastest that an actuator's commands move for a tenth of their time [rad/s]."""
-        speeds = []
+    def speeds(self, actuator: str) -> tuple[float, float]:
+        """How fast an actuator is told to move in all but 3 % of the time, and at most [rad/s]."""
+        found = []
         for log in self.data.logs:
             column = f"ctrl.{actuator}"
             if column in log.columns:
                 same = np.diff(log.episode) == 0
-                speeds.append(np.abs(np.diff(log.columns[column]) / np.diff(log.time))[same])
-        return float(np.quantile(np.concatenate(speeds), 0.97)) if speeds else FASTEST
+                found.append(np.abs(np.diff(log.columns[column]) / np.diff(log.time))[same])
+        if not found:
+            return FASTEST, FASTEST
+        usual, most = np.quantile(np.concatenate(found), (0.97, 1.0))
+        return max(float(usual), 0.1), float(most)
 
     def torque_constant(self) -> tuple[float, float] | None:
         """The supply [V] and the motors' constant [N·m/A], from stall torque and back-EMF."""
@@ -188,8 +191,10 @@ def _heat(effect: Effect, robot: Robot) -> np.ndarray:
 
 
 def _speed(effect: Effect, robot: Robot) -> np.ndarray:
-    fastest = max(robot.fastest(str(effect.where)), 0.1)
-    return np.array([0.8, 0.5, 0.25, 0.12]) * fastest
+    """Limits that slow the usual motion, and one that slows only steps, if there are steps."""
+    usual, most = robot.speeds(str(effect.where))
+    sizes = np.array([0.8, 0.5, 0.25, 0.12]) * usual
+    return np.append(sizes, np.sqrt(usual * most)) if most > 2 * usual else sizes
 
 
 def _acceleration(effect: Effect, robot: Robot) -> np.ndarray:

@@ -63,3 +63,21 @@ def test_what_is_known_and_cannot_be_doubled_is_no_candidate(tmp_path: Path) -> 
     left = {option.name for option in candidates(data, fixed=known)}
     assert free - left == {"load_dependent_friction"}
     assert "coulomb_friction" in left
+
+
+def test_a_speed_limit_that_only_steps_reach_is_probed(tmp_path: Path) -> None:
+    """A jump of 0.5 rad within a command asks for 25 rad/s where the rest moves at 2 rad/s."""
+    robot = hung(load_robot("bench1"), tmp_path)
+    time = np.arange(300) / 50
+    smooth = np.sin(2 * time)
+    probes = {}
+    for name, jump in (("smooth", 0.0), ("steps", 0.5)):
+        goal = smooth + jump * (time > 3)
+        columns = {"episode": np.zeros(300, int), "time": time}
+        columns |= {"ctrl.hinge": goal, "qpos.hinge": 0.9 * smooth}
+        data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
+        found = {option.name: option for option in candidates(data)}
+        probes[name] = found["profile_velocity"].probes[:, 0]
+    assert probes["smooth"].max() < 2.0
+    assert 4.0 < probes["steps"].max() < 20.0
+    assert probes["steps"][:-1] == pytest.approx(probes["smooth"], rel=0.05)
