@@ -16,8 +16,8 @@ holds the key, and a log that nobody fits to.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -40,6 +40,8 @@ KEY = "key.json"
 Kind = Literal["one", "two", "none", "excluded"]
 Wanted = tuple[str, str, tuple[str, ...]]  # kind, robot, effects
 KINDS: tuple[Kind, ...] = ("one", "two", "none", "excluded")
+REDRAWS = 8  # draws of other effects where a robot cannot show the first ones
+LOCAL = tuple(effect for effect, span in EFFECTS.items() if span.place == "joint")
 ALIKE = (  # effects that no log of positions tells apart: never hidden together
     {"command_delay", "observation_delay"},
     {"position_gain", "motor_strength", "supply_voltage"},
@@ -154,20 +156,26 @@ class Exam:
         ]
 
     def _of(self, robot: str, order: np.random.Generator) -> list[Wanted]:
-        local = [effect for effect, span in EFFECTS.items() if span.place == "joint"]
         cases: list[Wanted] = [("one", robot, (effect,)) for effect in EFFECTS] * self.one
         cases += [("two", robot, pair) for pair in _pairs(self.two, order)]
         cases += [("none", robot, ())] * self.none
-        return cases + [("excluded", robot, (e,)) for e in _even(local, self.excluded, order)]
+        return cases + [("excluded", robot, (e,)) for e in _even(LOCAL, self.excluded, order)]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
         """Record a case and write its two folders; False if the robot cannot show its effect.
+
+        Two effects, or one to be removed, that a robot cannot show are drawn again, so that there
+        are as many of these cases as were asked for; what each single effect was asked stays so.
 
         Args:
             outline: the case.
             logs: the folder that a diagnosis is given.
             key: the folder that it is not.
         """
+        tries = (replace(outline, effects=e) for e in (outline.effects, *_others(outline)))
+        return any(self._make(one, logs, key) for one in tries)
+
+    def _make(self, outline: Outline, logs: Path, key: Path) -> bool:
         robot = exam_robot(outline.robot, logs)
         hidden = hide(robot, outline.effects, outline.seed)
         if hidden is None or not _record(robot, hidden, outline.seed, logs, key):
@@ -240,6 +248,15 @@ def _pairs(count: int, rng: np.random.Generator) -> list[tuple[str, str]]:
         pairs = zip(names[::2], names[1::2], strict=False)
         found += [p for p in pairs if not any(set(p) <= family for family in ALIKE)]
     return found[:count]
+
+
+def _others(outline: Outline) -> Iterator[tuple[str, ...]]:
+    """Yield what may be hidden where a robot cannot show a case's effects; nothing for one."""
+    rng = np.random.default_rng([outline.seed, 3])
+    if outline.kind == "two":
+        yield from _pairs(REDRAWS, rng)
+    elif outline.kind == "excluded":
+        yield from ((effect,) for effect in _even(LOCAL, REDRAWS, rng))
 
 
 def _mixed(cases: list[Wanted], rng: np.random.Generator) -> list[Wanted]:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from hardware.log import read_logs
+from sim2real.blind import cases, sizes
 from sim2real.blind import logs as logs_module
-from sim2real.blind import sizes
 from sim2real.blind.cases import KEY, Exam, Outline
 from sim2real.blind.hiding import EFFECTS
 from sim2real.errors import Sim2RealError
@@ -85,3 +85,27 @@ def test_a_case_keeps_its_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     models = [log.model for log in [*read_logs(logs), *read_logs(key)]]
     assert len(models) == 4
     assert all(model is not None and model.is_file() for model in models)
+
+
+def test_what_a_robot_cannot_show_is_drawn_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pairs and effects to remove, the same ones for the same seed; single effects are not."""
+    asked: list[tuple[str, ...]] = []
+    monkeypatch.setattr(cases, "exam_robot", lambda name, logs: None)
+    monkeypatch.setattr(cases, "hide", lambda robot, effects, seed: asked.append(effects))
+
+    def tried(kind: str, *effects: str) -> list[tuple[str, ...]]:
+        asked.clear()
+        assert not FULL.make(Outline("case_000", kind, "arm6", effects, 5), tmp_path, tmp_path)
+        return list(asked)
+
+    pairs = tried("two", "backlash", "payload")
+    assert pairs[0] == ("backlash", "payload") and len(set(pairs)) > 5
+    assert all(len(set(pair)) == 2 for pair in pairs)
+    assert not any(set(pair) <= family for pair in pairs for family in cases.ALIKE)
+    assert tried("two", "backlash", "payload") == pairs
+    removed = tried("excluded", "cogging")
+    assert removed[0] == ("cogging",) and len(set(removed)) > 5
+    assert all(EFFECTS[effect].place == "joint" for (effect,) in removed)
+    assert tried("one", "cogging") == [("cogging",)]
