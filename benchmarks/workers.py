@@ -30,6 +30,16 @@ class Member(NamedTuple):
     qpos: np.ndarray  # (nq,)
     qvel: np.ndarray  # (nv,)
     seed: int
+    mean: np.ndarray  # (O,) of the observations, frozen
+
+
+class Outcome(NamedTuple):
+    """What an evolution strategy needs of an episode, as sim2real.population returns it."""
+
+    steps: int
+    total: float  # sum of rewards
+    sums: np.ndarray  # (O,) of (observation - mean) over the steps
+    squares: np.ndarray  # (O,) of its square
 
 
 class Loop:
@@ -44,18 +54,23 @@ class Loop:
         self._act = _torch_policy if kind == "torch" else _numpy_policy
         self._hopper = self._env.unwrapped
 
-    def episode(self, member: Member) -> int:
-        """Run an episode; return its length in environment steps."""
+    def episode(self, member: Member) -> Outcome:
+        """Run an episode."""
         self._change(member)
         self._env.reset(seed=member.seed)
         self._hopper.set_state(member.qpos, member.qvel)  # type: ignore[attr-defined]
         observation = self._hopper._get_obs()  # type: ignore[attr-defined]
-        act, steps, over = self._act(member.layers), 0, False
+        act, steps, total, over = self._act(member.layers), 0, 0.0, False
+        sums, squares = np.zeros_like(member.mean), np.zeros_like(member.mean)
         while not over:
-            observation, _, terminated, truncated, _ = self._env.step(act(observation))
+            deviation = observation - member.mean
+            sums += deviation
+            squares += deviation * deviation
+            observation, reward, terminated, truncated, _ = self._env.step(act(observation))
             over = terminated or truncated
+            total += float(reward)
             steps += 1
-        return steps
+        return Outcome(steps, total, sums, squares)
 
     def _change(self, member: Member) -> None:
         model, data = self._hopper.model, self._hopper.data  # type: ignore[attr-defined]
@@ -112,8 +127,8 @@ def start(kind: Kind) -> None:
     _loop = Loop(kind)
 
 
-def evaluate(member: Member) -> int:
-    """Run an episode in this worker; return its length."""
+def evaluate(member: Member) -> Outcome:
+    """Run an episode in this worker."""
     if _loop is None:
         raise RuntimeError("start() this process as a worker first")
     return _loop.episode(member)

@@ -73,7 +73,8 @@ class Evaluation:
         seed = self.seeds[member, episode]
         (qpos,), (qvel,) = task.initial(np.array([seed]))
         mass, friction = self.values[member]
-        return workers.Member(layers, float(mass), float(friction), qpos, qvel, int(seed % 2**31))
+        start = (qpos, qvel, int(seed % 2**31))
+        return workers.Member(layers, float(mass), float(friction), *start, self.controller.mean)
 
 
 class Episode:
@@ -211,8 +212,9 @@ class TwoProcesses(Row):
     def run(self) -> Timing:
         """Evaluate them once; whichever worker is free takes the next."""
         begin = time.perf_counter()
-        lengths = list(self._pool.imap_unordered(workers.evaluate, self._members))
-        return Timing(sum(lengths), time.perf_counter() - begin, len(lengths))
+        outcomes = list(self._pool.imap_unordered(workers.evaluate, self._members))
+        steps = sum(outcome.steps for outcome in outcomes)
+        return Timing(steps, time.perf_counter() - begin, len(outcomes))
 
     def pids(self) -> list[int]:
         """Return the workers."""

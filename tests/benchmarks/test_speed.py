@@ -162,15 +162,18 @@ def test_packed_tape_holds_every_step_of_every_episode_once() -> None:
 
 @pytest.mark.parametrize("kind", ["torch", "numpy"])
 def test_gymnasium_loop_runs_the_population_s_episodes(kind: str) -> None:
-    """The baseline evaluates the same members on the same robots from the same states."""
+    """The baseline evaluates the same members on the same robots, and returns as much of them."""
     job = Evaluation(5, 1, "fresh")
-    lengths = (
-        Population([make_simulation(5, 1)], job.controller.policy)
-        .run(job.members(), job.controller.normalizer())
-        .lengths
-    )  # (5, 1)
+    population = Population([make_simulation(5, 1)], job.controller.policy)
+    results = population.run(job.members(), job.controller.normalizer())
     loop = Loop(kind)  # type: ignore[arg-type]
-    assert sorted(loop.episode(member) for member in job.sample(5)) == sorted(lengths[:, 0])
+    outcomes = [loop.episode(member) for member in job.sample(5)]
+    assert sorted(outcome.steps for outcome in outcomes) == sorted(results.lengths[:, 0])
+    totals = sorted(outcome.total for outcome in outcomes)
+    np.testing.assert_allclose(totals, sorted(results.returns[:, 0]), rtol=1e-4)
+    for sums in ("sums", "squares"):
+        found = sum(getattr(outcome, sums) for outcome in outcomes)
+        np.testing.assert_allclose(found, getattr(results, sums), rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("gait", ["hopping", "fresh"])
