@@ -12,7 +12,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from benchmarks.speed import BUSY, Measured
+from sim2real.stats import FEW, bootstrap
 
 
 class Threshold(NamedTuple):
@@ -151,7 +154,8 @@ def table(document: dict[str, Any]) -> str:
             _number(row["bytes_per_simulation"], 0, 1 / 1024), load, row["setup"],
         )  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
-    lines += ["", "| ratio | median | range | must | goal | holds |", "|---|---|---|---|---|---|"]
+    lines += ["", "| ratio | median | 95 % | range | must | goal | holds |"]
+    lines.append("|---|---|---|---|---|---|---|")
     ran = {row["name"] for row in document["rows"]}
     lines += [
         _verdict(**threshold)
@@ -178,7 +182,7 @@ def _verdict(row: str, of: str, must: float | None, goal: float | None, ratios: 
         holds = "yes" if middle >= must else "**no**"
     spread = f"{min(ratios):.3g} to {max(ratios):.3g}" if ratios else ""
     limits = ("" if limit is None else f"{limit:g}" for limit in (must, goal))
-    cells = (f"{row} / {of}", _number(middle, 3), spread, *limits, holds)
+    cells = (f"{row} / {of}", _number(middle, 3), _interval(ratios), spread, *limits, holds)
     return f"| {' | '.join(cells)} |"
 
 
@@ -198,6 +202,20 @@ def _rate(row: dict[str, Any]) -> str:
 
 def _median(values: Sequence[float]) -> float | None:
     return median(values) if values else None
+
+
+def _interval(values: Sequence[float]) -> str:
+    """Return the bootstrap interval of a median; nothing for fewer rounds than it takes."""
+    if len(values) < FEW:
+        return ""
+    column, rng = np.array(values)[:, None], np.random.default_rng(0)
+    found = bootstrap(column, _middle, rng, draws=10_000, resample="rows")
+    return f"{found.low:.3g} to {found.high:.3g}"
+
+
+def _middle(values: np.ndarray) -> np.ndarray:
+    """Return the median over the last two axes of values (..., n, C)."""
+    return np.median(values, axis=(-2, -1))
 
 
 def _number(value: float | None, digits: int, scale: float = 1.0) -> str:

@@ -73,8 +73,15 @@ class Evaluation:
         seed = self.seeds[member, episode]
         (qpos,), (qvel,) = task.initial(np.array([seed]))
         mass, friction = self.values[member]
-        start = (qpos, qvel, int(seed % 2**31))
-        return workers.Member(layers, float(mass), float(friction), *start, self.controller.mean)
+        return workers.Member(
+            layers,
+            float(mass),
+            float(friction),
+            qpos,
+            qvel,
+            int(seed % 2**31),
+            self.controller.mean,
+        )
 
 
 class Episode:

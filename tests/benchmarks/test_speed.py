@@ -111,12 +111,28 @@ def test_written_files_hold_the_same_figures(tmp_path: Path) -> None:
     write(result, tmp_path)
     assert json.loads((tmp_path / "bench.json").read_text()) == result
     assert (
-        "| batched_env_n256 / raw_physics | 0.700 | 0.7 to 0.7 | 0.82 | 0.95 | **no** |"
+        "| batched_env_n256 / raw_physics | 0.700 |  | 0.7 to 0.7 | 0.82 | 0.95 | **no** |"
         in table(result)
     )
     assert "Skipped envpool" in (tmp_path / "table.md").read_text()
     assert (tmp_path / "bench.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bench.json", "bench.png", "table.md"]
+
+
+def test_median_has_an_interval() -> None:
+    """Of fifteen rounds it is from about the fourth to the twelfth; four rounds get none."""
+    machine = {"cpu": "c", "cores": 2, "torch_threads": 1, "omp_num_threads": "1"}
+
+    def line(count: int) -> list[str]:
+        raw = measured("raw_physics", None, *[100] * count)
+        own = measured("batched_env_n256", "raw_physics", *range(80, 80 + count))
+        text = table(document([raw, own], [], machine))
+        found = next(row for row in text.splitlines() if "| batched_env_n256 / raw" in row)
+        return [cell.strip() for cell in found.split("|")]
+
+    assert line(4)[3] == "" and line(15)[2:5:2] == ["0.870", "0.8 to 0.94"]
+    low, high = map(float, line(15)[3].split(" to "))
+    assert low == pytest.approx(0.83, abs=0.011) and high == pytest.approx(0.91, abs=0.011)
 
 
 def test_rows_take_turns_and_missing_packages_are_skipped() -> None:

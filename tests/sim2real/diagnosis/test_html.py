@@ -244,48 +244,34 @@ def look(browser: str, page: Path) -> tuple[str, str]:
 PROBE = """<script>
 const first = () => document.querySelector("#canvas .t").textContent, before = first();
 document.getElementById("canvas").dispatchEvent(new KeyboardEvent("keydown", { key: "+" }));
-document.title = `from ${before} to ${first()} s`;
+const wide = document.documentElement.scrollWidth;
+document.title = `${wide} wide, from ${before} to ${first()} s`;
 </script>"""
-PHONE = """<iframe id="phone" width="390" height="800" style="border: 0" srcdoc="{}"></iframe>
+FRAME = """<iframe id="frame" width="{}" height="900" style="border: 0" srcdoc="{}"></iframe>
 <script>
 addEventListener("load", () => {{
-  const page = document.getElementById("phone").contentDocument.documentElement;
-  document.title = `${{page.scrollWidth}} of ${{page.clientWidth}}`;
+  const page = document.getElementById("frame").contentDocument;
+  document.documentElement.innerHTML = page.documentElement.innerHTML;
 }});
-</script>"""  # a window of its own is not made as narrow by every Chromium
-
-
-@pytest.fixture
-def wordy(report: Report) -> Report:
-    """Return a report with a long name in it."""
-    long = replace(trace("elbow"), log="a_recording_with_a_long_name" * 3 + ".parquet")
-    evidence = replace(report.evidence, traces=(long, *report.evidence.traces[1:]))
-    return replace(report, evidence=evidence)
+</script>"""  # not every Chromium makes a window as narrow as a phone
 
 
 @pytest.mark.render
-def test_a_real_browser_shows_it(wordy: Report, browser: str, tmp_path: Path) -> None:
-    """Chromium runs the script without a complaint, and keys work."""
+@pytest.mark.parametrize("width", [390, 1200])
+def test_a_real_browser_shows_it(report: Report, browser: str, tmp_path: Path, width: int) -> None:
+    """Chromium runs the script without a complaint, keys work, nothing is wider than a phone."""
+    long = replace(trace("elbow"), log="a_recording_with_a_long_name" * 3 + ".parquet")
+    evidence = replace(report.evidence, traces=(long, *report.evidence.traces[1:]))
+    text = render(replace(report, evidence=evidence)).replace("</body>", PROBE + "</body>")
     page = tmp_path / "report.html"
-    page.write_text(render(wordy).replace("</body>", PROBE + "</body>"), encoding="utf-8")
+    page.write_text(FRAME.format(width, html.escape(text)), encoding="utf-8")
     seen, complaints = look(browser, page)
     assert complaints == ""
-    found = re.search(r"<title>from (\S+) to (\S+) s</title>", seen)
-    assert found is not None
-    assert float(found[1]) == 0 and float(found[2]) > 2  # the key + zooms in
+    found = re.search(r"<title>(\d+) wide, from (\S+) to (\S+) s</title>", seen)
+    assert found is not None and int(found[1]) <= width
+    assert float(found[2]) == 0 and float(found[3]) > 2  # the key + zooms in
     _, tags = read(seen)
     assert "hidden" not in next(a for _, a in tags if a.get("id") == "browser")
     assert [t for t, _ in tags].count("option") == 2
     lines = {a.get("class") for t, a in tags if t == "path"}
     assert {"measured", "nominal", "corrected"} <= lines
-
-
-@pytest.mark.render
-def test_nothing_is_wider_than_a_phone(wordy: Report, browser: str, tmp_path: Path) -> None:
-    """On a screen of 390 pixels the page scrolls down, not sideways."""
-    page = tmp_path / "phone.html"
-    page.write_text(PHONE.format(html.escape(render(wordy))), encoding="utf-8")
-    seen, complaints = look(browser, page)
-    assert complaints == ""
-    found = re.search(r"<title>(\d+) of (\d+)</title>", seen)
-    assert found is not None and int(found[1]) <= int(found[2]) <= 390
