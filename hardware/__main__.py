@@ -27,7 +27,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from hardware.calibration import (
-    HALF_TURN,
     Calibration,
     Joint,
     apply_calibration,
@@ -176,11 +175,13 @@ def calibrate(robot: Robot, keys: Keys, ask: Ask) -> None:
             up = _count(driver, i, ask, "a little to where its angle grows")
             joints[servo.name] = Joint(
                 id=servo.id,
-                drive_mode=int(up < zero),
-                homing_offset=HALF_TURN - zero,
+                drive_mode=0,
+                homing_offset=0,
                 range_min=min(low, high),
                 range_max=max(low, high),
                 model=servo.model,
+                zero=zero,
+                sign=-1 if up < zero else 1,
             )
         calibration = Calibration(joints, robot.name)
         apply_calibration(robot, calibration)

@@ -3,10 +3,19 @@
     write_calibration("bench1.json", calibration_of(robot))
     robot = apply_calibration(robot, read_calibration("bench1.json"))
 
-The file has `schema`, `robot`, `date` and `joints`: `id`, `model`, `drive_mode` (1: counts down
-where the angle grows), `homing_offset` (2048 less the count at the joint's zero), `range_min` and
-`range_max` (counts). A file of LeRobot, the joints' table alone and without `model`, is read too.
-Nothing of it is written into servos: their own homing offset stays 0.
+The file has `schema`, `robot`, `date` and `joints`. A joint has LeRobot's fields with LeRobot's
+meaning: `drive_mode` and `homing_offset` are what the servo itself applies to its encoder, and
+`range_min` and `range_max` are counts with both applied:
+
+    reported = +-encoder + homing_offset        (Dynamixel; - where drive_mode is 1)
+
+Beside them stand `model`, `zero` (the reported count where the joint's angle is 0) and `sign` (-1
+where the angle falls as the reported count grows). LeRobot's own files, the table of joints alone,
+have none of these three: angles are then measured from the middle of the range, as LeRobot does.
+Files of schema 1 had the zero in `homing_offset` and ranges in counts of the encoder. Nothing of
+a file is written into servos: this program works with their own offset and drive mode at 0.
+Source: lerobot/motors/motors_bus.py, `set_half_turn_homings`, `record_ranges_of_motion` and
+`_normalize`; the servos' manuals, Homing Offset(20) and Drive Mode(10).
 """
 
 from __future__ import annotations
@@ -22,13 +31,24 @@ from hardware.config import Robot
 from hardware.errors import RobotError, did_you_mean, listed
 from hardware.files import whole_file
 
-SCHEMA = 1
-HALF_TURN = 2048
+SCHEMA = 2
+HALF_TURN = 2048  # counts, the zero that the offsets of schema 1 are relative to
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint's calibration, in counts of its encoder; `model` is None if it is not known."""
+    """One joint's calibration, in counts; the module says what the fields mean.
+
+    Args:
+        id: the servo's number on the bus.
+        drive_mode: 1 if the servo itself counts backwards.
+        homing_offset: what the servo itself adds to its counts.
+        range_min: the least count, as the servo reports it.
+        range_max: the largest.
+        model: the servo's type, None if it is not known.
+        zero: the reported count at the angle 0, None for the middle of the range.
+        sign: -1 if the angle falls as the reported count grows.
+    """
 
     id: int
     drive_mode: int
@@ -36,6 +56,12 @@ class Joint:
     range_min: int
     range_max: int
     model: str | None = None
+    zero: float | None = None
+    sign: int = 1
+
+    def encoder(self, reported: float) -> float:
+        """Return the encoder's count, without offset and drive mode, at a reported count."""
+        return (-1 if self.drive_mode else 1) * (reported - self.homing_offset)
 
 
 @dataclass(frozen=True)
@@ -50,10 +76,10 @@ def calibration_of(robot: Robot) -> Calibration:
     """Return what a robot's own file says, as a calibration."""
     joints = {}
     for servo in robot.servos:
-        ends = sorted(servo.count(angle) for angle in servo.position)
-        offset = HALF_TURN - servo.zero
-        reverse = int(servo.sign < 0)
-        joints[servo.name] = Joint(servo.id, reverse, offset, *ends, model=servo.model)
+        low, high = sorted(servo.count(angle) for angle in servo.position)
+        joints[servo.name] = Joint(
+            servo.id, 0, 0, low, high, model=servo.model, zero=servo.zero, sign=servo.sign
+        )
     return Calibration(joints, robot.name)
 
 
@@ -85,9 +111,13 @@ def apply_calibration(robot: Robot, calibration: Calibration) -> Robot:
                 f"the calibration of {servo.name!r} is of servo {joint.id} ({joint.model}), "
                 f"the robot has servo {servo.id} ({servo.model})"
             )
-        sign = -1 if joint.drive_mode else 1
-        turned = replace(servo, sign=sign, zero=HALF_TURN - joint.homing_offset)
-        ends = sorted((turned.angle(joint.range_min), turned.angle(joint.range_max)))
+        middle = (joint.range_min + joint.range_max) / 2
+        zero = joint.encoder(middle if joint.zero is None else joint.zero)
+        sign = -joint.sign if joint.drive_mode else joint.sign
+        turned = replace(servo, sign=sign, zero=zero)
+        ends = sorted(
+            turned.angle(joint.encoder(end)) for end in (joint.range_min, joint.range_max)
+        )
         low, high = max(ends[0], servo.position[0]), min(ends[1], servo.position[1])
         if low >= high:
             raise RobotError(
@@ -122,13 +152,23 @@ def read_calibration(path: str | Path) -> Calibration:
         raise RobotError(f"{path}: the calibration cannot be read: {error}") from None
     if not isinstance(data, dict):
         raise RobotError(f"{path}: a calibration is a table of joints, not {type(data).__name__}")
-    if data.get("schema", SCHEMA) != SCHEMA:
-        raise RobotError(
-            f"{path}: schema {data['schema']!r} is unknown; this program reads {SCHEMA}"
-        )
+    schema = data.get("schema", SCHEMA)
+    if schema not in (1, SCHEMA):
+        raise RobotError(f"{path}: schema {schema!r} is unknown; this program reads 1 and {SCHEMA}")
     joints = data.get("joints", data)
+    if not isinstance(joints, dict):
+        raise RobotError(f"{path}: joints: {joints!r} is not a table of joints")
     made = {name: _joint(entry, f"{path}: {name}") for name, entry in joints.items()}
+    if schema == 1:
+        made = {name: _from_schema_1(joint) for name, joint in made.items()}
     return Calibration(made, data.get("robot") if "joints" in data else None)
+
+
+def _from_schema_1(joint: Joint) -> Joint:
+    """Return the joint of an old file: ranges of the encoder, and a zero in the offset."""
+    sign = -1 if joint.drive_mode else 1
+    zero = HALF_TURN - joint.homing_offset
+    return replace(joint, drive_mode=0, homing_offset=0, zero=zero, sign=sign)
 
 
 def _joint(entry: Any, place: str) -> Joint:
@@ -139,6 +179,15 @@ def _joint(entry: Any, place: str) -> Joint:
         value = entry.get(name)
         if not isinstance(value, int) or isinstance(value, bool):
             raise RobotError(f"{place}: {name} is {value!r}, not a whole number")
+    if entry["drive_mode"] not in (0, 1):
+        raise RobotError(f"{place}: drive_mode is {entry['drive_mode']}; it can be 0 or 1")
     if entry["range_min"] >= entry["range_max"]:
         raise RobotError(f"{place}: range_min {entry['range_min']} is not below range_max")
-    return Joint(**{name: entry[name] for name in fields}, model=entry.get("model"))
+    sign, zero, model = entry.get("sign", 1), entry.get("zero"), entry.get("model")
+    if sign not in (1, -1):
+        raise RobotError(f"{place}: sign is {sign!r}; it can be 1 or -1")
+    if zero is not None and (not isinstance(zero, int | float) or isinstance(zero, bool)):
+        raise RobotError(f"{place}: zero is {zero!r}, not a count")
+    if not isinstance(model, str | None):
+        raise RobotError(f"{place}: model is {model!r}, not the name of a servo's type")
+    return Joint(**{name: entry[name] for name in fields}, model=model, zero=zero, sign=sign)

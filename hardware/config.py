@@ -35,7 +35,7 @@ class Servo:
         id: its number on the bus, 0 to 251.
         model: its type.
         sign: 1 or -1: the direction of its counts along the joint.
-        zero: the count at the joint's zero.
+        zero: the count at the joint's zero; a calibration may put it between two.
         position: least and largest angle to command [rad].
         velocity: fastest motion of a command [rad/s].
         torque: largest torque [N·m], None for all it has.
@@ -46,7 +46,7 @@ class Servo:
     id: int
     model: str
     sign: int
-    zero: int
+    zero: float
     position: tuple[float, float]
     velocity: float
     torque: float | None
@@ -232,6 +232,11 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
         raise RobotError(f"{place}: id {servo.id}; it can be 0 to 251")
     if servo.sign not in (1, -1):
         raise RobotError(f"{place}: sign {servo.sign}; it can be 1 or -1")
+    if not abs(servo.zero) <= 2 * kind.units.counts_per_turn:
+        raise RobotError(
+            f"{place}: zero {servo.zero:g}; a turn of its encoder has {kind.units.counts_per_turn} "
+            "counts, and the zero is within two turns"
+        )
     low, high = servo.position
     if not low < high:
         raise RobotError(f"{place}: position [{low}, {high}]: the first must be below the second")

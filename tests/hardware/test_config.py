@@ -49,6 +49,7 @@ def test_counts_and_angles_are_inverse():
         (("supply",), 5, r"supply: 5 is not a table"),
         (("servos",), {}, r"at least one"),
         (("servos", "hinge", "sign"), 2, r"servos.hinge: sign 2; it can be 1 or -1"),
+        (("servos", "hinge", "zero"), 99999, r"servos.hinge: zero 99999; a turn .* 4096 counts"),
         (("servos", "hinge", "id"), 253, r"id 253; it can be 0 to 251"),
         (("servos", "hinge", "position"), [1, -1], r"position \[1.0, -1.0\]"),
         (("servos", "hinge", "position"), 1, r"1 is not a pair of numbers"),

@@ -112,8 +112,9 @@ def test_calibrate(tmp_path, monkeypatch, capsys):
     assert command.main(["calibrate", f"file={path}"], ask) == 0
     joint = json.loads(path.read_text())["joints"]["hinge"]
     step = 2 * np.pi / 4096
-    assert joint["drive_mode"] == 1
-    assert joint["homing_offset"] == pytest.approx(-0.2 / step, abs=2)
+    assert joint["sign"] == -1
+    assert (joint["drive_mode"], joint["homing_offset"]) == (0, 0)  # of the servo itself
+    assert joint["zero"] == pytest.approx(2048 + 0.2 / step, abs=2)
     assert joint["range_min"] == pytest.approx(2048 - 1.0 / step, abs=2)
     assert joint["range_max"] == pytest.approx(2048 + 1.2 / step, abs=2)
     assert robot.name in path.read_text()
