@@ -25,11 +25,12 @@ from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHan
 
 from hardware.clock import VirtualClock
 from hardware.config import ROBOTS, Robot, make_robot
-from hardware.driver import BLOCK, BLOCK_SIZE, Driver
+from hardware.driver import Driver
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
 from hardware.pace import Pace
 from hardware.safety import Guard
+from hardware.timing import BLOCK, BLOCK_SIZE
 from sim2real.files import write_text
 from sim2real.tables import Table
 
@@ -70,7 +71,7 @@ def driver(robot: Robot) -> Driver:
 
 def alone(robot: Robot, made: Driver) -> Step:
     """Return a step in which nothing is on the bus: the clock moves, and the robot with it."""
-    port = made.line.port
+    port = made.bus_client.port
     assert isinstance(port, LoopbackPort)
 
     def step(goals: np.ndarray) -> None:
@@ -81,7 +82,7 @@ def alone(robot: Robot, made: Driver) -> Step:
 
 def bare(robot: Robot, made: Driver) -> Step:
     """Return a step of the SDK's own group calls: goals out, then one fast read of all servos."""
-    port, handler = made.line.port, PacketHandler(2.0)
+    port, handler = made.bus_client.port, PacketHandler(2.0)
     write = GroupSyncWrite(port, handler, GOAL, 4)
     read = GroupSyncRead(port, handler, BLOCK, BLOCK_SIZE)
     for servo in robot.servos:

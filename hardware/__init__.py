@@ -3,13 +3,14 @@
     log.py          the trajectory log (log_csv.py, log_parquet.py, log_columns.py)
     config.py       a robot's YAML                 calibration.py  zeros, signs, ranges
     tables.py       control tables and motors      protocol.py     packets
-    line.py         requests and answers           freshness.py    which answers are new
+    bus_client.py   requests and answers           freshness.py    which answers are new
+    registers.py    one register by name           timing.py       how long the bus takes
     driver.py       servos in SI units             handshake.py    checks before any torque
     safety.py       the hand that moves a robot    pace.py         a fixed rate
     excite.py       motions that show a robot      record.py       a motion as a log
     emulator/       a bus that is not there        connect.py      a driver for either
     backends.py     episodes on a robot            replayed.py     episodes of a log
-    body.py         IMU and tracker                steplog.py      a log of every step
+    body.py         IMU and tracker                episode_log.py  a log of every step
     rows.py         a task on a robot              exported.py     a policy in NumPy
     env.py          the same for TorchRL
 

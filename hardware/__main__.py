@@ -106,12 +106,12 @@ def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
     try:
         for baud in SPEEDS:
             try:
-                driver.line.open(baud)
+                driver.bus_client.open(baud)
             except LineError:
                 if baud == robot.bus.baud:
                     raise
                 continue
-            for number, (model, firmware) in sorted(driver.line.broadcast_ping().items()):
+            for number, (model, firmware) in sorted(driver.bus_client.broadcast_ping().items()):
                 name = servo_by_number(model) or f"model number {model}"
                 print(f"{baud:>8} bits/s  ID {number:>3}  {name}  firmware {firmware}")
                 found[number] = baud
@@ -145,7 +145,7 @@ def _print_state(driver: Driver) -> None:
     reading = driver.read()
     for i, servo in enumerate(driver.robot.servos):
         health = driver.health(i)
-        counters = driver.line.counters[servo.id]
+        counters = driver.bus_client.counters[servo.id]
         lost = counters.timeout + counters.corrupt + counters.short + counters.stale
         state = "no answer"
         if health is not None:

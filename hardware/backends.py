@@ -22,15 +22,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from hardware.body import BodySensors, EmulatedBody
+from hardware.bus_client import Counters
 from hardware.clock import VirtualClock
 from hardware.config import Robot
 from hardware.connect import make_driver
 from hardware.driver import Driver, Health, Reading
 from hardware.emulator.world import World
 from hardware.errors import SafetyError
-from hardware.line import Counters
 from hardware.pace import Pace
-from hardware.safety import Guard, Policy, Sent
+from hardware.safety import Guard, Sent, StopLimits
 
 PATIENCE = 5.0  # s that a lost port is waited for
 
@@ -92,7 +92,7 @@ class ServoBackend:
         world: the emulated robot; None makes one as the file says.
         dry_run: read everything and compute commands, but write nothing to the servos.
         sensors: an IMU or a tracker beside the servos; the emulated robot has its own.
-        policy: when the guard stops the robot.
+        limits: when the guard stops the robot.
         seed: of the emulated robot's randomness.
         clock: of the emulated robot; None makes one.
     """
@@ -104,7 +104,7 @@ class ServoBackend:
         world: World | None = None,
         dry_run: bool = False,
         sensors: BodySensors | None = None,
-        policy: Policy | None = None,
+        limits: StopLimits | None = None,
         seed: int = 0,
         clock: VirtualClock | None = None,
     ) -> None:
@@ -113,7 +113,7 @@ class ServoBackend:
         emulated = EmulatedBody(self.world) if self.world is not None and not self.real else None
         self.sensors = sensors or emulated
         self.stopped: str | None = None  # why the guard stopped the robot
-        self._policy, self._settle, self._clock = policy, settle, clock
+        self._limits, self._settle, self._clock = limits, settle, clock
         self._driver: Driver | None = None
         self._guard: Guard | None = None
         self._pace: Pace | None = None
@@ -146,8 +146,8 @@ class ServoBackend:
     @property
     def counters(self) -> dict[str, Counters]:
         """What happened to the requests to each servo."""
-        line = self.guard.driver.line
-        return {servo.name: line.counters[servo.id] for servo in self.robot.servos}
+        client = self.guard.driver.bus_client
+        return {servo.name: client.counters[servo.id] for servo in self.robot.servos}
 
     @property
     def health(self) -> list[Health | None]:
@@ -177,7 +177,7 @@ class ServoBackend:
             driver.close()
             raise
         self._driver = driver
-        self._guard = Guard(driver, self._policy, self.dry_run).__enter__()
+        self._guard = Guard(driver, self._limits, self.dry_run).__enter__()
 
     def arm(self) -> None:
         """Switch torque on where the robot is; whoever calls this has cleared the space around it.

@@ -24,22 +24,22 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from hardware import handshake
+from hardware.bus_client import BusClient
 from hardware.clock import Clock
 from hardware.config import Robot, Servo
 from hardware.errors import LineError, ServoError, listed
 from hardware.freshness import Freshness
-from hardware.line import SHIELD, TURN_ROUND, Line
+from hardware.registers import RETRIES, read_register, write_register
+from hardware.timing import BLOCK, BLOCK_SIZE, cycle_time, sample_times
 
 if TYPE_CHECKING:
     from dynamixel_sdk import PortHandler
 
 _logger = logging.getLogger(__name__)
 
-BLOCK, BLOCK_SIZE = 120, 16  # realtime tick to present position
 HEALTH, HEALTH_SIZE = 64, 83  # torque enable to present temperature
 TORQUE, ERROR_STATUS, WATCHDOG, GOAL = 64, 70, 98, 116
 TURN = 4096
-RETRIES = 3
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0  # s between attempts to reconnect
 
 
@@ -89,7 +89,9 @@ class Driver:
 
     def __init__(self, robot: Robot, port: PortHandler, clock: Clock) -> None:
         self.robot, self.clock = robot, clock
-        self.line = Line(port, clock, robot.bus.latency, max(robot.bus.return_delay, 1e-5))
+        self.bus_client = BusClient(
+            port, clock, robot.bus.latency, max(robot.bus.return_delay, 1e-5)
+        )
         self.ids = [servo.id for servo in robot.servos]
         n = len(self.ids)
         self._types = [servo.type for servo in robot.servos]
@@ -118,10 +120,10 @@ class Driver:
             ServoError: a servo is missing, is another one, shares its ID, answers too slowly, or is
                 set so that it would move by itself; the message says what to do.
         """
-        handshake.check_rate(self)
-        handshake.check_latency_timer(self)
-        self.line.open(self.robot.bus.baud)
-        handshake.check_servos(self)
+        handshake.check_rate(self.robot)
+        handshake.check_latency_timer(self.robot, self.bus_client)
+        self.bus_client.open(self.robot.bus.baud)
+        handshake.check_servos(self.robot, self.bus_client)
         self.fast = self._answers_fast()
         self._values[3] = self._zero
         self._ages = [Freshness() for _ in self.ids]
@@ -147,7 +149,7 @@ class Driver:
         """
         end, pause = self.clock.now() + patience, FIRST_PAUSE
         while True:
-            self.line.close()
+            self.bus_client.close()
             try:
                 self.connect()
                 return self.configure()
@@ -173,13 +175,15 @@ class Driver:
     def read(self) -> Reading:
         """Read all servos once, and those that did not answer once more."""
         asked = self.clock.now()
-        replies = self.line.sync_read(BLOCK, BLOCK_SIZE, self.ids, self.fast)
-        stamps = self._stamps(asked)
+        replies = self.bus_client.sync_read(BLOCK, BLOCK_SIZE, self.ids, self.fast)
+        stamps = asked + sample_times(self.robot, self.fast)
         fresh = self._take(replies, self.ids, asked)
         left = [number for number, new in zip(self.ids, fresh, strict=True) if not new]
         if left:
             again = self.clock.now()
-            late = self._take(self.line.sync_read(BLOCK, BLOCK_SIZE, left, False), left, again)
+            late = self._take(
+                self.bus_client.sync_read(BLOCK, BLOCK_SIZE, left, False), left, again
+            )
             stamps = np.where(late, again, stamps)
             fresh |= late
         self._stamp = np.where(fresh, stamps, self._stamp)
@@ -209,19 +213,19 @@ class Driver:
         """Send goal angles [rad], (n,), and return them as the servos' resolution has them."""
         counts = self.counts(angles)
         values = {n: struct.pack("<i", c) for n, c in zip(self.ids, counts.tolist(), strict=True)}
-        self.line.sync_write(GOAL, values)
+        self.bus_client.sync_write(GOAL, values)
         return self.angles(counts)
 
     def health(self, i: int) -> Health | None:
         """Read one servo's state; None if it did not answer anew."""
         asked = self.clock.now()
-        reply = self.line.read(self.ids[i], HEALTH, HEALTH_SIZE)
+        reply = self.bus_client.read(self.ids[i], HEALTH, HEALTH_SIZE)
         if reply is None or len(reply.data) != HEALTH_SIZE:
             return None
         data = reply.data
         tick = struct.unpack_from("<H", data, BLOCK - HEALTH)[0]
         if not self._health_ages[i].accept(tick, asked):
-            self.line.counters[self.ids[i]].stale += 1
+            self.bus_client.counters[self.ids[i]].stale += 1
             return None
         status = data[ERROR_STATUS - HEALTH]
         units = self._types[i].units
@@ -241,18 +245,7 @@ class Driver:
         Raises:
             ServoError: the servo does not answer, refuses, or keeps another value.
         """
-        register = servo.type.register(name)
-        data = register.encode(value)
-        for _ in range(RETRIES):
-            reply = self.line.write(servo.id, register.address, data)
-            if reply is not None and reply.error:
-                raise ServoError(
-                    f"{servo.name} (ID {servo.id}) refuses {name} = {value} (error {reply.error}); "
-                    "EEPROM can only be written with torque off, and values have ranges"
-                )
-            if self.read_register(servo, name) == register.decode(data):
-                return
-        raise ServoError(f"{servo.name} (ID {servo.id}): {name} could not be set to {value}")
+        write_register(self.bus_client, servo, name, value)
 
     def read_register(self, servo: Servo, name: str) -> int:
         """Read a register.
@@ -260,12 +253,7 @@ class Driver:
         Raises:
             ServoError: the servo does not answer.
         """
-        register = servo.type.register(name)
-        for _ in range(RETRIES):
-            reply = self.line.read(servo.id, register.address, register.size)
-            if reply is not None and not reply.error:
-                return register.decode(reply.data)
-        raise ServoError(f"{servo.name} (ID {servo.id}) does not answer a read of {name}")
+        return read_register(self.bus_client, servo, name)
 
     def torque_on(self) -> None:
         """Switch all torque on, and verify.
@@ -289,7 +277,7 @@ class Driver:
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
         """
         for _ in range(2):
-            self.line.write_all(TORQUE, b"\x00")
+            self.bus_client.write_all(TORQUE, b"\x00")
         unsure = []
         for servo in self.robot.servos:
             try:
@@ -299,18 +287,13 @@ class Driver:
         if unsure:
             raise ServoError(f"torque may still be on in {listed(unsure)}: cut the supply")
 
-    def cycle_time(self, fast: bool | None = None) -> float:
+    def cycle_time(self) -> float:
         """Return how long commanding and reading all servos takes on the wire [s]."""
-        n, bus = len(self), self.robot.bus
-        fast = self.fast if fast is None else fast
-        block = BLOCK_SIZE + SHIELD
-        size = 19 + 5 * n + 14 + n + (8 + n * (block + 4) if fast else n * (11 + block))
-        waits = 1 if fast else n
-        return size * 10 / bus.baud + waits * (bus.return_delay + TURN_ROUND / 2) + bus.latency
+        return cycle_time(self.robot, self.fast)
 
     def close(self) -> None:
         """Close the port; torque stays as it is."""
-        self.line.close()
+        self.bus_client.close()
 
     def _take(self, replies: dict, numbers: list[int], asked: float) -> np.ndarray:
         """Keep the new answers; return which servos gave one, (n,) bool."""
@@ -323,11 +306,11 @@ class Driver:
             tick, _, pwm, current, velocity, count = struct.unpack("<HHhhii", reply.data)
             known = self._ages[i].known
             if not self._ages[i].accept(tick, asked):
-                self.line.counters[number].stale += 1
+                self.bus_client.counters[number].stale += 1
                 continue
             turns = round((self._values[3, i] - count) / TURN) if known else 0
             if abs(turns) > 1:
-                self.line.counters[number].corrupt += 1
+                self.bus_client.counters[number].corrupt += 1
                 continue  # no servo turns so far in a step
             self._turns[i] += turns
             self._values[:, i] = pwm, current, velocity, count
@@ -335,21 +318,10 @@ class Driver:
             fresh[i] = True
         return fresh
 
-    def _stamps(self, asked: float) -> np.ndarray:
-        """When each servo of a group read is sampled, from the bytes and delays before it [s]."""
-        bus, n = self.robot.bus, len(self)
-        byte, order = 10 / bus.baud, np.arange(n)
-        first = asked + (14 + n) * byte
-        if self.fast:
-            wait = bus.return_delay + TURN_ROUND / 2
-            return first + wait + order * (BLOCK_SIZE + SHIELD + 4) * byte
-        each = bus.return_delay + TURN_ROUND / 2
-        return first + (order + 1) * each + order * (11 + BLOCK_SIZE + SHIELD) * byte
-
     def _answers_fast(self) -> bool:
         """Probe fast reads twice; older firmware leaves them unanswered."""
         for _ in range(2):
-            if len(self.line.sync_read(BLOCK, BLOCK_SIZE, self.ids, True)) == len(self):
+            if len(self.bus_client.sync_read(BLOCK, BLOCK_SIZE, self.ids, True)) == len(self):
                 return True
         _logger.warning("%s: no fast reads; plain ones are used", self.robot.name)
         return False

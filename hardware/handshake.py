@@ -4,47 +4,45 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from hardware.config import Servo
+from hardware.bus_client import BusClient
+from hardware.config import Robot, Servo
 from hardware.errors import LineError, ServoError, listed
+from hardware.registers import RETRIES, read_register
 from hardware.tables import servo_by_number
+from hardware.timing import cycle_time
 
-if TYPE_CHECKING:
-    from hardware.driver import Driver
-
-RETRIES = 3
 SPEEDS = (57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
 ADAPTERS = Path("/sys/bus/usb-serial/devices")
 MOVES_BY_ITSELF, REVERSED_OR_TIMED = 8, 5
 
 
-def check_rate(driver: Driver) -> None:
+def check_rate(robot: Robot) -> None:
     """Refuse a rate that the bus cannot reach, with the one that it can.
 
     Raises:
         ServoError: commanding and reading all servos takes longer than a step.
     """
-    robot, span = driver.robot, driver.cycle_time(fast=True)
+    span = cycle_time(robot, fast=True)
     if span > 1 / robot.rate:
         bus = robot.bus
         raise ServoError(
-            f"{robot.name}: {len(driver)} servos at {bus.baud} bits/s, return delay "
+            f"{robot.name}: {len(robot.servos)} servos at {bus.baud} bits/s, return delay "
             f"{bus.return_delay * 1e6:.0f} us and latency {bus.latency * 1e3:.0f} ms take "
             f"{span * 1e3:.1f} ms a step: at most {1 / span:.0f} steps a second, not "
             f"{robot.rate:g}; raise bus.baud, or lower bus.return_delay and bus.latency"
         )
 
 
-def check_latency_timer(driver: Driver) -> None:
+def check_latency_timer(robot: Robot, client: BusClient) -> None:
     """Refuse an adapter whose latency timer is longer than the robot's file says.
 
     Raises:
         ServoError: with the command that sets it.
     """
-    name = Path(driver.line.port.port_name).name
+    name = Path(client.port.port_name).name
     timer = ADAPTERS / name / "latency_timer"
-    allowed = driver.robot.bus.latency
+    allowed = robot.bus.latency
     if timer.is_file() and float(timer.read_text()) / 1000 > allowed:
         raise ServoError(
             f"{name}: its latency timer is {timer.read_text().strip()} ms, the robot's file says "
@@ -52,15 +50,15 @@ def check_latency_timer(driver: Driver) -> None:
         )
 
 
-def check_servos(driver: Driver) -> None:
+def check_servos(robot: Robot, client: BusClient) -> None:
     """Refuse servos that are missing, of another type, doubled, or set up dangerously.
 
     Raises:
         ServoError: with the servo and what to do.
     """
     missing = []
-    for servo in driver.robot.servos:
-        replies = [found for _ in range(RETRIES) if (found := driver.line.ping(servo.id))]
+    for servo in robot.servos:
+        replies = [found for _ in range(RETRIES) if (found := client.ping(servo.id))]
         if not replies:
             missing.append(servo)
             continue
@@ -71,9 +69,9 @@ def check_servos(driver: Driver) -> None:
             )
         _check_model(servo, struct.unpack("<HB", replies[0][0].data)[0])
     if missing:
-        raise ServoError(_where_are(driver, missing))
-    for servo in driver.robot.servos:
-        _check_settings(driver, servo)
+        raise ServoError(_where_are(robot, client, missing))
+    for servo in robot.servos:
+        _check_settings(robot, client, servo)
 
 
 def _check_model(servo: Servo, number: int) -> None:
@@ -84,10 +82,10 @@ def _check_model(servo: Servo, number: int) -> None:
         )
 
 
-def _check_settings(driver: Driver, servo: Servo) -> None:
+def _check_settings(robot: Robot, client: BusClient, servo: Servo) -> None:
     """Refuse settings under which a servo would move by itself, or answer too late."""
     place, units = f"servo {servo.id} ({servo.name})", servo.type.units
-    mode = driver.read_register(servo, "drive_mode")
+    mode = read_register(client, servo, "drive_mode")
     if mode & MOVES_BY_ITSELF:
         raise ServoError(
             f"{place}: drive mode {mode}: a goal would switch its torque on; write drive_mode = 0"
@@ -97,14 +95,14 @@ def _check_settings(driver: Driver, servo: Servo) -> None:
             f"{place}: drive mode {mode} reverses it or times its profile; write drive_mode = 0 "
             "and let the sign in the robot's file say the direction"
         )
-    offset = driver.read_register(servo, "homing_offset")
+    offset = read_register(client, servo, "homing_offset")
     if offset:
         raise ServoError(
             f"{place}: its own homing offset is {offset}; write homing_offset = 0 and let the "
             "calibration say the zero"
         )
-    delay = driver.read_register(servo, "return_delay_time")
-    allowed = round(driver.robot.bus.return_delay / units.return_delay)
+    delay = read_register(client, servo, "return_delay_time")
+    allowed = round(robot.bus.return_delay / units.return_delay)
     if delay > allowed:
         raise ServoError(
             f"{place}: it waits {delay * units.return_delay * 1e6:.0f} us before it answers; write "
@@ -112,21 +110,21 @@ def _check_settings(driver: Driver, servo: Servo) -> None:
         )
 
 
-def _where_are(driver: Driver, missing: list[Servo]) -> str:
+def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:
     """Look for missing servos at other speeds, and say what was found."""
     names = listed(f"{servo.id} ({servo.name})" for servo in missing)
-    baud, found = driver.robot.bus.baud, []
+    baud, found = robot.bus.baud, []
     for speed in SPEEDS:
         if speed == baud:
             continue
         try:
-            driver.line.open(speed)
-            there = [str(servo.id) for servo in missing if driver.line.ping(servo.id)]
+            client.open(speed)
+            there = [str(servo.id) for servo in missing if client.ping(servo.id)]
         except LineError:
             continue
         if there:
             found.append(f"{', '.join(there)} at {speed} bits/s: set its baud_rate")
-    driver.line.open(baud)
+    client.open(baud)
     remedy = "; ".join(found) or "check cable, supply and ID (python -m hardware scan)"
     return (
         f"no answer at {baud} bits/s from {names}; found: {remedy}"

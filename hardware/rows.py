@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hardware.backends import Backend, Measured, ServoBackend
+from hardware.episode_log import EpisodeLog
 from hardware.errors import RobotError, SafetyError, ServoError, did_you_mean, listed
 from hardware.safety import Sent
-from hardware.steplog import StepLog
 
 
 class Step(NamedTuple):
@@ -81,7 +81,7 @@ class RobotRows:
         self._to_robot = np.array([self.names.index(name) for name in robot.names])
         self.action_low, self.action_high = task.action_range(model)  # (A,)
         self.action_size, self.max_steps = len(self.action_low), task.max_steps
-        self.log = StepLog(robot, folder)
+        self.log = EpisodeLog(robot, folder)
         self.stopped: str | None = None
         self.over = True  # no episode is going on
         self._rest: np.ndarray = np.asarray(task.rest(model))[None]  # (1, n)

@@ -37,7 +37,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Policy:
+class StopLimits:
     """When to stop.
 
     Args:
@@ -70,12 +70,14 @@ class Guard:
 
     Args:
         driver: connected and configured servos.
-        policy: when to stop.
+        limits: when to stop.
         dry_run: read and check everything, but write no goal and no torque.
     """
 
-    def __init__(self, driver: Driver, policy: Policy | None = None, dry_run: bool = False) -> None:
-        self.driver, self.policy, self.dry_run = driver, policy or Policy(), dry_run
+    def __init__(
+        self, driver: Driver, limits: StopLimits | None = None, dry_run: bool = False
+    ) -> None:
+        self.driver, self.limits, self.dry_run = driver, limits or StopLimits(), dry_run
         robot = driver.robot
         self.armed = False
         self._slack = False  # armed, but limp for a swing
@@ -249,7 +251,7 @@ class Guard:
         driver = self.driver
         reading = self._whole_reading()
         self._slack = False
-        edge = self.policy.outside
+        edge = self.limits.outside
         outside = (reading.position < self.low - edge) | (reading.position > self.high + edge)
         if outside.any():
             i = int(np.argmax(outside))
@@ -301,7 +303,7 @@ class Guard:
         raise SafetyError(f"no answers from {listed(silent)}: torque stays off")
 
     def _check_start(self, reading: Reading) -> None:
-        edge = self.policy.outside
+        edge = self.limits.outside
         for i, servo in enumerate(self.driver.robot.servos):
             q = reading.position[i]
             if not servo.position[0] - edge <= q <= servo.position[1] + edge:
@@ -315,11 +317,11 @@ class Guard:
                 raise SafetyError(f"{servo.name} reports {what}: find the reason, then reboot it")
 
     def _check_reading(self, reading: Reading) -> None:
-        policy, names = self.policy, self.driver.robot.names
+        limits, names = self.limits, self.driver.robot.names
         self._misses = np.where(reading.fresh, 0, self._misses + 1)
-        if self._misses.max() >= policy.misses:
+        if self._misses.max() >= limits.misses:
             name = names[int(np.argmax(self._misses))]
-            self._stop_for(f"{name} gave no new answer {policy.misses} times in a row")
+            self._stop_for(f"{name} gave no new answer {limits.misses} times in a row")
         if reading.alert.any():
             i = int(np.argmax(reading.alert))
             health = self._do(lambda: self.driver.health(i))
@@ -329,9 +331,9 @@ class Guard:
         passed = 0.0 if math.isnan(self._seen) else now - self._seen
         self._seen = now
         if self.last is not None and not self.dry_run and not self._slack:
-            far = np.abs(reading.position - self.last) > policy.stray
+            far = np.abs(reading.position - self.last) > limits.stray
             self._astray = np.where(far & reading.fresh, self._astray + passed, 0.0)
-            if self._astray.max() > policy.patience:
+            if self._astray.max() > limits.patience:
                 i = int(np.argmax(self._astray))
                 self._stop_for(
                     f"{names[i]} is at {reading.position[i]:.2f} rad and should be at "
@@ -339,14 +341,14 @@ class Guard:
                 )
 
     def _check_health(self, i: int, health: Health | None) -> None:
-        servo, policy = self.driver.robot.servos[i], self.policy
+        servo, limits = self.driver.robot.servos[i], self.limits
         self._unheard[i] = 0 if health else self._unheard[i] + 1
         self.health[i] = health or self.health[i]
         if health is None:
-            if self._unheard[i] >= policy.misses:
+            if self._unheard[i] >= limits.misses:
                 self._stop_for(f"{servo.name} does not tell its state")
             return
-        limit = servo.type.defaults["temperature_limit"] - policy.hottest
+        limit = servo.type.defaults["temperature_limit"] - limits.hottest
         volts = self.driver.robot.supply.voltage
         if health.errors:
             self._stop_for(f"{servo.name} reports {listed(health.errors)}; find the reason")
@@ -358,7 +360,7 @@ class Guard:
             self._stop_for(f"{servo.name} has no torque: it started anew; configure and arm again")
         if health.temperature >= limit:
             self._stop_for(f"{servo.name} has {health.temperature:.0f} °C; let it cool")
-        if abs(health.voltage - volts) > policy.odd_voltage * volts:
+        if abs(health.voltage - volts) > limits.odd_voltage * volts:
             self._stop_for(
                 f"{servo.name} has {health.voltage:.1f} V, not {volts:.1f} V: the supply"
             )

@@ -36,7 +36,7 @@ from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import Robot, make_robot
 from hardware.errors import SafetyError
 from hardware.rows import RobotRows
-from hardware.safety import Policy
+from hardware.safety import StopLimits
 from sim2real.adapt import Adaptation, NoAdaptation
 from sim2real.algorithms.base import Algorithm
 from sim2real.deployment import STATE, Deployment, load, save
@@ -90,7 +90,7 @@ def run(
         dry_run: compute actions from what is measured, send nothing, and do not adapt.
         trials: episodes of the policy as trained, and as many of what it adapted to.
         settle: how long the start is held before each episode [s].
-        stops: when the guard stops the robot, where it differs from `hardware.safety.Policy`.
+        stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
         resume: folder of a deployment that was interrupted; None starts one.
         seed: of starts and perturbations.
         device: where networks are while they are restored.
@@ -114,7 +114,7 @@ def run(
         )
     if settle < 0:
         raise Sim2RealError(f"settle={settle} must not be below 0 s")
-    backend = ServoBackend(machine, settle, dry_run=dry_run, policy=guarding(stops), seed=seed)
+    backend = ServoBackend(machine, settle, dry_run=dry_run, limits=guarding(stops), seed=seed)
     rows = RobotRows(task, backend, out / "logs")
     adapt = NoAdaptation() if dry_run else adapt
     check_reward(rows, adapt)
@@ -153,16 +153,16 @@ def make_machine(robot: dict[str, Any], port: str | None, calibration: str | Non
     return machine
 
 
-def guarding(stops: dict[str, float] | None) -> Policy:
+def guarding(stops: dict[str, float] | None) -> StopLimits:
     """Return when to stop the robot; raises Sim2RealError for a name that a guard does not know."""
-    known = [field.name for field in fields(Policy)]
+    known = [field.name for field in fields(StopLimits)]
     for name, value in (stops or {}).items():
         if name not in known or not isinstance(value, int | float) or not value > 0:
             raise Sim2RealError(
                 f"stops.{name}={value}{did_you_mean(name, known)}: a guard has numbers above 0 for "
                 f"{', '.join(known)}"
             )
-    return Policy(**(stops or {}))  # type: ignore[arg-type]
+    return StopLimits(**(stops or {}))  # type: ignore[arg-type]
 
 
 def check_reward(rows: RobotRows, adapt: Adaptation) -> None:

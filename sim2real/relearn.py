@@ -114,7 +114,7 @@ def run(
         seconds: of each of the two recordings.
         trials: episodes of each policy, in the simulator and on the robot.
         settle: how long the start is held before each episode on the robot [s].
-        stops: when the guard stops the robot, where it differs from `hardware.safety.Policy`.
+        stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
         iterations: of each training; see `train`.
         frames: environment steps of each training; see `train`.
         checkpoint_every: iterations between checkpoints.
@@ -148,7 +148,7 @@ def run(
 
     def attempt(name: str, effects: Path | None) -> Tried:
         trained, place = learned(name, effects), folder / name
-        backend = ServoBackend(machine, settle, policy=guard, seed=seed)
+        backend = ServoBackend(machine, settle, limits=guard, seed=seed)
         rows = RobotRows(task, backend, place / "logs")
         deployment = Deployment(trained.theta, NoAdaptation(), trials, seed)
         deploy.drive(rows, trained, deployment, place)

@@ -26,10 +26,10 @@ from hardware.emulator.world import World
 from hardware.excite import Kind, Plan, excite
 from hardware.log import Log
 from hardware.record import record
-from hardware.safety import Guard, Policy
+from hardware.safety import Guard, StopLimits
 from sim2real.stand import home_pose, hung
 
-TOLERANT = Policy(odd_voltage=1.0, stray=2.0)  # a hidden effect must not stop the recording
+TOLERANT = StopLimits(odd_voltage=1.0, stray=2.0)  # a hidden effect must not stop the recording
 MOTIONS: tuple[Kind, ...] = ("ramp", "chirp", "steps", "multisine", "hold", "swing")
 # Nobody lets go of an arm that would fall; letting go of eight servos one by one takes 20 ms.
 NEVER_LIMP = ("arm6", "quad8")

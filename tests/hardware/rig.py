@@ -76,7 +76,7 @@ class Rig:
 
     def count(self, name: str) -> list[int]:
         """Return one counter of each servo."""
-        return [getattr(self.driver.line.counters[n], name) for n in self.driver.ids]
+        return [getattr(self.driver.bus_client.counters[n], name) for n in self.driver.ids]
 
     def counted(self) -> tuple[dict[str, int], ...]:
         """Return what was counted of each servo beside requests and answers.
@@ -85,7 +85,7 @@ class Rig:
         """
         found = []
         for number in self.driver.ids:
-            counters = self.driver.line.counters[number]
+            counters = self.driver.bus_client.counters[number]
             assert counters.asked - counters.answered == counters.timeout + counters.error
             kept = {k: v for k, v in counters.as_dict().items() if v}
             found.append({k: v for k, v in kept.items() if k not in ("asked", "answered")})

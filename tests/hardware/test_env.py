@@ -29,7 +29,7 @@ from hardware.errors import LineError, LogError, RobotError, SafetyError
 from hardware.log import read_log
 from hardware.replayed import LogBackend
 from hardware.rows import RobotRows
-from hardware.safety import Policy
+from hardware.safety import StopLimits
 from tests.hardware.rig import in_real_time
 
 ROW, NO_VALUES = np.arange(1), np.zeros((1, 0))
@@ -239,7 +239,7 @@ def test_a_stop_ends_the_episode_and_needs_a_hand():
         assert "overload" in str(env.stopped)
         with pytest.raises(SafetyError, match=r"was stopped: .*overload.*then arm"):
             env.reset()
-        backend.guard.driver.line.reboot(1)
+        backend.guard.driver.bus_client.reboot(1)
         backend.guard.driver.clock.sleep_until(backend.guard.driver.clock.now() + 0.5)
         env.arm()
         assert not env.rollout(5)["next", "failed"].any()
@@ -250,7 +250,7 @@ def test_a_cable_that_was_out_is_taken_up_again():
     backend = loopback()
     with HardwareEnv(Bench1(), backend) as env:
         start = env.reset()
-        port = backend.guard.driver.line.port
+        port = backend.guard.driver.bus_client.port
         port.unplugged = True  # type: ignore[attr-defined]
         assert env.rollout(5, auto_reset=False, tensordict=start)["next", "failed"].any()
         with pytest.raises(LineError, match="is the cable in"):
@@ -349,8 +349,8 @@ def test_a_pseudo_terminal_is_a_real_port(tmp_path: Path):
         real = replace(robot, port=str(link), watchdog=2.54)
 
         def drive() -> None:
-            patient = Policy(misses=50, patience=5.0)
-            with HardwareEnv(Bench1(), ServoBackend(real, settle=0.1, policy=patient)) as env:
+            patient = StopLimits(misses=50, patience=5.0)
+            with HardwareEnv(Bench1(), ServoBackend(real, settle=0.1, limits=patient)) as env:
                 with pytest.raises(SafetyError, match="not armed"):
                     env.reset()
                 env.arm()

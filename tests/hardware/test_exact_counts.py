@@ -18,7 +18,7 @@ import pytest
 from hardware.driver import Driver
 from hardware.emulator.faults import Fault
 from hardware.errors import HardwareError, ServoError
-from hardware.safety import Policy
+from hardware.safety import StopLimits
 from tests.hardware.rig import START, Rig, wave
 
 
@@ -170,7 +170,7 @@ def test_what_a_fault_leaves(rig, name):
     assert case.reason is None or case.reason in str(reason)
     assert len(r.readings) == case.readings
     assert r.counted() == case.bad
-    shared = {k: v for k, v in r.driver.line.group.as_dict().items() if v}
+    shared = {k: v for k, v in r.driver.bus_client.group.as_dict().items() if v}
     assert shared == case.group
     assert tuple(np.sum([~x.fresh for x in r.readings], axis=0)) == case.held
     off = case.reason is not None and name != "10 unplugged"
@@ -214,10 +214,10 @@ def test_what_a_refusal_asks(rig, chain, monkeypatch, registers, changes, asked,
     with pytest.raises(ServoError):
         rig(robot=chain(3, **changes), registers=registers)
     (driver,) = made
-    counters = [driver.line.counters[n] for n in driver.ids]
+    counters = [driver.bus_client.counters[n] for n in driver.ids]
     assert tuple(c.asked for c in counters) == asked
     assert tuple(c.answered for c in counters) == answered
-    world: Any = driver.line.port
+    world: Any = driver.bus_client.port
     assert not world.world.firmware.torque_on.any()
 
 
@@ -234,7 +234,7 @@ def test_old_and_doubled_answers_are_never_taken(rig, runs):
     taken = held = 0
     for seed in range(runs):
         rng = np.random.default_rng(seed)
-        r = rig(*random_faults(rng), policy=Policy(misses=10**6, stray=9.0, odd_voltage=9.0))
+        r = rig(*random_faults(rng), limits=StopLimits(misses=10**6, stray=9.0, odd_voltage=9.0))
         history = watched(r)
         r.run(75, lambda k: np.full(3, 0.9 * np.sin(k / 6)))
         for asked, done, reading in history.reads:

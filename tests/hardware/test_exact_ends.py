@@ -143,10 +143,10 @@ def test_05_a_late_answer_is_no_second_servo(rig, late):
 def test_22_ten_seconds_of_twelve_servos(chain):
     """Every request is answered: one group read a step and one servo's health in turn."""
     r = Rig(chain(12))
-    before = [r.driver.line.counters[n].asked for n in r.driver.ids]
+    before = [r.driver.bus_client.counters[n].asked for n in r.driver.ids]
     r.run(500, lambda k: np.full(12, 0.3 * np.sin(k / 20)))
     assert r.counted() == ({},) * 12
-    asked = np.array([r.driver.line.counters[n].asked for n in r.driver.ids]) - before
+    asked = np.array([r.driver.bus_client.counters[n].asked for n in r.driver.ids]) - before
     healths = np.array([500 // 12 + (1 <= i <= 500 % 12) for i in range(12)])
     np.testing.assert_array_equal(asked - healths, np.full(12, asked[0] - healths[0]))
     assert (

@@ -73,7 +73,7 @@ def test_09_overload(rig):
     assert r.powered == [False] * 3
     with pytest.raises(SafetyError, match=r"hinge2 reports 'overload'.*reboot"):
         r.guard.arm()
-    assert r.driver.line.reboot(2) is not None
+    assert r.driver.bus_client.reboot(2) is not None
     r.clock.sleep_until(r.clock.now() + 0.5)
     r.driver.configure()
     r.run(10)

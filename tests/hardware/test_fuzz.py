@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from hardware import protocol
+from hardware.bus_client import NOBODY, SHIELD, BusClient
 from hardware.clock import VirtualClock
 from hardware.config import load_robot
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
-from hardware.line import NOBODY, SHIELD, Line
 from hardware.protocol import Parser, instruction_packet, status_packet
 
 SMALL, LARGE = 5_000, pytest.param(1_000_000, marks=pytest.mark.slow)
@@ -78,8 +78,8 @@ class Damaged(LoopbackPort):
 def test_answers(count):
     """Flipped bits and bursts never pass; random damage passes no more often than 2^-16."""
     port = Damaged(World(load_robot("bench1")), VirtualClock())
-    line = Line(port, port.clock, latency=0.001)
-    line.open(1_000_000)
+    client = BusClient(port, port.clock, latency=0.001)
+    client.open(1_000_000)
     rng = np.random.default_rng(11)
     true = struct.pack("<i", 2048)
     good = status_packet(1, 0, true + bytes(SHIELD))
@@ -90,11 +90,11 @@ def test_answers(count):
         kind = kinds[k % 4]
         port.answer = kind(rng, good)
         sent[kind.__name__] += 1
-        reply = line.read(1, 132, 4)
+        reply = client.read(1, 132, 4)
         if reply is not None and (reply.data != true or reply.error):
             wrong[kind.__name__] += 1
     port.answer = good
-    reply = line.read(1, 132, 4)
+    reply = client.read(1, 132, 4)
     assert reply is not None and reply.data == true
     sys.stdout.write(f"\nanswers sent {sent}, wrong values taken {wrong}\n")
     assert wrong["flipped"] == wrong["burst"] == wrong["shuffled"] == 0

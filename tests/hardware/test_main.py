@@ -21,7 +21,7 @@ from hardware.clock import RealClock
 from hardware.config import load_robot
 from hardware.driver import Driver
 from hardware.emulator.world import World
-from hardware.safety import Guard, Policy
+from hardware.safety import Guard, StopLimits
 from tests.hardware.rig import in_real_time
 
 
@@ -170,7 +170,7 @@ def test_device_file_with_our_driver():
             driver = Driver(robot, PortHandler(device), RealClock())
             driver.connect()
             driver.configure()
-            with Guard(driver, Policy(misses=50, patience=5.0)) as guard:
+            with Guard(driver, StopLimits(misses=50, patience=5.0)) as guard:
                 guard.arm()
                 guard.move_to(np.array([0.3]), speed=2.0)
                 time.sleep(0.03)

@@ -54,13 +54,13 @@ def test_01_to_06_one_fault_exactly(rig, fault, value, servos, group):
     """
     r = rig(Fault(fault, start=START, count=1, value=value))
     r.run(70, wave)
-    line = r.driver.line
+    client = r.driver.bus_client
     kinds = ("timeout", "corrupt", "short", "foreign", "stale", "error")
     counted = {kind: sum(r.count(kind)) for kind in kinds}
     assert counted == dict.fromkeys(kinds, 0) | servos
-    shared = {kind: getattr(line.group, kind) for kind in kinds}
+    shared = {kind: getattr(client.group, kind) for kind in kinds}
     assert shared == dict.fromkeys(kinds, 0) | group
-    assert (9 in line.counters) == (fault == "foreign")
+    assert (9 in client.counters) == (fault == "foreign")
     assert np.all([x.fresh for x in r.readings])
     assert r.powered == [True] * 3
 
@@ -88,7 +88,7 @@ def test_03_corrupted_instructions(rig):
 @pytest.mark.parametrize("late", [0.003, 0.012, 0.02, 0.025, 0.04])
 def test_04_late_answers_are_never_fresh(rig, late):
     """Late answers, whenever they come, are not taken for new ones; the last value is held."""
-    r = rig(Fault("late", start=START, stop=START + 0.3, value=late), policy=None)
+    r = rig(Fault("late", start=START, stop=START + 0.3, value=late))
     pairs = []
     original = r.driver.read
 

@@ -20,7 +20,7 @@ from hardware.errors import LogError
 from hardware.excite import excite
 from hardware.log import Log, write_log
 from hardware.record import record
-from hardware.safety import Guard, Policy
+from hardware.safety import Guard, StopLimits
 from sim2real import diagnose as verb
 from sim2real.diagnose import Diagnosis, diagnose, examine
 from sim2real.diagnosis.report import Report
@@ -41,7 +41,7 @@ def make_log(*hidden: dict[str, Any], seed: int = 0, seconds: float = 6.0) -> Lo
     try:
         driver.connect()
         driver.configure()
-        with Guard(driver, Policy(odd_voltage=1.0, stray=2.0)) as guard:
+        with Guard(driver, StopLimits(odd_voltage=1.0, stray=2.0)) as guard:
             pose = np.clip(guard.arm().position, guard.low, guard.high)
             plan = excite(robot, pose, seconds, MOTIONS, np.random.default_rng(seed))
             return record(guard, plan)

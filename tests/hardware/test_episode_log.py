@@ -7,9 +7,9 @@ import pytest
 
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
+from hardware.episode_log import EpisodeLog
 from hardware.log import read_logs
 from hardware.safety import Sent
-from hardware.steplog import StepLog
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def measured():
     return found
 
 
-def written(log: StepLog, measured, steps: int) -> None:
+def written(log: EpisodeLog, measured, steps: int) -> None:
     """Write an episode of some steps."""
     log.begin(measured[0])
     for k in range(steps):
@@ -36,7 +36,7 @@ def written(log: StepLog, measured, steps: int) -> None:
 
 def test_rows_are_commands_and_the_last_is_what_they_led_to(measured, tmp_path):
     """What was asked, sent and earned stands beside what was measured before it."""
-    log = StepLog(load_robot("bench1"), tmp_path)
+    log = EpisodeLog(load_robot("bench1"), tmp_path)
     written(log, measured, 3)
     whole = log.finish({"task": "Bench1"})
     assert whole is not None
@@ -55,13 +55,13 @@ def test_rows_are_commands_and_the_last_is_what_they_led_to(measured, tmp_path):
 
 def test_files_are_numbered_on_and_nothing_leaves_none(measured, tmp_path):
     """A second log of the folder goes on behind the first; an episode of no step has no file."""
-    first = StepLog(load_robot("bench1"), tmp_path)
+    first = EpisodeLog(load_robot("bench1"), tmp_path)
     written(first, measured, 2)
     first.finish({})
     first.begin(measured[0])
     assert first.finish({}) is None
     assert first.finish({}) is None
-    second = StepLog(load_robot("bench1"), tmp_path)
+    second = EpisodeLog(load_robot("bench1"), tmp_path)
     written(second, measured, 3)
     second.stopped()
     second.finish({})

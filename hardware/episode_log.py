@@ -1,6 +1,6 @@
 """The log of an episode on a robot, a row a control step: what was measured, asked for and sent.
 
-    log = StepLog(robot, folder=Path("logs"))
+    log = EpisodeLog(robot, folder=Path("logs"))
     log.begin(measured)
     log.add(time, action, wanted, sent, health, counters)       # as the command is written
     log.outcome(reward, late)                                   # what came of it
@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 
 from hardware.backends import Measured
+from hardware.bus_client import Counters
 from hardware.config import Robot
 from hardware.driver import Health
-from hardware.line import Counters
 from hardware.log import Log, write_log
 from hardware.record import joint_names
 from hardware.safety import Sent
@@ -34,7 +34,7 @@ from hardware.safety import Sent
 Row = dict[str, float]
 
 
-class StepLog:
+class EpisodeLog:
     """Gathers the rows of one episode after the other, and writes a file for each.
 
     Args:

@@ -1,9 +1,9 @@
 """The host's end of the bus: dynamixel-sdk sends, and what comes back is read with care.
 
-    line = Line(port, clock, latency=0.001)
-    line.open(1_000_000)
-    line.read(1, 132, 4)                    # Reply(error=0, alert=False, data=b'...') or None
-    line.sync_read(120, 16, [1, 2, 3], fast=True)
+    client = BusClient(port, clock, latency=0.001)
+    client.open(1_000_000)
+    client.read(1, 132, 4)                    # Reply(error=0, alert=False, data=b'...') or None
+    client.sync_read(120, 16, [1, 2, 3], fast=True)
 
 The SDK's own receiving code is not used in the loop, because over a bus with faults it (4.1.0)
 raises IndexError on a late answer to a fast read and on a short status, hides the alert bit in
@@ -69,7 +69,7 @@ class Reply:
     data: bytes
 
 
-class Line:
+class BusClient:
     """Requests and answers over one port.
 
     Args:
