@@ -1,7 +1,7 @@
 """A Dynamixel bus that is not there: the same bytes, timing and failures over a MuJoCo robot.
 
-    world.py       the robot: servos, physics, bus, one clock
-    bus.py         bytes in, bytes out, and when
+    world.py       the robot: servos and physics, one clock
+    bus.py         before it: bytes in, bytes out, and when
     servo.py       what a servo answers           memory.py    its control table
     firmware.py    its 1 kHz control loop         profile.py   the motion of its goal
     mechanics.py   MuJoCo, friction, play         model.py     the edited model

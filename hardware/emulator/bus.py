@@ -1,6 +1,6 @@
 """The emulated bus: bytes in, bytes out, at the times a real bus would take.
 
-    bus = Bus(world, latency=0.001, rng=np.random.default_rng(0))
+    bus = Bus(World(load_robot("bench1")))
     for arrival, data in bus.feed(ping_bytes, now=0.0, baud=1_000_000):
         ...                                   # the host has `data` at time `arrival` [s]
 
@@ -14,16 +14,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from hardware import protocol
 from hardware.emulator.servo import Servo
+from hardware.emulator.world import World
 from hardware.protocol import BROADCAST, Packet, Parser
-
-if TYPE_CHECKING:
-    from hardware.emulator.world import World
 
 TURN_ROUND = 5e-5  # s
 BYTE_GAP = 0.02  # s of silence after which an unfinished packet is forgotten
@@ -35,20 +30,19 @@ class Bus:
     """The wire between a host and the servos of a world.
 
     Args:
-        world: the servos, and the physics that goes on while bytes travel.
-        latency: most time that the adapter holds bytes back [s].
-        rng: for the phase of the adapter's flushes.
+        world: the servos, and the physics that goes on while bytes travel. Its robot's file says
+            how long the adapter holds bytes back at most.
     """
 
-    def __init__(self, world: World, latency: float, rng: np.random.Generator) -> None:
-        self._world, self._rng = world, rng
-        self.latency = latency
+    def __init__(self, world: World) -> None:
+        self._world, self._rng = world, world.wire_rng
+        self._latency = world.robot.bus.latency  # s
         self._parser = Parser()
         self._free = 0.0  # s, when the wire is idle again
         self._flushed = 0.0  # s, when the adapter last handed bytes over
         self._byte = 1e-5  # s a byte takes
         self._baud = 0
-        self.loss = world.hidden.robot["packet_loss"]
+        self._loss = world.hidden.robot["packet_loss"]
 
     def feed(self, data: bytes, now: float, baud: int) -> list[Arrival]:
         """Take bytes that the host writes, and return what comes back and when.
@@ -198,7 +192,7 @@ class Bus:
                 arrivals.append((self._free + late, piece))
         if not arrivals:
             return []
-        flush = self._free + float(self._rng.uniform(0, self.latency))
+        flush = self._free + float(self._rng.uniform(0, self._latency))
         flush = self._flushed = max(flush, self._flushed)  # bytes do not overtake each other
         return [(max(time, flush), data) for time, data in arrivals]
 
@@ -209,7 +203,7 @@ class Bus:
         return servo.baud == self._baud and not self._world.is_silent(servo, self._free)
 
     def _lost(self) -> bool:
-        return self.loss > 0 and self._rng.random() < self.loss
+        return self._loss > 0 and self._rng.random() < self._loss
 
 
 def _whole(data: bytes, size: int) -> bytes:

@@ -16,6 +16,7 @@ import heapq
 from dynamixel_sdk import PortHandler
 
 from hardware.clock import VirtualClock
+from hardware.emulator.bus import Bus
 from hardware.emulator.world import World
 
 
@@ -30,6 +31,7 @@ class LoopbackPort(PortHandler):
     def __init__(self, world: World, clock: VirtualClock) -> None:
         super().__init__(f"loopback:{world.robot.name}")
         self.world, self.clock = world, clock
+        self._bus = Bus(world)
         self.unplugged = False
         self._arrivals: list[tuple[float, int, bytes]] = []
         self._written = 0
@@ -64,7 +66,7 @@ class LoopbackPort(PortHandler):
         """Write bytes to the bus and return how many."""
         self._check_cable()
         now = self.clock.now()
-        for arrival, data in self.world.bus.feed(bytes(packet), now, self.baudrate):
+        for arrival, data in self._bus.feed(bytes(packet), now, self.baudrate):
             self._written += 1
             heapq.heappush(self._arrivals, (arrival, self._written, data))
         return len(packet)

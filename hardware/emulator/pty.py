@@ -18,6 +18,7 @@ import tty
 from collections.abc import Callable
 from pathlib import Path
 
+from hardware.emulator.bus import Bus
 from hardware.emulator.world import World
 
 IDLE = 0.005  # s between looks at the clock while nobody writes
@@ -61,7 +62,7 @@ def serve(
 
 
 def _run(world: World, master: int, slave: int, stopped: Callable[[], bool]) -> None:
-    start = time.perf_counter()
+    start, bus = time.perf_counter(), Bus(world)
     waiting: list[tuple[float, int, bytes]] = []
     number = 0
     while not stopped():
@@ -74,7 +75,7 @@ def _run(world: World, master: int, slave: int, stopped: Callable[[], bool]) -> 
             now = world.time
         if readable:
             data = os.read(master, 4096)
-            for arrival, piece in world.bus.feed(data, now, _baud(world, slave)):
+            for arrival, piece in bus.feed(data, now, _baud(world, slave)):
                 number += 1
                 heapq.heappush(waiting, (arrival, number, piece))
         while waiting and waiting[0][0] <= now:

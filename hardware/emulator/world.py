@@ -1,10 +1,11 @@
-"""An emulated robot: servos, physics and bus under one clock.
+"""An emulated robot: servos and physics under one clock, faults included.
 
     world = World(load_robot("bench1"))
-    world.bus.feed(instruction_packet(1, PING), now=0.0, baud=1_000_000)
     world.advance(0.5)                      # nothing happens on the bus, the robot moves on
+    world.mechanics.angle                   # where its joints are [rad], (n,)
 
-The same bytes at the same times give the same answers, bit for bit.
+What stands between it and a client (`loopback.py`, `pty.py`) puts a `Bus` before it. The same bytes
+at the same times give the same answers, bit for bit.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hardware.config import Robot
-from hardware.emulator.bus import Bus
 from hardware.emulator.faults import Fault, Faults
 from hardware.emulator.firmware import Firmware
 from hardware.emulator.hidden import Hidden, read_hidden
@@ -26,7 +26,7 @@ WATCH = 5  # ticks between looks at the bus watchdogs
 
 
 class World:
-    """The emulated robot behind a bus.
+    """The emulated robot.
 
     Args:
         robot: the robot as it is; where a driver's file says otherwise, the driver is wrong.
@@ -58,7 +58,7 @@ class World:
         self.faults = Faults(faults, streams[1])
         self._events = _events(faults)
         self._delays = self.hidden.robot["command_delay"] > 0
-        self.bus = Bus(self, robot.bus.latency, streams[2])
+        self.wire_rng = streams[2]  # the luck of the wire before it
 
     @property
     def time(self) -> float:

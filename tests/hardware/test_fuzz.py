@@ -15,6 +15,7 @@ from hardware import protocol
 from hardware.bus_client import NOBODY, SHIELD, BusClient
 from hardware.clock import VirtualClock
 from hardware.config import load_robot
+from hardware.emulator.bus import Bus
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
 from hardware.protocol import Parser, instruction_packet, status_packet
@@ -120,7 +121,7 @@ def test_instructions(count):
         instruction_packet(1, 0x20, b"\x01"),
     ]
     answered = 0
-    bus, time = world.bus, 0.0
+    bus, time = Bus(world), 0.0
     for k in range(count):
         if k % 2:
             kind = (flipped, burst)[k // 2 % 2]

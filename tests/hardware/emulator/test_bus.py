@@ -12,6 +12,7 @@ import pytest
 from hardware import protocol
 from hardware.clock import VirtualClock
 from hardware.config import load_robot
+from hardware.emulator.bus import Bus
 from hardware.emulator.faults import Fault
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
@@ -24,12 +25,12 @@ class Host:
     """Raw bytes to a world and its answers as packets, one after the other in time."""
 
     def __init__(self, world: World) -> None:
-        self.world, self.time = world, 0.0
+        self.world, self.bus, self.time = world, Bus(world), 0.0
 
     def send(self, number: int, instruction: int, params: bytes = b"", wait: float = 0.005):
         """Send an instruction and return the packets that come back."""
         data = instruction_packet(number, instruction, params)
-        arrivals = self.world.bus.feed(data, self.time, BAUD)
+        arrivals = self.bus.feed(data, self.time, BAUD)
         self.time = max([self.time + wait, *(time for time, _ in arrivals)])
         return Parser().feed(b"".join(piece for _, piece in arrivals))
 
@@ -67,7 +68,7 @@ def test_ping_answers_as_published(chain):
     world.servos[0].memory["model_number"] = 1030
     world.servos[0].memory["firmware_version"] = 38
     ping = bytes.fromhex("FF FF FD 00 01 03 00 01 19 4E")
-    ((_, answer),) = world.bus.feed(ping, 0.0, BAUD)
+    ((_, answer),) = Bus(world).feed(ping, 0.0, BAUD)
     assert answer == bytes.fromhex("FF FF FD 00 01 07 00 55 00 06 04 26 65 5D")
 
 
@@ -75,7 +76,7 @@ def test_read_answers_as_published(host):
     """Reading a present position of 166 gives the manual's bytes."""
     host.world.firmware.base[:] = 166 - 2048
     request = bytes.fromhex("FF FF FD 00 01 07 00 02 84 00 04 00 1D 15")
-    ((_, answer),) = host.world.bus.feed(request, 0.0, BAUD)
+    ((_, answer),) = host.bus.feed(request, 0.0, BAUD)
     assert answer == bytes.fromhex("FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0")
 
 
@@ -213,7 +214,7 @@ def test_crc_error_is_answered(host):
     """A damaged instruction to a servo is answered with the CRC error and no data."""
     data = bytearray(instruction_packet(1, protocol.READ, struct.pack("<HH", 132, 4)))
     data[8] ^= 1
-    ((_, answer),) = host.world.bus.feed(bytes(data), 0.0, BAUD)
+    ((_, answer),) = host.bus.feed(bytes(data), 0.0, BAUD)
     (packet,) = Parser().feed(answer)
     assert packet.error == protocol.BAD_CRC
     assert packet.params == bytes([protocol.BAD_CRC])
@@ -221,7 +222,7 @@ def test_crc_error_is_answered(host):
 
 def test_wrong_baud_is_not_heard(host):
     """A host of another speed gets no answer."""
-    assert host.world.bus.feed(instruction_packet(1, protocol.PING), 0.0, 57600) == []
+    assert host.bus.feed(instruction_packet(1, protocol.PING), 0.0, 57600) == []
 
 
 def test_the_sdk_works_unchanged(three):
@@ -270,12 +271,12 @@ def test_a_cycle_takes_the_time_of_the_wire(chain, baud, delay, latency, count, 
         (protocol.SYNC_READ, plain, count),
         (protocol.FAST_SYNC_READ, fast, 1),
     ):
-        world, spans = World(robot), []
+        bus, spans = Bus(World(robot)), []
         for k in range(20):
             start = 1.0 + 0.2 * k
-            world.bus.feed(instruction_packet(254, protocol.SYNC_WRITE, goals), start, baud)
+            bus.feed(instruction_packet(254, protocol.SYNC_WRITE, goals), start, baud)
             read = instruction_packet(254, instruction, request)
-            ((arrival, _),) = world.bus.feed(read, start, baud)[-1:]
+            ((arrival, _),) = bus.feed(read, start, baud)[-1:]
             spans.append(1e3 * (arrival - start))
         wire = expected - 1e3 * latency
         assert min(spans) >= wire - 0.1
@@ -288,19 +289,10 @@ def test_later_servos_of_a_chain_are_seen_later(chain):
     """Twelve falling pendulums that are alike read differently: each is sampled in its turn."""
     world = World(chain(12))
     world.mechanics.data.qpos[world.mechanics.qpos] = 1.5
-    request = struct.pack("<HH", 132, 4) + bytes(range(1, 13))
-    world.bus.feed(instruction_packet(254, protocol.SYNC_READ, request), 0.15, BAUD)
-    ((_, data),) = [
-        (
-            0,
-            b"".join(
-                p
-                for _, p in world.bus.feed(
-                    instruction_packet(254, protocol.SYNC_READ, request), 0.16, BAUD
-                )
-            ),
-        )
-    ]
+    numbers = struct.pack("<HH", 132, 4) + bytes(range(1, 13))
+    request, bus = instruction_packet(254, protocol.SYNC_READ, numbers), Bus(world)
+    bus.feed(request, 0.15, BAUD)
+    data = b"".join(piece for _, piece in bus.feed(request, 0.16, BAUD))
     values = [int.from_bytes(p.params[1:], "little", signed=True) for p in Parser().feed(data)]
     assert len(values) == 12
     assert all(b <= a for a, b in itertools.pairwise(values))
@@ -312,11 +304,11 @@ def test_same_seed_same_bytes():
 
     def run(seed: int) -> list[tuple[float, bytes]]:
         faults = [Fault("drop", probability=0.1), Fault("noise", probability=0.2, value=3)]
-        world = World(load_robot("bench1"), seed=seed, faults=faults)
+        bus = Bus(World(load_robot("bench1"), seed=seed, faults=faults))
         request = instruction_packet(1, protocol.READ, struct.pack("<HH", 132, 4))
         found = []
         for k in range(60):
-            found += world.bus.feed(request, 0.02 * k, BAUD)
+            found += bus.feed(request, 0.02 * k, BAUD)
         return found
 
     assert run(3) == run(3)
@@ -334,7 +326,7 @@ def test_any_bytes_do_no_harm(host):
             changed = bytearray(good)
             changed[int(rng.integers(0, len(good)))] = int(rng.integers(0, 256))
             data = bytes(changed)
-        host.world.bus.feed(data, host.time, BAUD)
+        host.bus.feed(data, host.time, BAUD)
         host.time += 0.001
     host.time += 0.5
     assert host.send(1, protocol.PING)[0].error == 0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hardware.config import Robot, load_robot
+from hardware.emulator.bus import Bus
 from hardware.emulator.faults import Fault
 from hardware.emulator.hidden import Hidden, make_hidden
 from hardware.emulator.profile import Profile
@@ -47,6 +48,7 @@ def test_the_nominal_model_agrees_with_the_emulator():
     """
     robot = load_robot("bench1")
     world = started(robot)
+    bus = Bus(world)
     times, commands, readings = [], [], []
     for k in range(200):
         t = 1 + 0.02 * k
@@ -54,7 +56,7 @@ def test_the_nominal_model_agrees_with_the_emulator():
         goal = round((np.sin(3 * t + 0.5 * (t - 1) ** 2) + 0.5 * (k // 50 % 2)) / STEP)
         readings.append(angle(world))
         data = struct.pack("<Hi", 116, 2048 + goal)
-        world.bus.feed(instruction_packet(1, WRITE, data), t, robot.bus.baud)
+        bus.feed(instruction_packet(1, WRITE, data), t, robot.bus.baud)
         times.append(t - 1)
         commands.append(goal * STEP)
     model = mujoco.MjModel.from_xml_path(str(robot.model))
@@ -165,7 +167,7 @@ def test_seam_and_turns():
     world.firmware.slip[:] = 3 * np.pi
     world.advance(0.01)
     assert world.firmware.count[0] == pytest.approx(2048 + 1.5 * 4096, abs=3)
-    world.bus.feed(instruction_packet(1, REBOOT), world.time, 1_000_000)
+    Bus(world).feed(instruction_packet(1, REBOOT), world.time, 1_000_000)
     world.advance(0.3)
     assert 0 <= world.firmware.count[0] < 4096
 
@@ -219,7 +221,7 @@ def test_bus_watchdog_stops_and_locks():
     """Without instructions the watchdog trips, holds the servo, and refuses goals until cleared."""
     world = started(load_robot("bench1"))
     servo = world.servos[0]
-    world.bus.feed(instruction_packet(BROADCAST, 1), 0.0, 1_000_000)
+    Bus(world).feed(instruction_packet(BROADCAST, 1), 0.0, 1_000_000)
     put(world, bus_watchdog=5, profile_velocity=20, goal_position=4000)
     world.advance(0.09)
     assert servo.memory["bus_watchdog"] == 5

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hardware.config import load_robot
+from hardware.emulator.bus import Bus
 from hardware.emulator.faults import Fault
 from hardware.emulator.hidden import EFFECTS, make_hidden, read_hidden
 from hardware.emulator.world import World
@@ -251,7 +252,7 @@ def test_delays():
     robot = load_robot("bench1")
     world = world_with(effect="command_delay", value=0.05)
     goal = instruction_packet(1, WRITE, struct.pack("<Hi", 116, 3000))
-    world.bus.feed(goal, 0.1, robot.bus.baud)
+    Bus(world).feed(goal, 0.1, robot.bus.baud)
     world.advance(0.149)
     assert world.firmware.goal[0] == 2048
     assert world.servos[0].memory["goal_position"] == 3000
@@ -271,9 +272,9 @@ def test_packet_loss():
     """A read is answered with probability (1 - p)^2: each way can lose it."""
     world = world_with(effect="packet_loss", value=0.3)
     request = instruction_packet(1, READ, struct.pack("<HH", 132, 4))
-    answered = 0
+    answered, bus = 0, Bus(world)
     for k in range(1000):
-        arrivals = world.bus.feed(request, 0.001 * k, 1_000_000)
+        arrivals = bus.feed(request, 0.001 * k, 1_000_000)
         answered += len(Parser().feed(b"".join(data for _, data in arrivals)))
     assert answered / 1000 == pytest.approx(0.49, abs=0.04)
 
