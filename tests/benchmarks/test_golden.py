@@ -179,7 +179,8 @@ def test_checkpoints_are_read_without_their_random_generators(tmp_path: Path) ->
     folder.mkdir()
     for run, name in (("00", "0"), ("01", "mean")):
         npz, made = tmp_path / f"{run}.npz", folder / f"checkpoint-{run}.torchrl"
-        np.savez(npz, **{name: np.arange(3.0)})
+        held: dict[str, Any] = {name: np.arange(3.0)}
+        np.savez(npz, **held)
         with zipfile.ZipFile(made, "w") as archive:
             archive.write(npz, "components/0000-algorithm/arrays.npz")
             archive.write(npz, "components/0001-random/arrays.npz")
