@@ -31,8 +31,8 @@ from hardware.emulator.world import World
 from hardware.pace import Pace
 from hardware.safety import Guard
 from hardware.timing import BLOCK, BLOCK_SIZE
-from sim2real.files import write_text
-from sim2real.tables import Table
+from sim2real.runs.files import write_text
+from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results"
 RATE = 50.0  # steps a second

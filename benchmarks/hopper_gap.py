@@ -29,10 +29,10 @@ from benchmarks import study
 from benchmarks.study import Row
 from benchmarks.transfer import LONG, STUDY
 from envs.effects import load_effects
-from sim2real.plots import COLOURS, INK, figure
-from sim2real.stats import bootstrap, iqm, share_closed
-from sim2real.tables import Table
-from sim2real.transfer import TransferScores, read
+from sim2real.evaluation.transfer import TransferScores, read
+from sim2real.runs.figures import COLOURS, INK, figure
+from sim2real.runs.statistics import bootstrap, iqm, share_closed
+from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results"
 DRAWS = 10_000  # resamples of an interval

@@ -24,13 +24,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2real import plots
-from sim2real.checkpoint import find, read_metadata
-from sim2real.errors import Sim2RealError
-from sim2real.files import write_text
-from sim2real.grid import Box
-from sim2real.scores import GridScores, combine
-from sim2real.stats import (
+from sim2real.evaluation.grid import Box
+from sim2real.evaluation.grid_plots import heatmaps
+from sim2real.evaluation.scores import GridScores, combine
+from sim2real.runs.checkpoint import find, read_metadata
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import (
     Interval,
     difference,
     iqm,
@@ -39,7 +39,7 @@ from sim2real.stats import (
     share_above,
     wins,
 )
-from sim2real.tables import Cell, Table
+from sim2real.runs.tables import Cell, Table
 
 RESULTS = Path(__file__).parent / "results"
 NAME = "hopper_grid"
@@ -243,7 +243,7 @@ def picture(scores: Mapping[str, GridScores], path: Path) -> None:
             maps["esmaml, before"] = found.before.mean(axis=(0, 2))
             method = "esmaml, adapted"
         maps[method] = found.after.mean(axis=(0, 2))
-    plots.heatmaps(first.grid, first.parameters, maps, path, box=BOX)
+    heatmaps(first.grid, first.parameters, maps, path, box=BOX)
 
 
 def page(plan: Plan, scores: Mapping[str, GridScores]) -> str:

@@ -36,10 +36,10 @@ from envs.randomization import Randomization
 from envs.rows import Rows
 from envs.simulation import Simulation
 from envs.tasks import Hopper, HopperPolito
-from sim2real import plots
-from sim2real.files import write_text
-from sim2real.stats import probability_of_improvement
-from sim2real.tables import Table
+from sim2real.runs import figures as plots
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import probability_of_improvement
+from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results" / "ppo"
 COLUMNS = ("train/frames", "train/return", "time/seconds", "time/other_cores")
@@ -134,8 +134,8 @@ class Curve:
 
 def train_ours(kind: Kind, seed: int, done: Done) -> Curve:
     """Train a preset of this project."""
-    from sim2real.config import compose
-    from sim2real.targets import build
+    from sim2real.config.compose import compose
+    from sim2real.config.targets import build
 
     tree = compose([f"algorithm={kind.who}"])
     parts = {"env": partial(Simulation, kind.task()), "tasks": Randomization()}

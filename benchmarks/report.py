@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.speed import BUSY, Measured
-from sim2real.stats import FEW, bootstrap
+from sim2real.runs.statistics import FEW, bootstrap
 
 
 class Threshold(NamedTuple):

@@ -24,10 +24,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import study
-from sim2real.files import claimed
-from sim2real.relearn import CORRECTED, NOMINAL, RESULT, TRUTH, WORDS, Tried, draw
-from sim2real.stats import bootstrap, iqm, share_closed
-from sim2real.tables import Table
+from sim2real.loops.relearn import CORRECTED, NOMINAL, RESULT, TRUTH, WORDS, Tried, draw
+from sim2real.runs.files import claimed
+from sim2real.runs.statistics import bootstrap, iqm, share_closed
+from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results"
 DRAWS = 10_000  # resamples of an interval

@@ -28,12 +28,11 @@ from pathlib import Path
 from benchmarks.robots_report import Figures, write
 from benchmarks.study import claimed, sim2real, trained
 from hardware.errors import HardwareError
-from sim2real import deploy
-from sim2real.checkpoint import find, read_metadata
-from sim2real.config import compose, prepare
-from sim2real.errors import Sim2RealError
-from sim2real.files import write_text
-from sim2real.transfer import read
+from sim2real.config.compose import compose, prepare
+from sim2real.evaluation.transfer import read
+from sim2real.runs.checkpoint import find, read_metadata
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import write_text
 
 RESULTS = Path(__file__).parent / "results"
 ROBOTS = ("quad8", "hopper2")
@@ -210,8 +209,8 @@ def ride(plan: Plan, robot: str, seed: int, name: str, shift: str | None = None)
         *([hidden, *CLIMB] if hidden else ["adapt=none"]),
     ]
     try:
-        _, arguments = prepare(compose(words), folder)
-        deploy.run(**arguments)
+        verb, arguments = prepare(compose(words), folder)
+        verb(**arguments)
     except (Sim2RealError, HardwareError) as error:
         print(f"{folder}: {error}", file=sys.stderr)
         return False

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2real.files import write_text
-from sim2real.plots import COLOURS, INK, figure
-from sim2real.stats import Interval, bootstrap
-from sim2real.tables import Cell, Table
+from sim2real.runs.figures import COLOURS, INK, figure
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import Interval, bootstrap
+from sim2real.runs.tables import Cell, Table
 
 Seed = Mapping[str, float]
 Figures = dict[str, dict[int, dict[str, float]]]  # by robot, seed and name

@@ -25,14 +25,14 @@ import numpy as np
 from benchmarks import real_logs
 from envs.effects import load_effects
 from hardware.log import Log, read_log
-from sim2real.blind.inject import ARM, told
-from sim2real.blind.measure import apart
-from sim2real.diagnose import examine, write
-from sim2real.diagnosis.floor import noise_floor
-from sim2real.files import write_text
-from sim2real.plots import COLOURS, figure
-from sim2real.stats import Interval, bootstrap
-from sim2real.tables import Table
+from sim2real.diagnosis.data.noise_floor import noise_floor
+from sim2real.diagnosis.diagnose import examine, write
+from sim2real.exam.inject import ARM, told
+from sim2real.exam.measure import apart
+from sim2real.runs.figures import COLOURS, figure
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import Interval, bootstrap
+from sim2real.runs.tables import Table
 
 FIT = ("step_response", "friction_gravity", "workspace_sweep", "backlash_detection")
 HELD_OUT = (

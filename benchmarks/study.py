@@ -16,10 +16,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim2real.checkpoint import find, read_metadata
-from sim2real.errors import Sim2RealError
-from sim2real.files import claimed
-from sim2real.report_plots import drawn
+from sim2real.evaluation.study_plots import drawn
+from sim2real.runs.checkpoint import find, read_metadata
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import claimed
 
 RESULTS = Path(__file__).parent / "results"
 SIGNALLED = 128  # exit statuses above are those of a job that was told to stop

@@ -29,11 +29,11 @@ import numpy as np
 
 from envs.rows import Rows
 from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D
-from sim2real.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
-from sim2real.algorithms.esmaml import ESMAML
-from sim2real.policy import MLPPolicy
-from sim2real.population import evaluate_adaptation
-from sim2real.stats import Interval, bootstrap, mean
+from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
+from sim2real.learning.algorithms.esmaml import ESMAML
+from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.population.population import evaluate_adaptation
+from sim2real.runs.statistics import Interval, bootstrap, mean
 
 RESULTS = Path(__file__).parent / "results" / "toys.csv"
 TEST_TASKS = 500

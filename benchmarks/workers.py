@@ -34,7 +34,7 @@ class Member(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What an evolution strategy needs of an episode, as sim2real.population returns it."""
+    """What an evolution strategy needs of an episode, as `Population` returns it."""
 
     steps: int
     total: float  # sum of rewards

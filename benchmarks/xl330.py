@@ -26,11 +26,11 @@ import numpy as np
 from benchmarks import real_logs
 from envs.effects import load_effects
 from hardware.log import Log, read_logs
-from sim2real.diagnose import examine, write
-from sim2real.files import write_text
-from sim2real.replay import load_model, measure
-from sim2real.stats import Interval, bootstrap
-from sim2real.tables import Table
+from sim2real.diagnosis.data.replay import load_model, measure
+from sim2real.diagnosis.diagnose import examine, write
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import Interval, bootstrap
+from sim2real.runs.tables import Table
 
 GAINS = (100, 200, 800)  # the servo's P gain register
 FOLDER, COUNTS, FULL = "xl330_bench", 4096, 885  # counts a turn; PWM that is all of the supply

@@ -1,1 +1,50 @@
-"""Train policies in simulation that survive the real robot; find what separates the two."""
+"""A policy works in simulation and fails on the robot: find out why; train one that transfers.
+
+    from sim2real import diagnose
+
+    report = diagnose("log.csv", "arm.xml")
+    report.verdict, report.causes, report.gap
+
+A name's module is imported when the name is first used: `import sim2real` alone costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sim2real.diagnosis.diagnose import diagnose
+    from sim2real.diagnosis.schema import Report
+    from sim2real.learning.adapt import GradientAdaptation, HillClimb, NoAdaptation, Session
+    from sim2real.runs.errors import Sim2RealError
+
+__all__ = [
+    "GradientAdaptation",
+    "HillClimb",
+    "NoAdaptation",
+    "Report",
+    "Session",
+    "Sim2RealError",
+    "diagnose",
+]
+
+_MODULES = {
+    "diagnosis.diagnose": ("diagnose",),
+    "diagnosis.schema": ("Report",),
+    "learning.adapt": ("GradientAdaptation", "HillClimb", "NoAdaptation", "Session"),
+    "runs.errors": ("Sim2RealError",),
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name's module on its first use."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'sim2real' has no attribute {name!r}")
+    return getattr(import_module(f"sim2real.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return sorted(__all__)

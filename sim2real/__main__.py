@@ -70,7 +70,7 @@ def precheck(arguments: list[str]) -> list[str]:
     options = [a for a in arguments if a.startswith("-")]
     if {a.split("=")[0] for a in options} & set(PASSED_ON + OWN_FOLDER):
         return arguments
-    from sim2real.config import compose, sweep_jobs, with_checkpoint
+    from sim2real.config.compose import compose, sweep_jobs, with_checkpoint
 
     given = [a for a in arguments if not a.startswith("-")]
     sweep = {"--multirun", "-m"} & set(options)
@@ -83,7 +83,7 @@ def launch() -> None:
     """Let Hydra make the run's folder and call `job`: once, or for each job of a sweep."""
     import hydra
 
-    from sim2real.config import CONF
+    from sim2real.config.compose import CONF
 
     before = os.environ.get(FULL, "0")
     os.environ[WANTED] = before
@@ -112,8 +112,8 @@ def job(config: Any) -> None:
 def _run(config: Any) -> None:
     from hydra.core.hydra_config import HydraConfig
 
-    from sim2real.config import checked, prepare, refuse_used, save
-    from sim2real.manifest import write_manifest
+    from sim2real.config.compose import checked, prepare, refuse_used, save
+    from sim2real.runs.manifest import write_manifest
 
     hydra = HydraConfig.get()
     out = Path(hydra.runtime.output_dir)
@@ -131,7 +131,7 @@ def explained(error: Exception) -> str | None:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
-    from sim2real.config import explain
+    from sim2real.config.compose import explain
 
     if isinstance(error, HydraException | OmegaConfBaseException):
         return str(explain(error, [a for a in sys.argv[1:] if not a.startswith("-")]))
@@ -155,7 +155,7 @@ def _say(sentence: str, status: int) -> int:
 
 def overview() -> str:
     """Return the help: experiments and groups, one line each."""
-    from sim2real.catalogue import lines
+    from sim2real.config.catalogue import lines
 
     return "\n".join(lines())
 

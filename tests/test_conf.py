@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sim2real.catalogue import CONF, groups, options, summary
-from sim2real.config import compose, prepare
-from sim2real.targets import build
+from sim2real.config.catalogue import CONF, groups, options, summary
+from sim2real.config.compose import compose, prepare
+from sim2real.config.targets import build
 
 FILES = sorted(CONF.rglob("*.yaml"))
 KEY = re.compile(r"^(?P<indent>[ -]*)(?P<key>[A-Za-z_][\w.]*|override /\w+):(?P<value>.*)$")
@@ -70,7 +70,7 @@ def test_choices_compose(group: str, option: str) -> None:
 @pytest.mark.parametrize("name", options("experiment"))
 def test_experiments_can_be_built(name: str, tmp_path: Path) -> None:
     """What an experiment names can be made, and its tasks fit its environment."""
-    trains = compose([f"+experiment={name}"])["run"]["_target_"] == "sim2real.train.run"
+    trains = compose([f"+experiment={name}"])["run"]["_target_"] == "sim2real.verbs.train.run"
     offline = ["logger=csv"] if trains else []
     verb, arguments = prepare(compose([f"+experiment={name}", *offline]), tmp_path)
     assert callable(verb)

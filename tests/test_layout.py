@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,27 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("conf", "envs", "hardware", "sim2real")
 TORCH = {"torch", "torchrl", "tensordict"}
 HYDRA = {"hydra", "omegaconf"}
+KNOWS = {  # each room of sim2real/, and the other rooms that it may import
+    "runs": set(),
+    "config": {"runs"},
+    "learning": {"runs"},
+    "diagnosis": {"runs"},
+    "evaluation": {"learning", "runs"},
+    "deployment": {"learning", "runs"},
+    "exam": {"diagnosis", "runs"},
+    "loops": {"config", "runs", "learning", "evaluation", "deployment", "diagnosis", "exam"},
+    "verbs": {
+        "config",
+        "runs",
+        "learning",
+        "evaluation",
+        "deployment",
+        "diagnosis",
+        "exam",
+        "loops",
+    },
+}
+FLOORS = ("schema", "data", "preflight", "attribution", "report", "diagnose")  # of diagnosis/
 
 
 def sources(*folders: str) -> list[Path]:
@@ -33,6 +55,18 @@ def imports(path: Path) -> Iterator[str]:
             and isinstance(node.args[0], ast.Constant)
         ):
             yield str(node.args[0].value)
+
+
+def targets(path: Path, files: dict[str, Path]) -> Iterator[str]:
+    """Yield the project's modules that a file imports, `from package import module` included."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module in files:
+            found = [f"{node.module}.{a.name}" for a in node.names]
+            inside = [name for name in found if name in files]
+            yield from inside
+            if len(inside) < len(found):
+                yield node.module
+    yield from (name for name in imports(path) if name in files and files[name].stem != "__init__")
 
 
 def violations(paths: list[Path], forbidden: set[str]) -> list[str]:
@@ -59,9 +93,48 @@ def test_hardware_runs_on_a_small_computer() -> None:
 
 def test_only_the_entry_knows_hydra() -> None:
     """Everything below __main__ and config takes ordinary arguments."""
-    entry = {ROOT / "sim2real" / "__main__.py", ROOT / "sim2real" / "config.py"}
+    entry = {ROOT / "sim2real" / "__main__.py", *sources("sim2real/config")}
     assert violations([p for p in sources("sim2real") if p not in entry], HYDRA) == []
     assert violations(sorted(entry), HYDRA) != []
+
+
+def test_rooms_know_only_whom_they_may() -> None:
+    """An import from one room of sim2real/ into another follows the table."""
+    folders = {p.name for p in (ROOT / "sim2real").iterdir() if (p / "__init__.py").exists()}
+    assert folders == set(KNOWS)
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for room in KNOWS
+        for path in sources(f"sim2real/{room}")
+        for name in imports(path)
+        if name.startswith("sim2real.") and name.split(".")[1] not in {room, *KNOWS[room]}
+    ]
+    assert wrong == []
+
+
+def test_the_way_of_a_log_goes_up() -> None:
+    """Inside diagnosis/ a floor imports from itself and those below: nothing climbs back."""
+    climbs = []
+    for path in sources("sim2real/diagnosis"):
+        floor = path.relative_to(ROOT / "sim2real" / "diagnosis").parts[0].removesuffix(".py")
+        for name in imports(path):
+            parts = name.split(".")
+            inside = parts[:2] == ["sim2real", "diagnosis"] and len(parts) > 2 and floor in FLOORS
+            if inside and FLOORS.index(parts[2]) > FLOORS.index(floor):
+                climbs.append(f"{path.relative_to(ROOT)} imports {name}")
+    assert climbs == []
+
+
+def test_no_module_imports_itself_around_a_corner() -> None:
+    """There are no circles of imports, not even of those inside functions."""
+    files = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in sources("sim2real")}
+    files = {name.removesuffix(".__init__"): path for name, path in files.items()}
+    graph = {name: {i for i in targets(path, files)} - {name} for name, path in files.items()}
+    sorter = TopologicalSorter(graph)
+    try:
+        sorter.prepare()
+    except CycleError as error:
+        pytest.fail(f"a circle of imports: {' -> '.join(error.args[1])}")
 
 
 def test_nothing_imports_an_entry_or_by_a_relative_path() -> None:

@@ -29,10 +29,10 @@ from benchmarks.rows.base import Row, Timing
 from hardware.config import Robot, load_robot
 from hardware.excite import excite
 from hardware.log import Log, read_log, write_log
-from sim2real.blind.inject import told
-from sim2real.blind.logs import SIZE, drive, motions
-from sim2real.files import write_text
-from sim2real.stand import MODEL, angles_at_home, home_pose
+from hardware.stand import MODEL, angles_at_home, home_pose
+from sim2real.exam.inject import told
+from sim2real.exam.logs import SIZE, drive, motions
+from sim2real.runs.files import write_text
 
 HIDDEN = (  # what the emulated arm has and its model has not
     {"effect": "coulomb_friction", "where": "elbow", "value": 0.15},
@@ -183,12 +183,12 @@ class Fit(Worker):
 
 def imported() -> None:
     """Import what a worker needs, so that no run is timed with it."""
-    import sim2real.diagnose  # noqa: F401
+    import sim2real.diagnosis.diagnose  # noqa: F401
 
 
 def diagnosed(recorded: Recorded) -> Worked:
     """Diagnose the logs."""
-    from sim2real.diagnose import diagnose
+    from sim2real.diagnosis.diagnose import diagnose
 
     length = sum(_length(read_log(path)) for path in recorded.logs)
     begin = time.perf_counter()
@@ -199,10 +199,10 @@ def diagnosed(recorded: Recorded) -> Worked:
 
 def fitted(recorded: Recorded) -> Worked:
     """Fit by this project's Gauss-Newton, both folds side by side."""
-    from sim2real.diagnosis.candidates import candidates
-    from sim2real.diagnosis.data import Data
-    from sim2real.diagnosis.fit import Problem, refine
-    from sim2real.diagnosis.simulate import Simulator
+    from sim2real.diagnosis.attribution.candidates import candidates
+    from sim2real.diagnosis.attribution.fit import Problem, refine
+    from sim2real.diagnosis.data.dataset import Data
+    from sim2real.diagnosis.data.simulate import Simulator
 
     data = Data.of([log := read_log(recorded.logs[0])], recorded.model)
     wanted = [(name, j) for name in ("coulomb_friction", "position_gain") for j in log.joints]

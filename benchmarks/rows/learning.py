@@ -20,8 +20,8 @@ from benchmarks.rows.others import TASK
 from envs.randomization import Randomization
 from envs.simulation import Simulation
 from envs.tasks import Hopper
-from sim2real.config import compose
-from sim2real.targets import build
+from sim2real.config.compose import compose
+from sim2real.config.targets import build
 
 BATCH = 2048  # environment steps of an iteration, in all rows of PPO but the tuned one
 

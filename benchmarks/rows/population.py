@@ -22,8 +22,8 @@ from benchmarks.world import THREADS, Gait, controller, make_simulation, make_ta
 from envs.rows import Step
 from envs.simulation import Simulation
 from envs.tasks import Hopper
-from sim2real.adapt import NoAdaptation
-from sim2real.population import Members, Population, draw_seeds
+from sim2real.learning.adapt import NoAdaptation
+from sim2real.learning.population.population import Members, Population, draw_seeds
 
 SIGMA = {"hopping": 0.02, "fresh": 0.05}  # spread of the members around the policy, in weights
 

@@ -12,8 +12,8 @@ from benchmarks import hopper_gap, study
 from benchmarks.hopper_gap import Plan, main, report, run
 from benchmarks.transfer import STUDY
 from envs.effects import make, write_effects
-from sim2real.stats import Interval
-from sim2real.transfer import TransferScores, write
+from sim2real.evaluation.transfer import TransferScores, write
+from sim2real.runs.statistics import Interval
 
 LEVELS = {"source": 800.0, "corrected": 1500.0, "target": 1600.0}
 

@@ -11,8 +11,8 @@ import pytest
 from benchmarks import hopper_grid
 from benchmarks.hopper_grid import BOX, METHODS, Plan, collect, run
 from envs.params import Parameter
-from sim2real.grid import Grid
-from sim2real.scores import GridScores
+from sim2real.evaluation.grid import Grid
+from sim2real.evaluation.scores import GridScores
 
 GRID = Grid(
     [

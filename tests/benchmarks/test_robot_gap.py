@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import robot_gap, study
 from benchmarks.robot_gap import Plan, main, report, run
-from sim2real.stats import Interval
+from sim2real.runs.statistics import Interval
 
 LEVELS = {"nominal": 0.5, "corrected": 2.0, "truth": 2.5}
 

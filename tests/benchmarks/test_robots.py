@@ -11,8 +11,8 @@ import pytest
 from benchmarks import robots
 from benchmarks.robots import MORE, SHIFTS, TRAININGS, Plan, collect, cpu_minutes, main, run
 from benchmarks.robots_report import Figures, claims, page, write
-from sim2real.errors import Sim2RealError
-from sim2real.tables import Table
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.tables import Table
 
 LEVELS = {"servo": 1.0, "ideal": 0.8, "esmaml": 0.9, "ppo": 0.95}  # of returns in `servo`
 WORLDS = {"ideal": 1.1, "servo": 1.0}
@@ -30,10 +30,9 @@ class Shell:
         monkeypatch.setattr(robots, "find", lambda folder: folder)
         monkeypatch.setattr(robots, "read_metadata", lambda folder: {"iteration": 40})
         monkeypatch.setattr(
-            robots, "prepare", lambda words, out: (None, {"words": words, "o": out})
+            robots, "prepare", lambda words, out: (self.ride, {"words": words, "o": out})
         )
         monkeypatch.setattr(robots, "compose", lambda words: words)
-        monkeypatch.setattr(robots.deploy, "run", self.ride)
 
     def train(self, *arguments: str) -> bool:
         """Train and evaluate, or leave a part of it."""

@@ -11,7 +11,7 @@ import pytest
 from benchmarks import so101
 from benchmarks.so101 import ARM, FIT, HELD_OUT, closed, main, overall, report
 from envs.effects import make, write_effects
-from sim2real.stats import Interval
+from sim2real.runs.statistics import Interval
 
 
 def test_nothing_is_held_out_that_was_fitted() -> None:

@@ -20,7 +20,7 @@ from benchmarks.rows.population import ESPopulation, Evaluation
 from benchmarks.speed import Measured, compare, default_rows
 from benchmarks.workers import Loop
 from benchmarks.world import controller, make_simulation
-from sim2real.population import Population
+from sim2real.learning.population.population import Population
 
 NAMES = {
     "raw_physics",

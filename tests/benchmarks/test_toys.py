@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.toys import EXPERIMENTS, read, run, table, write
-from sim2real.stats import bootstrap, mean
+from sim2real.runs.statistics import bootstrap, mean
 
 CORNERS, CORRUPTED = "corners, K = 20", "nav2d, 30 % corrupted"
 

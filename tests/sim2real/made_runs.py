@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sim2real.transfer import TransferScores, write
+from sim2real.evaluation.transfer import TransferScores, write
 
 ROBOTS: dict[str, dict[str, Any]] = {
     "source": {"domain": "source"},

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from sim2real import __main__ as entry
-from sim2real.targets import ConfigError, check
+from sim2real.config.targets import ConfigError, check
 
 TINY = ["+experiment=nav2d", "iterations=1", "eval=none", "algorithm.pairs=2", "adapt.queries=2"]
 TINY += ["algorithm.num_rows=4", "algorithm.refill=1", "env.max_steps=5", "logger=csv"]
@@ -97,7 +97,7 @@ def fails_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
 
         return verb, {}
 
-    monkeypatch.setattr("sim2real.config.prepare", prepare)
+    monkeypatch.setattr("sim2real.config.compose.prepare", prepare)
 
 
 def test_ctrl_c_is_one_line(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from sim2real.config import compose, prepare
+from sim2real.config.compose import compose, prepare
 
 ES = ["env=bench1", "env.task.seconds=0.4", "policy=mlp", "iterations=1"]
 SMALL_ES = [*ES, "algorithm.num_rows=4", "algorithm.shards=1", "algorithm.pairs=2"]

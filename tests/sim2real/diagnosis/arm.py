@@ -11,7 +11,7 @@ from envs.effects import make
 from envs.plant import Plant
 from envs.rollout import roll
 from hardware.log import Log
-from sim2real.diagnosis.data import Data
+from sim2real.diagnosis.data.dataset import Data
 
 XML = """
 <mujoco>

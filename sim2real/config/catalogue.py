@@ -1,0 +1,64 @@
+"""What conf/ offers, read from its files alone: groups, their choices, and a line on each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import yaml
+
+CONF = Path(__file__).resolve().parents[2] / "conf"
+EXPERIMENT = "experiment"
+_INTRODUCTION = """\
+sim2real: train policies in simulation that survive, and adapt to, the real robot; find what
+separates the two.
+
+  python -m sim2real +experiment=NAME               one job
+  python -m sim2real +experiment=NAME seed=3        the same with another value
+  python -m sim2real +experiment=NAME adapt=none    the same with another choice of a group
+  python -m sim2real -m +experiment=NAME seed=0,1   a sweep; hydra/launcher=joblib: side by side
+  python -m sim2real run=evaluate checkpoint=PATH   another verb
+  python -m sim2real +experiment=NAME --cfg job     show the configuration and run nothing"""
+
+
+def groups() -> list[str]:
+    """Return the groups that a run is made of, experiments first, then as in conf/config.yaml."""
+    root = yaml.safe_load((CONF / "config.yaml").read_text(encoding="utf-8"))
+    return [
+        EXPERIMENT,
+        *(group for entry in root["defaults"] if entry != "_self_" for group in entry),
+    ]
+
+
+def options(group: str) -> list[str]:
+    """Return the choices of a group; [] if there is no such group."""
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+def summary(path: Path) -> str:
+    """Return what the first comment of a YAML file says, on one line."""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        text = line.removeprefix("#").strip()
+        if line.startswith("#") and not text.startswith("@package"):
+            return text
+    return ""
+
+
+def lines() -> Iterator[str]:
+    """Yield the lines of --help."""
+    yield _INTRODUCTION
+    for group in groups():
+        yield f"\n{'+' if group == EXPERIMENT else ''}{group}="
+        for option in options(group):
+            yield f"  {option:<18} {summary(CONF / group / f'{option}.yaml')}".rstrip()
+    yield "\nother keys (config.yaml says more):"
+    for key, comment in keys(CONF / "config.yaml"):
+        yield f"  {key:<18} {comment}"
+
+
+def keys(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield the top-level keys of a YAML file that have a value there, and the comments beside."""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        key, colon, rest = line.partition(":")
+        if colon and key.isidentifier() and rest.partition("#")[0].strip():
+            yield f"{key}={rest.partition('#')[0].strip()}", rest.partition("#")[2].strip()

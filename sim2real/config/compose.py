@@ -1,0 +1,336 @@
+"""The configuration of a run: its root keys, its checks, and one sentence for each mistake.
+
+    config = compose(["+experiment=smoke", "seed=3"])      # a plain tree, checked
+    verb, arguments = prepare(config, out=Path("outputs/mine"))
+    verb(**arguments)
+
+A verb is a function whose keyword-only arguments are root keys. Nothing below this module knows
+Hydra.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from hydra import compose as hydra_compose
+from hydra import initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from envs.errors import did_you_mean
+from sim2real.config import signatures
+from sim2real.config.catalogue import CONF, EXPERIMENT, options
+from sim2real.config.targets import ConfigError, build, check, locate
+from sim2real.runs.files import write_text
+
+ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
+INHERITED = (
+    "env",
+    "effects",
+    "params",
+    "policy",
+    "adapt",
+    "algorithm",
+    "eval",
+)  # what a run says about itself
+OPTIONAL = ("eval", "video")  # groups that can be none
+DATA = ("robot", "stops")  # groups that are read as they are: no class is made of them here
+RESOLVED = "config.yaml"
+ASSETS = Path(__file__).resolve().parents[2] / "envs" / "assets"
+
+# ${asset:demo/arm2.csv} is a file that comes with the project, wherever it is installed.
+OmegaConf.register_new_resolver("asset", lambda name: str(ASSETS / name), replace=True)
+
+
+@dataclass
+class Config:
+    """The root keys and their types; conf/config.yaml holds the values and says what they mean."""
+
+    run: dict[str, Any]
+    env: dict[str, Any]
+    params: dict[str, Any]
+    policy: dict[str, Any]
+    adapt: dict[str, Any]
+    algorithm: dict[str, Any]
+    eval: dict[str, Any] | None
+    logger: dict[str, Any]
+    video: dict[str, Any] | None
+    cluster: dict[str, Any] | None
+    robot: dict[str, Any]
+    exam: dict[str, Any]
+    port: str | None
+    calibration: str | None
+    arm: bool
+    dry_run: bool
+    trials: int
+    settle: float
+    stops: dict[str, Any] | None
+    motions: list[str]
+    seconds: float
+    target: dict[str, Any] | None
+    episodes: int
+    log: str | list[str] | None
+    model: str | None
+    effects: str | None
+    exclude: list[str]
+    seed: int
+    device: Literal["auto", "cpu", "cuda"]
+    iterations: int | None
+    frames: int | None
+    checkpoint_every: int
+    keep_checkpoints: int
+    checkpoint: str | list[str] | None
+    runs: str | list[str] | None
+    baseline: str | None
+    expect: dict[str, Any] | None
+    resume: str | None
+
+
+def compose(overrides: list[str]) -> dict[str, Any]:
+    """Compose and check a configuration without running it.
+
+    Args:
+        overrides: as on the command line, such as `+experiment=smoke` or `seed=3`.
+
+    Raises:
+        ConfigError: see `checked`; a name or a value that is not there.
+    """
+    try:
+        return checked(_compose(with_checkpoint(overrides)), overrides)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise explain(error, overrides) from error
+
+
+def _compose(overrides: list[str]) -> DictConfig:
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return hydra_compose("config", overrides)
+
+
+def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str, Any]:
+    """Return the configuration as a plain tree, after every check that needs no import of torch.
+
+    Args:
+        config: as Hydra composed it.
+        overrides: what the user set, to be refused if the verb does not use it.
+
+    Raises:
+        ConfigError: a key that is unknown or that the verb does not use; a value of the wrong type.
+    """
+    tree: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    tree = {key: _alone(value, key, overrides or []) for key, value in tree.items()}
+    check({"_target_": "sim2real.config.compose.Config", **tree}, "")
+    verb = _verb(tree)
+    unused = [
+        key for key in _roots(overrides or []) if key not in verb.arguments and key not in ALWAYS
+    ]
+    if unused:
+        raise ConfigError(
+            f"{unused[0]} is not used by {_name(tree)}; leave it out, "
+            f"or set one of: {', '.join(_keys(verb))}"
+        )
+    for key in OPTIONAL:  # an experiment's values for a group that was then set to none
+        if "_target_" not in (tree[key] or {}):
+            tree[key] = None
+    for key in _keys(verb):
+        check(tree[key], key)
+        if isinstance(tree[key], dict) and "_target_" not in tree[key] and key not in DATA:
+            raise ConfigError(f"{key} has no _target_; choose one: {', '.join(options(key))}")
+    if tree["seed"] < 0:
+        raise ConfigError(f"seed={tree['seed']} must not be negative")
+    return tree
+
+
+def _alone(value: Any, key: str, overrides: list[str]) -> Any:
+    """Take an experiment's values off a choice without arguments, such as adapt=none.
+
+    They were meant for the choice that it replaced. What the user sets stays, and is refused.
+    """
+    target = value.get("_target_") if isinstance(value, dict) else None
+    found = signatures.find(target) if isinstance(target, str) else None
+    if found is None or found.arguments or found.open:
+        return value
+    own = {_key(line) for line in overrides}
+    return {name: v for name, v in value.items() if name == "_target_" or f"{key}.{name}" in own}
+
+
+def with_checkpoint(overrides: list[str]) -> list[str]:
+    """Put before the overrides what the run that `checkpoint=` points at was started with.
+
+    So a checkpoint says itself what its experiment, robot, tasks and policy are. What the user sets
+    counts more: `adapt=batch` replaces the run's own choice, `algorithm.shards=1` its value, and an
+    experiment all of it. With several checkpoints the first one counts.
+    """
+    given = {_key(line): line.partition("=")[2] for line in overrides}
+    path = given.get("checkpoint", "").strip("[]\"'").split(",")[0]
+    folder = run_folder(Path(path)) if path and EXPERIMENT not in given else None
+    if folder is None:
+        return overrides
+    text = (folder / ".hydra" / "overrides.yaml").read_text(encoding="utf-8")
+    kept = []
+    for line in yaml.safe_load(text):
+        root = _key(line).split(".")[0]
+        if root in (*INHERITED, EXPERIMENT) and root not in given and _key(line) not in given:
+            kept.append(line)
+    return kept + overrides
+
+
+def refuse_used(out: Path, tree: dict[str, Any]) -> None:
+    """Keep a new training out of a folder that holds another, before anything is written there.
+
+    Raises:
+        ConfigError: the folder has checkpoints and this run does not resume.
+    """
+    if tree.get("resume") is None and any((out / "checkpoints").glob("checkpoint-*")):
+        raise ConfigError(f"{out} already holds a run; continue it with resume={out}")
+
+
+def save(tree: dict[str, Any], out: Path) -> Path:
+    """Write the configuration, all of it resolved, into the run's folder."""
+    return write_text(out / RESOLVED, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
+
+
+def run_folder(path: Path) -> Path | None:
+    """Return the folder of the run that a checkpoint, a run's or a sweep's folder belongs to.
+
+    None where no run was started by the command line.
+    """
+    path = path.expanduser().absolute()
+    candidates = [path, *path.parents[:2], *sorted(path.glob("*/"))]
+    return next((f for f in candidates if (f / ".hydra" / "overrides.yaml").is_file()), None)
+
+
+def prepare(tree: dict[str, Any], out: Path) -> tuple[Any, dict[str, Any]]:
+    """Return the verb and its arguments, built. This imports torch.
+
+    Args:
+        tree: a checked configuration.
+        out: the run's folder.
+
+    Raises:
+        ConfigError: a device that is not there.
+        ValueError: a value that a constructor refuses.
+    """
+    arguments = {key: build(tree[key], key) for key in _keys(_verb(tree))}
+    if "device" in arguments:
+        arguments["device"] = device(tree["device"])
+    takes = _verb(tree).arguments
+    return locate(tree["run"]["_target_"], "run"), arguments | (
+        {"out": out} if "out" in takes else {}
+    )
+
+
+def device(name: str) -> str:
+    """Return "cpu" or "cuda" for a device key, "auto" being CUDA where there is one.
+
+    Raises:
+        ConfigError: "cuda" on a machine without.
+    """
+    import torch  # here, so that a mistyped name is answered before this import
+
+    available = torch.cuda.is_available()
+    if name == "cuda" and not available:
+        raise ConfigError(
+            "device=cuda: PyTorch finds no CUDA device here; use device=cpu or device=auto"
+        )
+    return "cuda" if name != "cpu" and available else "cpu"
+
+
+def sweep_jobs(overrides: list[str]) -> Iterator[list[str]]:
+    """Yield jobs of a sweep in which every swept value occurs once: enough to check them all."""
+    parsed = OverridesParser.create().parse_overrides(overrides)
+    ways = [[o.input_line or ""] for o in parsed]
+    for place, override in enumerate(parsed):
+        if override.is_discrete_sweep() and "glob(" not in (override.input_line or ""):
+            key = (override.input_line or "").split("=")[0]
+            ways[place] = [f"{key}={value}" for value in override.sweep_string_iterator()]
+        elif override.is_sweep_override():
+            ways[place] = []
+    first = [values[0] for values in ways if values]
+    yield first
+    for values in ways:
+        for value in values[1:]:
+            yield [value if line == values[0] else line for line in first]
+
+
+def explain(error: Exception, overrides: list[str]) -> ConfigError:
+    """Return one sentence for an error of Hydra's, with the nearest match of an unknown name."""
+    text = str(error)
+    if match := re.search(r"Could not find '(.+)/([^/']+)'", text):
+        group, name = match.groups()
+        known = options(group)
+        allowed = f"; there are: {', '.join(known)}" if known else ""
+        return ConfigError(
+            f"{group}={name}: there is no such choice{did_you_mean(name, known)}{allowed}"
+        )
+    if match := re.search(r"Could not (?:override|append to config|delete).* '([^']+)'", text):
+        return ConfigError(_unknown(match[1], overrides))
+    lines = [line.strip() for line in str(error.__cause__ or error).splitlines() if line.strip()]
+    key = next(
+        (line.split(":", 1)[1].strip() for line in lines if line.startswith("full_key:")), ""
+    )
+    if key and "not in" in lines[0]:
+        return ConfigError(_unknown(key, overrides))
+    sentence = " ".join(
+        line
+        for line in lines
+        if not re.match(r"(full_key|object_type|reference_type)\s*[:=]", line)
+    )
+    return ConfigError(f"{key}: {sentence}" if key else sentence)
+
+
+def _unknown(key: str, overrides: list[str]) -> str:
+    """Say that there is no such key, what there is beside it, and which is nearest."""
+    parent, _, name = key.lstrip("+~").rpartition(".")
+    known = sorted(
+        _siblings(parent, [o for o in overrides if not o.lstrip("+~").startswith(key.lstrip("+~"))])
+    )
+    beside = f"; {parent or 'the configuration'} has: {', '.join(known)}" if known else ""
+    return f"{key}: there is no such key{did_you_mean(name, known)}{beside}"
+
+
+def _siblings(parent: str, overrides: list[str]) -> Iterable[str]:
+    if not parent:
+        return [*(f.name for f in fields(Config)), EXPERIMENT]
+    try:
+        node = OmegaConf.select(_compose(overrides), parent)
+    except (HydraException, OmegaConfBaseException):
+        return []
+    return (
+        [str(k) for k in node if k not in ("_target_", "_partial_")]
+        if isinstance(node, DictConfig)
+        else []
+    )
+
+
+def _verb(tree: dict[str, Any]) -> signatures.Signature:
+    check(tree["run"], "run")
+    found = signatures.find(tree["run"].get("_target_", ""))
+    if found is None:
+        raise ConfigError("run has no _target_; choose one of: " + ", ".join(options("run")))
+    return found
+
+
+def _name(tree: dict[str, Any]) -> str:
+    """Return the verb's name: its module's."""
+    return tree["run"]["_target_"].split(".")[-2]
+
+
+def _keys(verb: signatures.Signature) -> list[str]:
+    known = {f.name for f in fields(Config)}
+    return [key for key in verb.arguments if key in known]
+
+
+def _roots(overrides: list[str]) -> list[str]:
+    parsed = OverridesParser.create().parse_overrides(overrides)
+    return [(o.package or o.key_or_group).split(".")[0].split("/")[0] for o in parsed]
+
+
+def _key(override: str) -> str:
+    return override.partition("=")[0].lstrip("+~").partition("@")[0]

@@ -1,0 +1,155 @@
+"""Plain trees of names and numbers that describe objects, as in conf/ and a run's config.yaml.
+
+    tree = {"_target_": "envs.Randomization", "draws": [], "per": "reset"}
+    check(tree, "params")            # quick: reads sources, imports nothing
+    tasks = build(tree, "params")    # Randomization(draws=[], per="reset")
+
+`_target_` names a class or a function of this project, or a class of TorchRL or torch; `_partial_:
+true` leaves arguments for later. No other code can be reached, so a tree from a stranger is data.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import inspect
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from envs.errors import did_you_mean
+from sim2real.config import signatures
+from sim2real.runs.errors import Sim2RealError
+
+FOREIGN = ("torchrl", "torch")
+MARKS = ("_target_", "_partial_")
+
+
+class ConfigError(Sim2RealError):
+    """A configuration names what is not there, or gives a value that cannot be."""
+
+
+def check(tree: Any, where: str) -> None:
+    """Compare a tree with the signatures of the classes that it names.
+
+    Args:
+        tree: mappings, lists, numbers, text, None.
+        where: the tree's place in the configuration, such as `algorithm`.
+
+    Raises:
+        ConfigError: a target that is not allowed or not there, a key that it does not take (with
+            the nearest that it does), a key that it needs, a value of the wrong type.
+    """
+    for place, node in _nodes(tree, where):
+        arguments = {key: value for key, value in node.items() if key not in MARKS}
+        signature = _signature(node["_target_"], place)
+        if signature is not None:
+            _check_arguments(signature, arguments, place, bool(node.get("_partial_", False)))
+
+
+def build(tree: Any, where: str) -> Any:
+    """Check a tree and return what it describes.
+
+    Raises:
+        ConfigError: see `check`.
+        ValueError: a value that a constructor refuses.
+    """
+    check(tree, where)
+    return _build(tree, where)
+
+
+def locate(target: str, where: str) -> Callable[..., Any]:
+    """Import and return what a `_target_` names.
+
+    Raises:
+        ConfigError: it is not one of ours, nor a class of TorchRL or torch.
+    """
+    ours = _signature(target, where) is not None
+    module, _, name = target.rpartition(".")
+    try:
+        found = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        if ours:
+            raise
+        raise ConfigError(f"{where}._target_={target}: there is no such class") from error
+    home = getattr(found, "__module__", "").split(".")[0]
+    if not ours and not (inspect.isclass(found) and home in FOREIGN):
+        raise ConfigError(
+            f"{where}._target_={target}: of {' and '.join(FOREIGN)} only classes can be used"
+        )
+    return found
+
+
+def _nodes(tree: Any, where: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    if isinstance(tree, dict):
+        if "_target_" in tree:
+            yield where, tree
+        for key, value in tree.items():
+            yield from _nodes(value, f"{where}.{key}" if where else str(key))
+    elif isinstance(tree, list):
+        for index, value in enumerate(tree):
+            yield from _nodes(value, f"{where}[{index}]")
+
+
+def _signature(target: Any, where: str) -> signatures.Signature | None:
+    """Return the signature of one of our classes or functions; None for TorchRL's and torch's."""
+    package = target.split(".")[0] if isinstance(target, str) else ""
+    if package in FOREIGN:
+        return None
+    if package not in signatures.PACKAGES:
+        allowed = ", ".join([*signatures.PACKAGES, *FOREIGN])
+        raise ConfigError(
+            f"{where}._target_={target!r} is not allowed; it must be a class of {allowed}"
+        )
+    signature = signatures.find(target)
+    if signature is None:
+        module, _, name = target.rpartition(".")
+        hint = did_you_mean(name, signatures.names(module))
+        raise ConfigError(f"{where}._target_={target}: there is no such class{hint}")
+    return signature
+
+
+def _check_arguments(
+    signature: signatures.Signature, given: dict[str, Any], where: str, partial: bool
+) -> None:
+    prefix = f"{where}." if where else ""
+    for key, value in given.items():
+        argument = signature.arguments.get(key)
+        if argument is None and not signature.open:
+            known = ", ".join(signature.arguments) or "nothing"
+            hint = did_you_mean(key, signature.arguments)
+            raise ConfigError(
+                f"{prefix}{key}: {signature.name} takes no {key!r}{hint}; it takes {known}"
+            )
+        if argument is not None and not argument.fits(value):
+            shown = "null" if value is None else repr(value)
+            hint = did_you_mean(value, argument.choices()) if isinstance(value, str) else ""
+            raise ConfigError(f"{prefix}{key}={shown}: it must be {argument.describe()}{hint}")
+    missing = [a.name for a in signature.arguments.values() if a.required and a.name not in given]
+    if missing and not partial:
+        raise ConfigError(f"{where}: {signature.name} also needs {', '.join(missing)}")
+
+
+def _build(tree: Any, where: str) -> Any:
+    if isinstance(tree, list):
+        return [_build(value, f"{where}[{i}]") for i, value in enumerate(tree)]
+    if not isinstance(tree, dict):
+        return tree
+    built = {
+        key: _build(value, f"{where}.{key}") for key, value in tree.items() if key not in MARKS
+    }
+    if "_target_" not in tree:
+        return built
+    make = locate(tree["_target_"], where)
+    if tree["_target_"].split(".")[0] in FOREIGN:
+        _check_foreign(make, built, where)
+    return functools.partial(make, **built) if tree.get("_partial_", False) else make(**built)
+
+
+def _check_foreign(make: Callable[..., Any], given: dict[str, Any], where: str) -> None:
+    known = inspect.signature(make).parameters
+    takes_any = any(p.kind is p.VAR_KEYWORD for p in known.values())
+    for key in given:
+        if key not in known and not takes_any:
+            raise ConfigError(
+                f"{where}.{key}: {make.__name__} takes no {key!r}{did_you_mean(key, known)}"
+            )

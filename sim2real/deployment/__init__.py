@@ -1,0 +1,1 @@
+"""A trained policy on a robot: sessions, adaptation there, export, the live window."""

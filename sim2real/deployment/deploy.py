@@ -1,0 +1,211 @@
+"""A trained policy on the robot, as it is and after adapting there.
+
+    python -m sim2real run=deploy checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00 robot=quad8
+    python -m sim2real run=deploy checkpoint=RUN robot=quad8 robot.hidden=effects.yaml adapt=batch
+    python -m sim2real run=deploy checkpoint=RUN robot=bench1 port=/dev/ttyUSB0 arm=true
+    python -m sim2real run=deploy checkpoint=RUN robot=bench1 resume=outputs/deploy/default/...
+
+Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. Everything is
+checked before torque goes on: the policy's robot, the calibration, each servo, the rate that the
+bus can reach. The robot goes slowly to where each episode starts, and parks when all is done, or
+anything else ends it.
+
+The policy is run as trained; then it adapts, one episode after the other, as `adapt` says; then the
+result is run from the same starts. After each episode all is on disk: what was interrupted goes on
+with `resume=` the run's folder.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch import nn
+
+from envs.errors import did_you_mean
+from envs.rows import Rows
+from envs.simulation import Simulation
+from envs.tasks.servo import ServoTask
+from hardware.calibration import apply_calibration, read_calibration
+from hardware.config import Robot, make_robot
+from hardware.errors import SafetyError
+from hardware.rows import RobotRows
+from hardware.safety import StopLimits
+from sim2real.deployment.session import STATE, Deployment, save
+from sim2real.deployment.trained import Trained, acting, task_of
+from sim2real.learning.adapt import Adaptation
+from sim2real.runs.errors import Sim2RealError, Stopped
+from sim2real.runs.figures import COLOURS, INK, figure
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import Interval, bootstrap, mean
+from sim2real.runs.tables import Table
+
+log_ = logging.getLogger(__name__)
+ROW, NO_VALUES = np.arange(1), np.zeros((1, 0))
+DRAWS = 2000  # resamples of an interval
+
+
+def servo_task(env: Callable[..., Rows]) -> ServoTask:
+    """Return an environment's task; raises Sim2RealError if it is not one of a servo robot."""
+    task = task_of(env)
+    if not isinstance(task, ServoTask):
+        raise Sim2RealError(
+            f"{type(task).__name__} is a task of no servo robot; give a checkpoint of one, such as "
+            "those of env=bench1, env=hopper2 or env=quad8"
+        )
+    return task
+
+
+def make_machine(robot: dict[str, Any], port: str | None, calibration: str | None) -> Robot:
+    """Return the robot of a configuration, at its port, with its calibration.
+
+    Raises:
+        RobotError: a wrong robot's file, or the calibration of another robot.
+    """
+    machine = make_robot({**robot, **({"port": port} if port else {})})
+    if calibration is not None:
+        machine = apply_calibration(machine, read_calibration(calibration))
+    return machine
+
+
+def guarding(stops: dict[str, float] | None) -> StopLimits:
+    """Return when to stop the robot; raises Sim2RealError for a name that a guard does not know."""
+    known = [field.name for field in fields(StopLimits)]
+    for name, value in (stops or {}).items():
+        if name not in known or not isinstance(value, int | float) or not value > 0:
+            raise Sim2RealError(
+                f"stops.{name}={value}{did_you_mean(name, known)}: a guard has numbers above 0 for "
+                f"{', '.join(known)}"
+            )
+    return StopLimits(**(stops or {}))  # type: ignore[arg-type]
+
+
+def check_reward(rows: RobotRows, adapt: Adaptation) -> None:
+    """Refuse to adapt by returns that cannot be measured."""
+    lacking = rows.needs()[1] - set(rows.backend.senses)
+    if lacking and adapt.episodes:
+        raise Sim2RealError(
+            f"{type(rows.task).__name__} pays by {', '.join(sorted(lacking))}, which "
+            f"{rows.backend.robot.name} does not measure, so its returns cannot guide an "
+            "adaptation; give adapt=none, or a tracker (hardware/body.py)"
+        )
+
+
+def drive(rows: RobotRows, trained: Trained, deployment: Deployment, out: Path) -> None:
+    """Run the episodes that are left, and park.
+
+    Raises:
+        SafetyError: the guard stopped the robot; what was done is on disk.
+        Stopped: after Ctrl-C; torque is off.
+    """
+    save(out / STATE, deployment)
+    again = f"go on with resume={out}"
+    try:
+        rows.arm()
+        while (turn := deployment.next()) is not None:
+            value = play(rows, trained.module(turn.theta), turn.seed)
+            if rows.stopped is not None:
+                raise SafetyError(
+                    f"{rows.stopped} (in episode {deployment.done + 1} of {deployment.total}); "
+                    f"remove the cause, then {again}"
+                )
+            deployment.tell(value)
+            save(out / STATE, deployment)
+            write_text(out / "returns.csv", list_returns(deployment).csv())
+            log_.info("%s, episode %d: return %.4g", turn.phase, turn.number + 1, value)
+    except KeyboardInterrupt:
+        done = f"stopped after {deployment.done} of {deployment.total} episodes, torque is off"
+        raise Stopped(f"{done}; {again}", 130) from None
+    finally:
+        rows.close()
+
+
+def play(rows: RobotRows | Simulation, module: nn.Module, seed: int) -> float:
+    """Run one episode in the one row there is, and return its return."""
+    act, total = acting(module), 0.0
+    observation = rows.reset(ROW, NO_VALUES, np.array([seed], np.uint64))
+    while True:
+        step = rows.step(None, act(observation[0])[None])
+        observation, total = step.observation, total + float(step.reward[0])
+        if step.terminated[0] or step.truncated[0]:
+            return total
+
+
+def list_returns(deployment: Deployment) -> Table:
+    """Return a row for each episode so far."""
+    table = Table(("phase", "episode", "return"))
+    phases = {
+        "as trained": deployment.before,
+        "adapting": deployment.adapting,
+        "adapted": deployment.after,
+    }
+    for phase, values in phases.items():
+        for number, value in enumerate(values, 1):
+            table.add(phase, number, value)
+    return table
+
+
+def simulated(task: ServoTask, module: nn.Module, seeds: np.ndarray) -> list[float]:
+    """Return what the policy earns in its own simulator from the same starts."""
+    simulation = Simulation(task, 1, threads=1)
+    return [play(simulation, module, int(seed)) for seed in seeds]
+
+
+def report(deployment: Deployment, trained: Trained, task: ServoTask, out: Path) -> Table:
+    """Write table.md and table.csv: returns on the robot, and in the simulator, by phase."""
+    columns = ("policy", "episodes", "return on the robot", "return in its simulator")
+    table = Table(columns)
+    rng = np.random.default_rng([deployment.seed, DRAWS])
+    phases = [("as trained", deployment.before, deployment.theta)]
+    if deployment.adapts:
+        name = f"after {deployment.adapt.episodes} episodes of adaptation"
+        phases.append((name, deployment.after, deployment.session.result))
+    for name, returns, theta in phases:
+        twin = simulated(task, trained.module(theta), deployment.fresh)
+        table.add(name, len(returns), estimate(returns, rng), estimate(twin, rng))
+    if len(deployment.fresh) > 1:
+        note = (
+            "Means, with 95 % bootstrap intervals over the episodes, which start alike everywhere."
+        )
+        table.notes.append(note)
+    table.write(out / "table")
+    return table
+
+
+def estimate(returns: list[float], rng: np.random.Generator) -> Interval | float:
+    """Return the mean of returns, with an interval if there are several."""
+    if len(returns) < 2:
+        return returns[0]
+    return bootstrap(np.array(returns)[:, None], mean, rng, draws=DRAWS, resample="rows")
+
+
+def draw(rows: RobotRows, deployment: Deployment, folder: Path) -> None:
+    """Draw the returns over the episodes, and what the last episode asked for and measured."""
+    with figure(folder / "returns.png", 1, 1, (6.4, 3.2)) as (_, axes):
+        panel, start = axes[0, 0], 1
+        names = {"before": "as trained", "adapting": "adapting", "after": "adapted"}
+        for colour, (key, name) in zip(COLOURS, names.items(), strict=False):
+            values = getattr(deployment, key)
+            if values:
+                place = np.arange(start, start + len(values))
+                panel.plot(place, values, "o-", color=colour, label=name)
+            start += len(values)
+        panel.set_xlabel("episode on the robot")
+        panel.set_ylabel("return")
+        panel.legend()
+    log = rows.log.last
+    if log is None:
+        return
+    count = len(rows.names)
+    with figure(folder / "log.png", count, 1, (8.0, 1.0 + 1.3 * count)) as (_, axes):
+        for panel, name, joint in zip(axes[:, 0], log.actuators, log.joints, strict=True):
+            panel.plot(log.time, log.column(f"action.{name}"), color=COLOURS[5], label="asked for")
+            panel.plot(log.time, log.column(f"ctrl.{name}"), color=COLOURS[0], label="sent")
+            panel.plot(log.time, log.column(f"qpos.{joint}"), color=INK, label="measured")
+            panel.set_ylabel(f"{joint} (rad)")
+        axes[0, 0].legend(loc="upper right")
+        axes[-1, 0].set_xlabel("time (s)")

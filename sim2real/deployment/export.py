@@ -1,0 +1,199 @@
+"""A trained policy as files for a small computer.
+
+    python -m sim2real run=export checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00
+
+    policy.pt2   torch.export: torch.export.load(path).module() needs torch, nothing of this project
+    policy.npz   the same numbers for NumPy: `hardware.exported.ExportedPolicy`
+    policy.json  robot, servos, rate, what each observation is, normalizer, limits, origin, pairs of
+                 observation and action to check against, hashes of the files
+
+The normalizer is in the program. Before anything is written, all three are compared on a thousand
+observations, wild ones among them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from envs.tasks.base import Commanded
+from envs.tasks.servo import ServoTask
+from hardware.exported import SCHEMA, TOLERANCE, ExportedPolicy
+from sim2real.deployment.trained import Trained
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import replacing, write_text
+
+log = logging.getLogger(__name__)
+PAIRS = 8  # of observation and action, kept in policy.json
+TRIED = 1000  # observations of the comparison
+WILD = 20.0  # standard deviations of every tenth of them
+Arrays = dict[str, np.ndarray]
+
+
+class ExportError(Sim2RealError):
+    """A policy cannot be written as asked."""
+
+
+def export(trained: Trained, task: ServoTask, out: Path, rng: np.random.Generator) -> Path:
+    """Write a policy's files into a folder, compared before; see the module's text.
+
+    Raises:
+        ExportError: a network that is no perceptron, or programs that do not agree.
+    """
+    module = trained.module(trained.theta).eval()
+    arrays, shape = dense(module, task)
+    seen = observations(arrays, rng)
+    program = exported(module, seen)
+    wanted = evaluate(module, seen)
+    golden = {"observation": seen[:PAIRS].tolist(), "action": wanted[:PAIRS].tolist()}
+    facts = {**describe(trained, task, arrays), **shape, "golden": golden}
+    compare(ExportedPolicy(facts, arrays)(seen), wanted, "policy.npz")
+    compare(evaluate(program.module(), seen), wanted, "policy.pt2")
+    out.mkdir(parents=True, exist_ok=True)
+    with replacing(out / "policy.pt2") as temporary:
+        torch.export.save(program, temporary)
+    with replacing(out / "policy.npz") as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+    digests = {
+        name: hashlib.sha256((out / name).read_bytes()).hexdigest()
+        for name in ("policy.pt2", "policy.npz")
+    }
+    facts["sha256"] = digests
+    write_text(out / "policy.json", json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
+    ExportedPolicy.load(out)
+    log.info("%s for %s at %g steps a second in %s", facts["task"], facts["robot"],
+             facts["rate"], out)  # fmt: skip
+    return out
+
+
+def dense(module: nn.Module, task: ServoTask) -> tuple[Arrays, dict[str, Any]]:
+    """Return a policy's numbers as arrays, and what its perceptron is like.
+
+    Raises:
+        ExportError: its network has other layers than linear ones between equal nonlinearities.
+    """
+    network = getattr(module, "network", None)
+    layers = list(network) if isinstance(network, nn.Sequential) else []
+    linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
+    between = {type(layer) for layer in layers if not isinstance(layer, nn.Linear)}
+    alternating = [isinstance(layer, nn.Linear) for layer in layers] == [
+        i % 2 == 0 for i in range(2 * len(linear) - 1)
+    ]
+    if not linear or not alternating or not (between <= {nn.Tanh} or between <= {nn.ReLU}):
+        found = ", ".join(type(layer).__name__ for layer in layers) or type(module).__name__
+        raise ExportError(
+            f"the policy's network ({found}) is no perceptron with one nonlinearity; export knows "
+            "policy=linear, mlp, mlp2 and actor_critic"
+        )
+    buffers = {name: value.numpy() for name, value in module.named_buffers()}
+    low, high = task.action_range(task.spec().compile())
+    arrays = {
+        "mean": buffers["observation_mean"],
+        "std": buffers["observation_std"],
+        "low": np.asarray(low, np.float64),
+        "high": np.asarray(high, np.float64),
+    }
+    for i, layer in enumerate(linear):
+        arrays[f"weight_{i}"] = layer.weight.detach().numpy().T.copy()
+        arrays[f"bias_{i}"] = layer.bias.detach().numpy().copy()
+    squash = getattr(module, "squash", False)
+    squash = ("tanh" if squash else "none") if isinstance(squash, bool) else squash
+    activation = "relu" if nn.ReLU in between else "tanh"
+    return arrays, {"layers": len(linear), "activation": activation, "squash": squash}
+
+
+def observations(arrays: Arrays, rng: np.random.Generator) -> np.ndarray:
+    """Draw observations like those of training, every tenth of them wild, (TRIED, O)."""
+    spread = np.where(np.arange(TRIED) % 10 == 9, WILD, 1.0)[:, None]
+    noise = rng.standard_normal((TRIED, arrays["mean"].size))
+    return arrays["mean"] + spread * arrays["std"] * noise
+
+
+def exported(module: nn.Module, seen: np.ndarray) -> torch.export.ExportedProgram:
+    """Return the policy as a program for any number of observations (n, O) float64."""
+    many = torch.export.Dim("rows", min=1)
+    example = torch.from_numpy(seen[:2])
+    return torch.export.export(module, (example,), dynamic_shapes=({0: many},))
+
+
+def evaluate(module: Callable[[torch.Tensor], torch.Tensor], seen: np.ndarray) -> np.ndarray:
+    """Return the actions of a torch policy, (n, A) float64."""
+    with torch.no_grad():
+        return module(torch.from_numpy(seen)).numpy().astype(np.float64)
+
+
+def compare(got: np.ndarray, wanted: np.ndarray, name: str) -> None:
+    """Raise ExportError if actions (n, A) differ by more than TOLERANCE of their range."""
+    off = float(np.abs(got - wanted).max()) / max(float(np.abs(wanted).max()), 1.0)
+    if not off <= TOLERANCE:
+        raise ExportError(f"{name} would differ from the trained policy by {off:.2g}; not written")
+
+
+def describe(trained: Trained, task: ServoTask, arrays: Arrays) -> dict[str, Any]:
+    """Return what somebody must know who runs the policy elsewhere."""
+    model = task.spec().compile()
+    machine = task.machine
+    return {
+        "schema": SCHEMA,
+        "task": type(task).__name__,
+        "robot": machine.name,
+        "rate": machine.rate,
+        "seconds": task.max_steps / machine.rate,
+        "trained_on": task.fidelity,
+        "joints": [model.actuator(i).name for i in range(model.nu)],
+        "goals": {"low": machine.low.tolist(), "high": machine.high.tolist(), "unit": "rad"},
+        "observation": {
+            "names": names(task),
+            "mean": arrays["mean"].tolist(),
+            "std": arrays["std"].tolist(),
+        },
+        "action": {"low": arrays["low"].tolist(), "high": arrays["high"].tolist()},
+        "checkpoint": trained.source.name,
+        "frames": trained.frames,
+        "versions": {name: metadata.version(name) for name in ("torch", "numpy", "mujoco")},
+    }
+
+
+def names(task: ServoTask) -> list[str]:
+    """Say what each number of an observation is: the measurements that it changes with.
+
+    Found by changing one measurement after the other, so it cannot say anything else than what the
+    task does.
+    """
+    model = task.spec().compile()
+    servos = [model.actuator(i).name for i in range(model.nu)]
+    rest = np.asarray(task.rest(model))[None]
+    size = len(task.action_range(model)[0])
+    turn = np.array([[0.96, 0.16, 0.2, 0.1]])
+
+    def see(
+        angle: np.ndarray, speed: np.ndarray, time: float, action: np.ndarray, **body: np.ndarray
+    ) -> np.ndarray:
+        command = Commanded(np.array([time]), action, rest)
+        return task.observe(task.measured(angle, speed, command, **body))[0]
+
+    zero, idle = np.zeros_like(rest), np.zeros((1, size))
+    changes: dict[str, np.ndarray] = {}
+    for i, servo in enumerate(servos):
+        one = np.eye(len(servos))[i : i + 1] * 0.1
+        changes[f"angle.{servo}"] = see(rest + one, zero, 0.0, idle)
+        changes[f"speed.{servo}"] = see(rest, zero + one, 0.0, idle)
+    for i in range(size):
+        changes[f"action.{i}"] = see(rest, zero, 0.0, np.eye(size)[i : i + 1] * 0.1)
+    turned = turn / np.linalg.norm(turn)
+    changes["orientation"] = see(rest, zero, 0.0, idle, orientation=turned)
+    changes["gyro"] = see(rest, zero, 0.0, idle, gyro=np.full((1, 3), 0.1))
+    changes["time"] = see(rest, zero, 0.0371, idle)
+    plain = see(rest, zero, 0.0, idle)
+    moved = {name: seen != plain for name, seen in changes.items()}
+    found = ["+".join(name for name in moved if moved[name][k]) for k in range(len(plain))]
+    return [name or "constant" for name in found]

@@ -1,0 +1,52 @@
+"""A robot driven along motions that show what it is like.
+
+    python -m sim2real run=record robot=bench1                       # the emulated robot
+    python -m sim2real run=record robot=bench1 robot.hidden=effects.yaml motions=[ramp,swing]
+    python -m sim2real run=record robot=bench1 port=/dev/ttyUSB0 calibration=bench1.json arm=true
+
+Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. A real robot
+moves only with `arm=true`; torque is off again when the motion, or anything else, ends it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hardware.config import Robot
+from hardware.connect import make_driver
+from hardware.excite import Kind, excite
+from hardware.log import Log
+from hardware.record import joint_names, record
+from hardware.safety import Guard
+from sim2real.runs.figures import COLOURS, INK, figure
+
+log_ = logging.getLogger(__name__)
+
+
+def drive(robot: Robot, motions: Sequence[Kind], seconds: float, rng: np.random.Generator) -> Log:
+    """Connect, arm, move from where the robot is, and let go."""
+    driver = make_driver(robot)
+    try:
+        driver.connect()
+        driver.configure()
+        with Guard(driver) as guard:
+            pose = np.clip(guard.arm().position, guard.low, guard.high)
+            return record(guard, excite(robot, pose, seconds, motions, rng))
+    finally:
+        driver.close()
+
+
+def draw(log: Log, robot: Robot, path: Path) -> None:
+    """Draw what was commanded and what was measured, a row a joint."""
+    pairs = list(zip(robot.names, joint_names(robot), strict=True))
+    with figure(path, len(pairs), 1, (8.0, 1.0 + 1.9 * len(pairs))) as (_, axes):
+        for panel, (name, joint) in zip(axes[:, 0], pairs, strict=True):
+            panel.plot(log.time, log.column(f"ctrl.{name}"), color=COLOURS[0], label="commanded")
+            panel.plot(log.time, log.column(f"qpos.{joint}"), color=INK, label="measured")
+            panel.set_ylabel(f"{joint} (rad)")
+        axes[0, 0].legend(loc="upper right")
+        axes[-1, 0].set_xlabel("time (s)")

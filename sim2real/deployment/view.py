@@ -1,0 +1,236 @@
+"""The emulated robot live in a window, driven over its emulated bus.
+
+    python -m sim2real run=view robot=quad8                            # along the motions of record
+    python -m sim2real run=view robot=quad8 checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00
+    python -m sim2real run=view robot=quad8 checkpoint=RUN video=film  # no display: a film instead
+
+What is seen is the robot that the driver talks to, hidden effects and all, not the model that the
+policy was trained in; also while it is armed, goes to its start, and parks.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from envs.tasks.servo import ServoTask
+from hardware.backends import ServoBackend
+from hardware.clock import VirtualClock
+from hardware.config import Robot
+from hardware.emulator.world import World
+from hardware.excite import Kind, excite
+from hardware.record import record
+from hardware.rows import RobotRows
+from sim2real.deployment.deploy import guarding, play
+from sim2real.deployment.trained import Trained
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.film import Camera, write_mp4
+
+log = logging.getLogger(__name__)
+FPS = 50  # pictures a second in the window
+SETTLE = 0.5  # s between going to the start and an episode
+
+
+class Closed(Exception):  # noqa: N818 - a signal, not an error
+    """The window was closed."""
+
+
+class Screen(Protocol):
+    """Something that shows the emulated robot; `every` [s] is the time between two pictures."""
+
+    every: float
+
+    def show(self, world: World) -> None:
+        """Show the robot as it is now; raises Closed if nobody looks any more."""
+        ...
+
+
+class WatchedClock(VirtualClock):
+    """A virtual clock that shows the robot whenever a picture is due.
+
+    Args:
+        world: the emulated robot.
+        screen: where it is shown.
+        end: the time at which the view ends [s].
+    """
+
+    def __init__(self, world: World, screen: Screen, end: float) -> None:
+        super().__init__()
+        self._world, self._screen, self._end, self._due = world, screen, end, 0.0
+        self._over = False
+
+    def sleep_until(self, moment: float) -> None:
+        """Go on to `moment` [s], picture by picture.
+
+        Raises:
+            Closed: the window was closed, or the time is over; once, so that the robot can then be
+                stopped as always.
+        """
+        while not self._over and self._due <= moment:
+            super().sleep_until(self._due)
+            self._world.advance(self._due)
+            self._over = self._due >= self._end
+            self._due += self._screen.every
+            try:
+                self._screen.show(self._world)
+            except Closed:
+                self._over = True
+                raise
+            if self._over:
+                raise Closed
+        super().sleep_until(moment)
+
+
+class Window:
+    """MuJoCo's viewer, in real time.
+
+    Args:
+        handle: what `mujoco.viewer.launch_passive` returned.
+    """
+
+    every = 1 / FPS
+
+    def __init__(self, handle: Any) -> None:
+        self._handle = handle
+        self._start: float | None = None
+
+    def show(self, world: World) -> None:
+        """Wait until the robot's time is the wall's, and draw."""
+        if not self._handle.is_running():
+            raise Closed
+        now = time.perf_counter()
+        self._start = now - world.time if self._start is None else self._start
+        time.sleep(max(self._start + world.time - now, 0.0))
+        self._handle.sync()
+
+
+class Picture(Protocol):
+    """How a film looks: `Video` is one."""
+
+    @property
+    def width(self) -> int:
+        """Pixels from left to right."""
+        ...
+
+    @property
+    def height(self) -> int:
+        """Pixels from top to bottom."""
+        ...
+
+    @property
+    def fps(self) -> int:
+        """Pictures a second."""
+        ...
+
+
+class Film:
+    """Pictures of the robot, kept.
+
+    Args:
+        camera: what draws.
+        fps: pictures a second.
+    """
+
+    def __init__(self, camera: Camera, fps: int) -> None:
+        self.every, self.frames = 1 / fps, list[np.ndarray]()
+        self._camera = camera
+
+    def show(self, world: World) -> None:
+        """Draw one picture."""
+        self.frames.append(self._camera.draw(world.mechanics.model, world.mechanics.data))
+
+
+def watch(
+    world: World,
+    screen: Screen,
+    seconds: float,
+    drive: Callable[[ServoBackend], None],
+    stops: dict[str, float] | None,
+) -> None:
+    """Drive the emulated robot and show it, until it is over or nobody looks any more."""
+    clock = WatchedClock(world, screen, seconds)
+    backend = ServoBackend(world.robot, SETTLE, world, limits=guarding(stops), clock=clock)
+    try:
+        drive(backend)
+    except Closed:
+        log.info("seen %.1f s", clock.now())
+    finally:
+        backend.close()
+
+
+def write_film(
+    world: World,
+    video: Picture,
+    seconds: float,
+    drive: Callable[[ServoBackend], None],
+    stops: dict[str, float] | None,
+    path: Path,
+) -> Path:
+    """Film the emulated robot and return the film."""
+    model = world.mechanics.model
+    cameras = [model.camera(i).name for i in range(model.ncam)]
+    with Camera(model, video.width, video.height, cameras[0] if cameras else None) as camera:
+        film = Film(camera, video.fps)
+        watch(world, film, seconds, drive, stops)
+    pictures = np.stack(film.frames)  # (n, h, w, 3)
+    even = [size - size % 2 for size in pictures.shape[1:3]]  # as video codecs want them
+    write_mp4(path, pictures[:, : even[0], : even[1]], video.fps)
+    log.info("video: %s", path)
+    return path
+
+
+def along(
+    robot: Robot, motions: list[Kind], seconds: float, seed: int
+) -> Callable[[ServoBackend], None]:
+    """Return what drives a robot along motions, again and again."""
+    rng = np.random.default_rng(seed)
+
+    def drive(backend: ServoBackend) -> None:
+        backend.arm()
+        guard = backend.guard
+        pose = np.clip(guard.measure().position, guard.low, guard.high)
+        while True:
+            record(guard, excite(robot, pose, seconds, motions, rng))
+
+    return drive
+
+
+def by_policy(task: ServoTask, trained: Trained, seed: int) -> Callable[[ServoBackend], None]:
+    """Return what drives a robot by a policy, episode after episode."""
+    rng, module = np.random.default_rng(seed), trained.module(trained.theta)
+
+    def drive(backend: ServoBackend) -> None:
+        rows = RobotRows(task, backend)
+        while rows.stopped is None:
+            play(rows, module, int(rng.integers(2**63)))
+        raise Sim2RealError(f"the guard stopped the robot: {rows.stopped}")
+
+    return drive
+
+
+def check_display() -> None:
+    """Refuse a window where none can be opened.
+
+    Raises:
+        Sim2RealError: no display.
+    """
+    linux = sys.platform.startswith("linux")
+    if linux and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise Sim2RealError(
+            "view opens a window, and there is no display; run it on a desktop, or add video=film "
+            "for a film"
+        )
+
+
+def open_window(world: World) -> Any:
+    """Open MuJoCo's viewer of an emulated robot."""
+    from mujoco import viewer  # here: it needs a display
+
+    return viewer.launch_passive(world.mechanics.model, world.mechanics.data)

@@ -1,0 +1,1 @@
+"""Which effects are missing: screened, fitted, judged on held-out data, concluded."""

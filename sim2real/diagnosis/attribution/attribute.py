@@ -1,0 +1,391 @@
+"""Which effects are missing: fitted one by one, judged on what they were not fitted to.
+
+    found = attribute(problem, candidates(data), floor, rng)
+    found.fit.members, found.equivalent
+
+Forward: every candidate is screened, the promising ones race (few steps for many, more for fewer),
+and the best on held-out windows joins if the lower bound of its gain is above zero and it closes
+enough to matter. Then back: each member is taken out and may be replaced, or stays out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.cogging import with_ripples
+from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, columns, refine
+from sim2real.diagnosis.attribution.pairwise import couples
+from sim2real.diagnosis.attribution.screen import Guess, Response, Screening, screen
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.score import Blocks
+
+MOST = 4  # effects in all
+SCREENED, RACED, FITTED = 9.0, 15.0, 40.0  # s of windows that screening, race and fit look at
+SHOWN = 0.5  # of the squared error of the windows that show it best: enough to stay with others
+FINAL, STEPS = 90.0, 4  # s of windows, and steps, of the last fit
+RACE = ((10, 0), (6, 1), (4, 1))  # how many candidates run, and for how many steps
+SETTLED = 6  # steps at most of a winner's fit, which ends once a step gains little
+SPREAD = (1.0, 0.55, 1.7)  # starts of a fit, as multiples of the guess
+PROMISE, LATER = 0.03, 0.1  # least share of the squared error that screening must promise
+SHARE = 0.03  # a joint with less of the gap is not suspected
+WORTH = 0.04  # least share of the first gap that a further effect closes
+ENOUGH = 0.25  # of the floor: least fall of the gap that counts
+ALONE = 0.93  # share of the gap from which one effect is thought to be alone
+COUPLES = (8, 4, 3, 1)  # couples that are fitted, in steps and on more windows
+CLOSE = 0.05  # share of what a cause closes within which another one is as good
+ALIKE = 3  # members of an equivalence set, the cause included
+
+MANY = 0.9  # share of the windows that count fully, however large their error
+
+Tell = Callable[[str, float], None]
+
+
+class Contender(NamedTuple):
+    """A candidate fitted beside the effects found so far, and its held-out errors."""
+
+    candidate: Candidate
+    fit: Fit
+    error: np.ndarray  # (W, T, M)
+
+
+@dataclass
+class Found:
+    """What attribution came to.
+
+    Args:
+        fit: the causes and their values.
+        error: held-out errors with all of them, (W, T, M).
+        steps: held-out errors after each effect was added, with its label.
+        rivals: for each cause, the contenders for its place, the best first.
+        guesses: what screening made of every candidate, alone.
+        singles: candidates that were fitted alone.
+        seen: the rows on which rivals are compared, (W, T, 1); None for all.
+    """
+
+    fit: Fit
+    error: np.ndarray
+    steps: list[tuple[str, np.ndarray]] = field(default_factory=list)
+    rivals: dict[str, list[Contender]] = field(default_factory=dict)
+    guesses: list[Guess] = field(default_factory=list)
+    singles: list[Contender] = field(default_factory=list)
+    seen: np.ndarray | None = None
+
+    def on(self, error: np.ndarray) -> np.ndarray:
+        """Return errors on the rows on which rivals are compared, zeros elsewhere, (W, T, M)."""
+        return error if self.seen is None else np.where(self.seen, error, 0.0)
+
+
+class Search:
+    """The state of an attribution.
+
+    Args:
+        problem: all windows.
+        options: the candidates.
+        floor: noise floor, in the units of errors.
+        rng: for the bootstrap.
+        tell: told what is tried, and the share of the work done.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        options: Sequence[Candidate],
+        floor: float,
+        rng: np.random.Generator,
+        tell: Tell,
+    ) -> None:
+        self.problem, self.options, self.floor, self.tell = problem, list(options), floor, tell
+        self.none = Fit((), np.zeros((FOLDS, 0)), np.zeros(FOLDS))
+        self.base = problem.held_out((), self.none.values)
+        weight = tempered(problem.data, self.base)
+        self.fitting = problem.subset(lively(problem.data, self.base, FITTED))
+        self.settling = problem.subset(lively(problem.data, self.base, FINAL))
+        self.racing = problem.subset(lively(problem.data, self.base, RACED), weight)
+        self.screening = problem.subset(lively(problem.data, self.base, SCREENED), weight)
+        self.blocks = Blocks(problem.data, problem.windows, rng)
+        self.before = self.blocks.rms(self.base)
+        counts = np.array([joint.count / joint.scale for joint in problem.data.joints])
+        self.least = max(1.3 * floor, float(np.sqrt(np.mean(counts**2))))  # nothing is left then
+        self.first = Screening([], [], self.base, self.base)
+        self.responses: list[Response] = []  # of each candidate, as last screened
+
+    def run(self) -> Found:
+        """Search."""
+        found = Found(self.none, self.base)
+        while len(found.fit.members) < MOST:
+            if len(found.fit.members) == 1:
+                self.couple(found)
+            contenders = self.race(found.fit, found.error, found)
+            best = contenders[0] if contenders else None
+            if best is None or not self.joins(best, found):
+                break
+            best = self.polish(best)
+            found.fit, found.error = best.fit, best.error
+            found.steps.append((best.candidate.label, best.error))
+            found.rivals[best.candidate.label] = contenders
+            if self.blocks.rms(found.error) <= self.least:
+                break
+        if len(found.fit.members) > 1:
+            self.look_back(found)
+        if found.fit.members:
+            self.settle(found)
+        return found
+
+    def settle(self, found: Found) -> None:
+        """Fit what was found to more windows and to the end, unless little is left as it is.
+
+        Each fold starts from its own values, from the other one's and from between: several
+        effects together may have settled beside the best in one of them.
+        """
+        if self.blocks.rms(found.error) <= self.least:
+            return
+        values = found.fit.values
+        between = np.repeat(found.fit.mean[None], FOLDS, axis=0)
+        starts = np.stack([values, values[::-1], between])
+        fit = refine(self.settling, found.fit.members, starts, STEPS)
+        error = self.problem.held_out(fit.members, fit.values)
+        if self.blocks.rms(error) < self.blocks.rms(found.error):
+            found.fit, found.error = fit, error
+
+    def couple(self, found: Found) -> None:
+        """Put two effects in the place of the first, if they do far better together.
+
+        Not where the first one alone closes the gap.
+        """
+        alone = self.blocks.rms(found.error)
+        if alone <= self.least or self.closed(alone) > ALONE:
+            return
+        first = self.first
+        ranked = couples(self.screening, first.base, first.drift, first.responses)[: COUPLES[0]]
+        fits = []
+        for couple in ranked:
+            self.tell(f"fitting {' and '.join(m.label for m in couple.members)}", 0.3)
+            fits.append(refine(self.screening, couple.members, couple.start[None], 1))
+        stages = (self.screening, self.racing, self.fitting)
+        for count, problem in zip(COUPLES[1:], stages, strict=True):
+            fits = sorted(fits, key=lambda fit: float(fit.cost.sum()))[:count]
+            fits = [refine(problem, fit.members, fit.values[None], 1) for fit in fits]
+        if not fits:
+            return
+        error = self.problem.held_out(fits[0].members, fits[0].values)
+        both = Contender(fits[0].members[1], fits[0], error)
+        if self.joins(both, found):
+            found.fit, found.error = both.fit, both.error
+            found.rivals = {}
+            self.settle(found)
+            found.steps.append((" and ".join(m.label for m in fits[0].members), found.error))
+
+    def closed(self, gap: float) -> float:
+        """Return the share of the closable gap that is closed where this gap remains."""
+        return (self.before - gap) / max(self.before - self.floor, 1e-12)
+
+    def joins(self, best: Contender, found: Found) -> bool:
+        """Return whether an effect's held-out gain is sure, and large enough to matter."""
+        fall = self.blocks.rms(found.error) - self.blocks.rms(best.error)
+        least = max(ENOUGH * self.floor, WORTH * (self.before - self.floor))
+        return fall > least and self.blocks.gain(found.error, best.error)[0] > 0
+
+    def race(
+        self,
+        fit: Fit,
+        error: np.ndarray,
+        found: Found | None = None,
+        instead: Candidate | None = None,
+    ) -> list[Contender]:
+        """Return the best candidates to add to a fit, the best on held-out windows first.
+
+        With `instead` only those that could take its place.
+        """
+        options = self.suspects(fit, error)
+        if instead is not None:
+            options = [option for option in options if meets(option, instead)]
+        self.tell(f"screening {len(options)} effects", self._share(fit))
+        looked, racing = self.stages(error)
+        screening = screen(looked, fit, options, self.responses if looked is self.screening else ())
+        if looked is self.screening:
+            seen = {response.candidate.label for response in screening.responses}
+            self.responses = [r for r in self.responses if r.candidate.label not in seen]
+            self.responses += screening.responses
+        guesses = screening.guesses
+        if found is not None and not fit.members:
+            found.guesses = guesses
+            self.first = screening
+        runners = self.promising(guesses, fit)[: RACE[0][0]]
+        fits = {}
+        for count, rounds in RACE:
+            runners = runners[:count]
+            problem = racing if rounds else looked
+            for guess in runners:
+                self.tell(f"fitting {guess.candidate.label}", self._share(fit))
+                key = guess.candidate.label
+                fits[key] = self.add(problem, fit, guess, fits.get(key), rounds)
+            runners.sort(key=lambda guess: float(fits[guess.candidate.label].cost.sum()))
+        contenders = [self.judge(guess.candidate, fits[guess.candidate.label]) for guess in runners]
+        contenders.sort(key=lambda c: self.blocks.rms(c.error))
+        if found is not None and not fit.members:
+            found.singles = contenders
+        return contenders
+
+    def stages(self, error: np.ndarray) -> tuple[Problem, Problem]:
+        """Return the windows to screen and to race on: the first ones, if these errors show there.
+
+        Windows that are full of a first effect may say nothing of a second one. A race looks at
+        both kinds, or it would spoil what was found.
+        """
+        data = self.problem.data
+        size = data.window_squares(error)
+        worst = lively(data, error, SCREENED)
+        if size[self.screening.windows].mean() >= SHOWN * size[worst].mean():
+            return self.screening, self.racing
+        weight = tempered(data, error)
+        both = np.union1d(self.screening.windows, lively(data, error, RACED))
+        return self.problem.subset(worst, weight), self.problem.subset(both, weight)
+
+    def promising(self, guesses: Sequence[Guess], fit: Fit) -> list[Guess]:
+        """Return the guesses that would matter if they held what they promise."""
+        least = PROMISE if not fit.members else LATER
+        return [guess for guess in guesses if guess.gain > least]
+
+    def polish(self, best: Contender) -> Contender:
+        """Return the winner fitted on more windows, from where it is and from further scalars."""
+        starts = np.concatenate([best.fit.values[None], beside(best)])
+        fit = refine(self.fitting, best.fit.members, starts, SETTLED)
+        return self.judge(best.candidate, fit)
+
+    def add(self, problem: Problem, fit: Fit, guess: Guess, before: Fit | None, rounds: int) -> Fit:
+        """Fit a guess beside the effects found, from its start or from where it was left."""
+        candidate = guess.candidate
+        members = (*fit.members, candidate)
+        if before is not None:
+            return refine(problem, members, before.values[None], rounds)
+        starts = [
+            np.concatenate([guess.known, np.tile(candidate.towards(guess.start, s), (FOLDS, 1))], 1)
+            for s in SPREAD
+        ]
+        return refine(problem, members, np.array(starts), rounds)
+
+    def judge(self, candidate: Candidate, fit: Fit) -> Contender:
+        """Return a fit with its errors on all held-out windows."""
+        return Contender(candidate, fit, self.problem.held_out(fit.members, fit.values))
+
+    def suspects(self, fit: Fit, error: np.ndarray) -> list[Candidate]:
+        """Return the candidates that could cause what is wrong: at joints with a gap, or above."""
+        taken = {(m.name, m.effect.where) for m in fit.members}
+        square = self.problem.data.mean_squares(error)
+        excess = np.maximum(square - self.floor**2, 0.0)
+        names = [joint.name for joint in self.problem.data.joints]
+        guilty = {
+            n for n, e in zip(names, excess, strict=True) if e > SHARE * max(excess.sum(), 1e-18)
+        }
+        found = [
+            option
+            for option in self.options
+            if (option.name, option.effect.where) not in taken
+            and (option.joint is None or guilty & set(option.shown))
+        ]
+        return [
+            with_ripples(option, self.problem.data, error) if option.name == "cogging" else option
+            for option in found
+        ]
+
+    def look_back(self, found: Found) -> None:
+        """Take each member out: let another one take its place if it does better, or none."""
+        for member in sorted(found.fit.members, key=lambda m: found.fit.members.index(m)):
+            if len(found.fit.members) < 2:
+                return
+            rest = self.without(found.fit, member)
+            error = self.problem.held_out(rest.members, rest.values)
+            others = self.race(rest, error, instead=member)
+            others = [other for other in others if other.candidate.label != member.label]
+            contenders = [Contender(member, found.fit, found.error), *others]  # it has settled
+            contenders.sort(key=lambda c: self.blocks.rms(c.error))
+            best = contenders[0]
+            dropped = Found(rest, error)
+            if not self.joins(best, dropped):
+                found.fit, found.error = rest, error
+                found.rivals.pop(member.label, None)
+                continue
+            if best.candidate is not member:
+                best = self.polish(best)
+            found.fit, found.error = best.fit, best.error
+            found.rivals.pop(member.label, None)
+            found.rivals[best.candidate.label] = contenders
+
+    def without(self, fit: Fit, member: Candidate) -> Fit:
+        """Return the fit of all members but one."""
+        members = tuple(m for m in fit.members if m is not member)
+        keep = []
+        place = 0
+        for m in fit.members:
+            size = len(m.neutral)
+            keep += [] if m is member else list(range(place, place + size))
+            place += size
+        return refine(self.fitting, members, fit.values[:, keep][None], 2)
+
+    def _share(self, fit: Fit) -> float:
+        return min(0.1 + 0.25 * len(fit.members), 0.9)
+
+
+def meets(one: Candidate, other: Candidate) -> bool:
+    """Return whether there is a joint whose motion both change."""
+    everywhere = one.joint is None or other.joint is None
+    return everywhere or not set(one.shown).isdisjoint(other.shown)
+
+
+def beside(best: Contender) -> np.ndarray:
+    """Return the values of a fit with its newest member's further scalars as probed, (K, 2, P).
+
+    Steps along a slope do not get from one of them to another: where it swings freely, a joint that
+    rubs with any load is far from one that does not rub at all.
+    """
+    option = best.candidate
+    own = columns(best.fit.members)[best.fit.members.index(option)]
+    size = len(option.neutral) - len(option.effect.free)
+    found = []
+    for further in np.unique(option.probes[:, size:], axis=0) if option.effect.free else ():
+        for scale in SPREAD:
+            values = best.fit.values.copy()
+            values[:, own] = [option.towards(row, scale) for row in values[:, own]]
+            values[:, own.start + size : own.stop] = further
+            found.append(values)
+    return np.array(found).reshape(len(found), *best.fit.values.shape)
+
+
+def tempered(data: Data, error: np.ndarray) -> np.ndarray:
+    """Return what each window counts in a fit, (W,): 1, less for the few with by far most error.
+
+    A joint that swings freely in the model and sticks on the robot would outweigh everything else.
+    """
+    own = np.sqrt(data.window_squares(error))
+    limit = float(np.quantile(own, MANY, method="lower"))
+    return np.minimum(1.0, max(limit, 1e-12) / np.maximum(own, 1e-12))
+
+
+def lively(data: Data, error: np.ndarray, seconds: float) -> np.ndarray:
+    """Return windows of about so many seconds in all.
+
+    Of each model and each fold some, by turns the one with most error and one of those spread
+    evenly from calm to lively.
+    """
+    lengths = np.array([w.sample[-1, 0] - w.sample[0, 0] for w in data.windows])
+    if lengths.sum() <= seconds:
+        return np.arange(len(lengths))
+    weight = data.window_squares(error)
+    model = np.array([w.model for w in data.windows])
+    speed = np.array([w.lively for w in data.windows])
+    groups = [np.flatnonzero((model == m) & (data.fold == f)) for m in set(model) for f in (0, 1)]
+    chosen: list[int] = []
+    for rank in range(len(lengths)):
+        if lengths[chosen].sum() >= seconds and rank > 0:
+            break
+        for group in groups:
+            worst, line = group[np.argsort(-weight[group])], group[np.argsort(speed[group])]
+            spread = np.roll(line[::-1], 7 * rank)
+            pick = worst if rank % 2 == 0 else spread
+            chosen += [int(i) for i in pick if i not in chosen][:1]
+    return np.sort(np.array(chosen))

@@ -1,0 +1,243 @@
+"""Values of effects: found on one fold of the windows, judged on the other.
+
+    problem = Problem(data, simulator)
+    base = problem.held_out((), np.zeros((2, 0)))          # errors with the model as given
+    fit = refine(problem, (candidate,), starts)            # values (2, P), one row for each fold
+
+Both folds are fitted side by side in the same batches: windows of fold f are simulated under the
+values of fold f, and to be judged under those of the other one. A shift of the clock by less than a
+simulation step, or half of one, is fitted along, since no log knows its stamps better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.bounds import Bounds
+from sim2real.diagnosis.attribution.candidates import FREE, Candidate
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.simulate import Simulator
+
+FOLDS = 2
+CLOCK = 1e-3  # s: the least that stamps may be off, where a row has one for all its readings
+STAMPED = 0.5  # of a simulation step: what clocks may be off where every reading has its own
+DAMPING = (0.0, 0.3, 3.0)  # of the trial steps of a round, in units of the curvature
+NUDGE = 0.06  # of a typical change: the step of a finite difference
+GOOD = 0.01  # relative improvement below which a fit has settled
+
+
+class Problem:
+    """Data, its simulator and the windows that a fit looks at.
+
+    Args:
+        data: the windows.
+        simulator: of these windows.
+        chosen: indices of the windows to look at, (n,); None for all.
+        weight: what the errors of each window of the data count, (W,); None: all are 1.
+    """
+
+    def __init__(
+        self,
+        data: Data,
+        simulator: Simulator,
+        chosen: np.ndarray | None = None,
+        weight: np.ndarray | None = None,
+    ) -> None:
+        self.data, self.simulator = data, simulator
+        self.windows = np.arange(len(data.windows)) if chosen is None else np.sort(chosen)
+        self.fold = data.fold[self.windows]
+        self.weight = None if weight is None else weight[self.windows]
+        self.clock = _clock(data)
+        self.rows = data.mask[self.windows].sum() * len(data.joints)
+
+    def subset(self, chosen: np.ndarray, weight: np.ndarray | None = None) -> Problem:
+        """Return the same problem on fewer windows, (n,) indices, that count so much, (W,)."""
+        return Problem(self.data, self.simulator, chosen, weight)
+
+    def errors(
+        self, members: Sequence[Candidate], points: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return errors and clock slopes, (K, W, T, M), under points (K, 2, P), one a fold."""
+        k, w = len(points), len(self.windows)
+        values = points[:, self.fold].reshape(k * w, -1)  # (K W, P)
+        effects = [member.effect for member in members]
+        result = self.simulator.run(effects, np.tile(self.windows, k), values)
+        shape = (k, w, *result.error.shape[1:])
+        error, slope = result.error.reshape(shape), result.slope.reshape(shape)
+        if self.weight is None:
+            return error, slope
+        weight = self.weight[:, None, None]
+        return weight * error, weight * slope
+
+    def shift(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Return the clock's shift [s] that fits best in each fold, (..., 2), of (..., W, T, M)."""
+        across = (error * slope).sum(axis=(-2, -1))  # (..., W)
+        along = (slope * slope).sum(axis=(-2, -1))
+        found = [
+            -across[..., self.fold == f].sum(-1)
+            / np.maximum(along[..., self.fold == f].sum(-1), 1e-12)
+            for f in range(FOLDS)
+        ]
+        return np.clip(np.stack(found, axis=-1), -self.clock, self.clock)
+
+    def cost(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Return the mean square error of each fold, its clock set, (..., 2)."""
+        shift = self.shift(error, slope)[..., self.fold]  # (..., W)
+        square = ((error + shift[..., None, None] * slope) ** 2).sum(axis=(-2, -1))
+        counts = self.data.mask[self.windows].sum(axis=1) * error.shape[-1]
+        found = [
+            square[..., self.fold == f].sum(-1) / max(counts[self.fold == f].sum(), 1)
+            for f in range(FOLDS)
+        ]
+        return np.stack(found, axis=-1)
+
+    def held_out(self, members: Sequence[Candidate], values: np.ndarray) -> np.ndarray:
+        """Return the errors (W, T, M) of each window under the values (2, P) of the other fold.
+
+        The clock is the other fold's as well.
+        """
+        if not members:
+            error, slope = self.errors((), np.zeros((1, FOLDS, 0)))
+            shift = self.shift(error[0], slope[0])[::-1]
+            return error[0] + shift[self.fold][:, None, None] * slope[0]
+        error, slope = self.errors(members, np.stack([values, values[::-1]]))
+        shift = self.shift(error[0], slope[0])[::-1]
+        return error[1] + shift[self.fold][:, None, None] * slope[1]
+
+
+def _clock(data: Data) -> float:
+    """Return by how much the log's clock may be off [s].
+
+    A command acts from the next step of the simulation on: half a step late in the mean. Beyond
+    that, a clock that is free to follow takes lags for its own that are the robot's.
+    """
+    step = max(model.opt.timestep for model in data.models)
+    stamps = [f"stamp.{joint.name}" for joint in data.joints]
+    known = all(stamp in log.columns for log in data.logs for stamp in stamps)
+    return STAMPED * step if known else max(CLOCK, step)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Members with their values, one row for each fold, and the mean square errors there."""
+
+    members: tuple[Candidate, ...]
+    values: np.ndarray  # (2, P)
+    cost: np.ndarray  # (2,)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """The values over both folds, (P,)."""
+        return self.values.mean(axis=0)
+
+
+def columns(members: Sequence[Candidate]) -> list[slice]:
+    """Return where each member's parameters are in a row of values."""
+    ends = np.cumsum([len(m.neutral) for m in members], dtype=int)
+    return [slice(end - len(m.neutral), end) for m, end in zip(members, ends, strict=True)]
+
+
+def refine(
+    problem: Problem, members: Sequence[Candidate], starts: np.ndarray, rounds: int = 3
+) -> Fit:
+    """Fit the members' values by damped Gauss-Newton steps from the best of several starts.
+
+    Args:
+        problem: on the windows to look at.
+        members: the effects.
+        starts: (K, P), or (K, 2, P) where the folds start from values of their own.
+        rounds: steps at most.
+    """
+    members = tuple(members)
+    starts = np.repeat(starts[:, None], FOLDS, axis=1) if starts.ndim == 2 else starts
+    bounds = Bounds(members)
+    points = bounds.clip(starts)
+    error, slope = problem.errors(members, points)
+    costs = problem.cost(error, slope)  # (K, 2)
+    state = _Pick(problem, points, error, slope, costs)
+    for _ in range(rounds):
+        before = state.cost.copy()
+        _round(problem, members, bounds, state)
+        if (state.cost > (1 - GOOD) * before).all():
+            break
+    return Fit(members, state.values, state.cost)
+
+
+class _Pick:
+    """The best point of each fold so far, and the errors there."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        points: np.ndarray,
+        error: np.ndarray,
+        slope: np.ndarray,
+        costs: np.ndarray,
+    ) -> None:
+        self._fold = problem.fold
+        best = costs.argmin(axis=0)
+        self.values = np.stack([points[best[f], f] for f in range(FOLDS)])
+        self.cost = costs.min(axis=0)
+        self.error, self.slope = error[0].copy(), slope[0].copy()
+        for f in range(FOLDS):
+            own = self._fold == f
+            self.error[own], self.slope[own] = error[best[f]][own], slope[best[f]][own]
+
+    def improve(
+        self, points: np.ndarray, error: np.ndarray, slope: np.ndarray, costs: np.ndarray
+    ) -> None:
+        for f in range(FOLDS):
+            best = int(costs[:, f].argmin())
+            if costs[best, f] < self.cost[f]:
+                own = self._fold == f
+                self.values[f], self.cost[f] = points[best, f], costs[best, f]
+                self.error[own], self.slope[own] = error[best][own], slope[best][own]
+
+
+def nudges(members: Sequence[Candidate], values: np.ndarray) -> np.ndarray:
+    """Return a step of each parameter for finite differences, (2, P), towards where it may go."""
+    bounds = Bounds(members)
+    size = np.abs(np.where(bounds.neutral >= FREE, values, values - bounds.neutral))
+    step = NUDGE * np.maximum(size, 0.3 * bounds.step)
+    return np.where(values + step > bounds.high, -step, step)
+
+
+def sensitivities(
+    problem: Problem, members: Sequence[Candidate], values: np.ndarray, error: np.ndarray
+) -> np.ndarray:
+    """Return how the errors change with each parameter at values (2, P), (P, W, T, M)."""
+    step = nudges(members, values)
+    size = values.shape[1]
+    points = np.repeat(values[None], size, axis=0)
+    points[np.arange(size), :, np.arange(size)] += step.T
+    moved, _ = problem.errors(members, points)
+    return (moved - error) / step.T[:, problem.fold][:, :, None, None]
+
+
+def _round(problem: Problem, members: tuple[Candidate, ...], bounds: Bounds, state: _Pick) -> None:
+    """Take one step in each fold, the best of several dampings."""
+    change = sensitivities(problem, members, state.values, state.error)  # (P, W, T, M)
+    trials = np.repeat(state.values[None], len(DAMPING), axis=0)
+    for f in range(FOLDS):
+        own = problem.fold == f
+        drift = state.slope[own].ravel()
+        flat = change[:, own].reshape(len(change), -1)
+        error = state.error[own].ravel()
+        along = max(float(drift @ drift), 1e-12)
+        shift = -(error @ drift) / along
+        if abs(shift) < problem.clock:  # the clock is free to follow
+            flat = flat - (flat @ drift / along)[:, None] * drift
+            error = error + shift * drift
+        else:
+            error = error + np.sign(shift) * problem.clock * drift
+        curve, down = flat @ flat.T, flat @ error
+        size = np.diag(curve) + 1e-12 * max(np.trace(curve), 1e-12)
+        for k, damping in enumerate(DAMPING):
+            matrix = curve + np.diag((damping + 1e-6) * size)
+            trials[k, f] -= np.linalg.solve(matrix, down)
+    trials = bounds.clip(trials)
+    error, slope = problem.errors(members, trials)
+    state.improve(trials, error, slope, problem.cost(error, slope))

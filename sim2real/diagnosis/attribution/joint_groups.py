@@ -1,0 +1,244 @@
+"""Many joints wrong at once: one kind of effect at every joint, fitted side by side.
+
+    if is_spread(search, found):
+        found = by_family(search, found)
+
+An arm whose gains and frictions were all guessed has several causes at each joint. Added one by
+one, none closes enough of the whole gap to matter, and four are too few. So one kind of effect (a
+family: `position_gain` at every joint) is tried at all joints in the same simulations, each joint
+choosing its own value by its own error; the family that does best on held-out windows joins, with
+all values fitted together; a joint that does not gain by it leaves it. The first to join are gains
+of position and speed with dry and viscous friction, or with another family: a servo that is too
+stiff, rubs too little and is damped too much looks like many things, and like none of these alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.attribute import ENOUGH, Found, Search, lively
+from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, refine
+from sim2real.diagnosis.attribution.quantify import without
+from sim2real.diagnosis.data.score import Blocks
+
+JOINTS, ABOVE = 3, 4.0  # joints whose error is so many floors, for a gap that is spread
+POOR = 0.8  # share of the gap below which the search by single effects has found too little
+BETTER = 0.1  # share of the gap that families must close beyond single effects
+MOST = 3  # rounds in which families join
+TRIED = 3  # families, or pairs of them, of a round that are fitted
+WORKED = 80.0  # s of windows that families are fitted to and compared on: joints move in turn
+POINTS = 24  # simulations of a round of a joint's own search
+ROUNDS, MORE = 2, 4  # rounds for each family that is tried, and further ones for the best
+SPREAD, SHRINK = 0.7, 0.7  # of its factors, as a logarithm, and how it shrinks from round to round
+TIED = ("position_gain", "derivative_gain")  # start from the same factor
+SERVO = (*TIED, "coulomb_friction", "viscous_friction")  # what every servo model has
+STIFFNESS, PLAIN = SERVO[0], "plain"  # pairs are of it and of effects of this group
+COARSE = (0.2, 0.07, 0.025, 0.01)  # further factors: data sheets are off by orders of magnitude
+WORTH = 0.02  # least share of the first gap that a further family closes
+JOINT_WORTH = 0.002  # least share of it that a joint's own member closes
+Family = tuple[Candidate, ...]
+
+
+def is_spread(search: Search, found: Found) -> bool:
+    """Return whether single effects leave much of a gap, and leave it at many joints."""
+    square = search.problem.data.mean_squares(found.error)
+    many = int((np.sqrt(square) > ABOVE * search.floor).sum()) >= JOINTS
+    return many and search.closed(search.blocks.rms(found.error)) < POOR
+
+
+def by_family(search: Search, found: Found) -> Found:
+    """Return what a search by families came to, if that is better than what was found."""
+    better = _Families(search, np.random.default_rng(0)).run()
+    gain = search.blocks.rms(found.error) - search.blocks.rms(better.error)
+    if gain < BETTER * (search.before - search.floor):
+        return found
+    return replace(better, guesses=found.guesses, singles=found.singles)
+
+
+def families(search: Search) -> dict[str, Family]:
+    """Return the candidates at joints and their actuators, by kind: name, side and variant."""
+    found: dict[str, list[Candidate]] = {}
+    for option in search.options:
+        if option.joint is not None and option.effect.place in ("joint", "actuator"):
+            kind = option.label.replace(f".{option.effect.where}", "")
+            found.setdefault(kind, []).append(_coarse(option))
+    return {kind: tuple(members) for kind, members in found.items() if len(members) >= JOINTS}
+
+
+def _coarse(option: Candidate) -> Candidate:
+    """Return a candidate that starts from orders of magnitude too, where it is a factor."""
+    if option.effect.hows[0] != "scale" or len(option.neutral) != 1:
+        return option
+    more = np.array([[factor] for factor in COARSE if option.low[0] <= factor])
+    return replace(option, probes=np.concatenate([more, option.probes]))
+
+
+class _Families:
+    """The state of a search by families."""
+
+    def __init__(self, search: Search, rng: np.random.Generator) -> None:
+        self.search, self.blocks, self.rng = search, search.blocks, rng
+        self.left = families(search)
+        self.order = [joint.name for joint in search.problem.data.joints]
+        # Where families and joints are compared with each other: fewer windows than the verdict's.
+        chosen = lively(search.problem.data, search.base, WORKED)
+        self.judge = search.problem.subset(chosen)
+        self.judged = Blocks(search.problem.data, self.judge.windows, rng)
+
+    def run(self) -> Found:
+        """Add families while they help."""
+        search = self.search
+        found = Found(search.none, search.base)
+        while len(found.steps) < MOST:
+            kinds = self.choices(found.fit)
+            gains = {c: self.promise(search.racing, c, found.fit)[0] for c in kinds}
+            ranked = sorted(kinds, key=lambda choice: -gains[choice])[:TRIED]
+            tried = []
+            for choice in ranked:
+                told = " and ".join(choice)
+                search.tell(f"fitting {told} at every joint", 0.3 + 0.12 * len(found.steps))
+                members = (*found.fit.members, *self.members(choice))
+                start = self.promise(self.judge, choice, found.fit)[1]
+                fit = self.settled(members, start, range(ROUNDS))
+                tried.append((choice, fit, self.gap(fit)))
+            if not tried:
+                break
+            choice, fit, _ = min(tried, key=lambda one: one[2])
+            fit = self.settled(fit.members, fit.values, range(ROUNDS, ROUNDS + MORE))
+            if not self.joins(choice, fit, found):
+                break
+        return found
+
+    def choices(self, fit: Fit) -> list[tuple[str, ...]]:
+        """Return what may join: first a gain with what goes with it, then every family."""
+        single: list[tuple[str, ...]] = [(kind,) for kind in self.left]
+        plain = [kind for kind, family in self.left.items() if family[0].group == PLAIN]
+        if fit.members or STIFFNESS not in plain:
+            return single
+        servo = tuple(kind for kind in SERVO if kind in plain)
+        others = [kind for kind in plain if kind not in servo and "offset" not in kind]
+        return [servo, *((STIFFNESS, kind) for kind in others)]
+
+    def members(self, choice: tuple[str, ...]) -> Family:
+        """Return the candidates of some families."""
+        return tuple(member for kind in choice for member in self.left[kind])
+
+    def settled(self, members: Family, start: np.ndarray, rounds: Iterable[int]) -> Fit:
+        """Return members whose values every joint sought by itself, all in the same simulations.
+
+        A joint's values are multiplied by random factors about the best so far, less random from
+        round to round, and the best by its own error stay: no joint has to wait for another. What
+        is added to the model's own is multiplied together with that.
+
+        Args:
+            members: the effects.
+            start: their values, (2, P).
+            rounds: their numbers, of `POINTS` simulations each.
+        """
+        best, low, high = (
+            start.copy(),
+            *(np.concatenate([getattr(m, end) for m in members]) for end in ("low", "high")),
+        )
+        zero = np.where(np.isfinite(low) & (low < 0), low, 0.0)
+        own = self.joints_of(members)  # (P,)
+        least = self.squares(self.judge, members, best[None])[0]  # (2, M)
+        for number in rounds:
+            spread = SPREAD * SHRINK**number
+            factors = np.exp(spread * self.rng.standard_normal((POINTS, *best.shape)))
+            points = np.clip(zero + (best - zero) * factors, low, high)
+            squares = self.squares(self.judge, members, points)  # (K, 2, M)
+            for f in range(FOLDS):
+                for joint in range(len(self.order)):
+                    k = int(squares[:, f, joint].argmin())
+                    if squares[k, f, joint] < least[f, joint]:
+                        least[f, joint] = squares[k, f, joint]
+                        best[f, own == joint] = points[k, f, own == joint]
+        return Fit(tuple(members), best, least.sum(axis=1))
+
+    def joints_of(self, members: Family) -> np.ndarray:
+        """Return the number of each parameter's joint, (P,)."""
+        return np.concatenate(
+            [np.full(len(m.neutral), self.order.index(str(m.joint))) for m in members]
+        )
+
+    def gap(self, fit: Fit) -> float:
+        """Return the held-out gap of a fit on the windows where families are compared."""
+        return self.judged.rms(self.judge.held_out(fit.members, fit.values))
+
+    def joins(self, choice: tuple[str, ...], fit: Fit, found: Found) -> bool:
+        """Let families join, fitted on more windows, without the joints that gain nothing."""
+        search = self.search
+        fit = self.pruned(fit)
+        if len(fit.members) <= len(found.fit.members):
+            return False
+        fit = refine(self.judge, fit.members, fit.values[None], 2)
+        error = search.problem.held_out(fit.members, fit.values)
+        fall = self.blocks.rms(found.error) - self.blocks.rms(error)
+        least = max(ENOUGH * search.floor, WORTH * (search.before - search.floor))
+        if fall < least or self.blocks.gain(found.error, error)[0] <= 0:
+            return False
+        self.leave_out({self.left[kind][0].name for kind in choice})
+        found.fit, found.error = fit, error
+        found.steps.append((" and ".join(choice), error))
+        return self.blocks.rms(error) > search.least
+
+    def leave_out(self, names: set[str]) -> None:
+        """Let no variant of effects join any more: one joint has no two springs or offsets."""
+        self.left = {kind: own for kind, own in self.left.items() if own[0].name not in names}
+
+    def pruned(self, fit: Fit) -> Fit:
+        """Return the fit without members that do nothing on held-out windows."""
+        whole, every = self.gap(fit), range(len(fit.members))
+        least = JOINT_WORTH * (self.search.before - self.search.floor)
+        falls = [self.gap(without(fit, [i for i in every if i != n])) - whole for n in every]
+        return without(fit, [n for n in every if falls[n] > least])
+
+    def promise(
+        self, problem: Problem, choice: tuple[str, ...], fit: Fit
+    ) -> tuple[float, np.ndarray]:
+        """Return the square that families should remove, and where a fit of them starts, (2, P).
+
+        Every joint takes the probes that do best on its own error; what that removes is told from
+        the probes that do best in the other fold.
+        """
+        groups = [self.left[kind] for kind in choice]
+        counts = [max(len(member.probes) for member in family) for family in groups]
+        tied = [choice.index(kind) for kind in TIED if kind in choice]
+        grid = [None, *(g for g in np.ndindex(*counts) if len({g[i] for i in tied}) < 2)]
+        points = np.stack([self.point(groups, fit, probes) for probes in grid])
+        members = (*fit.members, *self.members(choice))
+        squares = self.squares(problem, members, points)  # (K + 1, 2, M)
+        best = squares.argmin(axis=0)  # (2, M)
+        joints = range(len(self.order))
+        gain = sum(
+            float(squares[0, f, j] - squares[best[1 - f, j], f, j])
+            for f in range(FOLDS)
+            for j in joints
+        )
+        both = squares.sum(axis=1).argmin(axis=0)  # (M,)
+        start, new = points[0].copy(), np.arange(points.shape[2]) >= fit.values.shape[1]
+        for joint in joints:
+            own = new & (self.joints_of(members) == joint)
+            start[:, own] = points[both[joint]][:, own]
+        return gain, start
+
+    def point(self, groups: list[Family], fit: Fit, probes: tuple[int, ...] | None) -> np.ndarray:
+        """Return what was found with each family at one of its probes, (2, P); None is neutral."""
+        values = [
+            member.neutral if probes is None else member.probes[min(probe, len(member.probes) - 1)]
+            for family, probe in zip(groups, probes or [0] * len(groups), strict=True)
+            for member in family
+        ]
+        return np.concatenate([fit.values, np.tile(np.concatenate(values), (FOLDS, 1))], axis=1)
+
+    def squares(
+        self, problem: Problem, members: tuple[Candidate, ...], points: np.ndarray
+    ) -> np.ndarray:
+        """Return the summed square error of each point, fold and joint, (K, 2, M)."""
+        error, _ = problem.errors(members, points)
+        summed = (error**2).sum(axis=2)  # (K, W, M)
+        return np.stack([summed[:, problem.fold == f].sum(axis=1) for f in range(FOLDS)], axis=1)

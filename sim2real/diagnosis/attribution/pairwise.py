@@ -1,0 +1,97 @@
+"""Two effects at once: which couple of screened responses would undo the error together.
+
+    for couple in couples(problem, base, drift, responses)[:4]: ...
+
+Adding effects one by one fails where two that act against each other have one look-alike: a servo
+that is too soft and rubs looks like one whose friction grows with its load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.fit import FOLDS, Problem
+from sim2real.diagnosis.attribution.screen import Response
+
+LIMITS = (0.3, 3.0)  # how far a response may be scaled
+
+
+class Couple(NamedTuple):
+    """Two candidates, where a fit of both starts, and the share of the squared error they undo."""
+
+    members: tuple[Candidate, Candidate]
+    start: np.ndarray  # (P,)
+    gain: float
+
+
+def couples(
+    problem: Problem, base: np.ndarray, drift: np.ndarray, responses: Sequence[Response]
+) -> list[Couple]:
+    """Return the couples of different candidates, the most promising first.
+
+    Args:
+        problem: on the screened windows.
+        base: errors to be undone, (W, T, M).
+        drift: their change with the clock, (W, T, M).
+        responses: how each probe changes the simulation.
+    """
+    if len(responses) < 2:
+        return []
+    gram, across, whole = _products(problem, base, drift, responses)
+    names = [(r.candidate.name, r.candidate.effect.where) for r in responses]
+    numbers = np.array([names.index(name) for name in names])
+    i, j = np.nonzero(np.triu(numbers[:, None] != numbers[None, :]))
+    left = np.zeros(len(i))
+    scales = np.zeros((FOLDS, 2, len(i)))
+    for f in range(FOLDS):
+        scales[f] = _solve(gram[f], across[f], i, j)
+        a, b = scales[f]
+        g = 1 - f
+        left += whole[g] + 2 * (a * across[g, i] + b * across[g, j])
+        left += a * a * gram[g, i, i] + b * b * gram[g, j, j] + 2 * a * b * gram[g, i, j]
+    gains = 1 - left / max(whole.sum(), 1e-18)
+    found: dict[tuple[int, int], Couple] = {}
+    for k in np.argsort(-gains)[:400].tolist():
+        one, two = responses[int(i[k])], responses[int(j[k])]
+        key = (int(numbers[i[k]]), int(numbers[j[k]]))
+        if key not in found:
+            mean = scales[:, :, k].mean(axis=0)
+            pair = zip((one, two), mean, strict=True)
+            start = np.concatenate([r.candidate.towards(r.probe, float(c)) for r, c in pair])
+            found[key] = Couple((one.candidate, two.candidate), start, float(gains[k]))
+    return list(found.values())
+
+
+def _products(
+    problem: Problem, base: np.ndarray, drift: np.ndarray, responses: Sequence[Response]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return inner products in each fold, the clock's part taken out: (2, n, n), (2, n), (2,)."""
+    gram: list[np.ndarray] = []
+    across: list[np.ndarray] = []
+    whole: list[float] = []
+    for f in range(FOLDS):
+        own = problem.fold == f
+        flat = np.stack([r.change[own].ravel() for r in responses])
+        error, along = base[own].ravel(), drift[own].ravel()
+        unit = along / max(float(np.linalg.norm(along)), 1e-12)
+        flat = flat - (flat @ unit)[:, None] * unit
+        error = error - (error @ unit) * unit
+        gram.append(flat @ flat.T)
+        across.append(flat @ error)
+        whole.append(float(error @ error))
+    return np.array(gram), np.array(across), np.array(whole)
+
+
+def _solve(gram: np.ndarray, across: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Return the scales (2, pairs) that undo most, within limits."""
+    low, high = LIMITS
+    aa, bb, ab = gram[i, i], gram[j, j], gram[i, j]
+    determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb + 1e-30)
+    first = np.clip((-across[i] * bb + across[j] * ab) / determinant, low, high)
+    second = np.clip(-(across[j] + first * ab) / np.maximum(bb, 1e-30), low, high)
+    first = np.clip(-(across[i] + second * ab) / np.maximum(aa, 1e-30), low, high)
+    return np.stack([first, second])

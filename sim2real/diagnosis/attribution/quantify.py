@@ -1,0 +1,229 @@
+"""How much each cause closes, how sure its value is, and where the gap lies before and after.
+
+shares = shapley(problem, racing, fit, closed)       # of the closable gap, one a member
+low, high = intervals(problem, fit, blocks)          # (P,), (P,)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+
+from hardware.log import Log
+from sim2real.diagnosis.attribution.candidates import FREE
+from sim2real.diagnosis.attribution.fit import (
+    CLOCK,
+    FOLDS,
+    Fit,
+    Problem,
+    columns,
+    refine,
+    sensitivities,
+)
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.replay import Gap
+from sim2real.diagnosis.data.score import Blocks
+
+LEFT, LEAST = 0.3, 0.005  # half-width of an interval by what is left of a gap, and the least
+FACTOR = 0.01  # the least for factors, of the factor
+DELAYS = ("command_delay", "observation_delay")
+Set = frozenset[int]
+
+
+def without(fit: Fit, kept: Sequence[int]) -> Fit:
+    """Return the fit of some of its members, by their numbers; costs are not known then."""
+    places = columns(fit.members)
+    members = tuple(fit.members[i] for i in kept)
+    picked = [np.arange(places[i].start, places[i].stop) for i in kept]
+    values = fit.values[:, np.concatenate([np.zeros(0, int), *picked])]
+    return Fit(members, values, np.zeros(FOLDS))
+
+
+def coalitions(
+    problem: Problem, racing: Problem, fit: Fit, full: np.ndarray
+) -> dict[Set, np.ndarray]:
+    """Return the held-out errors of every subset of a fit's members, each fitted anew.
+
+    Args:
+        problem: all windows.
+        racing: the windows that subsets are fitted to.
+        fit: all members.
+        full: its held-out errors, (W, T, M).
+    """
+    count = len(fit.members)
+    found: dict[Set, np.ndarray] = {frozenset(range(count)): full}
+    for size in range(count):
+        for kept in combinations(range(count), size):
+            part = without(fit, kept)
+            if size:
+                part = refine(racing, part.members, part.values[None], 2)
+            found[frozenset(kept)] = problem.held_out(part.members, part.values)
+    return found
+
+
+def one_less(problem: Problem, fit: Fit, full: np.ndarray) -> dict[Set, np.ndarray]:
+    """Return the held-out errors of all members, and of all but each; the rest is not fitted anew.
+
+    Args:
+        problem: all windows.
+        fit: all members.
+        full: its held-out errors, (W, T, M).
+    """
+    every = frozenset(range(len(fit.members)))
+    found: dict[Set, np.ndarray] = {every: full}
+    for member in every:
+        part = without(fit, sorted(every - {member}))
+        found[every - {member}] = problem.held_out(part.members, part.values)
+    return found
+
+
+def shapley(values: dict[Set, float], count: int) -> np.ndarray:
+    """Return each member's Shapley value, (count,), of what every subset of them closes."""
+    shares = np.zeros(count)
+    for member in range(count):
+        for subset, value in values.items():
+            if member not in subset:
+                size = len(subset)
+                weight = factorial(size) * factorial(count - size - 1) / factorial(count)
+                shares[member] += weight * (values[subset | {member}] - value)
+    return shares
+
+
+def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return the 90 % intervals of a fit's values, (P, 2).
+
+    One Gauss-Newton step on blocks of a second that are drawn again, in each fold; never less than
+    the two folds differ, than clocks and counts can resolve, and than what is left of the gap may
+    hide.
+
+    Args:
+        problem: all windows.
+        fit: the causes.
+        left: what is left of the gap over what each of them closes, (n,).
+        rng: for the bootstrap.
+    """
+    error, slope = problem.errors(fit.members, fit.values[None])
+    shift = problem.shift(error[0], slope[0])[problem.fold]
+    timed = error[0] + shift[:, None, None] * slope[0]
+    change = sensitivities(problem, fit.members, fit.values, error[0])  # (P, W, T, M)
+    blocks = Blocks(problem.data, problem.windows, rng)
+    numbers = np.full(blocks.inside.shape, -1)
+    numbers[blocks.inside] = blocks.numbers
+    drawn = []
+    for f in range(FOLDS):
+        own = (problem.fold == f)[:, None] & blocks.inside  # (W, T)
+        flat, residual = change[:, own], timed[own]  # (P, rows, M), (rows, M)
+        curve = _summed(np.einsum("prm,qrm->rpq", flat, flat), numbers[own], blocks.count)
+        down = _summed(np.einsum("prm,rm->rp", flat, residual), numbers[own], blocks.count)
+        matrix = np.tensordot(blocks.draws, curve, 1)  # (D, P, P)
+        size = np.trace(matrix, axis1=1, axis2=2)[:, None, None]
+        matrix = matrix + (1e-9 * size + 1e-30) * np.eye(flat.shape[0])
+        right = np.tensordot(blocks.draws, down, 1)[..., None]
+        drawn.append(fit.values[f] - np.linalg.solve(matrix, right)[..., 0])  # (D, P)
+    both = np.mean(drawn, axis=0)
+    spread = (np.quantile(both, 0.95, axis=0) - np.quantile(both, 0.05, axis=0)) / 2
+    apart = np.abs(fit.values[0] - fit.values[1])
+    half = np.maximum.reduce([spread, apart, _doubt(fit, left), _resolution(problem, fit)])
+    low = np.concatenate([m.low for m in fit.members])
+    high = np.concatenate([m.high for m in fit.members])
+    return np.stack([np.clip(fit.mean - half, low, high), np.clip(fit.mean + half, low, high)], 1)
+
+
+def _doubt(fit: Fit, left: np.ndarray) -> np.ndarray:
+    """Return what an error that is left may have done to each parameter, (P,).
+
+    Where something unknown is left, it may act like a part of a cause: `LEFT` of it held
+    nine of ten truths in the development cases of docs/blindcheck.md. Of a
+    factor below 1 it is a part of the logarithm, so that no interval reaches 0 for it alone.
+    """
+    neutral = np.concatenate([m.neutral for m in fit.members])
+    share = np.repeat(np.maximum(LEFT * left, LEAST), [len(m.neutral) for m in fit.members])
+    scaled = np.concatenate([[m.effect.how == "scale"] * len(m.neutral) for m in fit.members])
+    size = np.abs(np.where(neutral > FREE, fit.mean, fit.mean - neutral))
+    factor = np.where(scaled, np.maximum(fit.mean, 1e-12), 1.0)
+    folded = np.minimum(size, factor * np.abs(np.log(factor)))
+    return np.where(scaled, np.maximum(share * folded, FACTOR * factor), share * size)
+
+
+def _resolution(problem: Problem, fit: Fit) -> np.ndarray:
+    """Return what the log can resolve of each parameter, (P,): a clock's error, a count.
+
+    Readings may have stamps of their own, commands never have.
+    """
+    count = max((joint.count for joint in problem.data.joints), default=0.0)
+    found = []
+    for member in fit.members:
+        finest = max(problem.clock, CLOCK) if member.name in DELAYS else 0.0
+        finest = count if member.effect.unit == "rad" else finest
+        found += [finest] * len(member.neutral)
+    return np.array(found)
+
+
+def _summed(rows: np.ndarray, numbers: np.ndarray, count: int) -> np.ndarray:
+    """Return the sums of rows (R, ...) over the blocks that they are in, (count, ...)."""
+    out = np.zeros((count, *rows.shape[1:]))
+    np.add.at(out, numbers, rows)
+    return out
+
+
+def as_gaps(data: Data, error: np.ndarray) -> list[Gap]:
+    """Return each log's compared rows with what was simulated, from held-out errors (W, T, M)."""
+    found = []
+    for number, log in enumerate(data.logs):
+        rows, simulated = [], []
+        for index, window in enumerate(data.windows):
+            if window.log == number:
+                own = np.flatnonzero(window.usable)
+                rows.append(window.first + own)
+                simulated.append(window.measured[own] + error[index, own] * data.scale)
+        kept = np.concatenate(rows)
+        part = Log({n: v[kept] for n, v in log.columns.items()}, log.meta, log.path)
+        names = tuple(joint.name for joint in data.joints)
+        measured = np.column_stack([part.column(f"qpos.{name}") for name in names])
+        found.append(Gap(part, names, part.time, measured, np.concatenate(simulated)))
+    return found
+
+
+def contradicted(data: Data, blocks: Blocks, rest: np.ndarray, full: np.ndarray) -> bool:
+    """Return whether a member helps some held-out regions and surely harms others.
+
+    Args:
+        data: the windows.
+        blocks: of these windows.
+        rest: held-out errors without the member, (W, T, M).
+        full: with it.
+    """
+    gains = []
+    for region in regions(data):
+        inside = region[:, None, None]
+        kept = np.where(inside, rest, 0.0), np.where(inside, full, 0.0)
+        size = float((kept[0] ** 2).sum())
+        low, high = blocks.gain(*kept)
+        scale = blocks.sizes.sum()
+        if size > 0:
+            gains.append((low * scale / size, high * scale / size))
+    helps = any(low > 0.1 for low, _ in gains)
+    harms = any(high < -0.25 for _, high in gains)
+    return helps and harms
+
+
+def regions(data: Data) -> list[np.ndarray]:
+    """Return groups of windows, (W,) bool each: calm, lively, without torque, each settings."""
+    lively = np.array([w.lively for w in data.windows])
+    off = np.array([w.off for w in data.windows]) > 0.05
+    middle = np.median(lively)
+    found = [~off & (lively <= middle), ~off & (lively > middle), off]
+    settings = [str(log.settings) for log in data.logs]
+    for one in dict.fromkeys(settings):
+        if settings.count(one) < len(settings):
+            found.append(np.array([settings[w.log] == one for w in data.windows]))
+    return [region for region in found if region.sum() >= 2]
+
+
+def cosine(first: np.ndarray, other: np.ndarray) -> float:
+    """Return the largest cosine between the spaces that two sets of changes (P, ...) span."""
+    a, b = (np.linalg.qr(part.reshape(len(part), -1).T)[0] for part in (first, other))
+    return float(np.linalg.svd(a.T @ b, compute_uv=False).max(initial=0.0))

@@ -1,0 +1,1 @@
+"""Logs as data: windows, folds, noise floors, and their simulation."""

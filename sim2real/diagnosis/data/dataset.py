@@ -1,0 +1,247 @@
+"""Logs cut into windows: what a diagnosis fits to, and what it keeps to be judged by.
+
+    data = Data.of(read_logs("logs/"), model="arm.xml")
+    data.measured, data.mask, data.fold         # (W, T, M), (W, T), (W,)
+
+A window is a piece of an episode, replayed from the measured state at its start; its first moments
+are simulated and not compared (`WARM`), so that neither a rough start velocity nor a command on its
+way counts. Windows start where the robot is calm. Two folds share them: whole episodes where there
+are several, else stretches of seconds, and each fold gets the same mixture of calm and lively
+ones, with and without torque. What is fitted to one fold is judged by the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from envs.replay import switchable
+from hardware.log import Log, check_names
+from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.replay import load_model, with_bus_delay
+from sim2real.diagnosis.data.windows import Joint, Window, cut, cut_one
+from sim2real.runs.errors import Sim2RealError
+
+BLOCK = 1.0  # s: errors further apart than this are taken as independent
+STILL = 3.0  # encoder counts, or 1e-4 of a turn: a joint that moved less than this did not move
+
+
+@dataclass(frozen=True)
+class Data:
+    """Windows of all logs, padded to one length T.
+
+    Args:
+        logs: the logs.
+        specs: the models, each once; their actuators can be switched off.
+        models: of each spec, compiled.
+        joints: M compared positions.
+        windows: W of them.
+        fold: 0 or 1 for each window, (W,).
+        mask: which rows are compared, (W, T).
+        measured: (W, T, M).
+    """
+
+    logs: tuple[Log, ...]
+    specs: tuple[mujoco.MjSpec, ...]
+    models: tuple[mujoco.MjModel, ...]
+    joints: tuple[Joint, ...]
+    windows: tuple[Window, ...]
+    fold: np.ndarray
+    mask: np.ndarray
+    measured: np.ndarray
+
+    @staticmethod
+    def of(logs: Sequence[Log], model: str | Path | None = None) -> Data:
+        """Cut logs into windows.
+
+        Raises:
+            Sim2RealError: no model, a log whose joints never move, or logs without a joint in
+                common.
+            LogError: a log that names what the model lacks.
+        """
+        specs, models, which = _models(logs, model)
+        for log, index in zip(logs, which, strict=True):
+            _check(log, models[index])
+        joints = _joints(logs, [models[i] for i in which])
+        _refuse_still(logs, joints)
+        windows = cut(logs, which, models, joints)
+        longest = max(len(w.measured) for w in windows)
+        mask = _masks(windows, longest)
+        measured = np.array([_padded(w.measured, longest) for w in windows])
+        return Data(
+            tuple(logs),
+            tuple(specs),
+            tuple(models),
+            tuple(joints),
+            tuple(windows),
+            _folds(windows),
+            mask,
+            measured,
+        )
+
+    @property
+    def scale(self) -> np.ndarray:
+        """What errors are divided by, (M,)."""
+        return np.array([joint.scale for joint in self.joints])
+
+    @property
+    def unit(self) -> str:
+        """The unit of errors after that: rad or m where all joints agree, else "spread"."""
+        units = {joint.unit for joint in self.joints}
+        return units.pop() if len(units) == 1 else "spread"
+
+    def blocks(self) -> np.ndarray:
+        """Return the block of about a second that each row is in, (W, T); -1 where none."""
+        found, count = np.full(self.mask.shape, -1), 0
+        for index, window in enumerate(self.windows):
+            time = window.sample[:, 0] - window.sample[0, 0]
+            pieces = max(1, round(time[-1] / BLOCK)) if len(time) > 1 else 1
+            own = np.minimum((time / max(time[-1], 1e-9) * pieces).astype(int), pieces - 1)
+            found[index, : len(own)] = np.where(window.usable, count + own, -1)
+            count += pieces
+        return found
+
+    def mean_squares(self, error: np.ndarray) -> np.ndarray:
+        """Return each joint's mean square over the compared rows, (M,), of errors (W, T, M)."""
+        return (error**2).sum(axis=(0, 1)) / max(int(self.mask.sum()), 1)
+
+    def window_squares(self, error: np.ndarray) -> np.ndarray:
+        """Return each window's square over its compared rows, (W,), of errors (W, T, M)."""
+        return (error**2).sum(axis=(1, 2)) / np.maximum(self.mask.sum(axis=1), 1)
+
+    def only(self, chosen: np.ndarray) -> Data:
+        """Return the data of some windows, (n,) indices."""
+        return replace(
+            self,
+            windows=tuple(self.windows[i] for i in chosen),
+            fold=self.fold[chosen],
+            mask=self.mask[chosen],
+            measured=self.measured[chosen],
+        )
+
+
+def whole_episodes(data: Data) -> Data:
+    """Return the same logs with each episode as one window, for what is slow and for pictures."""
+    windows = []
+    for number, log in enumerate(data.logs):
+        which = next(w.model for w in data.windows if w.log == number)
+        start = 0
+        for part in log.episodes():
+            rows = (start, start, start + len(part))
+            windows.append(
+                cut_one(log, number, which, data.models[which], data.joints, rows, start)
+            )
+            start += len(part)
+    longest = max(len(w.measured) for w in windows)
+    mask = _masks(windows, longest)
+    measured = np.array([_padded(w.measured, longest) for w in windows])
+    return replace(
+        data, windows=tuple(windows), fold=np.zeros(len(windows), int), mask=mask, measured=measured
+    )
+
+
+def _masks(windows: Sequence[Window], length: int) -> np.ndarray:
+    """Return which rows of the windows are compared, (W, length)."""
+    mask = np.zeros((len(windows), length), bool)
+    for row, window in zip(mask, windows, strict=True):
+        row[: len(window.usable)] = window.usable
+    return mask
+
+
+def _padded(values: np.ndarray, length: int) -> np.ndarray:
+    return np.concatenate([values, np.repeat(values[-1:], length - len(values), axis=0)])
+
+
+def _models(
+    logs: Sequence[Log], model: str | Path | None
+) -> tuple[list[mujoco.MjSpec], list[mujoco.MjModel], list[int]]:
+    """Return the models, each once, and which one each log has.
+
+    A log that says how long its robot's bus takes gets it as the delay of the model's actuators.
+    """
+    specs: list[mujoco.MjSpec] = []
+    keys: list[tuple[str, float]] = []
+    which = []
+    for log in logs:
+        path = log.model if model is None else Path(model)
+        delay = log.meta.get("command_delay", 0.0)
+        delay = float(delay) if isinstance(delay, int | float) else 0.0
+        key = (str(path.resolve() if path else path), delay)
+        if key not in keys:
+            spec = with_bus_delay(switchable(load_model(log, model)), log)
+            keys.append(key)
+            specs.append(spec)
+        which.append(keys.index(key))
+    return specs, [spec.copy().compile() for spec in specs], which
+
+
+def _check(log: Log, model: mujoco.MjModel) -> None:
+    joints = [model.joint(i).name for i in range(model.njnt)]
+    actuators = [model.actuator(i).name for i in range(model.nu)]
+    driven = [
+        joints[model.actuator_trnid[i, 0]]
+        for i, name in enumerate(actuators)
+        if name in log.actuators and model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+    ]
+    check_names(log, joints, actuators, driven)
+
+
+def _joints(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> list[Joint]:
+    """Return the hinges and slides that every log and model has."""
+    found = []
+    for i in range(models[0].njnt):
+        name, kind = models[0].joint(i).name, int(models[0].jnt_type[i])
+        column = f"qpos.{name}"
+        if kind not in (2, 3) or not all(column in log.columns for log in logs):
+            continue
+        if any(name not in [m.joint(k).name for k in range(m.njnt)] for m in models):
+            continue
+        values = np.concatenate([log.column(column) for log in logs])
+        unit = "rad" if kind == int(mujoco.mjtJoint.mjJNT_HINGE) else "m"
+        spread = float(values.std())
+        place = int(models[0].jnt_qposadr[i])
+        found.append(Joint(name, place, unit, step_of(values), spread, 1.0))
+    if not found:
+        raise Sim2RealError("the logs have no hinge or slide in common that their models have too")
+    if len({joint.unit for joint in found}) > 1:
+        found = [joint._replace(scale=max(joint.spread, 1e-6)) for joint in found]
+    return found
+
+
+def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint]) -> None:
+    still = [j.name for j in joints if j.spread < STILL * max(j.count, 1e-4)]
+    if len(still) == len(joints):
+        names = ", ".join(still)
+        place = logs[0].path or "the log"
+        raise Sim2RealError(
+            f"{place}: {names} never moved enough to tell anything; record motions with reversals "
+            "and several speeds (run=record)"
+        )
+
+
+def _folds(windows: Sequence[Window]) -> np.ndarray:
+    """Return 0 or 1 for each window: like with like, in the order 0 1 1 0.
+
+    Those without torque are dealt by themselves, so that of two of them each fold gets one.
+    """
+    episodes = list(dict.fromkeys((w.log, w.episode) for w in windows))
+    whole = len(episodes) >= 4
+    groups = episodes if whole else list(range(len(windows)))
+    key = [(w.log, w.episode) if whole else i for i, w in enumerate(windows)]
+
+    def mean(group: object, trait: str) -> float:
+        return float(
+            np.mean([getattr(w, trait) for w, k in zip(windows, key, strict=True) if k == group])
+        )
+
+    side = {}
+    for free in (False, True):
+        own = [group for group in groups if (mean(group, "off") > 0.02) == free]
+        turns = (1, 0, 0, 1) if free else (0, 1, 1, 0)
+        for place, group in enumerate(sorted(own, key=lambda group: mean(group, "lively"))):
+            side[group] = turns[place % 4]
+    return np.array([side[k] for k in key])

@@ -1,0 +1,130 @@
+"""How hot motors are when a window starts, so that heat need not be replayed from the beginning.
+
+    heat = Heat(data, paths)            # paths(windows): positions that the model as given takes
+    heat.start(plant, windows)          # after a reset
+
+Under `thermal_derating` a motor's strength falls with the integral of its squared torque. Up to the
+window's first row the torque is the one that it takes to follow the log's commands, window by
+window, between that of the model as given and that of a motor of half its strength: a load that is
+held takes the same torque from a weak motor, and a swing less by the square. (The servo's law at
+the measured position is no way to it: readings are milliseconds from the commands that they are
+subtracted from, and a stiff gain makes torques of that.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import joint_driven
+from envs.effects.supply import _Derating
+from envs.plant import Plant
+from sim2real.diagnosis.data.dataset import Data
+
+WEAK = 0.5  # strength of the motor whose torque is looked at beside that of the model's
+Path = tuple[mujoco.MjModel, np.ndarray, np.ndarray, np.ndarray]
+Paths = Callable[[int, int | None, float], Iterable[Path]]
+
+
+class Heat:
+    """The motors' squared torques along whole logs.
+
+    Args:
+        data: the windows.
+        paths: of a log's number, an actuator or None, and its strength; returns, of each of the
+            log's windows in turn, the model with its actuators as they were simulated, the
+            positions at the steps of the simulation (K + 1, nq), the commands (K, nu) and whether
+            motors are on (K, nu).
+    """
+
+    def __init__(self, data: Data, paths: Paths) -> None:
+        self._data, self._paths = data, paths
+        self._squares: dict[tuple[int, int | None], np.ndarray] = {}  # (T, nu) N²·m²
+
+    def start(self, plant: Plant, windows: np.ndarray) -> None:
+        """Warm the motors of a plant whose rows replay these windows, (R,)."""
+        for rule in plant.substep_rules:
+            if isinstance(rule, _Derating):
+                rule.heat[:] = self._at(rule, windows)
+
+    def _at(self, rule: _Derating, windows: np.ndarray) -> np.ndarray:
+        """Return the heat of the rule's motors, (R, k) N²·m²·s."""
+        parts = [self._before(int(w), rule.index) for w in windows]
+        longest = max(len(span) for span, _ in parts)
+        heat = np.zeros((len(windows), len(rule.index)))
+        spans = np.zeros((len(windows), longest))
+        squares = np.zeros((2, len(windows), longest, len(rule.index)))
+        for row, (span, square) in enumerate(parts):
+            spans[row, longest - len(span) :] = span
+            squares[:, row, longest - len(span) :] = square
+        falls = (squares[0] - squares[1]) / (1.0 - WEAK)  # as the strength falls by 1
+        for k in range(longest):
+            span = spans[:, k : k + 1]
+            lost = np.minimum(rule.value * heat, 1.0)
+            square = np.maximum(squares[0, :, k] - lost * falls[:, k], 0.0)
+            heat = heat * np.exp(-rule.decay * span) + square * span
+        return heat
+
+    def _before(self, window: int, actuators: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of the episode before a window.
+
+        Their lengths [s], (K,), and the squared torques of motors (2, K, k) that have their
+        strength, and that have a part of it.
+        """
+        one = self._data.windows[window]
+        log = self._data.logs[one.log]
+        first = int(np.argmax(log.episode == one.episode))
+        rows = slice(first, one.start)
+        full = self.squares(one.log)[rows][:, actuators]
+        part = [self.squares(one.log, int(actuator))[rows, actuator] for actuator in actuators]
+        square = np.stack([full, np.column_stack(part)])
+        return np.diff(log.time[first : one.start + 1]), square
+
+    def squares(self, number: int, weak: int | None = None) -> np.ndarray:
+        """Return the mean squared torque between each row of a log and the next, (T, nu) N²·m².
+
+        Args:
+            number: of the log.
+            weak: an actuator that has a part of its strength only; None for the model as given.
+        """
+        key = (number, weak)
+        if key not in self._squares:
+            log = self._data.logs[number]
+            windows = [w for w in self._data.windows if w.log == number]
+            found = np.zeros((len(log), self._data.models[windows[0].model].nu))
+            paths = self._paths(number, weak, WEAK)
+            for window, (model, path, ctrl, on) in zip(windows, paths, strict=True):
+                torque = _law(model, path, ctrl)
+                known = on & np.isfinite(torque)  # not that of a simulation that diverged
+                square = np.where(known, torque, 0.0) ** 2  # (K, nu)
+                ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
+                rows = slice(window.first, window.last)
+                place = np.searchsorted(log.time[rows], ticks, side="right") - 1  # (K,)
+                square, place = square[place >= 0], place[place >= 0]
+                counts = np.bincount(place, minlength=window.last - window.first)
+                for i, column in enumerate(square.T):
+                    total = np.bincount(place, column, minlength=len(counts))
+                    found[rows, i] = total / np.maximum(counts, 1)
+            self._squares[key] = found
+        return self._squares[key]
+
+
+def _law(model: mujoco.MjModel, path: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
+    """Return the torques (K, nu) of affine actuators at joints along positions (K + 1, nq)."""
+    speed = np.diff(path, axis=0) / model.opt.timestep
+    found, steps = np.zeros(ctrl.shape), np.arange(len(ctrl))
+    for i in range(model.nu):
+        if not joint_driven(model, i):
+            continue
+        joint = int(model.actuator_trnid[i, 0])
+        place, gear = int(model.jnt_qposadr[joint]), float(model.actuator_gear[i, 0])
+        q, v, bias = path[:-1, place], speed[:, place], model.actuator_biasprm[i]
+        late = ctrl[np.maximum(steps - round(model.actuator_delay[i] / model.opt.timestep), 0), i]
+        force = model.actuator_gainprm[i, 0] * late + bias[0]
+        force = force + bias[1] * gear * q + bias[2] * gear * v
+        if model.actuator_forcelimited[i]:
+            force = np.clip(force, *model.actuator_forcerange[i])
+        found[:, i] = force * gear - model.actuator_damping[i] * gear**2 * v
+    return found

@@ -1,0 +1,181 @@
+"""Short replays of pieces of logs, many at once, under corrections or effects.
+
+    pieces = choose(logs, seconds=5.0, most=4)          # where every joint moves
+    paths = trial(spec, [piece.recording(model) for piece in pieces])
+
+Each recording is one row; rows that diverge are NaN from there on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from envs.effects import Effect
+from envs.plant import Fixed, Plant
+from envs.replay import ROUNDING, Recording, switchable
+from envs.rollout import roll
+from hardware.log import Log
+from sim2real.diagnosis.data.replay import to_recording
+
+LARGEST = 2e8  # bytes of positions simulated at once
+NEAR = 2  # rows on either side from which a start velocity is taken
+STIR = 0.02  # rad or m: a command that moves less does not stir its joint
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Some rows of one episode.
+
+    Args:
+        number: of the log, in the order given.
+        log: these rows alone, their time from 0.
+        speed: of each measured joint at the start, by its name.
+    """
+
+    number: int
+    log: Log
+    speed: dict[str, float]
+
+    def recording(self, model: mujoco.MjModel) -> Recording:
+        """Return the piece in the order of a model's joints and actuators."""
+        recording = to_recording(self.log, model)
+        qvel = np.zeros(model.nv)
+        for i in range(model.njnt):
+            name = model.joint(i).name
+            if name in self.speed:
+                qvel[model.jnt_dofadr[i]] = self.speed[name]
+        return recording._replace(qvel=qvel)
+
+    def changed(self, columns: dict[str, np.ndarray]) -> Piece:
+        """Return the piece with other columns; start speeds follow the positions."""
+        log = Log({**self.log.columns, **columns}, self.log.meta, self.log.path)
+        return replace(self, log=log, speed=_speeds(log))
+
+
+def piece(log: Log, number: int, first: int, last: int) -> Piece:
+    """Return rows `first` to `last` (exclusive) of a log, within one episode."""
+    rows = slice(first, last)
+    columns = {name: values[rows] for name, values in log.columns.items()}
+    columns["time"] = columns["time"] - columns["time"][0]
+    part = Log(columns, log.meta, log.path)
+    return Piece(number, part, _speeds(part))
+
+
+def _speeds(log: Log) -> dict[str, float]:
+    """The slope of each joint's first rows; a log that starts at rest has 0 nearly."""
+    near = slice(0, 2 * NEAR + 1)
+    time = log.time[near]
+    return {
+        name: float(np.polyfit(time, log.column(f"qpos.{name}")[near], 1)[0])
+        for name in log.joints
+        if f"qpos.{name}" in log.columns
+    }
+
+
+def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
+    """Return pieces in which the commands of as many actuators as possible move.
+
+    Args:
+        logs: to cut.
+        seconds: length of a piece.
+        most: number of pieces at most.
+    """
+    found: list[tuple[int, int, int, dict[str, float]]] = []
+    for number, log in enumerate(logs):
+        start = 0
+        for part in log.episodes():
+            ends = np.searchsorted(part.time, np.arange(0.0, part.time[-1], seconds))
+            for first, last in zip(ends, [*ends[1:], len(part)], strict=True):
+                if last - first >= 2 * NEAR + 1:
+                    stir = {
+                        n: float(part.column(f"ctrl.{n}")[first:last].std()) for n in log.actuators
+                    }
+                    found.append((number, start + int(first), start + int(last), stir))
+            start += len(part)
+    best = {
+        name: max([f[3].get(name, 0.0) for f in found], default=0)
+        for log in logs
+        for name in log.actuators
+    }
+    seen = {name: 0.0 for name, size in best.items() if size > STIR}
+    chosen = []
+    while found and len(chosen) < most:
+        gains = [
+            sum(max(stir.get(n, 0.0) / best[n] - seen[n], 0.0) for n in seen) for *_, stir in found
+        ]
+        top = int(np.argmax(gains))
+        if chosen and gains[top] < 0.1:
+            break
+        number, first, last, stir = found.pop(top)
+        seen = {n: max(seen[n], stir.get(n, 0.0) / best[n]) for n in seen}
+        chosen.append(piece(logs[number], number, first, last))
+    return chosen
+
+
+def trial(
+    spec: mujoco.MjSpec,
+    recordings: Sequence[Recording],
+    effects: Sequence[Effect] = (),
+    values: np.ndarray | None = None,
+    fixed: Sequence[Fixed] = (),
+) -> list[np.ndarray]:
+    """Replay recordings side by side, in rows that may differ in the effects' values.
+
+    Args:
+        spec: the model.
+        recordings: N of them; their times start at 0.
+        effects: what may differ from the model.
+        values: of the effects' parameters in each row, (N, P).
+        fixed: effects that every row has.
+
+    Returns:
+        What the encoders would have said at the recordings' times, N arrays (T, nq).
+    """
+    plant_spec = switchable(spec)
+    dt = spec.option.timestep
+    steps = max(int(np.ceil(r.time[-1] / dt - ROUNDING)) for r in recordings) + 1
+    width = len(recordings[0].qpos) + recordings[0].ctrl.shape[1]
+    chunks = int(np.ceil(len(recordings) * steps * width * 8 / LARGEST))
+    paths: list[np.ndarray] = []
+    for rows in np.array_split(np.arange(len(recordings)), chunks):
+        chunk = [recordings[i] for i in rows]
+        plant = Plant(plant_spec, effects, len(chunk), fixed=fixed)
+        paths += _run(plant, chunk, None if values is None else values[rows])
+    return paths
+
+
+def _run(
+    plant: Plant, recordings: Sequence[Recording], values: np.ndarray | None
+) -> list[np.ndarray]:
+    every, dt = np.arange(len(recordings)), plant.model.opt.timestep
+    steps = max(int(np.ceil(r.time[-1] / dt - ROUNDING)) for r in recordings) + 1
+    clock = np.arange(steps) * dt
+    latest = [
+        np.maximum(np.searchsorted(r.time, clock + ROUNDING, side="right") - 1, 0)
+        for r in recordings
+    ]
+    ctrl = np.stack([r.ctrl[i] for r, i in zip(recordings, latest, strict=True)])  # (N, K, nu)
+    off = np.stack([_off(r)[i] for r, i in zip(recordings, latest, strict=True)])  # (N, K)
+    if values is not None:
+        plant.set_params(every, values)
+    qpos = np.stack([r.qpos for r in recordings])
+    qvel = np.stack([r.qvel for r in recordings])
+    plant.reset(every, qpos, qvel, np.zeros(len(every), np.uint64), ctrl=ctrl[:, 0], measured=True)
+    paths = roll(plant, ctrl, off)  # (N, K + 1, nq)
+    ticks = np.arange(steps + 1) * dt
+    return [
+        np.column_stack([np.interp(r.time, ticks, q) for q in path.T])
+        for r, path in zip(recordings, paths, strict=True)
+    ]
+
+
+def _off(recording: Recording) -> np.ndarray:
+    """Bit masks of the actuators that are switched off in each row, (T,)."""
+    if recording.powered is None:
+        return np.zeros(len(recording.time), np.int64)
+    bits = np.arange(recording.powered.shape[1])
+    return (~recording.powered << bits).sum(axis=1)

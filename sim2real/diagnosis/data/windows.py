@@ -1,0 +1,249 @@
+"""One window of a log: the piece of an episode that a replay is compared with.
+
+    windows = cut(logs, which, models, joints)
+
+Windows are about evenly long and start where the robot is calm. Where servos pull errors back they
+last seconds and have a warm-up; where a whole state is logged and nothing does, they are short.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from envs.effects.servo import is_joint_servo
+from envs.replay import Recording
+from hardware.log import Log
+from sim2real.diagnosis.data.replay import to_recording
+from sim2real.runs.errors import Sim2RealError
+
+WARM = 0.4  # s simulated before a window's comparison starts
+LONGEST, SHORTEST, WINDOWS = 3.0, 0.8, 12  # s, s, and into how many windows a short log is cut
+STATE = 0.25  # s of a window where the whole state is logged and no servo pulls errors back
+BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
+SLOWEST, TURN = 12.0, 0.1  # s of a window of slow motions; of the range, a turn of the commands
+MANY = 40  # windows that long logs are cut into before any is longer than LONGEST
+KICK = 0.3  # s after a servo was switched on again, whose exact moment no log knows
+
+
+class Joint(NamedTuple):
+    """One compared position."""
+
+    name: str  # as in the column qpos.<name>
+    qpos: int  # its place in the model's qpos
+    unit: str  # rad or m
+    count: float  # the step between two readings; 0 where they are not rounded
+    spread: float  # standard deviation of its motion
+    scale: float  # what errors are divided by, so that rad and m meet
+
+
+class Window(NamedTuple):
+    """One piece of an episode; `recording` starts at its warm-up."""
+
+    log: int
+    episode: int
+    model: int
+    start: int  # row at which its replay starts
+    first: int  # row of the log at which the comparison starts
+    last: int  # row after the last compared one
+    recording: Recording
+    sample: np.ndarray  # (T, M) s from the recording's start: when each joint was read
+    measured: np.ndarray  # (T, M)
+    usable: np.ndarray  # (T,) whether a row is compared
+    lively: float  # how fast the commands move
+    off: float  # share of the time without torque
+
+
+def cut(
+    logs: Sequence[Log],
+    which: Sequence[int],
+    models: Sequence[mujoco.MjModel],
+    joints: Sequence[Joint],
+) -> list[Window]:
+    """Return the windows of all logs.
+
+    Args:
+        logs: the logs.
+        which: the model of each.
+        models: the models.
+        joints: the compared positions.
+
+    Raises:
+        Sim2RealError: a log too short to be cut, or blocked nearly throughout.
+    """
+    servo = all(_is_driven(models[0], joint.qpos) for joint in joints)
+    parts = [(n, part) for n, log in enumerate(logs) for part in log.episodes()]
+    total = sum(part.time[-1] - part.time[0] for _, part in parts)
+    windows, start, before = [], 0, -1
+    for number, part in parts:
+        start = start if number == before else 0
+        before = number
+        most = max(LONGEST, min(total / MANY, _pace(part)))
+        length = float(np.clip(total / WINDOWS, SHORTEST, most)) if servo else STATE
+        pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
+        cuts = _cuts(part, joints, pieces) if servo else _even(part, pieces)
+        for first, last in pairwise(cuts):
+            warm = int(np.searchsorted(part.time, part.time[first] - (WARM if servo else 0.0)))
+            rows = (start + warm, start + first, start + last)
+            if last - first > 1 and _free(part, first, last):
+                own = which[number]
+                windows.append(cut_one(logs[number], number, own, models[own], joints, rows, start))
+        start += len(part)
+    empty = [n for n in range(len(logs)) if all(window.log != n for window in windows)]
+    if empty:
+        place = logs[empty[0]].path or f"log {empty[0] + 1} of {len(logs)}"
+        raise Sim2RealError(
+            f"{place}: no piece of its {len(logs[empty[0]])} rows can be compared: it is too short "
+            f"to be cut, or {BLOCKED} is set in most of it; record a few seconds, or leave it out"
+        )
+    return windows
+
+
+def _pace(part: Log) -> float:
+    """Return in what time the commands turn back twice [s], the busiest of them.
+
+    Where they do so every ten seconds, windows of three say little: friction holds a joint where
+    it is put, and where it comes to rest with and against its load is seen in none of them.
+    """
+    commands = [part.column(f"ctrl.{name}") for name in part.actuators]
+    turns = [reversals(c, TURN * float(np.ptp(c))) for c in commands if np.ptp(c) > 0]
+    return min(2 * float(part.time[-1] - part.time[0]) / (max(turns, default=0) + 1), SLOWEST)
+
+
+def _free(part: Log, first: int, last: int) -> bool:
+    """Return whether nothing is in the robot's way in most of some rows."""
+    return BLOCKED not in part.columns or part.columns[BLOCKED][first:last].mean() < 0.5
+
+
+def reversals(values: np.ndarray, size: float) -> int:
+    """How often a signal turns back by more than a size."""
+    count, direction, edge = 0, 0, float(values[0])
+    for value in values.tolist():
+        if (direction >= 0 and value > edge) or (direction <= 0 and value < edge):
+            direction = direction or (1 if value > edge else -1 if value < edge else 0)
+            edge = value
+        elif direction and abs(value - edge) > size:
+            count, direction, edge = count + 1, -direction, value
+    return count
+
+
+def _even(part: Log, pieces: int) -> np.ndarray:
+    return np.unique(np.linspace(0, len(part), pieces + 1).astype(int))
+
+
+def _cuts(part: Log, joints: Sequence[Joint], pieces: int) -> np.ndarray:
+    """Return the rows at which windows begin, and the end: about evenly, at calm moments."""
+    time, even = part.time, _even(part, pieces)
+    if pieces == 1:
+        return even
+    unrest = np.zeros(len(part))
+    for joint in joints:
+        speed = np.abs(np.gradient(part.column(f"qpos.{joint.name}"), time))
+        unrest += speed / max(joint.spread, 1e-9)
+    for name in part.actuators:
+        command = part.column(f"ctrl.{name}")
+        spread = max(float(command.std()), 1e-9)
+        unrest += np.abs(np.gradient(command, time)) / spread
+        if f"torque.{name}" in part.columns:
+            unrest += 100.0 * (part.column(f"torque.{name}") <= 0)
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    warm = max(1, round(WARM * rate))
+    smooth = np.convolve(unrest, np.ones(5) / 5, "same")
+    reach = max(1, int(0.25 * len(part) / pieces))
+    cuts = [0]
+    for cut in even[1:-1]:
+        start = np.arange(cut - reach, cut + reach) - warm  # where its warm-up would begin
+        start = start[(start > cuts[-1]) & (start + warm < len(part) - 2)]
+        cuts.append(int(start[np.argmin(smooth[start])]) + warm if start.size else int(cut))
+    return np.unique([*cuts, len(part)])
+
+
+def cut_one(
+    log: Log,
+    number: int,
+    which: int,
+    model: mujoco.MjModel,
+    joints: Sequence[Joint],
+    rows: tuple[int, int, int],
+    episode_start: int,
+) -> Window:
+    """Return the window whose warm-up, comparison and end are at these rows of a log."""
+    warm, first, last = rows
+    inside = slice(warm, last)
+    columns = {name: values[inside] for name, values in log.columns.items()}
+    recording = to_recording(Log(columns, log.meta, log.path), model)
+    origin = float(log.time[warm])
+    if warm > episode_start:
+        recording = recording._replace(qvel=_velocity(log, model, warm, episode_start, last))
+        held = np.concatenate([to_ctrl(log, model, warm - 1)[None], recording.ctrl])
+        powered = recording.powered
+        powered = None if powered is None else np.concatenate([powered[:1], powered])
+        time = np.concatenate([[-1.0], recording.time - origin])  # held from before
+        recording = recording._replace(time=time, ctrl=held, powered=powered)
+    else:
+        recording = recording._replace(time=recording.time - origin)
+    scored = slice(first, last)
+    stamps = [f"stamp.{joint.name}" for joint in joints]
+    sample = np.column_stack(
+        [log.columns.get(s, log.time)[scored] - origin for s in stamps]
+    )  # (T, M)
+    measured = np.column_stack([log.column(f"qpos.{joint.name}")[scored] for joint in joints])
+    spread = np.array([joint.spread for joint in joints])
+    moving = [np.abs(np.diff(measured, axis=0)).mean(axis=0) / np.maximum(spread, 1e-9)]
+    off = 0.0 if recording.powered is None else float(1 - recording.powered.mean())
+    lively = float(np.mean(moving)) / max(float(np.diff(log.time[scored]).mean()), 1e-9)
+    episode = int(log.episode[first])
+    usable = _usable(log, warm, last)[first - warm :]
+    rest = (sample, measured, usable, lively, off)
+    return Window(number, episode, which, warm, first, last, recording, *rest)
+
+
+def _usable(log: Log, first: int, last: int) -> np.ndarray:
+    """Return which rows say what a replay can know, (T,).
+
+    Not a reading that was missing and held, not the moments after a servo was switched on, and not
+    those in which something was in the robot's way.
+    """
+    time = log.time[first:last]
+    good = np.ones(last - first, bool)
+    if "flag.fresh" in log.columns:
+        good &= log.columns["flag.fresh"][first:last] > 0
+    for name in log.actuators:
+        column = f"torque.{name}"
+        if column in log.columns:
+            on = np.diff((log.columns[column][first:last] > 0).astype(int)) > 0
+            for moment in time[1:][on]:
+                good &= (time < moment - 0.03) | (time > moment + KICK)
+    free = log.columns.get(BLOCKED, np.zeros(len(log)))[first:last] <= 0
+    return free & (good if good.sum() > 1 else np.ones(last - first, bool))
+
+
+def to_ctrl(log: Log, model: mujoco.MjModel, row: int) -> np.ndarray:
+    """Return the commands of one row, (nu,)."""
+    two = {name: values[row : row + 2] for name, values in log.columns.items()}
+    return to_recording(Log(two, log.meta, log.path), model).ctrl[0]
+
+
+def _velocity(log: Log, model: mujoco.MjModel, row: int, start: int, end: int) -> np.ndarray:
+    """Return the joints' velocities at a row: the slope of a line through its neighbours, (nv,)."""
+    near = slice(max(start, row - 2), min(end, row + 3))
+    qvel = np.zeros(model.nv)
+    for i in range(model.njnt):
+        name = model.joint(i).name
+        if int(model.jnt_type[i]) in (2, 3) and f"qpos.{name}" in log.columns:
+            time = log.columns.get(f"stamp.{name}", log.time)[near]
+            values = log.column(f"qpos.{name}")[near]
+            qvel[model.jnt_dofadr[i]] = np.polyfit(time - time.mean(), values, 1)[0]
+    return qvel
+
+
+def _is_driven(model: mujoco.MjModel, qpos: int) -> bool:
+    """Return whether a position servo drives the joint at that address."""
+    return any(
+        is_joint_servo(model, i) and model.jnt_qposadr[model.actuator_trnid[i, 0]] == qpos
+        for i in range(model.nactuator)
+    )

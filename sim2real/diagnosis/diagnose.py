@@ -1,0 +1,322 @@
+"""Which unmodelled effect separates a robot's logs from its simulation.
+
+On the command line it is `python -m sim2real run=diagnose log=swing.csv model=arm.xml`, and in
+Python
+
+    report = diagnose("logs/", "arm.xml", exclude=["backlash"])
+    report.verdict, [(cause.effect, cause.where, cause.value) for cause in report.causes]
+
+The run's folder gets `report.json`, `report.html`, `effects.yaml` and `model.xml`; any of them is
+whole or absent.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from envs.effects import Effect, combined, load_effects, write_effects
+from envs.plant import Fixed
+from hardware.log import Log, read_logs
+from sim2real.diagnosis.attribution.attribute import Search
+from sim2real.diagnosis.attribution.candidates import candidates, check_names
+from sim2real.diagnosis.attribution.conclude import (
+    Conclusion,
+    conclude,
+    is_no_gap,
+    nothing,
+    stands_out,
+)
+from sim2real.diagnosis.attribution.fit import Fit, Problem, columns
+from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
+from sim2real.diagnosis.attribution.next_experiment import Member, next_experiment
+from sim2real.diagnosis.attribution.numerics import is_numerics, null_test
+from sim2real.diagnosis.attribution.torque_on import instead
+from sim2real.diagnosis.data.dataset import Data, whole_episodes
+from sim2real.diagnosis.data.noise_floor import noise_floor
+from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.preflight.checks import preflight
+from sim2real.diagnosis.preflight.obstruction import mark_blocked
+from sim2real.diagnosis.report.html import write_html
+from sim2real.diagnosis.report.model_file import write as write_model
+from sim2real.diagnosis.schema import Evidence, Report, Trace
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+Progress = Callable[[str, float], None]  # what is being tried, and the share of the work done
+EVERY = 5.0  # s between lines of progress
+
+
+class Diagnosis(NamedTuple):
+    """A report, and what its files are made of."""
+
+    report: Report
+    found: tuple[Fixed, ...]  # the causes with their values
+    spec: mujoco.MjSpec  # of the first log's model
+    intervals: tuple[tuple[float, float], ...]  # of each cause's first value
+    known: tuple[Fixed, ...]  # what was in the model before
+
+
+def diagnose(
+    logs: str | Path | Iterable[str | Path | Log],
+    model: str | Path | None = None,
+    *,
+    effects: str | Path | None = None,
+    exclude: Sequence[str] = (),
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Report:
+    """Locate a gap, name what causes it, and say how much is left once it is added.
+
+    Args:
+        logs: a log, a folder of logs, or a list of these or of logs in memory.
+        model: an MJCF for all logs; None takes the one that each log names.
+        effects: an effects.yaml of what is known already; put into the model first.
+        exclude: names of effects that are left out of the candidates.
+        seed: of the bootstrap.
+        progress: told what is being tried and the share of the work that is done.
+
+    Returns:
+        The report; `report.evidence` holds what its pictures show.
+
+    Raises:
+        Sim2RealError: no model, an unknown effect to exclude, joints that never moved, a log
+            too short, a model that diverges.
+        LogError: a log that is damaged, or names what the model lacks.
+        EffectError: an effects file that is wrong, or an effect that the robot cannot have.
+    """
+    return examine(_read(logs), model, effects, exclude, seed, progress).report
+
+
+def examine(
+    logs: Sequence[Log],
+    model: str | Path | None,
+    effects: str | Path | None,
+    exclude: Sequence[str],
+    seed: int,
+    progress: Progress | None,
+) -> Diagnosis:
+    """Diagnose; the arguments are those of `diagnose`, logs in memory."""
+    start, tell = time.monotonic(), _forward(progress or (lambda text, share: None))
+    check_names(exclude)
+    fixed = [] if effects is None else load_effects(effects)
+    rng = np.random.default_rng(seed)
+    tell("looking at the logs", 0.0)
+    logs, held = mark_blocked(logs)
+    data = Data.of(logs, model)
+    specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
+    findings = [*held, *preflight(logs, specs)]
+    floors = _floors(data)
+    floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
+    problem = Problem(data, Simulator(data, fixed))
+    _refuse_lost(problem)
+    search = Search(problem, candidates(data, exclude, fixed), floor, rng, tell)
+    null = null_test(logs, specs, fixed)
+    made = _search(search, data, floors, rng)
+    tell("telling what was found", 0.95)
+    causes = _causes(made.fit)
+    words = dict(null.words) or {"timestep": "ok"}
+    for cause, told in zip(causes, made.report.causes, strict=True):
+        artefact = is_numerics(logs, specs, [cause], null, fixed)
+        if artefact is not None:
+            words[f"{told.effect} at {told.where or 'the robot'}"] = artefact
+    evidence = Evidence(
+        _traces(data, made.fit, fixed, floors), made.ladder, made.candidates, made.bands
+    )
+    evidence = replace(evidence, inputs=_inputs(data, model, seed, exclude))
+    report = replace(
+        made.report,
+        preflight=(*findings, *made.report.preflight),
+        numerics=words,
+        next_experiment=_plan(made, data, fixed, floors, seed),
+        seconds=time.monotonic() - start,
+        evidence=evidence,
+    )
+    tell("done", 1.0)
+    return Diagnosis(report, causes, data.specs[0], _intervals(made), tuple(fixed))
+
+
+def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
+    if is_no_gap(search.before, search.floor, data, stands_out(search.base, data, floors)):
+        return nothing(search, floors)
+    found = instead(search, search.run())
+    if is_spread(search, found):
+        found = by_family(search, found)
+    search.tell("weighing what was found", 0.9)
+    return conclude(search, found, floors, rng)
+
+
+def write(found: Diagnosis, out: Path) -> None:
+    """Write all files of a diagnosis into a folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    effects = combined(found.known, found.found)
+    write_effects(out / "effects.yaml", effects, _with_known(found))
+    write_model(found.spec, effects, out / "model.xml")
+    write_html(out / "report.html", found.report)
+    found.report.write(out / "report.json")
+
+
+def _with_known(found: Diagnosis) -> list[tuple[float, float] | None]:
+    """Return the intervals of the combined effects' first values; None for what was known alone."""
+    lows, highs = (
+        combined(
+            found.known,
+            [
+                (effect, (ends[side], *values[1:]))
+                for (effect, values), ends in zip(found.found, found.intervals, strict=True)
+            ],
+        )
+        for side in (0, 1)
+    )
+    named = {effect.label() for effect, _ in found.found}
+    return [
+        (low[0], high[0]) if effect.label() in named else None
+        for (effect, low), (_, high) in zip(lows, highs, strict=True)
+    ]
+
+
+class ProgressLines:
+    """Progress as lines of the log, not more often than every few seconds."""
+
+    def __init__(self) -> None:
+        self._last = -np.inf
+
+    def __call__(self, text: str, share: float) -> None:
+        """Log what is being done and the share that is done, in [0, 1]."""
+        if time.monotonic() - self._last > EVERY:
+            self._last = time.monotonic()
+            log_.info("%3.0f %%  %s", 100 * share, text)
+
+
+def _forward(progress: Progress) -> Progress:
+    """Return progress whose share never falls: what is left to try is known only as it is tried."""
+    furthest = 0.0
+
+    def tell(text: str, share: float) -> None:
+        nonlocal furthest
+        furthest = max(furthest, share)
+        progress(text, furthest)
+
+    return tell
+
+
+def _read(logs: str | Path | Iterable[str | Path | Log]) -> list[Log]:
+    if isinstance(logs, str | Path):
+        return read_logs(logs)
+    found: list[Log] = []
+    for one in logs:
+        found += [one] if isinstance(one, Log) else read_logs(one)
+    return found or read_logs([])
+
+
+def _model_of(data: Data, number: int) -> int:
+    return next((w.model for w in data.windows if w.log == number), 0)
+
+
+def _floors(data: Data) -> np.ndarray:
+    """Return the noise floor of each joint [rad or m], (M,)."""
+    found = noise_floor(data.logs)
+    return np.array([max(found.get(j.name, 0.0), j.count / np.sqrt(12)) for j in data.joints])
+
+
+def _refuse_lost(problem: Problem) -> None:
+    """Raise Sim2RealError if the model as given cannot follow the logs."""
+    data = problem.data
+    every = np.arange(len(data.windows))
+    lost = problem.simulator.run((), every, np.zeros((len(every), 0))).lost
+    if np.isfinite(lost).any():
+        first = int(np.argmax(np.isfinite(lost)))
+        window = data.windows[first]
+        path = data.logs[window.log].path or "the log"
+        moment = data.logs[window.log].time[window.first] + float(lost[first])
+        raise Sim2RealError(
+            f"{path}, episode {window.episode}: the model cannot follow the log, it diverges at "
+            f"about {moment:.2f} s; try a smaller timestep, or check masses, gains and units"
+        )
+
+
+def _causes(fit: Fit) -> tuple[tuple[Effect, tuple[float, ...]], ...]:
+    places = columns(fit.members)
+    return tuple(
+        (member.effect, tuple(float(v) for v in fit.mean[place]))
+        for member, place in zip(fit.members, places, strict=True)
+    )
+
+
+def _intervals(made: Conclusion) -> tuple[tuple[float, float], ...]:
+    """Return the interval of each cause's first value."""
+    starts = [place.start for place in columns(made.fit.members)]
+    return tuple((float(low), float(high)) for low, high in made.intervals[starts])
+
+
+def _plan(
+    made: Conclusion, data: Data, fixed: Sequence[Fixed], floors: np.ndarray, seed: int
+) -> str | None:
+    """Return what to record to tell effects apart that explain the logs alike; None if none do."""
+    if not made.alike:
+        return None
+    members = [Member(label, _causes(fit)) for label, fit in made.alike]
+    floor = {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)}
+    rng = np.random.default_rng(seed)
+    try:
+        return next_experiment(members, data.specs[0], floor, rng=rng, fixed=fixed).text
+    except Sim2RealError as error:
+        log_.info("no next experiment: %s", error)
+        return None
+
+
+def _traces(data: Data, fit: Fit, fixed: Sequence[Fixed], floors: np.ndarray) -> tuple[Trace, ...]:
+    """Return every joint of every episode, replayed whole; corrected by the first fold's values."""
+    whole = whole_episodes(data)
+    simulator, every = Simulator(whole, fixed), np.arange(len(whole.windows))
+    given = simulator.run((), every, np.zeros((len(every), 0))).error
+    corrected = given
+    if fit.members:
+        effects = [member.effect for member in fit.members]
+        corrected = simulator.run(effects, every, np.tile(fit.values[0], (len(every), 1))).error
+    found = []
+    for i, window in enumerate(whole.windows):
+        log, rows = whole.logs[window.log], len(window.measured)
+        name = log.path.name if log.path else f"log {window.log + 1}"
+        held = _held_out(data, window.log, window.first, rows)
+        for j, joint in enumerate(whole.joints):
+            measured = window.measured[:, j]
+            paths = [measured + joint.scale * e[i, :rows, j] for e in (given, corrected)]
+            clock = window.sample[:, j]
+            floor = float(floors[j])
+            about = (name, window.episode, joint.name, joint.unit)
+            found.append(Trace(*about, clock, measured, paths[0], paths[1], floor, held))
+    return tuple(found)
+
+
+def _held_out(data: Data, log: int, first: int, rows: int) -> np.ndarray:
+    """Return which rows of an episode the first fold's values were not fitted to, (rows,)."""
+    held = np.zeros(rows, bool)
+    for window, fold in zip(data.windows, data.fold, strict=True):
+        if window.log == log and fold == 1:
+            held[max(window.first - first, 0) : max(window.last - first, 0)] = True
+    return held
+
+
+def _inputs(
+    data: Data, model: str | Path | None, seed: int, exclude: Sequence[str]
+) -> dict[str, object]:
+    paths = [str(log.path) for log in data.logs if log.path]
+    own = [str(log.model) for log in data.logs if log.model]
+    fold = [int(f) for f in data.fold]
+    return {
+        "logs": paths,
+        "models": sorted({str(model)} if model else set(own)),
+        "seed": seed,
+        "exclude": list(exclude),
+        "mujoco": mujoco.__version__,
+        "windows": len(fold),
+        "folds": f"{fold.count(0)} and {fold.count(1)} windows, each judged by the other's fit",
+    }

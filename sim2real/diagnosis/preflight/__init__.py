@@ -1,0 +1,1 @@
+"""Checks of a log before any physics is blamed."""

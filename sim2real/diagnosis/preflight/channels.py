@@ -1,0 +1,257 @@
+"""What a log's channels say about themselves, before any simulation.
+
+    findings = check_channels(logs, models)
+
+Each check compares a log with itself, or with the numbers in a model: stamps with their rate, speed
+with position, duty with the error that the servo saw. A finding of `NOTES` tells what the sensors
+are like; every other one is worth mending before physics is blamed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import mujoco
+import numpy as np
+
+from hardware.log import Log
+from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of, name_of, unit_of, which
+from sim2real.diagnosis.data.windows import reversals
+from sim2real.diagnosis.preflight.servo_signals import check_duties, check_speeds
+from sim2real.diagnosis.schema import Finding
+
+NOTES = frozenset({"quantization", "noise", "velocity_filter", "unsigned"})
+JITTER, LONG, MANY = 0.25, 2.5, 0.005  # of the median interval; times it; share of rows
+STILL = {"rad": 0.05, "m": 0.005}  # a joint that moves less in all logs says nothing
+FEW = 4  # reversals that friction and play need
+HELD = 0.3  # share of rows at the limit of force above which gains cannot be seen
+
+
+def check_channels(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> list[Finding]:
+    """Return what the channels of logs contradict.
+
+    Args:
+        logs: the logs.
+        models: the model of each.
+    """
+    pairs = list(zip(logs, models, strict=True))
+    checks: list[Callable[[Pairs], Iterator[Finding]]] = [
+        _rate,
+        _loss,
+        _excitation,
+        check_duties,
+        check_speeds,
+        _limits,
+        _resolution,
+        _unsigned,
+    ]
+    return [finding for check in checks for finding in check(pairs)]
+
+
+def _rate(pairs: Pairs) -> Iterator[Finding]:
+    """Irregular stamps, gaps, and a rate other than the metadata say."""
+    uneven, gaps, wrong, unit = [], [], [], []
+    for log, _ in pairs:
+        steps = np.concatenate([np.diff(part.time) for part in log.episodes()])
+        middle = float(np.median(steps))
+        if middle > 0.5 or middle < 1e-4:
+            factor = 1e-3 if middle > 0.5 else 1e3
+            unit.append((log, middle, factor))
+            continue
+        if np.percentile(np.abs(steps - middle), 95) > JITTER * middle:
+            uneven.append((log, f"{1e3 * middle:.3g} ms ± {1e3 * steps.std():.2g} ms"))
+        if np.mean(steps > LONG * middle) > 0:
+            gaps.append((log, f"{int(np.sum(steps > LONG * middle))} of up to {steps.max():.3g} s"))
+        said = log.meta.get("rate")
+        if isinstance(said, int | float) and abs(middle * said - 1) > 0.1:
+            wrong.append((log, middle * said, said))
+    if unit:
+        _, middle, factor = unit[0]
+        yield Finding(
+            "rate",
+            None,
+            f"The rows are {middle:.4g} s apart{which(unit, pairs)}: `time` does not look like "
+            "seconds.",
+            f"Multiply `time` by {factor:g}, or by what its unit needs.",
+        )
+    if wrong:
+        ratio, said = float(np.median([w[1] for w in wrong])), wrong[0][2]
+        yield Finding(
+            "rate",
+            None,
+            f"The metadata say {said:g} rows a second, the stamps {said / ratio:.4g}"
+            f"{which(wrong, pairs)}.",
+            f"If the stamps are wrong, multiply `time` by {1 / ratio:.4g}; else correct `rate`.",
+        )
+    if uneven:
+        yield Finding(
+            "jitter",
+            None,
+            f"The rows are unevenly spaced, {uneven[0][1]}{which(uneven, pairs)}.",
+            "Replays use the stamps, so nothing is lost if they are true; else set the adapter's "
+            "latency to 1 ms and log from a process of its own.",
+        )
+    if gaps:
+        yield Finding(
+            "gaps",
+            None,
+            f"Rows are missing: {gaps[0][1]}{which(gaps, pairs)}.",
+            "Commands sent meanwhile are unknown: cut the log there into episodes.",
+        )
+
+
+def _loss(pairs: Pairs) -> Iterator[Finding]:
+    """Readings that were lost, or said twice while the joint moved."""
+    for joint in joints_of(pairs):
+        lost = rows = 0
+        for log, _ in pairs:
+            column = f"qpos.{joint}"
+            if column not in log.columns:
+                continue
+            for part in log.episodes():
+                q = part.column(column)
+                step = max(step_of(log.column(column)), 1e-6)
+                if len(q) < 4:
+                    continue
+                same = q[1:-2] == q[2:-1]
+                before, after = q[1:-2] - q[:-3], q[3:] - q[2:-1]
+                moving = np.minimum(np.abs(before), np.abs(after)) > 3 * step
+                lost += int(np.sum(same & moving & (before * after > 0)))
+                rows += len(q)
+        if rows and lost / rows > MANY:
+            yield Finding(
+                "packet_loss",
+                joint,
+                f"{lost / rows:.1%} of the readings of {joint} repeat the last one while it moves: "
+                "answers were lost or read too late.",
+                "Look at the cable and the bus's load; simulate it with the effect packet_loss.",
+            )
+    for log, _ in pairs:
+        fresh = log.columns.get("flag.fresh")
+        if fresh is not None and np.mean(fresh <= 0) > MANY:
+            share = float(np.mean(fresh <= 0))
+            yield Finding(
+                "packet_loss",
+                None,
+                f"{share:.1%} of the rows of {name_of(log)} lack a servo's answer (flag.fresh).",
+                "Look at the cable and the bus's load; simulate it with the effect packet_loss.",
+            )
+
+
+def _excitation(pairs: Pairs) -> Iterator[Finding]:
+    """Joints that never moved enough, or never turned back."""
+    for joint, (moved, turns) in excitation(pairs).items():
+        unit = unit_of(pairs, joint)
+        if moved < STILL[unit]:
+            yield Finding(
+                "excitation",
+                joint,
+                f"{joint} moved by {moved:.3g} {unit} in all logs: nothing can be said about it.",
+                "Record motions of this joint: run=record motions=[ramp,chirp,steps].",
+            )
+        elif turns < FEW:
+            yield Finding(
+                "reversals",
+                joint,
+                f"{joint} turned back {turns} times: friction, play and dead zones look alike.",
+                "Record slow ramps with reversals: run=record motions=[ramp].",
+            )
+
+
+def excitation(pairs: Pairs) -> dict[str, tuple[float, int]]:
+    """Return by joint how far it moved [rad or m] and how often it turned back."""
+    found = {}
+    for joint in joints_of(pairs):
+        parts = [
+            part.column(f"qpos.{joint}")
+            for log, _ in pairs
+            if f"qpos.{joint}" in log.columns
+            for part in log.episodes()
+        ]
+        moved = max(float(np.ptp(q)) for q in parts)
+        found[joint] = moved, sum(reversals(q, 0.1 * moved) for q in parts)
+    return found
+
+
+def _limits(pairs: Pairs) -> Iterator[Finding]:
+    """Commands that the model clamps, and rows at its limit of force."""
+    for name in dict.fromkeys(name for log, _ in pairs for name in log.actuators):
+        outside, held, rows = 0, 0, 0
+        reach = (0.0, 0.0)
+        for log, model in pairs:
+            index = index_of(model, name)
+            if index is None:
+                continue
+            ctrl = log.column(f"ctrl.{name}")
+            rows += len(ctrl)
+            if model.actuator_ctrllimited[index]:
+                low, high = reach = tuple(model.actuator_ctrlrange[index])
+                slack = 0.01 * (high - low)
+                outside += int(np.sum((ctrl < low - slack) | (ctrl > high + slack)))
+            held += int(np.sum(_saturated(log, model, index)))
+        if rows and outside / rows > 0.01:
+            yield Finding(
+                "ctrlrange",
+                name,
+                f"{outside / rows:.0%} of the commands of {name} are outside the model's ctrlrange "
+                f"[{reach[0]:.3g}, {reach[1]:.3g}], and the engine clamps them.",
+                "Widen the range, or look at the command's unit and zero.",
+            )
+        if rows and held / rows > HELD:
+            yield Finding(
+                "saturation",
+                name,
+                f"At the errors that the robot had, the model's {name} would be at its limit of "
+                f"force in {held / rows:.0%} of the rows: the robot's gain is lower than the "
+                "model's, or its gain does not show and its limit does.",
+                "Compare the model's kp and forcerange with the servo's; record smaller motions.",
+            )
+
+
+def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
+    """In which rows the model's position servo would be at its limit of force, (T,) bool."""
+    name = model.actuator(index).name
+    joint = f"qpos.{model.joint(int(model.actuator_trnid[index, 0])).name}"
+    servo = model.actuator_biasprm[index, 1] != 0 and model.actuator_forcelimited[index]
+    if not servo or joint not in log.columns:
+        return np.zeros(len(log), bool)
+    error = log.column(f"ctrl.{name}") - log.column(joint)
+    on = log.columns.get(f"torque.{name}", np.ones(len(log))) > 0
+    force = model.actuator_gainprm[index, 0] * np.abs(error)
+    return on & (force >= model.actuator_forcerange[index, 1])
+
+
+def _resolution(pairs: Pairs) -> Iterator[Finding]:
+    """The encoder's steps."""
+    for joint in joints_of(pairs):
+        values = [log.column(f"qpos.{joint}") for log, _ in pairs if f"qpos.{joint}" in log.columns]
+        step = step_of(np.concatenate(values))
+        if step > 0:
+            unit = unit_of(pairs, joint)
+            turn = f", {2 * np.pi / step:.0f} to a turn" if unit == "rad" else ""
+            yield Finding(
+                "quantization",
+                joint,
+                f"The positions of {joint} come in steps of {step:.4g} {unit}{turn}.",
+                f"Nothing to mend; a policy that reads it needs quantization = {step:.4g} {unit}.",
+            )
+
+
+def _unsigned(pairs: Pairs) -> Iterator[Finding]:
+    """Currents that are never negative although the joints go both ways."""
+    names = [n for log, _ in pairs for n in log.columns if "current" in n.split("_")[0]]
+    positive = [
+        name
+        for name in dict.fromkeys(names)
+        if all(log.columns[name].min() >= 0 for log, _ in pairs if name in log.columns)
+        and any(log.columns[name].std() > 0 for log, _ in pairs if name in log.columns)
+    ]
+    if positive:
+        yield Finding(
+            "unsigned",
+            None,
+            f"{len(positive)} columns of current (`{positive[0]}`, …) are never negative: they are "
+            "magnitudes without a direction.",
+            "Nothing to mend; they cannot serve as torques.",
+        )

@@ -1,0 +1,113 @@
+"""What to look at before any physics is blamed: the log's channels, and the commonest mistakes.
+
+    findings = preflight(logs, specs)
+    [f for f in findings if f.check not in NOTES]       # what should be mended
+
+Each finding says in plain sentences what was found and what to do about it. Those of `NOTES` only
+tell what the sensors are like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from hardware.log import Log
+from sim2real.diagnosis.data.noise_floor import noise_floor, step_of
+from sim2real.diagnosis.preflight.channels import NOTES, check_channels
+from sim2real.diagnosis.preflight.lag import check_lag
+from sim2real.diagnosis.preflight.log_errors import find_mistakes
+from sim2real.diagnosis.schema import Finding
+
+__all__ = ["NOTES", "noise_floor", "preflight"]
+ORDER = ("sign", "swap", "degrees", "scale", "zero", "rate", "control_law", "excitation")
+LOUD = 1.5  # times the rounding of a count
+GRAVE = ORDER[:4]  # what makes other checks of the same joint meaningless
+FOLLOWS = ("degrees", "scale", "zero", "control_law", "speed", "ctrlrange", "saturation")
+
+
+def preflight(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[Finding]:
+    """Check logs and the models they belong to, the gravest finding first.
+
+    Args:
+        logs: the logs.
+        specs: the model of each log; the same object where logs share one.
+
+    Returns:
+        The findings; none where nothing is worth a word.
+
+    Raises:
+        EnvsError: a model that cannot be simulated.
+    """
+    made = {id(spec): spec.copy().compile() for spec in specs}
+    models = [made[id(spec)] for spec in specs]
+    found = [*check_channels(logs, models), *find_mistakes(logs, specs)]
+    if not any(finding.check in ORDER[:6] for finding in found):
+        found += check_lag(logs, specs)
+    if not any(finding.check == "rate" for finding in found):
+        found += _noise(logs)
+    return sorted(_causes(_merged(found), _turned(models)), key=_rank)
+
+
+def _noise(logs: Sequence[Log]) -> list[Finding]:
+    """Joints whose readings scatter by more than their counts."""
+    found = []
+    for joint, floor in noise_floor(logs).items():
+        values = [log.column(f"qpos.{joint}") for log in logs if f"qpos.{joint}" in log.columns]
+        if floor > LOUD * max(step_of(np.concatenate(values)) / np.sqrt(12), 1e-5):
+            found.append(
+                Finding(
+                    "noise",
+                    joint,
+                    f"The positions of {joint} differ by {floor:.2g} (RMS) from what repeats of "
+                    "the same commands, or neighbouring rows, let expect.",
+                    "Nothing to mend: no model comes nearer than that to a single run.",
+                )
+            )
+    return found
+
+
+def _turned(models: Sequence[mujoco.MjModel]) -> dict[str | None, str]:
+    """The joint that each actuator turns."""
+    return {
+        model.actuator(i).name: model.joint(int(model.actuator_trnid[i, 0])).name
+        for model in models
+        for i in range(model.nu)
+        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+    }
+
+
+def _rank(finding: Finding) -> int:
+    if finding.check in ORDER:
+        return ORDER.index(finding.check)
+    return len(ORDER) + (finding.check in NOTES)
+
+
+def _causes(found: Sequence[Finding], turned: dict[str | None, str]) -> list[Finding]:
+    """Leave out what follows from a graver finding at the same place, or everywhere."""
+    grave = [finding for finding in found if finding.check in GRAVE]
+    everywhere = next((f for f in grave if f.where is None or f.check == "swap"), None)
+    first = {turned.get(f.where, f.where): f for f in reversed(grave)}
+
+    def follows(finding: Finding) -> bool:
+        cause = everywhere or first.get(turned.get(finding.where, finding.where))
+        return finding.check in FOLLOWS and cause not in (None, finding)
+
+    return [finding for finding in found if not follows(finding)]
+
+
+def _merged(found: Sequence[Finding]) -> list[Finding]:
+    """Put what two checks say of one mistake at one place into one finding."""
+    merged: dict[tuple[str, str | None], Finding] = {}
+    for finding in found:
+        key = finding.check, finding.where
+        if key in merged and finding.check in ORDER:
+            evidence = finding.finding.partition(". ")[2] or finding.finding
+            both = f"{merged[key].finding} {evidence}"
+            merged[key] = replace(merged[key], finding=both)
+        else:
+            merged.setdefault(key, finding)
+    return list(merged.values())

@@ -1,0 +1,227 @@
+"""What a user may have got wrong in a log, and how the log looks once it is right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from hardware.log import Log
+from sim2real.diagnosis.data.trial import Piece
+
+DEGREE = np.pi / 180
+SHIFT = 0.05  # rad or m: a zero further off than this is looked at in any case
+ZEROS = (-np.pi, -np.pi / 2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, np.pi / 2)
+
+Change = Callable[[Piece], Piece]
+
+
+class Correction(NamedTuple):
+    """What a user may have got wrong, and how a log looks once it is right."""
+
+    check: str
+    joints: tuple[str, ...]  # whose errors judge it
+    where: str | None
+    claim: str  # what would be the case
+    fix: str
+    change: Change
+
+
+class Case(NamedTuple):
+    """Pieces of logs, their models, and which actuator drives which joint."""
+
+    pieces: list[Piece]
+    specs: list[mujoco.MjSpec]  # of each piece
+    models: list[mujoco.MjModel]
+    drives: dict[str, str]  # joint to actuator
+
+
+def simple(case: Case, suspects: Sequence[str]) -> Iterator[Correction]:
+    """Signs and units of the joints whose error is large."""
+    for joint in suspects:
+        yield from _signs(case, joint)
+        yield from _degrees(case, (joint,), joint)
+    if len(suspects) > 1:
+        yield from _degrees(case, tuple(suspects), None)
+
+
+def others(case: Case, suspects: Sequence[str]) -> Iterator[Correction]:
+    """Swaps among these joints, and zeros that command and position share."""
+    for pair in combinations(suspects, 2):
+        yield from _swaps(case, pair)
+    for joint in suspects:
+        for value in ZEROS:
+            yield zero_of_both(case, joint, value)
+
+
+def _scaled(case: Case, joints: Sequence[str], kinds: Sequence[str], factor: float) -> Change:
+    """Multiply positions, commands or both of some joints."""
+
+    def change(piece: Piece) -> Piece:
+        names = [_column(case, kind, joint) for kind in kinds for joint in joints]
+        columns = {n: factor * piece.log.column(n) for n in names if n in piece.log.columns}
+        return piece.changed(columns)
+
+    return change
+
+
+def _column(case: Case, kind: str, joint: str) -> str:
+    return f"qpos.{joint}" if kind == "qpos" else f"ctrl.{case.drives[joint]}"
+
+
+def _signs(case: Case, joint: str) -> Iterator[Correction]:
+    position, command = (f"`{_column(case, kind, joint)}`" for kind in ("qpos", "ctrl"))
+    flips = {
+        ("qpos",): (f"{position} has its sign flipped", f"Negate {position}"),
+        ("ctrl",): (f"{command} has its sign flipped", f"Negate {command}"),
+        ("qpos", "ctrl"): (
+            f"{position} and {command} count against the model's axis",
+            f"Negate both {position} and {command}, or turn the joint's axis in the model round",
+        ),
+    }
+    for kinds, (claim, fix) in flips.items():
+        yield Correction(
+            "sign",
+            (joint,),
+            joint,
+            f"It looks as if {claim}",
+            f"{fix}; in a robot's file that is `sign` of its servo.",
+            _scaled(case, (joint,), kinds, -1.0),
+        )
+
+
+def _degrees(case: Case, joints: tuple[str, ...], where: str | None) -> Iterator[Correction]:
+    """Factors of pi/180 or 180/pi, where the numbers are of such a size."""
+    whose = where or "all joints"
+    kinds: tuple[tuple[str, ...], ...] = (("qpos",), ("ctrl",), ("qpos", "ctrl"))
+    words = {
+        ("qpos",): "positions",
+        ("ctrl",): "commands",
+        ("qpos", "ctrl"): "positions and commands",
+    }
+    for own in kinds:
+        size = max(
+            float(np.abs(piece.log.columns[column]).max())
+            for piece in case.pieces
+            for column in (_column(case, kind, joint) for kind in own for joint in joints)
+            if column in piece.log.columns
+        )
+        for factor, found, holds in (
+            (DEGREE, "in degrees", size > 2 * np.pi),
+            (1 / DEGREE, "divided by 57.3 once too often", size < 0.1),
+        ):
+            if holds:
+                yield Correction(
+                    "degrees",
+                    joints,
+                    where,
+                    f"The {words[own]} of {whose} look as if they were {found}, not in rad",
+                    f"Multiply them by {'pi/180' if factor < 1 else '180/pi'}.",
+                    _scaled(case, joints, own, factor),
+                )
+
+
+def _swaps(case: Case, pair: tuple[str, str]) -> Iterator[Correction]:
+    one, other = pair
+    words = {
+        ("qpos",): "positions",
+        ("ctrl",): "commands",
+        ("qpos", "ctrl"): "positions and commands",
+    }
+    for kinds, what in words.items():
+        if len(kinds) == 1 and not _crossed(case, pair):
+            continue
+
+        def change(piece: Piece, kinds: tuple[str, ...] = kinds) -> Piece:
+            columns = {}
+            for kind in kinds:
+                names = _column(case, kind, one), _column(case, kind, other)
+                if all(name in piece.log.columns for name in names):
+                    columns[names[0]] = piece.log.columns[names[1]]
+                    columns[names[1]] = piece.log.columns[names[0]]
+            return piece.changed(columns)
+
+        yield Correction(
+            "swap",
+            pair,
+            one,
+            f"The {what} of {one} and {other} look swapped",
+            f"Swap the {what} of {one} and {other} in the log, or their servos' ids or names.",
+            change,
+        )
+
+
+def _crossed(case: Case, pair: tuple[str, str]) -> bool:
+    """Say whether positions of a pair follow each other's commands rather than their own."""
+    names = [_column(case, kind, joint) for kind in ("ctrl", "qpos") for joint in pair]
+    pieces = [p for p in case.pieces if all(n in p.log.columns for n in names)]
+    if not pieces:
+        return False
+    signals = np.concatenate([np.column_stack([p.log.columns[n] for n in names]) for p in pieces])
+    if signals.std(axis=0).min() == 0:
+        return False
+    match = np.corrcoef(signals.T)[:2, 2:]
+    return bool(match[0, 1] + match[1, 0] > match[0, 0] + match[1, 1])
+
+
+def zero_of_both(case: Case, joint: str, value: float) -> Correction:
+    """The servo itself has the wrong zero: its commands and its readings share it."""
+    names = [_column(case, kind, joint) for kind in ("qpos", "ctrl")]
+
+    def change(piece: Piece) -> Piece:
+        columns = {n: piece.log.columns[n] - value for n in names if n in piece.log.columns}
+        return piece.changed(columns)
+
+    return Correction(
+        "zero",
+        (joint,),
+        joint,
+        f"The zero of {joint} looks wrong by {value:.3g}, in commands and positions alike",
+        f"Calibrate the zero of {joint}; as an effect this is encoder_offset = {value:.3g}.",
+        change,
+    )
+
+
+def shifts(case: Case, now: dict[str, float], offsets: dict[str, float]) -> Iterator[Correction]:
+    """Joints whose readings alone are off by a constant."""
+    for joint, value in offsets.items():
+        if abs(value) < SHIFT or now[joint] < 1e-9:
+            continue
+
+        def change(piece: Piece, joint: str = joint, value: float = value) -> Piece:
+            name = f"qpos.{joint}"
+            return piece.changed({name: piece.log.columns[name] - value})
+
+        yield Correction(
+            "zero",
+            (joint,),
+            joint,
+            f"`qpos.{joint}` reads {value:.3g} more than it should everywhere",
+            f"Subtract {value:.3g} from `qpos.{joint}`, or calibrate its zero; as an effect this "
+            f"is encoder_offset = {value:.3g} with servo = 0.",
+            change,
+        )
+
+
+def rate(joints: tuple[str, ...], factor: float) -> Correction:
+    """Stamps that run too fast or too slow."""
+
+    def change(piece: Piece) -> Piece:
+        log = piece.log
+        rows = max(int(np.searchsorted(log.time * factor, log.time[-1], side="right")), 8)
+        columns = {name: values[:rows] for name, values in log.columns.items()}
+        columns["time"] = columns["time"] * factor
+        return Piece(piece.number, Log(columns, log.meta, log.path), piece.speed).changed({})
+
+    speed = "too fast" if factor > 1 else "too slowly"
+    return Correction(
+        "rate",
+        joints,
+        None,
+        f"Time in the log seems to run {speed}, by {factor:.3g}",
+        f"Multiply `time` by {factor:.3g}, or look at the rate that the log was made with.",
+        change,
+    )

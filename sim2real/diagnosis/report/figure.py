@@ -1,0 +1,181 @@
+"""The robot as a drawing whose joints carry their shares of the gap.
+
+    picture = robot(model, {"elbow": 0.84, "shoulder": 0.16})
+
+Shapes are drawn from the model's geoms, flat, in a parallel projection from slightly above; no
+graphics library is needed. Where a model has meshes, their boxes stand for them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from markupsafe import Markup
+from scipy.spatial import ConvexHull, QhullError
+
+from sim2real.diagnosis.report import words
+
+WIDTH, HEIGHT, MARGIN, LABEL = 620.0, 330.0, 26.0, 150.0  # units; labels stand left and right
+AZIMUTH, ELEVATION = np.radians(20.0), np.radians(12.0)  # of the view, from straight ahead
+LEAST = 0.005  # share below which a joint has no label
+NAMED = 8  # joints that are named at most
+SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+PLANES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+
+
+class _Shape(NamedTuple):
+    """A geom as seen: its points (n, 2), its radius where it is round, and how far away it is."""
+
+    points: np.ndarray
+    radius: float
+    depth: float
+
+
+def robot(model: mujoco.MjModel, shares: Mapping[str, float]) -> Markup:
+    """Draw the robot in its keyframe `home`, else as it is by default.
+
+    Args:
+        model: the robot.
+        shares: of the gap, by joint; joints that are not in it are not marked.
+    """
+    data = mujoco.MjData(model)
+    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
+    if home is not None:
+        mujoco.mj_resetDataKeyframe(model, data, home)
+    mujoco.mj_forward(model, data)
+    shapes = sorted(_shapes(model, data), key=lambda shape: -shape.depth)
+    joints = {name: _seen(data.xanchor[model.joint(name).id])[0] for name in shares}
+    if not shapes or not joints:
+        return Markup("")
+    place, scale = _fit(shapes, list(joints.values()))
+    parts = [_draw(shape, place, scale) for shape in shapes]
+    marks = {name: place(point) for name, point in joints.items()}
+    parts += list(_marks(marks, shares))
+    told = ", ".join(f"{name} {words.percent(share)}" for name, share in shares.items())
+    head = Markup(
+        '<svg class="plot robot" viewBox="0 0 {:.0f} {:.0f}" role="img"'
+        ' aria-label="The robot; shares of the gap by joint: {}">'
+    )
+    return head.format(WIDTH, HEIGHT, told) + Markup("").join(parts) + Markup("</svg>")
+
+
+def _seen(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Project points (..., 3) to the picture (..., 2), y down, and say how far they are, (...)."""
+    right = np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.0])
+    ahead = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0]) * np.cos(ELEVATION)
+    ahead[2] = -np.sin(ELEVATION)
+    up = np.cross(right, ahead)
+    return np.stack([points @ right, -(points @ up)], axis=-1), points @ ahead
+
+
+def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[_Shape]:
+    """Yield the geoms that a person would see, but the ground."""
+    for i in range(model.ngeom):
+        kind, size = int(model.geom_type[i]), model.geom_size[i]
+        if kind in PLANES or model.geom_rgba[i, 3] == 0:
+            continue
+        center, turn = data.geom_xpos[i], data.geom_xmat[i].reshape(3, 3)
+        depth = float(_seen(center)[1])
+        if kind == SPHERE:
+            yield _Shape(_seen(center[None])[0], float(size[0]), depth)
+        elif kind == CAPSULE:
+            ends = center + np.outer([-size[1], size[1]], turn[:, 2])
+            yield _Shape(_seen(ends)[0], float(size[0]), depth)
+        else:
+            yield _Shape(_hull(_seen(center + _corners(model, i) @ turn.T)[0]), 0.0, depth)
+
+
+def _corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return points on the outline of a geom in its own frame, (n, 3)."""
+    middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
+        turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        rim = model.geom_size[geom, 0] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        long = float(model.geom_size[geom, 1])
+        return np.concatenate([np.column_stack([rim, np.full(24, z)]) for z in (-long, long)])
+    return middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:  # seen edge-on
+        return points
+
+
+def _fit(shapes: Sequence[_Shape], joints: Sequence[np.ndarray]) -> tuple[_Place, float]:
+    """Return how points come into the picture, and the size of a metre there."""
+    low = np.min([*(s.points.min(axis=0) - s.radius for s in shapes), *joints], axis=0)
+    high = np.max([*(s.points.max(axis=0) + s.radius for s in shapes), *joints], axis=0)
+    room = np.array([WIDTH - 2 * LABEL, HEIGHT - 2 * MARGIN])
+    scale = float((room / np.maximum(high - low, 1e-6)).min())
+    return _Place((low + high) / 2, scale), scale
+
+
+class _Place:
+    """Where a projected point is in the picture."""
+
+    def __init__(self, middle: np.ndarray, scale: float) -> None:
+        self._middle, self._scale = middle, scale
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        return (points - self._middle) * self._scale + np.array([WIDTH / 2, HEIGHT / 2])
+
+
+def _draw(shape: _Shape, place: _Place, scale: float) -> Markup:
+    points = "L".join(f"{x:.1f} {y:.1f}" for x, y in place(shape.points))
+    width = max(2 * shape.radius * scale, 1.5)
+    if shape.radius == 0:
+        return Markup('<path class="part" d="M{}Z"/>').format(points)
+    line = Markup('<path class="{}" stroke-width="{:.1f}" d="M{}{}"/>')
+    edge = line.format("edge", width + 1.6, points, "Z" if len(shape.points) == 1 else "")
+    return edge + line.format("limb", width, points, "Z" if len(shape.points) == 1 else "")
+
+
+def _marks(marks: Mapping[str, np.ndarray], shares: Mapping[str, float]) -> Iterator[Markup]:
+    """Yield a disc at each joint, and names at both sides for those with the largest shares."""
+    for name in sorted(marks, key=lambda n: shares[n]):
+        x, y = marks[name]
+        radius, tint = 5 + 9 * np.sqrt(max(shares[name], 0.0)), _tint(shares[name])
+        disc = Markup('<circle class="joint" cx="{:.1f}" cy="{:.1f}" r="{:.1f}" {}/>')
+        yield disc.format(x, y, radius, Markup('style="--tint: {}"').format(tint))
+    told = sorted((n for n in marks if shares[n] >= LEAST), key=lambda n: -shares[n])[:NAMED]
+    for side, names in _sides(marks, told):
+        for name, row in zip(names, _rows([float(marks[n][1]) for n in names]), strict=True):
+            x, y = marks[name]
+            end = 8.0 if side == "start" else WIDTH - 8.0
+            near = end + (LABEL - 40) * (1 if side == "start" else -1)
+            lead = Markup('<path class="lead" d="M{:.1f} {:.1f}L{:.1f} {:.1f}"/>')
+            yield lead.format(near, row, x, y)
+            label = Markup(
+                '<text class="name" text-anchor="{}" x="{:.1f}" y="{:.1f}">{}'
+                ' <tspan class="share">{}</tspan></text>'
+            )
+            yield label.format(side, end, row, name, words.percent(shares[name]))
+
+
+def _sides(
+    marks: Mapping[str, np.ndarray], names: Sequence[str]
+) -> Iterator[tuple[str, list[str]]]:
+    """Yield the names on the left and those on the right, from top to bottom, evenly shared."""
+    order = sorted(names, key=lambda n: float(marks[n][0]))
+    half = len(order) // 2
+    for side, chosen in (("start", order[:half]), ("end", order[half:])):
+        yield side, sorted(chosen, key=lambda n: float(marks[n][1]))
+
+
+def _rows(wanted: list[float]) -> list[float]:
+    """Return heights near those wanted that keep labels apart."""
+    rows: list[float] = []
+    for y in wanted:
+        rows.append(max(y, rows[-1] + 20 if rows else MARGIN))
+    over = max(0.0, (rows[-1] - (HEIGHT - MARGIN)) if rows else 0.0)
+    return [row - over for row in rows]
+
+
+def _tint(share: float) -> float:
+    return round(0.15 + 0.85 * min(max(share, 0.0), 1.0) ** 0.7, 3)

@@ -1,0 +1,221 @@
+"""Pictures of a report as inline SVG: sharp at every width, readable in print, no script needed.
+
+    picture = window(trace, Span(3.0, 6.0))         # measured, simulated before and after
+    picture = track(0.2, 0.3, [(0.25, "after")])    # an interval and a dot on a line from 0 to 1
+
+Every text that comes from outside is escaped. Colours are those of Okabe and Ito, and lines differ
+in their dashes too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from sim2real.diagnosis.schema import Trace
+
+WIDTH, TOP, MAIN, GAP, ERROR, LEFT, BOTTOM = 330, 6, 118, 14, 56, 52, 22  # of a window, units
+POINTS = 700  # of a line, at most
+LINES = ("measured", "nominal", "corrected")  # drawn in this order
+
+
+class Span(NamedTuple):
+    """A piece of a trace, in seconds."""
+
+    start: float
+    end: float
+
+
+def spans(trace: Trace, seconds: float) -> list[Span]:
+    """Return half overlapping pieces of a trace that hold many rows which were not fitted to."""
+    time = trace.time
+    if time[-1] - time[0] <= seconds:
+        return [Span(float(time[0]), float(time[-1]))] if trace.held_out.any() else []
+    starts = np.arange(time[0], time[-1] - seconds, seconds / 2)
+    every = [Span(float(s), float(s + seconds)) for s in starts]
+    counts = [int(trace.held_out[rows(trace, span)].sum()) for span in every]
+    return [s for s, n in zip(every, counts, strict=True) if n > 0 and n >= 0.6 * max(counts)]
+
+
+def rows(trace: Trace, span: Span) -> np.ndarray:
+    """Return which rows of a trace lie in a piece of it, (T,) bool."""
+    return (trace.time >= span.start) & (trace.time <= span.end)
+
+
+def error(trace: Trace, line: str, span: Span) -> float:
+    """Return the root mean square of a simulation's error over the held-out rows of a piece."""
+    chosen = rows(trace, span) & trace.held_out
+    return float(np.sqrt(np.mean((getattr(trace, line) - trace.measured)[chosen] ** 2)))
+
+
+def lines(trace: Trace) -> tuple[str, ...]:
+    """Return what is drawn: without causes there is no corrected line."""
+    return LINES[:2] if np.array_equal(trace.nominal, trace.corrected) else LINES
+
+
+def window(trace: Trace, span: Span, title: str) -> Markup:
+    """Draw a piece of a trace: positions above, errors below with the noise floor as a band.
+
+    Args:
+        trace: one joint of one episode.
+        span: the piece.
+        title: what a screen reader says.
+    """
+    inside = rows(trace, span)
+    stride = max(1, math.ceil(inside.sum() / POINTS))
+    index = np.flatnonzero(inside)[::stride]
+    time, floor = trace.time[index], trace.floor
+    scale = 1e3 if trace.unit in ("rad", "m") else 1.0
+    names = lines(trace)
+    values = {line: getattr(trace, line)[index] for line in names}
+    errors = {line: scale * (values[line] - values["measured"]) for line in names[1:]}
+    x = _Axis(span.start, span.end, LEFT, WIDTH - 6)
+    upper = _Axis(*_limits([*values.values()]), TOP + MAIN, TOP)
+    most = max(float(np.abs(e).max()) for e in errors.values())
+    most = 1.08 * max(most, 2.5 * floor * scale, 1e-9)
+    base = TOP + MAIN + GAP
+    lower = _Axis(-most, most, base + ERROR, base)
+    parts = [_fitted(trace, index, x, base + ERROR)]
+    parts += [_frame(x, upper, labels=False), _frame(x, lower, labels=True)]
+    flat = np.full(2, 2 * floor * scale)
+    parts.append(_band(x(np.array(span)), lower(-flat), lower(flat)))
+    parts += [_line(x(time), upper(values[line]), line) for line in names]
+    parts += [_line(x(time), lower(errors[line]), line) for line in names[1:]]
+    unit = trace.unit
+    small = f"error, m{unit}" if scale != 1 else f"error, {unit}"
+    parts.append(_upright(TOP + MAIN / 2, unit))
+    parts.append(_upright(base + ERROR / 2, small))
+    height = base + ERROR + BOTTOM
+    return _svg(WIDTH, height, title, parts)
+
+
+class _Axis:
+    """A linear map from values to coordinates, and round numbers on it."""
+
+    def __init__(self, low: float, high: float, start: float, end: float) -> None:
+        self.low, self.high, self.start, self.end = low, max(high, low + 1e-12), start, end
+
+    def __call__(self, values: np.ndarray | float) -> np.ndarray:
+        share = (np.asarray(values) - self.low) / (self.high - self.low)
+        return self.start + share * (self.end - self.start)
+
+    def ticks(self, count: int) -> Iterator[tuple[float, str]]:
+        """Yield round numbers within the axis and their text; one on each side about 0."""
+        even = self.low == -self.high
+        step = _round_step(0.401 * self.high if even else (self.high - self.low) / count)
+        digits = max(0, -math.floor(math.log10(step) + 1e-9))
+        first = math.ceil(self.low / step - 1e-9)
+        for k in range(first, math.floor(self.high / step + 1e-9) + 1):
+            yield k * step, f"{k * step:.{digits}f}".replace("-", "−")
+
+
+def _round_step(rough: float) -> float:
+    power = 10.0 ** math.floor(math.log10(rough))
+    return next(m * power for m in (1, 2, 5, 10) if m * power >= rough * (1 - 1e-9))
+
+
+def _limits(values: Sequence[np.ndarray]) -> tuple[float, float]:
+    low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+    room = max(0.05 * (high - low), 1e-6)
+    return low - room, high + room
+
+
+def _frame(x: _Axis, y: _Axis, labels: bool) -> Markup:
+    """Draw grid lines and numbers; those of time below the lower plot only."""
+    out = []
+    for value, text in y.ticks(4 if y.start - y.end > 100 else 3):
+        at = float(y(value))
+        out.append(Markup('<path class="grid" d="M{} {:.1f}H{}"/>').format(x.start, at, x.end))
+        out.append(Markup('<text class="n" x="{}" y="{:.1f}">{}</text>').format(LEFT - 5, at, text))
+    for value, text in x.ticks(4):
+        at = float(x(value))
+        out.append(Markup('<path class="grid" d="M{:.1f} {}V{}"/>').format(at, y.start, y.end))
+        if labels:
+            low = y.start + 14
+            at = min(at, x.end - 9)
+            out.append(
+                Markup('<text class="t" x="{:.1f}" y="{}">{} s</text>').format(at, low, text)
+            )
+    return Markup("").join(out)
+
+
+def _fitted(trace: Trace, index: np.ndarray, x: _Axis, bottom: float) -> Markup:
+    """Mark the rows that the fit has seen."""
+    seen = np.concatenate([[False], ~trace.held_out[index], [False]]).astype(int)
+    edges = np.flatnonzero(np.diff(seen))
+    time = np.append(trace.time[index], trace.time[index[-1]])
+    rect = Markup('<rect class="fitted" x="{:.1f}" y="{}" width="{:.1f}" height="{}"/>')
+    return Markup("").join(
+        rect.format(float(x(time[a])), TOP, float(x(time[b]) - x(time[a])), bottom - TOP)
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    )
+
+
+def _line(x: np.ndarray, y: np.ndarray, kind: str) -> Markup:
+    return Markup('<path class="{}" d="M{}"/>').format(kind, _points(x, y))
+
+
+def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> Markup:
+    there, back = _points(x, low), _points(x[::-1], high[::-1])
+    return Markup('<path class="band" d="M{}L{}Z"/>').format(there, back)
+
+
+def _points(x: np.ndarray, y: np.ndarray) -> str:
+    return "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+
+
+def _upright(y: float, text: str) -> Markup:
+    upright = Markup('<text class="u" transform="translate(11 {:.1f}) rotate(-90)">{}</text>')
+    return upright.format(y, text)
+
+
+def _svg(width: float, height: float, title: str, parts: Sequence[Markup]) -> Markup:
+    head = Markup('<svg class="plot" viewBox="0 0 {} {}" role="img" aria-label="{}">')
+    return head.format(width, height, title) + Markup("").join(parts) + Markup("</svg>")
+
+
+def track(
+    low: float,
+    high: float,
+    dots: Sequence[tuple[float, str]],
+    floor: float = 0.0,
+    ticks: Sequence[float] = (),
+) -> Markup:
+    """Draw an interval and dots on a line; all numbers are shares of its length.
+
+    Args:
+        low: start of the interval.
+        high: its end.
+        dots: values, each with its class of colours: before, after, step or floor. The first one's
+            is the interval's too.
+        floor: what is shaded from the left on.
+        ticks: where thin lines stand.
+    """
+    out = [Markup('<svg class="track" height="22" role="presentation">')]
+    if floor > 0:
+        shade = Markup('<rect class="shade" x="0" y="0" width="{}" height="22"/>')
+        out.append(shade.format(_part(floor)))
+    for tick in ticks:
+        line = Markup('<line class="tick" x1="{0}" x2="{0}" y1="0" y2="22"/>')
+        out.append(line.format(_part(tick)))
+    bar = Markup('<line class="bar {}" x1="{}" x2="{}" y1="11" y2="11"/>')
+    out.append(bar.format(dots[0][1], _part(low), _part(high)))
+    circle = Markup('<circle class="dot {}" cx="{}" cy="11" r="5"/>')
+    out += [circle.format(kind, _part(at)) for at, kind in dots]
+    return Markup("").join([*out, Markup("</svg>")])
+
+
+def fill(share: float, kind: str) -> Markup:
+    """Draw a bar from 0 to a share of the width."""
+    bar = Markup('<svg class="fill" height="10" role="presentation">{}</svg>')
+    back = Markup('<rect class="rail" width="100%" height="10" rx="2"/>')
+    own = Markup('<rect class="{}" width="{}" height="10" rx="2"/>').format(kind, _part(share))
+    return bar.format(back + own)
+
+
+def _part(share: float) -> str:
+    return f"{100 * min(max(share, 0.0), 1.0):.2f}%"

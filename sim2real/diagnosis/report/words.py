@@ -1,0 +1,172 @@
+"""A report in words: numbers with units that fit them, names of effects, the verdict's sentence.
+
+quantity(0.0503, "rad")                    # '50.3 mrad'
+sentence(report)                           # 'Backlash at the elbow explains 95 % of the gap.'
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from sim2real.diagnosis.schema import Report
+
+SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
+SINGLY = 4  # causes that a sentence names with their places
+PEOPLE = ("coulomb", "stribeck")
+SUBTITLES = {
+    "explained": "Explained",
+    "partly_explained": "Partly explained",
+    "unexplained": "Not explained",
+    "no_gap": "No gap",
+}
+
+
+def quantity(value: float | None, unit: str, like: float | None = None) -> str:
+    """Return a value with its unit, three digits.
+
+    Args:
+        value: in `unit`; None is a dash.
+        unit: SI, "" for a factor, "spread" for a joint's own motion as the unit.
+        like: the value whose prefix is used, so that a row of numbers has one unit.
+    """
+    if value is None:
+        return "–"
+    number, name = _scaled(value, unit, value if like is None else like)
+    return f"{number}\N{NO-BREAK SPACE}{name}" if name else number
+
+
+def interval(ends: Sequence[float] | None, unit: str, like: float | None = None) -> str:
+    """Return an interval with its unit, `47.1 to 53.0 mrad`; "" where there is none."""
+    if ends is None:
+        return ""
+    low, high = ends
+    like = max(abs(low), abs(high)) if like is None else like
+    return f"{_scaled(low, unit, like)[0]} to {quantity(high, unit, like)}"
+
+
+def percent(share: float | None) -> str:
+    """Return a share as a whole percentage; tenths next to 0 and 100 where they tell."""
+    if share is None:
+        return "–"
+    digits = 1 if 0.99 < abs(share) < 0.9995 or 0.0005 <= abs(share) < 0.01 else 0
+    return f"{100 * share:.{digits}f}\N{NO-BREAK SPACE}%"
+
+
+def degrees(value: float, unit: str) -> str:
+    """Return an angle in degrees as well, `2.9°`; "" for anything else."""
+    return f"{math.degrees(value):.3g}°".replace("-", "−") if unit == "rad" else ""
+
+
+def name(effect: str, where: str | None, side: str | None = None) -> str:
+    """Return an effect and its place in words: `backlash at the elbow (link side)`."""
+    place = f" at {where}" if where else ""
+    return plain(effect) + place + (f" ({side} side)" if side else "")
+
+
+def plain(effect: str) -> str:
+    """Return an effect's standard name in words; people keep their capitals."""
+    words = [w.capitalize() if w in PEOPLE else w for w in effect.split("_")]
+    return " ".join(words)
+
+
+def sentence(report: Report) -> str:
+    """Return the verdict as one plain sentence."""
+    gap = report.gap
+    if report.verdict == "no_gap":
+        return (
+            "Simulation and robot agree: what is left between them,"
+            f" {quantity(gap.before, gap.unit)}, is noise."
+        )
+    if report.verdict == "unexplained" or not report.causes:
+        return "There is a gap, and no effect that is known here explains it."
+    subject = _and(subjects([(c.effect, c.extra.get("body") or c.where) for c in report.causes]))
+    verb = "explains" if len(report.causes) == 1 else "explain"
+    text = f"{subject} {verb} {percent(gap.closed)} of the gap."
+    if report.verdict == "partly_explained":
+        text = f"{text[:-1]}; the rest has another cause."
+    return text[0].upper() + text[1:]
+
+
+def subjects(causes: Sequence[tuple[str, str | None]]) -> list[str]:
+    """Return causes (effect, place) in words; many are told by effect, with how many places."""
+    if len(causes) <= SINGLY:
+        return [name(effect, where) for effect, where in causes]
+    places: dict[str, list[str | None]] = {}
+    for effect, where in causes:
+        places.setdefault(effect, []).append(where)
+    return [
+        name(effect, where[0]) if len(where) == 1 else f"{plain(effect)} at {len(where)} places"
+        for effect, where in places.items()
+    ]
+
+
+def details(report: Report) -> str:
+    """Return the sentence below the verdict: the gap before and after against the floor."""
+    gap = report.gap
+    floor = quantity(gap.noise_floor, gap.unit)
+    motion = " of the joints' own motion" if gap.unit == "spread" else ""
+    on = "on parts of the recordings that nothing was fitted to" if gap.held_out else ""
+    if gap.after is None:
+        return f"The noise floor of these recordings is {floor}{motion}."
+    if not report.causes:
+        return (
+            f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
+            f" {floor} are noise. No effect that was tried brings it nearer {on}."
+        )
+    return (
+        f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
+        f" with {_these(report)} in the model by {quantity(gap.after, gap.unit)}"
+        f"{', ' + on if on else ''}. {floor} are noise that nothing can close."
+    )
+
+
+def label(text: str) -> str:
+    """Return a rung's label in words: `+ coulomb_friction.elbow` is Coulomb friction at elbow."""
+    if text == "as given":
+        return "model as given"
+    head, dot, place = text.partition(".")
+    return " ".join(map(plain, head.split(" "))) + (f" at {place}" if dot else "")
+
+
+def numerics(found: Mapping[str, str]) -> list[str]:
+    """Return what the tests of the simulator itself say, as sentences."""
+    fine = [name.replace("_", " ") for name, text in found.items() if text == "ok"]
+    said = [f"{name.replace('_', ' ')}: {text}" for name, text in found.items() if text != "ok"]
+    if fine:
+        whole = "the gap is not one of numerics: " if not said else ""
+        verb = "makes" if len(fine) == 1 else "make"
+        said.insert(0, f"{whole}{_and(fine)} {verb} no difference to it.")
+    return [text[0].upper() + text[1:] for text in said]
+
+
+def _these(report: Report) -> str:
+    return "this effect" if len(report.causes) == 1 else "these effects"
+
+
+def _and(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def _scaled(value: float, unit: str, like: float) -> tuple[str, str]:
+    """Return the number as text and the name of its unit."""
+    if unit == "spread":
+        return _least(100 * value), "%"
+    if unit in SMALL and abs(like) < (0.1 if unit in ("N·m", "kg") else 1.0):
+        return _least(1e3 * value), SMALL[unit]
+    return _digits(value), unit
+
+
+def _least(value: float) -> str:
+    """Return three digits, or that it is next to nothing."""
+    return "< 0.001" if 0 < abs(value) < 5e-4 else _digits(value)
+
+
+def _digits(value: float) -> str:
+    """Return three digits without an exponent where a person would write none."""
+    if value == 0 or not math.isfinite(value):
+        return "0" if value == 0 else str(value)
+    places = max(0, 2 - math.floor(math.log10(abs(value))))
+    if places > 7 or abs(value) >= 1e6:
+        return f"{value:.2e}"
+    return f"{value:.{places}f}".replace("-", "−")

@@ -1,0 +1,322 @@
+"""Evaluation over a grid: a policy on robots it was never trained on, before and after it adapts.
+
+    python -m sim2real run=evaluate checkpoint=outputs/train/esmaml/2026-11-21_10-00-00
+    python -m sim2real run=evaluate checkpoint=[RUN_A,RUN_B,RUN_C]     # several seeds, one table
+
+In each cell of the grid the policy adapts several times, each time from the trained parameters,
+with perturbations and luck of its own. Each result is scored on fresh episodes whose start noise
+the adaptation has not seen, and the policy before adaptation on the same episodes, so that their
+difference carries no luck. Every cell, adaptation and episode is a row of the same batches.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import numpy as np
+from torch import nn
+
+from envs.rows import Rows
+from sim2real.evaluation.grid import Box, Grid, training_range
+from sim2real.evaluation.grid_plots import grid_heatmaps, grid_line
+from sim2real.evaluation.scores import GridScores, combine
+from sim2real.learning.adapt import Adaptation
+from sim2real.learning.modules.normalizer import Normalizer
+from sim2real.learning.population.population import (
+    AdaptationScores,
+    Population,
+    draw_seeds,
+    evaluate_adaptation,
+)
+from sim2real.learning.population.rollout import play
+from sim2real.runs.checkpoint import FOLDER, find, run_folder
+from sim2real.runs.errors import Sim2RealError
+
+log = logging.getLogger(__name__)
+ROUNDS = 16  # episodes of a chunk per row: long enough that rows which idle at its end cost little
+ROWS = 256  # episodes side by side of a policy that does not adapt
+EVALUATION, INTERVALS = 1, 2  # streams of randomness that follow from one seed
+Report = Callable[[int, int], None]
+
+
+class Trained(Protocol):
+    """What can be evaluated: a trained policy; `PPO` and `SAC` are some."""
+
+    frames: int
+    tasks: Any
+
+    def module(self) -> nn.Module:
+        """Return the deterministic policy."""
+        ...
+
+    def world(self, num_rows: int) -> Rows:
+        """Make rows of what it was trained in."""
+        ...
+
+
+class Adaptable(Protocol):
+    """What can be evaluated before and after it adapts; `ESMAML` is one."""
+
+    frames: int
+    population: Population
+    adapt: Adaptation
+    normalizer: Normalizer | None
+    tasks: Any
+
+    @property
+    def theta(self) -> np.ndarray:
+        """The policy's parameters, (P,)."""
+        ...
+
+
+class Assessment(Protocol):
+    """An evaluation: `Evaluation` over a grid, `Transfer` on named robots."""
+
+    def assess(
+        self,
+        algorithm: Any,
+        env: Callable[..., Rows],
+        seed: int,
+        name: str,
+        progress: Report | None = None,
+    ) -> Any:
+        """Return the scores of one trained policy.
+
+        Args:
+            algorithm: the trained policy.
+            env: makes the environment that it was trained in.
+            seed: of all randomness.
+            name: of the training run.
+            progress: told what is done and how much there is.
+        """
+        ...
+
+    def report(self, scores: Sequence[Any], seed: int, out: Path) -> Any:
+        """Write the scores of one or several policies into the folder `out`; return them all."""
+        ...
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What an evaluation runs.
+
+    Args:
+        grid: the robots.
+        adaptations: independent adaptations in each cell.
+        episodes: fresh episodes that score each adaptation; as many score the policy before it.
+        threshold: return above which a cell counts as mastered.
+        draws: resamples of each interval, 2000 to 10000.
+        box: range that the table calls "training range" and the pictures frame, by parameter:
+            [low, high]; None takes the range that the policy was trained in.
+
+    Raises:
+        Sim2RealError: numbers below 1, or a range whose low is above its high.
+    """
+
+    grid: Grid
+    adaptations: int
+    episodes: int
+    threshold: float
+    draws: int
+    box: Box | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("adaptations", "episodes", "draws"):
+            if getattr(self, name) < 1:
+                raise Sim2RealError(f"eval.{name}={getattr(self, name)} must be at least 1")
+        for name, (low, high) in (self.box or {}).items():
+            if not low <= high:
+                raise Sim2RealError(f"eval.box.{name}: low={low} is above high={high}; swap them")
+
+    def assess(
+        self,
+        algorithm: Adaptable | Trained,
+        env: Callable[..., Rows],
+        seed: int,
+        name: str,
+        progress: Report | None = None,
+    ) -> GridScores:
+        """Run every cell; the robots are made by the algorithm itself. See `run_cells`."""
+        return run_cells(algorithm, self, seed, name, progress)
+
+    def report(self, scores: Sequence[GridScores], seed: int, out: Path) -> GridScores:
+        """Write the files of one or several runs, put together; see `report`."""
+        combined = combine(scores)
+        report(combined, self, seed, Path(out))
+        return combined
+
+
+def run_cells(
+    algorithm: Adaptable | Trained,
+    evaluation: Evaluation,
+    seed: int,
+    name: str,
+    progress: Report | None = None,
+) -> GridScores:
+    """Run every cell of the grid; see the module's text.
+
+    Args:
+        algorithm: the trained policy and its way to adapt.
+        evaluation: what to run.
+        seed: all randomness follows from it; one seed gives different policies the same luck.
+        name: of the training run.
+        progress: told the tasks done and the tasks in all, from time to time.
+
+    Raises:
+        ParameterError: a grid that leaves the parameter space of the policy's simulator.
+    """
+    cells = _Cells(algorithm, evaluation)
+    space = cells.space
+    grid, repeats = evaluation.grid, evaluation.adaptations
+    values = np.repeat(grid.values(space), repeats, axis=0)  # (C A, P)
+    seeds = draw_seeds(np.random.default_rng([seed, EVALUATION]), len(values))
+    spent = cells.adaptation_episodes
+    work = len(values) * (spent + (2 if spent else 1) * evaluation.episodes)
+    log.info("evaluating %d cells, %d episodes", grid.size, work)
+    chunks = max(1, min(work // (ROUNDS * cells.num_rows), len(values)))
+    parts, steps, done = [], 0, 0
+    for chunk in np.array_split(np.arange(len(values)), chunks):
+        scores = cells.run(values[chunk], seeds[chunk])
+        parts.append(np.stack([scores.before, scores.after]))  # (2, n, E)
+        steps, done = steps + scores.steps, done + len(chunk)
+        if progress is not None:
+            progress(done, len(values))
+    returns = np.concatenate(parts, axis=1).reshape(2, 1, grid.size, repeats, -1)  # (2, 1, C, A, E)
+    before, after = returns.mean(axis=-1)
+    before_sd, after_sd = (
+        returns.std(axis=-1, ddof=1)
+        if evaluation.episodes > 1
+        else np.full_like(returns[..., 0], np.nan)
+    )
+    box = training_range(algorithm.tasks, space) if evaluation.box is None else evaluation.box
+    return GridScores(
+        grid,
+        grid.parameters(space),
+        {p: (float(low), float(high)) for p, (low, high) in box.items() if p in grid.names},
+        (name,),
+        (algorithm.frames,),
+        (steps,),
+        evaluation.episodes,
+        cells.adaptation_episodes,
+        before,
+        after,
+        before_sd,
+        after_sd,
+    )
+
+
+class _Cells:
+    """Runs cells of a grid: on the population of an algorithm that adapts, else on fresh rows."""
+
+    def __init__(self, algorithm: Adaptable | Trained, evaluation: Evaluation) -> None:
+        self._algorithm, self._episodes = algorithm, evaluation.episodes
+        population = getattr(algorithm, "population", None)
+        self._rows = None if population else cast(Trained, algorithm).world(ROWS)
+        self.space = population.space if population else cast(Rows, self._rows).space
+        self.num_rows = population.num_rows if population else ROWS
+        adapt = getattr(algorithm, "adapt", None)
+        self.adaptation_episodes = adapt.episodes if adapt else 0
+
+    def run(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:
+        """Run robots (n, P) under seeds (n,)."""
+        if self._rows is not None:
+            return self._act(values, seeds)
+        own = cast(Adaptable, self._algorithm)
+        return evaluate_adaptation(
+            own.population, own.theta, own.normalizer, own.adapt, values, seeds, self._episodes
+        )
+
+    def _act(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:
+        """Run a policy that does not adapt, under the luck that one which does would have."""
+        rows, own = cast(Rows, self._rows), cast(Trained, self._algorithm)
+        luck = [draw_seeds(np.random.default_rng(int(seed)), self._episodes) for seed in seeds]
+        robots = np.repeat(values, self._episodes, axis=0)  # (n E, P)
+        returns, steps = [], 0
+        for part in np.array_split(np.arange(len(robots)), -(-len(robots) // ROWS)):
+            played = play(rows, own.module(), robots[part], np.concatenate(luck)[part])
+            returns.append(played.returns)
+            steps += int(played.lengths.sum())
+        scores = np.concatenate(returns).reshape(len(values), -1)  # (n, E)
+        return AdaptationScores(scores, scores.copy(), steps)
+
+
+def report(scores: GridScores, evaluation: Evaluation, seed: int, out: Path) -> None:
+    """Write grid.csv, evaluation.json, table.md, table.csv, and a picture of one or two axes."""
+    rng = np.random.default_rng([seed, INTERVALS])
+    table = scores.summary(evaluation.threshold, evaluation.draws, rng)
+    table.write(out / "table")
+    summary = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    scores.write(out, seed=seed, threshold=evaluation.threshold, summary=summary)
+    if len(scores.grid.axes) == 1:
+        grid_line(scores, out / "plots" / "line.png", draws=evaluation.draws, rng=rng)
+    elif len(scores.grid.axes) == 2:
+        grid_heatmaps(scores, out / "plots" / "heatmaps.png")
+    else:
+        log.info(
+            "a grid of %d axes has no picture; see table.md and grid.csv", len(scores.grid.axes)
+        )
+
+
+def evaluate_grid(
+    algorithm: Adaptable | Trained,
+    evaluation: Evaluation,
+    seed: int,
+    out: Path,
+    *,
+    name: str = "",
+    progress: Report | None = None,
+) -> GridScores:
+    """Evaluate one trained policy and write everything into `out`.
+
+    Args:
+        algorithm: the trained policy and its way to adapt.
+        evaluation: what to run.
+        seed: of all randomness.
+        out: folder for the files; see `report`.
+        name: of the training run; its seed, say.
+        progress: told the tasks done and the tasks in all.
+    """
+    scores = run_cells(algorithm, evaluation, seed, name or "run", progress)
+    report(scores, evaluation, seed, Path(out))
+    return scores
+
+
+def find_runs(checkpoint: str | Path | Sequence[str | Path] | None) -> dict[str, Path]:
+    """Return the checkpoint files that a user means, by the names of their runs.
+
+    Args:
+        checkpoint: a checkpoint file, a run's folder, a folder of runs (a sweep), or several.
+
+    Raises:
+        Sim2RealError: none given, or none there.
+    """
+    if not checkpoint:
+        raise Sim2RealError("evaluate needs a trained policy; give checkpoint=PATH")
+    given = [checkpoint] if isinstance(checkpoint, str | Path) else list(checkpoint)
+    paths = [find(path) for one in given for path in _runs_in(Path(one).expanduser())]
+    names = [_seed_name(path) for path in paths]
+    if len(set(names)) < len(names):
+        names = [f"{name} ({run_folder(path)})" for name, path in zip(names, paths, strict=True)]
+    return dict(zip(names, paths, strict=True))
+
+
+def _runs_in(path: Path) -> list[Path]:
+    """Return the run folders below a sweep's folder, or the path itself."""
+    if not path.is_dir() or (path / FOLDER).is_dir():
+        return [path]
+    return sorted(folder.parent for folder in path.glob(f"*/{FOLDER}")) or [path]
+
+
+def _seed_name(checkpoint: Path) -> str:
+    """Name a run by the seed in its manifest, or else by its folder."""
+    folder = run_folder(checkpoint)
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        return f"seed {manifest['seed']}"
+    except (OSError, KeyError, TypeError, ValueError):
+        return folder.name

@@ -1,0 +1,236 @@
+"""What many training runs say together about transfer: tables, claims, pictures.
+
+    python -m sim2real run=report runs=outputs/train
+    python -m sim2real run=report runs=[outputs/train/udr,outputs/train/ppo_source]
+
+Runs that were evaluated with `eval=transfer` are put into groups: an experiment, and what was swept
+within it. The report is report.md with report.csv (one row for each group and robot),
+returns.csv (one for each run and robot), claims.csv, and pictures: learning curves, and bars over
+each sweep. Everything is over training runs: intervals resample whole runs, since episodes of one
+policy say nothing about the next.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from sim2real.evaluation.hypotheses import Claim, Verdict
+from sim2real.evaluation.study import Group, Run, Study
+from sim2real.runs.statistics import FEW, Interval, bootstrap, iqm, probability_of_improvement
+from sim2real.runs.tables import Cell, Table
+
+log = logging.getLogger(__name__)
+DRAWS = 5000  # resamples of each interval
+FIGURES = "figures"
+
+
+def main_table(study: Study, baseline: str | None, seed: int) -> Table:
+    """Return a row for each group: what it gets on each robot, and what the study got there."""
+    meant = study.robots[-1]
+    compared = [f"P(better than {baseline} on {meant})"] if baseline else []
+    columns = ["experiment", "trained on", "runs", "steps"]
+    studied = [f"the study: {robot}" for robot in study.robots]
+    table = Table([*columns, *(f"IQM on {r}" for r in study.robots), *compared, *studied])
+    for group, budget in _shown(study):
+        middle = [estimate(study.returns(group, robot, budget), seed) for robot in study.robots]
+        chance = [_chance(study, group, baseline, meant, seed, budget)] if baseline else []
+        figures = [_figure_words(group, robot) for robot in study.robots]
+        own = (group.label, group.trained_on, *_size(group, budget))
+        table.add(*own, *middle, *chance, *figures)
+    return table
+
+
+def _shown(study: Study) -> list[tuple[Group, int]]:
+    return [(group, budget) for group in study.groups for budget in group.shown()]
+
+
+def pair_table(
+    study: Study, trained: str | None, tested: str, baseline: str | None, seed: int
+) -> tuple[str, Table]:
+    """Return the title and the table of all groups trained on one robot and tested on another."""
+    columns = ["experiment", "runs", "steps", "IQM", "mean", "sd over runs", "sd over episodes"]
+    compared = [f"P(better than {baseline})"] if baseline else []
+    table = Table([*columns, *compared, "the study: mean", "its sd over episodes"])
+    for group, budget in _shown(study):
+        if group.trained_on == trained:
+            chance = [_chance(study, group, baseline, tested, seed, budget)] if baseline else []
+            numbers = _numbers(study, group, tested, seed, budget)
+            own = (group.label, *_size(group, budget))
+            table.add(*own, *numbers, *chance, *_figure(group, tested))
+    return f"{trained or 'another robot'} → {tested}", table
+
+
+def long_table(study: Study, baseline: str | None, seed: int) -> Table:
+    """Return a row for each group, budget and robot."""
+    columns = ("experiment", "trained on", "tested on", "runs", "steps")
+    numbers = ("IQM", "mean", "sd over runs", "sd over episodes", "P(improvement)")
+    table = Table((*columns, *numbers, "study mean", "study sd"))
+    for group in study.groups:
+        for budget in sorted(group.runs):
+            for robot in study.robots:
+                cells = _numbers(study, group, robot, seed, budget)
+                chance = _chance(study, group, baseline, robot, seed, budget)
+                own = (group.label, group.trained_on, robot, *_size(group, budget))
+                table.add(*own, *cells, chance, *_figure(group, robot))
+    return table
+
+
+def claims_table(study: Study, verdicts: Sequence[Verdict]) -> Table:
+    """Return what became of each claim, beside the figures of the study."""
+    table = Table(("claim", "verdict", "found", "steps", "the study"))
+    for claim, verdict, found, steps in verdicts:
+        table.add(claim.text, verdict, found, steps or None, _studied(study, claim))
+    return table
+
+
+def _studied(study: Study, claim: Claim) -> str | None:
+    """Return what the study found for both sides of a claim, where it gave figures."""
+    words = []
+    for side in (side for side in (claim.left, claim.right) if side is not None):
+        groups = study.find(side.experiment, side.when)
+        mean = _figure(groups[0], side.robot)[0] if groups and side.robot else None
+        if mean is None:
+            return None
+        words.append(f"{mean:g}")
+    factor = "" if claim.times == 1 else f"{claim.times:g} x "
+    return f" against {factor}".join(words)
+
+
+def returns_csv(study: Study) -> str:
+    """Return one row for each run, budget and robot."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    names = ["experiment", "run", "trained_on", "tested_on", "steps", "episodes"]
+    writer.writerow([*names, "mean_return", "sd_over_episodes"])
+    for group in study.groups:
+        for run in (run for budget in sorted(group.runs) for run in group.at(budget)):
+            for robot, returns in run.scores.returns.items():
+                own = [group.label, run.scores.name, run.scores.trained_on, robot]
+                numbers = [f"{returns.mean():.6g}", f"{_spread(returns):.6g}"]
+                writer.writerow([*own, run.scores.frames, len(returns), *numbers])
+    return out.getvalue()
+
+
+def estimate(values: np.ndarray, seed: int) -> Interval | float:
+    """Return the interquartile mean of runs (n,), with an interval from two runs up."""
+    if len(values) < 2:
+        return float(iqm(values[:, None]))
+    rng = np.random.default_rng(seed)  # anew, so that a number has one interval in all tables
+    return bootstrap(values[:, None], iqm, rng, draws=DRAWS, resample="rows")
+
+
+def _numbers(
+    study: Study, group: Group, robot: str, seed: int, budget: int | None = None
+) -> list[Cell]:
+    values = study.returns(group, robot, budget)
+    spread = float(values.std(ddof=1)) if len(values) > 1 else None
+    within = float(np.mean([_spread(r.scores.returns[robot]) for r in group.at(budget)]))
+    return [estimate(values, seed), float(values.mean()), spread, within]
+
+
+def _chance(
+    study: Study,
+    group: Group,
+    baseline: str | None,
+    robot: str,
+    seed: int,
+    budget: int | None = None,
+) -> Interval | None:
+    """Return how probably a run of the group beats one of the baseline after as many steps."""
+    budget = max(group.runs) if budget is None else budget
+    others = study.find(baseline) if baseline else []
+    if len(others) != 1 or others[0] is group or budget not in others[0].runs:
+        return None
+    mine, theirs = (study.returns(g, robot, budget)[:, None] for g in (group, others[0]))
+    if min(len(mine), len(theirs)) < 2:
+        return None
+    return probability_of_improvement(mine, theirs, np.random.default_rng(seed), draws=DRAWS)
+
+
+def _size(group: Group, budget: int | None = None) -> tuple[int, float]:
+    runs = group.at(budget)
+    return len(runs), float(np.mean([run.scores.frames for run in runs]))
+
+
+def _spread(returns: np.ndarray) -> float:
+    return float(returns.std(ddof=1)) if len(returns) > 1 else float("nan")
+
+
+def _figure(group: Group, robot: str) -> tuple[float | None, float | None]:
+    """Return the study's mean and standard deviation for a group on a robot, if it has any."""
+    newest = group.at()[-1]
+    for figure in newest.expect.get(FIGURES, ()):
+        when = figure.get("when") or {}
+        if robot in figure and group.fits(group.experiment, when):
+            mean, spread = figure[robot]
+            return float(mean), float(spread)
+    return None, None
+
+
+def _figure_words(group: Group, robot: str) -> str | None:
+    mean, spread = _figure(group, robot)
+    return None if mean is None or spread is None else f"{mean:g} ± {spread:g}"
+
+
+def robot_pairs(study: Study) -> list[tuple[str | None, str]]:
+    """Return what a study compares: the robot of the training, and the robot of the evaluation."""
+    trained = dict.fromkeys(group.trained_on for group in study.groups)
+    order = [robot for robot in study.robots if robot in trained]
+    return [(one, other) for one in [*order, *(t for t in trained if t not in order)]
+            for other in study.robots]  # fmt: skip
+
+
+def page_text(
+    study: Study,
+    runs: Sequence[Run],
+    main: Table,
+    tables: Sequence[tuple[str, Table]],
+    claims: Table,
+    pictures: Sequence[tuple[str, str]],
+) -> str:
+    """Return the report as Markdown."""
+    parts = [f"# Transfer: {study.task}", main.markdown().strip(), _note(study, runs)]
+    parts += [f"![{text}]({path})\n\n*{text}.*" for path, text in pictures]
+    if claims.rows:
+        parts += ["## What was expected", claims.markdown().strip()]
+    for title, table in tables:
+        parts += [f"## {title}", table.markdown().strip()]
+    return "\n\n".join(parts) + "\n"
+
+
+def _note(study: Study, runs: Sequence[Run]) -> str:
+    """Return how the numbers came about, in words."""
+    episodes = sorted({len(r) for run in runs for r in run.scores.returns.values()})
+    counts = [len(group.at()) for group in study.groups]
+    settings = runs[0].settings
+    facts = {
+        "masses": settings.get("env.task.masses"),
+        "steps an episode": settings.get("env.task.max_steps"),
+        "MuJoCo": _versions(runs),
+    }
+    words = ", ".join(f"{name} {value}" for name, value in facts.items() if value)
+    few = f"; fewer than {FEW} runs make them too narrow" if min(counts) < FEW else ""
+    return (
+        f"Each run: the mean of {' or '.join(map(str, episodes))} deterministic episodes of its "
+        "last policy on each robot. IQM: interquartile mean over runs; intervals: 95 %, bootstrap "
+        f"over runs{few}. P: share of pairs of runs in which the first has the higher return. "
+        f"The study's ± is over the episodes of one policy. {study.task}: {words}."
+    )
+
+
+def _versions(runs: Sequence[Run]) -> str:
+    found: dict[str, Any] = {}
+    for run in runs:
+        try:
+            text = (run.folder / "manifest.json").read_text(encoding="utf-8")
+            found[json.loads(text)["packages"]["mujoco"]] = True
+        except (OSError, KeyError, TypeError, ValueError):
+            continue
+    return " and ".join(found)

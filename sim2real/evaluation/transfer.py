@@ -1,0 +1,275 @@
+"""Transfer: what a trained policy gets on named robots, such as its own and the one it is for.
+
+    robots = {"source": {"domain": "source"}, "target": {"domain": "target"}}
+    transfer = Transfer(robots, episodes=50)
+    scores = transfer.assess(algorithm, env, seed=0, name="seed 0")
+    scores.returns["target"]                        # (50,)
+    transfer.report([scores], seed=0, out=folder)   # transfer-<steps>.json, transfer.md and .csv
+
+A robot is the run's own task with some arguments changed, an effects.yaml put into it, or both. The
+policy acts deterministically and does not adapt; every robot gets the same seeds of episodes, and
+nothing is drawn: parameters that training randomized are as the model says.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.errors import did_you_mean
+from envs.rows import Rows
+from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.learner import with_effects
+from sim2real.learning.population.population import draw_seeds
+from sim2real.learning.population.rollout import Played, play
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import write_text
+from sim2real.runs.tables import Table
+
+EPISODES = 4  # stream of randomness that follows from the evaluation's seed
+EFFECTS = "effects"  # key of a robot that is no argument of its task
+Report = Callable[[int, int], None]
+
+
+class TransferError(Sim2RealError):
+    """Robots that cannot be made of a run's task, or a damaged file of scores."""
+
+
+@dataclass(frozen=True)
+class TransferScores:
+    """What one trained policy got on each robot.
+
+    Args:
+        name: of the training run: its seed.
+        task: name of the task's class.
+        trained_on: the robot that is the run's own task, or None.
+        frames: environment steps of the training.
+        robots: what makes each robot, by name.
+        returns: return of each episode, (E,), by robot.
+        lengths: control steps of each episode, (E,), by robot.
+        failed: episodes that a simulation error ended, by robot.
+    """
+
+    name: str
+    task: str
+    trained_on: str | None
+    frames: int
+    robots: dict[str, dict[str, Any]]
+    returns: dict[str, np.ndarray]
+    lengths: dict[str, np.ndarray]
+    failed: dict[str, int]
+
+    def description(self) -> dict[str, Any]:
+        """Return everything as JSON holds it."""
+        robots = {
+            robot: {
+                "changes": changes,
+                "returns": [round(x, 6) for x in self.returns[robot].tolist()],
+                "lengths": self.lengths[robot].tolist(),
+                "failed": self.failed[robot],
+            }
+            for robot, changes in self.robots.items()
+        }
+        about = {"name": self.name, "task": self.task, "trained_on": self.trained_on}
+        return {**about, "training_steps": self.frames, "robots": robots}
+
+    @classmethod
+    def of(cls, about: Mapping[str, Any]) -> TransferScores:
+        """Undo `description`; raises KeyError, TypeError or ValueError for anything else."""
+        robots = about["robots"]
+        return cls(
+            str(about["name"]),
+            str(about["task"]),
+            about["trained_on"],
+            int(about["training_steps"]),
+            {robot: dict(found["changes"]) for robot, found in robots.items()},
+            {robot: np.array(found["returns"], np.float64) for robot, found in robots.items()},
+            {robot: np.array(found["lengths"], np.int64) for robot, found in robots.items()},
+            {robot: int(found["failed"]) for robot, found in robots.items()},
+        )
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """What an evaluation runs.
+
+    Args:
+        robots: by name, the arguments of the run's task that differ; `effects` names an
+            effects.yaml that is put into the robot besides.
+        episodes: on each robot.
+
+    Raises:
+        TransferError: no robot, or fewer than 1 episode.
+    """
+
+    robots: Mapping[str, Mapping[str, Any]]
+    episodes: int
+
+    def __post_init__(self) -> None:
+        if not self.robots or self.episodes < 1:
+            raise TransferError(
+                f"eval: robots={list(self.robots)} and episodes={self.episodes}; "
+                "at least one robot and one episode are needed"
+            )
+
+    def assess(
+        self,
+        algorithm: Algorithm,
+        env: Callable[..., Rows],
+        seed: int,
+        name: str,
+        progress: Report | None = None,
+    ) -> TransferScores:
+        """Run one trained policy on every robot.
+
+        Args:
+            algorithm: its `module()` acts.
+            env: makes the environment that it was trained in; its task is what robots vary.
+            seed: the episodes' luck follows from it; one seed gives different policies the same.
+            name: of the training run.
+            progress: told the robots done and the robots in all.
+
+        Raises:
+            TransferError: a robot that cannot be made of the run's task.
+        """
+        worlds = {robot: variant(env, robot, dict(c)) for robot, c in self.robots.items()}
+        seeds = draw_seeds(np.random.default_rng([seed, EPISODES]), self.episodes)
+        played: dict[str, Played] = {}
+        for robot, world in worlds.items():
+            played[robot] = _play(world(num_rows=self.episodes), algorithm, seeds)
+            if progress is not None:
+                progress(len(played), len(worlds))
+        return TransferScores(
+            name,
+            type(task_of(env)).__name__,
+            _own(env, worlds),
+            algorithm.frames,
+            {robot: dict(changes) for robot, changes in self.robots.items()},
+            {robot: found.returns for robot, found in played.items()},
+            {robot: found.lengths for robot, found in played.items()},
+            {robot: int(found.failed.sum()) for robot, found in played.items()},
+        )
+
+    def report(
+        self, scores: Sequence[TransferScores], seed: int, out: Path
+    ) -> Sequence[TransferScores]:
+        """Write transfer-<steps>.json with every episode, and transfer.md and .csv.
+
+        Args:
+            scores: of one or several training runs.
+            seed: that they were assessed with.
+            out: folder of the files.
+
+        Returns:
+            The scores.
+        """
+        write(scores, seed, out)
+        columns = ("run", "tested on", "mean return", "sd over episodes", "mean length")
+        table = Table((*columns, "episodes", "training steps"))
+        for one in scores:
+            for robot, returns in one.returns.items():
+                spread = float(returns.std(ddof=1)) if len(returns) > 1 else None
+                length = float(one.lengths[robot].mean())
+                here = f"{robot} (its own)" if robot == one.trained_on else robot
+                cells = (one.name, here, float(returns.mean()), spread, length)
+                table.add(*cells, len(returns), one.frames)
+        table.write(Path(out) / "transfer")
+        return scores
+
+
+def write(scores: Sequence[TransferScores], seed: int, out: str | Path) -> Path:
+    """Write scores into a folder; return the file."""
+    steps = max((one.frames for one in scores), default=0)
+    document = {"schema": 1, "seed": seed, "runs": [one.description() for one in scores]}
+    return write_text(Path(out) / f"transfer-{steps}.json", json.dumps(document) + "\n")
+
+
+def read(path: str | Path) -> list[TransferScores]:
+    """Read what `write` wrote.
+
+    Raises:
+        TransferError: a file that is missing or damaged.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        return [TransferScores.of(one) for one in document["runs"]]
+    except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise TransferError(
+            f"{path} is no whole file of scores ({error}); evaluate again"
+        ) from error
+
+
+def _play(rows: Rows, algorithm: Algorithm, seeds: np.ndarray) -> Played:
+    """Run an episode in each row with nothing drawn, and close what draws images."""
+    try:
+        return play(rows, algorithm.module(), rows.space.points(len(seeds)), seeds)
+    finally:
+        getattr(rows, "close", lambda: None)()
+
+
+def task_of(env: Callable[..., Rows]) -> Any:
+    """Return the task that an environment is made of; raises TransferError where there is none."""
+    task = _arguments(env).get("task")
+    if task is None:
+        maker = getattr(env, "func", env)
+        raise TransferError(
+            f"eval: {getattr(maker, '__name__', maker)} has no task whose arguments could differ "
+            "between robots; choose an env of the simulator, such as env=hopper_polito"
+        )
+    return task
+
+
+def variant(env: Callable[..., Rows], robot: str, changes: dict[str, Any]) -> Callable[..., Rows]:
+    """Return what makes the environment with another robot in it.
+
+    The effects that were put into the run's simulator are left out: they correct a simulator, and a
+    robot is what it is.
+
+    Args:
+        env: makes the run's own environment.
+        robot: its name, for messages.
+        changes: arguments of the task, and `effects`.
+
+    Raises:
+        TransferError: an argument that the task does not take.
+        EnvsError: a value that it refuses, or a wrong effects.yaml.
+    """
+    effects = changes.pop(EFFECTS, None)
+    task = task_of(env)
+    known = task_arguments(task)
+    for key in changes:
+        if key not in known:
+            raise TransferError(
+                f"eval.robots.{robot}: {type(task).__name__} takes no {key!r}"
+                f"{did_you_mean(key, known)}; it takes: {', '.join([*known, EFFECTS])}"
+            )
+    changed = partial(env, task=type(task)(**(known | changes)))
+    if _arguments(env).get("fixed"):
+        changed = partial(changed, fixed=())
+    return with_effects(changed, effects)
+
+
+def task_arguments(task: Any) -> dict[str, Any]:
+    """Return the arguments that a task was made with; it keeps each under its name."""
+    return {name: getattr(task, name) for name in inspect.signature(type(task)).parameters}
+
+
+def _own(env: Callable[..., Rows], worlds: Mapping[str, Callable[..., Rows]]) -> str | None:
+    """Return the name of the robot that equals the run's own."""
+    own = task_arguments(task_of(env)), _arguments(env).get("fixed") or ()
+    for robot, world in worlds.items():
+        if (task_arguments(task_of(world)), _arguments(world).get("fixed") or ()) == own:
+            return robot
+    return None
+
+
+def _arguments(env: Callable[..., Rows]) -> dict[str, Any]:
+    """Return the arguments that are bound to a maker of environments."""
+    return dict(getattr(env, "keywords", {}))

@@ -1,0 +1,261 @@
+"""Holding an exam: hide effects, diagnose the logs without knowing them, score the answers.
+
+    python -m sim2real run=blindcheck                                  # the exam of the docs: hours
+    python -m sim2real +experiment=blindcheck_small                    # a sample of it
+    python -m sim2real +experiment=blindcheck resume=outputs/mine      # go on where it stopped
+    python -m sim2real +experiment=blindcheck resume=outputs/mine exam.most=0   # score it
+
+Logs and model of each case lie in `logs/`, what was hidden in `keys/`. Cases come in blocks: all of
+a block are made and sealed before the first one is diagnosed. Each diagnosis is a process of its
+own that is given one folder of `logs/`, and leaves its answer in `answers/`. Only then are the keys
+of the answered cases read, and checked against the hashes that were written with the logs.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from envs.effects import combined, load_effects
+from envs.errors import EnvsError
+from envs.plant import Fixed
+from hardware.log import Log, read_log
+from sim2real.exam import matrix, score, seal
+from sim2real.exam.answer import EFFECTS, REPORT, VERSION, answered, ask
+from sim2real.exam.cases import KEY, Outline
+from sim2real.exam.logs import overall
+from sim2real.exam.measure import apart
+from sim2real.exam.score import Mark
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import claimed, write_text
+from sim2real.runs.tables import Table
+
+log_ = logging.getLogger(__name__)
+LOGS, KEYS, ANSWERS, DROPPED, HELD = "logs", "keys", "answers", "dropped.txt", "held.csv"
+CLAIMS = "claims"  # who of several programs works on which case
+PATIENCE = 2.0  # s between looks at what another program does
+CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # edges of the table of calibration
+
+
+class Examiner(Protocol):
+    """What draws and makes the cases of an exam.
+
+    Attributes:
+        longest: time after which a diagnosis counts as failed [s].
+        most: cases that are diagnosed at most before the score; None for all.
+        block: cases that are made and sealed before the first of them is diagnosed.
+    """
+
+    @property
+    def longest(self) -> float: ...  # noqa: D102
+    @property
+    def most(self) -> int | None: ...  # noqa: D102
+    @property
+    def block(self) -> int: ...  # noqa: D102
+
+    def draw(self, seed: int) -> list[Outline]:
+        """Return the cases; the same seed gives the same ones."""
+        ...
+
+    def make(self, outline: Outline, logs: Path, key: Path) -> bool:
+        """Write a case's two folders; False if it cannot be made."""
+        ...
+
+
+def hold(exam: Examiner, outlines: Sequence[Outline], folder: Path) -> None:
+    """Make, seal and diagnose one block of cases after the other, till `most` were asked."""
+    left = exam.most
+    for start in range(0, len(outlines), exam.block):
+        if left == 0:
+            return
+        names = prepare(exam, outlines[start : start + exam.block], folder)
+        asked = diagnose(names, folder, exam.longest, left)
+        left = None if left is None else left - asked
+
+
+def prepare(exam: Examiner, block: Sequence[Outline], folder: Path) -> list[str]:
+    """Make the cases that are not there yet, seal them, and return the names of those to ask."""
+    keys, logs = folder / KEYS, folder / LOGS
+    outlines = {one.name: one for one in block}
+
+    def made(name: str) -> bool:
+        return (keys / name / KEY).is_file() or (keys / name / DROPPED).is_file()
+
+    def make(name: str) -> None:
+        log_.info("%s: making it", name)
+        outline = outlines[name]
+        if not exam.make(outline, logs / name, keys / name):
+            effects = ", ".join(outline.effects)
+            write_text(keys / name / DROPPED, f"{outline.robot} cannot show {effects}\n")
+
+    share(list(outlines), made, make, folder / CLAIMS / "making")
+    with claimed(folder / CLAIMS / "seal") as mine:
+        if mine and not outlines.keys() <= set(seal.cases(logs)):
+            seal.close(keys, logs, outlines)
+    return [name for name in outlines if (keys / name / KEY).is_file()]
+
+
+def diagnose(names: Sequence[str], folder: Path, longest: float, most: int | None) -> int:
+    """Ask for the answers that are not there yet, at most so many; return how many it was."""
+    left = [name for name in names if not answered(folder / ANSWERS / name)][:most]
+
+    def ask_one(name: str) -> None:
+        log_.info("%s, %d to go", name, len(left) - left.index(name))
+        logs, answer = folder / LOGS / name, folder / ANSWERS / name
+        ask(logs.resolve(), answer.resolve(), longest)
+
+    share(left, lambda name: answered(folder / ANSWERS / name), ask_one, folder / CLAIMS / "asking")
+    return len(left)
+
+
+def share(
+    names: Sequence[str], done: Callable[[str], bool], do: Callable[[str], None], claims: Path
+) -> None:
+    """Do what is not done, beside other programs that do the same, and wait for them at the end.
+
+    Args:
+        names: of the pieces of work.
+        done: whether one is done.
+        do: does one.
+        claims: folder in which each piece's folder says who works on it.
+    """
+    while True:
+        for name in names:
+            if not done(name):
+                with claimed(claims / name) as mine:
+                    if mine and not done(name):
+                        do(name)
+        if all(done(name) for name in names):
+            return
+        time.sleep(PATIENCE)
+
+
+def report(folder: Path, drawn: int, seed: int) -> list[Mark]:
+    """Open the seals, mark every case that was answered, and write the tables and the picture.
+
+    Args:
+        folder: of the exam.
+        drawn: cases that it has, with those that could not be made.
+        seed: of its draw.
+
+    Raises:
+        Sim2RealError: the keys are not the ones that were sealed, no case could be made, or none
+            was answered.
+    """
+    keys, logs = folder / KEYS, folder / LOGS
+    seal.check(keys, logs)
+    sealed = seal.cases(logs)
+    names = [name for name in sealed if (keys / name / KEY).is_file()]
+    if not names:
+        raise Sim2RealError(f"{folder}: not one case could be made; ask for more robots or cases")
+    marks = [_mark(folder, name) for name in names if answered(folder / ANSWERS / name)]
+    if not marks:
+        raise Sim2RealError(f"{folder}: not one case was answered; start it again with resume=")
+    write(marks, folder, seed, drawn - len(sealed) + len(names))
+    return marks
+
+
+def _mark(folder: Path, name: str) -> Mark:
+    key = json.loads((folder / KEYS / name / KEY).read_text(encoding="utf-8"))
+    file = folder / ANSWERS / name / REPORT
+    answer = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
+    held = folder / KEYS / name / HELD
+    closed = None
+    if answer is not None and key["kind"] in ("one", "two") and held.is_file():
+        known = folder / LOGS / name / "known.yaml"
+        fixed = load_effects(known) if known.is_file() else []
+        named = load_effects(file.with_name(EFFECTS))
+        closed = closes(read_log(held), fixed, named, key["residue"])
+    return score.mark(key, answer, closed)
+
+
+def closes(
+    log: Log, known: Sequence[Fixed], named: Sequence[Fixed], residue: float
+) -> float | None:
+    """Return what share of a log's closable gap the found effects close.
+
+    None where they cannot be put into the model.
+
+    Args:
+        log: a recording that the diagnosis never saw; its metadata names the model.
+        known: effects that the diagnosis was told of.
+        named: those that it found.
+        residue: what the model leaves where nothing is hidden [rad].
+    """
+    spec = mujoco.MjSpec.from_file(str(log.model))
+    before = overall(apart(log, spec, known))
+    try:
+        after = overall(apart(log, spec, combined(known, named))) if named else before
+    except EnvsError as error:
+        log_.warning("the found effects cannot be replayed: %s", error)
+        return None
+    return (before - after) / max(before - residue, 1e-9)
+
+
+def _dropped(folder: Path) -> list[str]:
+    files = sorted((folder / KEYS).glob(f"*/{DROPPED}"))
+    return [f"{file.parent.name}: {file.read_text(encoding='utf-8').strip()}" for file in files]
+
+
+def write(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> None:
+    """Write table.md with everything, each table as CSV, score.json and the matrix's picture.
+
+    Args:
+        marks: of the cases that were answered.
+        folder: of the exam.
+        seed: of its draw.
+        cases: that the exam has.
+    """
+    rng = np.random.default_rng(0)
+    counts, dropped = matrix.confusion(marks), _dropped(folder)
+    parts: dict[str, tuple[str, Table]] = {
+        "table": ("Figures", score.summary(marks, rng)),
+        "calibration": ("Is the confidence earned?", score.calibration(marks, CONFIDENCES)),
+        "matrix": ("Hidden against named first", matrix.table(counts)),
+        "failures": ("What was answered wrongly", score.failures(marks)),
+    }
+    text = [f"# Blind check\n\n{_head(marks, folder, seed, cases)}\n"]
+    for name, (title, table) in parts.items():
+        text.append(f"## {title}\n\n{table.markdown()}")
+        write_text(folder / f"{name}.csv", table.csv())
+    if dropped:
+        text.append("## Not drawn\n\n" + "\n".join(f"* {line}" for line in dropped) + "\n")
+    write_text(folder / "table.md", "\n".join(text))
+    write_text(folder / "cases.csv", score.cases(marks).csv())
+    figures = {str(row[0]): row[1:] for row in parts["table"][1].rows}
+    about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": len(marks) < cases}
+    about |= {"versions": _versions(marks, folder), "figures": figures}
+    write_text(folder / "score.json", json.dumps(about, indent=1))
+    matrix.draw(counts, folder / "plots" / "matrix.png")
+    log_.info("%s", parts["table"][1].markdown())
+
+
+def _head(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> str:
+    """Say how many cases of which kinds were answered, and by which code."""
+    kinds = [one.kind for one in marks]
+    several = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    head = f"{len(marks)} cases of seed {seed}: {several}."
+    if len(marks) < cases:
+        head = (
+            f"**partial: true.** {len(marks)} of {cases} cases were answered so far; they are "
+            f"drawn so that every kind and robot is among them.\n\n{head}"
+        )
+    versions = _versions(marks, folder)
+    if len(versions) > 1:
+        told = ", ".join(f"{count} by {name}" for name, count in versions.items())
+        head += f"\n\nSeveral versions of the diagnosis answered: {told}."
+    return head
+
+
+def _versions(marks: Sequence[Mark], folder: Path) -> dict[str, int]:
+    """Return how many of the cases each version of the code answered."""
+    files = [folder / ANSWERS / one.case / VERSION for one in marks]
+    found = [f.read_text(encoding="utf-8").strip() if f.is_file() else "unknown" for f in files]
+    return {name: found.count(name) for name in dict.fromkeys(found)}

@@ -1,0 +1,52 @@
+"""How far a log is from a simulation of it: the exam's own measure, which no diagnosis computes.
+
+    before = apart(log, spec)                       # (M,) rad, joint by joint
+    after = apart(log, spec, load_effects("effects.yaml"))
+
+Each joint is compared at the moment when it was read (`stamp.<joint>`), which on a bus is a few
+milliseconds before the row's command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from envs.plant import Fixed, Plant
+from envs.replay import replay, switchable, with_moments
+from hardware.log import Log
+from sim2real.diagnosis.data.replay import to_recording
+
+
+def stamps(log: Log, joints: Sequence[str]) -> np.ndarray:
+    """Return when each joint was read [s], (T, M); the row's time where the log does not say."""
+    columns = [f"stamp.{joint}" for joint in joints]
+    return np.column_stack([log.columns.get(name, log.time) for name in columns])
+
+
+def residuals(log: Log, plant: Plant) -> np.ndarray:
+    """Return simulated minus measured positions in each row of a plant, (N, T, M) [rad].
+
+    Args:
+        log: one episode; its joints must all turn about one axis.
+        plant: the simulations, made of a `switchable` spec.
+    """
+    model, joints = plant.nominal, log.joints
+    read = np.maximum(stamps(log, joints), 0.0)  # (T, M)
+    recording = with_moments(to_recording(log, model), np.unique(read))
+    paths = replay(plant, [recording] * plant.num_rows)
+    found = np.empty((plant.num_rows, *read.shape))
+    for i, joint in enumerate(joints):
+        place = int(model.jnt_qposadr[model.joint(joint).id])
+        rows = np.searchsorted(recording.time, read[:, i])
+        for n, path in enumerate(paths):
+            found[n, :, i] = path[rows, place] - log.column(f"qpos.{joint}")
+    return found
+
+
+def apart(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> np.ndarray:
+    """Return the RMS error of each joint of a log under a model with fixed effects, (M,) [rad]."""
+    plant = Plant(switchable(spec), num_rows=1, fixed=fixed)
+    return np.sqrt(np.mean(residuals(log, plant)[0] ** 2, axis=0))

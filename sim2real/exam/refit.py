@@ -1,0 +1,178 @@
+"""Which effects can pass for another one: what is withheld together with an effect.
+
+    rivals = withheld(robot, truth, log, floor)     # ("payload", "center_of_mass")
+
+Each other effect is fitted alone, at every place where it could act alike: the same joint, the
+bodies that it moves or that carry it, the whole robot. It is a rival if the gap that it leaves is
+at most twice the floor. The fit is a plain search by the cross-entropy method (Rubinstein 1999), a
+population of simulations at a time: slow, but it needs no slope and shares nothing with the
+diagnosis that it helps to check.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from envs.effects import Effect, make
+from envs.errors import EnvsError
+from envs.plant import Plant
+from envs.replay import DivergedError, switchable
+from hardware.config import Robot
+from hardware.log import Log
+from sim2real.exam.hiding import EFFECTS, SIDES, moved, scales
+from sim2real.exam.measure import residuals
+
+NEAR = 2.0  # floors: what a rival may leave
+ROWS, ROUNDS, ELITE = 16, 4, 4
+HOPELESS = 0.85  # of the gap that the best of the first round leaves: no more rounds then
+FREE: Mapping[str, Mapping[str, tuple[float, float]]] = {  # further scalars that are fitted too
+    "stribeck_friction": {"speed": (0.1, 2.0)},
+    "cogging": {"count": (4.0, 32.0), "phase": (-3.2, 3.2)},
+    "joint_compliance": {"damping": (0.0, 0.5)},
+    "thermal_derating": {"decay": (0.0, 0.05)},
+}
+
+
+class Fit(NamedTuple):
+    """The best that one effect does."""
+
+    values: np.ndarray  # (P,)
+    left: float  # RMS over joints and rows [rad]
+
+
+def withheld(robot: Robot, truth: Mapping[str, Any], log: Log, floor: float) -> tuple[str, ...]:
+    """Return the effects that refit a hidden one to within twice the floor.
+
+    Args:
+        robot: as `exam_robot` returns it.
+        truth: the hidden effect: its name, `where` and `joint`.
+        log: a recording of the robot that hides it; a short one will do, since whatever fits all
+            of a robot's motions fits this one.
+        floor: what noise leaves [rad].
+    """
+    spec = mujoco.MjSpec.from_file(str(robot.model))
+    found = []
+    for name in EFFECTS:
+        if name == truth["effect"]:
+            continue
+        tries = (fit(robot, spec, one, log, NEAR * floor) for one in rivals(robot, name, truth))
+        if any(one is not None and one.left <= NEAR * floor for one in tries):
+            found.append(name)
+    return tuple(found)
+
+
+def rivals(robot: Robot, name: str, truth: Mapping[str, Any]) -> list[Effect]:
+    """Return an effect at every place where it could pass for the hidden one."""
+    joint = truth["joint"]
+    sides = ("motor", "link") if name in SIDES else (None,)
+    extra: dict[str, Any] = {"free": tuple(FREE[name])} if name in FREE else {}
+    if name == "supply_sag":
+        kind = robot.servos[0].type
+        extra = {"voltage": robot.supply.voltage, "torque_constant": kind.torque_constant}
+    match EFFECTS[name].place:
+        case "robot":
+            spots: list[str | None] = [None]
+        case "joint":
+            spots = [joint]
+        case "body":
+            spots = list(_chain(robot.model, moved(robot)[joint]) & set(moved(robot).values()))
+    return [make(name, where=spot, side=side, **extra) for spot in spots for side in sides]
+
+
+def _chain(path: Path, body: str) -> set[str | None]:
+    """Return a body, those that carry it and those that it carries."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    start = model.body(body).id
+    found = set()
+    for other in range(1, model.nbody):
+        for upper, lower in ((start, other), (other, start)):
+            while lower > upper:
+                lower = int(model.body_parentid[lower])
+            if lower == upper:
+                found.add(model.body(other).name)
+    return found
+
+
+def fit(robot: Robot, spec: mujoco.MjSpec, effect: Effect, log: Log, enough: float) -> Fit | None:
+    """Fit one effect to a log, until it leaves no more than `enough` [rad].
+
+    None if the robot cannot have the effect.
+    """
+    try:
+        plant = Plant(switchable(spec), [effect], num_rows=ROWS)
+    except EnvsError:
+        return None
+    joint = effect.where if effect.place in ("joint", "actuator") else None
+    unit = scales(robot, joint)[EFFECTS[effect.name].unit]
+
+    rng = np.random.default_rng(0)
+    size = plant.space.size
+    mean, spread, best = np.zeros(size), np.full(size, np.inf), None
+    before = _left(plant, plant.space.points(ROWS), log)[0]
+    for _ in range(ROUNDS):
+        wild = rng.uniform(-1, 1, (ROWS, size))
+        near = np.clip(mean + np.where(np.isfinite(spread), spread, 0) * wild, -1, 1)
+        points = np.where(np.isfinite(spread), near, wild)  # (N, P) in [-1, 1]
+        values = np.array([_values(effect, unit, point) for point in points])
+        values = np.clip(values, plant.space.low, plant.space.high)
+        left = _left(plant, values, log)
+        order = np.argsort(left)
+        if best is None or left[order[0]] < best.left:
+            best = Fit(values[order[0]], float(left[order[0]]))
+        if best.left <= enough or best.left > HOPELESS * before:
+            break
+        elite = points[order[:ELITE]]
+        mean, spread = elite[0], np.maximum(2 * np.ptp(elite, axis=0), 0.02)
+    return best
+
+
+def _values(effect: Effect, unit: float, point: np.ndarray) -> list[float]:
+    """Return the parameters at a point of [-1, 1]^P: sizes go from nothing outwards."""
+    span = EFFECTS[effect.name]
+
+    def sized(x: float) -> float:
+        low, high = math.log(span.low), math.log(span.high)
+        return math.exp(low + abs(x) * (high - low))
+
+    first = float(point[0])
+    match span.form:
+        case "add":
+            own = [sized(first) * unit]
+        case "signed":
+            own = [math.copysign(sized(first), first) * unit]
+        case "factor":
+            own = [math.exp(math.copysign(sized(first), first))]
+        case "limit":
+            own = [unit / sized(first)]
+        case "mass":
+            own = [unit * (math.exp(math.copysign(sized(first), first)) - 1)]
+        case "tilt":
+            own = [span.high * float(x) for x in point[:2]]
+    free = FREE.get(effect.name, {}).values()
+    further = zip(free, point[len(own) :], strict=True)
+    return own + [low + (float(x) + 1) / 2 * (high - low) for (low, high), x in further]
+
+
+def _left(plant: Plant, values: np.ndarray, log: Log) -> np.ndarray:
+    """Return what each row's values (N, P) leave of the gap, (N,); inf where they diverge."""
+    values, rows = values.copy(), np.arange(plant.num_rows)
+    lost = np.zeros(plant.num_rows, bool)
+    while True:
+        plant.set_params(rows, values)
+        try:
+            errors = residuals(log, plant)
+        except DivergedError as error:
+            lost[error.row] = True
+            keep = np.flatnonzero(~lost)
+            if not len(keep):
+                return np.full(plant.num_rows, np.inf)
+            values[error.row] = values[keep[0]]
+            continue
+        left = np.sqrt(np.mean(errors**2, axis=(1, 2)))
+        return np.where(lost, np.inf, left)

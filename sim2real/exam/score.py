@@ -1,0 +1,360 @@
+"""Scoring an exam: each answer against its key, and all of them with intervals.
+
+    marks = [mark(key, report, closed) for ...]
+    table = summary(marks)
+
+Rules:
+
+* The first cause is right if it, or a member of its equivalence set, is a hidden effect at its
+  place. A set counts only if it has at most three members, the cause included.
+* Rank 3: every hidden effect is among the first three causes or their sets.
+* The place of a body effect is the joint that moves the body. A robot of one joint has one place.
+* Nothing hidden: `no_gap` is right, everything else a false alarm.
+* Effect removed from the candidates: anything but `explained` is right, if the joint with the
+  largest share of the gap is the right one.
+* `closed` is measured anew on a sealed log that the diagnosis never saw, by the exam's own replay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from sim2real.runs.statistics import Interval
+from sim2real.runs.tables import Table
+
+LARGEST_SET = 3
+LEVEL = 0.95
+DRAWS = 4000
+# Effects whose value means the same in the emulator's laws and in the vocabulary's.
+COMPARABLE = (
+    *("coulomb_friction", "viscous_friction", "backlash", "joint_compliance", "armature"),
+    *("encoder_offset", "position_gain", "motor_strength", "torque_limit", "dead_zone"),
+    *("profile_velocity", "profile_acceleration", "supply_voltage", "supply_sag"),
+    *("command_delay", "observation_delay", "link_mass", "center_of_mass", "payload"),
+)
+FACTORS = ("position_gain", "motor_strength", "supply_voltage")
+Named = tuple[str, str | None]  # effect and place
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What became of one case; None where a question does not apply.
+
+    Args:
+        case: its name.
+        kind: one, two, none or excluded.
+        robot: its name.
+        hidden: the hidden effects in words.
+        answer: the verdict and the causes in words.
+        truths: the hidden effects' names.
+        first: the name that the answer gives at rank 1: the truth's if its set holds it.
+        rank1: whether the first cause is right.
+        rank3: whether all hidden effects are among the first three.
+        place: whether the first place is right.
+        recognized: of a removed effect, not called explained.
+        alarm: of nothing hidden, anything but no_gap.
+        closed: share of the closable gap that is closed on the sealed log.
+        claimed: the same as the report says.
+        error: relative error of the value of the first cause, where it can be compared.
+        covered: whether its interval holds the truth.
+        confidence: of the first cause.
+        superfluous: causes that nothing hidden stands behind.
+        seconds: of the diagnosis.
+        reason: why it is wrong, for people; "" if it is right.
+    """
+
+    case: str
+    kind: str
+    robot: str
+    hidden: str
+    answer: str
+    truths: tuple[str, ...]
+    first: str
+    rank1: bool | None = None
+    rank3: bool | None = None
+    place: bool | None = None
+    recognized: bool | None = None
+    alarm: bool | None = None
+    closed: float | None = None
+    claimed: float | None = None
+    error: float | None = None
+    covered: bool | None = None
+    confidence: float | None = None
+    superfluous: int = 0
+    seconds: float | None = None
+    reason: str = field(default="")
+
+
+def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float | None) -> Mark:
+    """Compare an answer with its key.
+
+    Args:
+        key: {name, kind, robot, truths, joints, bodies}; `joints` are the robot's, `bodies` says
+            which joint moves which body.
+        report: report.json; None if the diagnosis failed.
+        closed: what the found effects close of the sealed log's gap; None if that was not measured.
+    """
+    places = _Places(key["joints"], key["bodies"])
+    truths = [(t["effect"], places.of(t["joint"])) for t in key["truths"]]
+    hidden = ", ".join(describe(t) for t in key["truths"]) or "nothing"
+    common = {
+        "case": key["name"],
+        "kind": key["kind"],
+        "robot": key["robot"],
+        "hidden": hidden,
+        "truths": tuple(effect for effect, _ in truths),
+    }
+    if report is None:
+        return _failed(common)
+    causes = [_members(cause, places) for cause in report["causes"]]
+    common |= {
+        "answer": words(report),
+        "claimed": report["gap"]["closed"],
+        "seconds": report["seconds"],
+        "superfluous": sum(not set(members) & set(truths) for members in causes),
+        "first": _first(report, causes, truths),
+    }
+    match key["kind"]:
+        case "none":
+            alarm = report["verdict"] != "no_gap"
+            return Mark(**common, alarm=alarm, reason="a false alarm" if alarm else "")
+        case "excluded":
+            return _excluded(common, report, places, truths)
+    return _found(common, report, causes, truths, key, closed)
+
+
+def _failed(common: dict[str, Any]) -> Mark:
+    kind = common["kind"]
+    wrong: dict[str, dict[str, Any]] = {
+        "none": {"alarm": True},
+        "excluded": {"recognized": False, "place": False},
+    }
+    marks: dict[str, Any] = wrong.get(
+        kind, {"rank1": False, "rank3": False, "place": False, "closed": 0.0}
+    )
+    return Mark(**common, **marks, answer="failed", first="failed", reason="the diagnosis failed")
+
+
+def _excluded(
+    common: dict[str, Any], report: Mapping[str, Any], places: _Places, truths: list[Named]
+) -> Mark:
+    """Of a removed effect: is it admitted that it is not explained, and is the place right?"""
+    recognized = report["verdict"] not in ("explained", "no_gap")
+    top = places.of(report["where"][0]["joint"]) if report["where"] else None
+    place = top in [where for _, where in truths]
+    reason = "" if recognized else f"called {report['verdict']}"
+    reason = reason or ("" if place else f"most of the gap put at {top}")
+    return Mark(**common, recognized=recognized, place=place, reason=reason)
+
+
+def _found(
+    common: dict[str, Any],
+    report: Mapping[str, Any],
+    causes: list[list[Named]],
+    truths: list[Named],
+    key: Mapping[str, Any],
+    closed: float | None,
+) -> Mark:
+    """Of one or two hidden effects: are they named, and where?"""
+    first = causes[0] if causes else []
+    rank1 = bool(set(first) & set(truths))
+    seen = {name for members in causes[:3] for name in members}
+    spots = {where for _, where in truths}
+    lead = report["causes"][0] if causes else None
+    at = first[0][1] if first else None
+    place = rank1 or (lead is not None and at in spots)
+    error, covered = _value(lead, first, key["truths"], truths) if lead else (None, None)
+    return Mark(
+        **common,
+        rank1=rank1,
+        rank3=set(truths) <= seen,
+        place=place,
+        closed=closed,
+        error=error,
+        covered=covered,
+        confidence=lead["confidence"] if lead else None,
+        reason=_why(report, first, truths, rank1, place),
+    )
+
+
+def _why(
+    report: Mapping[str, Any], first: list[Named], truths: list[Named], rank1: bool, place: bool
+) -> str:
+    if rank1:
+        return ""
+    if not report["causes"]:
+        return f"no cause named, {report['verdict']}"
+    if not first:
+        return f"a set of {len(report['causes'][0]['equivalent']) + 1} effects"
+    if set(truths) & {(c["effect"], c["where"]) for c in report["causes"]}:
+        return "the right effect, but not first"
+    return "another effect at the right place" if place else "another effect, another place"
+
+
+class _Places:
+    """Makes the names of places comparable: bodies become joints, a lone joint the robot."""
+
+    def __init__(self, joints: Sequence[str], bodies: Mapping[str, str]) -> None:
+        self._joints, self._bodies = joints, bodies
+
+    def of(self, where: str | None) -> str | None:
+        """Return the joint of a place; None for the whole robot."""
+        where = self._bodies.get(where, where) if where else where
+        return None if len(self._joints) == 1 and where in self._joints else where
+
+
+def _members(cause: Mapping[str, Any], places: _Places) -> list[Named]:
+    """Return a cause and its equivalents; nothing if these are more than a set may hold."""
+    every = [cause, *cause["equivalent"]]
+    found = [(one["effect"], places.of(one["where"])) for one in every]
+    return found if len(found) <= LARGEST_SET else []
+
+
+def _first(report: Mapping[str, Any], causes: list[list[Named]], truths: list[Named]) -> str:
+    """Return the effect at rank 1: a hidden one if the set holds it; else the verdict."""
+    if not causes:
+        return report["verdict"]
+    right = [effect for effect, where in causes[0] if (effect, where) in truths]
+    return right[0] if right else report["causes"][0]["effect"]
+
+
+def _value(
+    cause: Mapping[str, Any],
+    members: list[Named],
+    entries: Sequence[Mapping[str, Any]],
+    truths: list[Named],
+) -> tuple[float | None, bool | None]:
+    """Return the relative error of a value and whether its interval covers the truth."""
+    if not members or members[0] not in truths or cause["effect"] not in COMPARABLE:
+        return None, None
+    truth = entries[truths.index(members[0])]
+    if truth["side"] != cause["side"] or cause["value"] is None:
+        return None, None
+    wanted, got = truth["value"], cause["value"]
+    low, high = cause["value_ci"]
+    covered = None if low is None or high is None else bool(low <= wanted <= high)
+    if cause["effect"] in FACTORS:
+        return abs(math.log(max(got, 1e-9) / wanted) / math.log(wanted)), covered
+    return abs(got - wanted) / abs(wanted), covered
+
+
+def describe(truth: Mapping[str, Any]) -> str:
+    """Return a hidden effect in words: `backlash at elbow (link) 0.0341`."""
+    where = f" at {truth['where']}" if truth["where"] else ""
+    side = f" ({truth['side']})" if truth["side"] else ""
+    values = truth["value"] if isinstance(truth["value"], list) else [truth["value"]]
+    return f"{truth['effect']}{where}{side} {' '.join(f'{v:.3g}' for v in values)}"
+
+
+def words(report: Mapping[str, Any]) -> str:
+    """Return an answer in words: the verdict and the first three causes with their sets."""
+    parts = []
+    for cause in report["causes"][:3]:
+        others = "".join(f" = {o['effect']}@{o['where']}" for o in cause["equivalent"])
+        parts.append(f"{describe(cause)}{others}")
+    return f"{report['verdict']}: {'; '.join(parts)}" if parts else report["verdict"]
+
+
+def wilson(hits: Iterable[bool]) -> Interval | None:
+    """Return a share and its 95 % interval by Wilson (1927); None of nothing."""
+    hits = list(hits)
+    if not hits:
+        return None
+    found = stats.binomtest(sum(hits), len(hits)).proportion_ci(LEVEL, method="wilson")
+    return Interval(sum(hits) / len(hits), float(found.low), float(found.high))
+
+
+def median(values: Iterable[float], rng: np.random.Generator) -> Interval | None:
+    """Return a median and its 95 % interval by the bootstrap over cases; None of nothing."""
+    found = np.array(list(values), float)
+    if not len(found):
+        return None
+    draws = np.median(rng.choice(found, (DRAWS, len(found))), axis=1)
+    low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return Interval(float(np.median(found)), float(low), float(high))
+
+
+def of(marks: Sequence[Mark], name: str) -> list[Any]:
+    """Return one question's marks where it applies."""
+    return [value for one in marks if (value := getattr(one, name)) is not None]
+
+
+def summary(marks: Sequence[Mark], rng: np.random.Generator) -> Table:
+    """Return the figures of an exam, each with its number of cases, interval and aim."""
+    table = Table(("figure", "cases", "value", "aim"))
+    shown = [one for one in marks if one.kind in ("one", "two")]
+
+    def add(label: str, values: Sequence[Any], aim: str, kind: Callable[..., Any] = wilson) -> None:
+        table.add(label, len(values), kind(values), aim)
+
+    def middle(values: Sequence[float]) -> Interval | None:
+        return median(values, rng)
+
+    add("rank 1 right", of(shown, "rank1"), "≥ 0.90")
+    add("all among the first three", of(shown, "rank3"), "")
+    add("place right", of(shown, "place"), "≥ 0.95")
+    add("closed on the sealed log, median", of(shown, "closed"), "≥ 0.90", middle)
+    add("closed as reported, median", of(shown, "claimed"), "", middle)
+    add("false alarms where nothing is hidden", of(marks, "alarm"), "≤ 1 case")
+    excluded = [one for one in marks if one.kind == "excluded"]
+    both = [bool(one.recognized and one.place) for one in excluded]
+    add("removed effect: not explained and place right", both, "≥ 0.90")
+    add("removed effect: not explained", of(excluded, "recognized"), "")
+    add("removed effect: place right", of(excluded, "place"), "")
+    add("value in its 90 % interval", of(shown, "covered"), "0.75 to 0.97")
+    add("relative error of values, median", of(shown, "error"), "", middle)
+    add("superfluous causes, mean", [one.superfluous for one in shown], "", _mean)
+    add("seconds a case, median", of(marks, "seconds"), "≤ 180", middle)
+    for kind in ("one", "two"):
+        own = [one for one in shown if one.kind == kind]
+        add(f"rank 1 right, {kind} hidden", of(own, "rank1"), "")
+    for robot in dict.fromkeys(one.robot for one in shown):
+        own = [one for one in shown if one.robot == robot]
+        add(f"rank 1 right, {robot}", of(own, "rank1"), "")
+    names = ", ".join(COMPARABLE)
+    table.notes.append(f"Brackets: 95 % intervals. Values are compared for {names}.")
+    return table
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if len(values) else None
+
+
+def calibration(marks: Sequence[Mark], edges: Sequence[float]) -> Table:
+    """Return how often the first cause is right, by the confidence that it was named with."""
+    table = Table(("confidence", "cases", "mean confidence", "right"))
+    asked = [m for m in marks if m.confidence is not None and m.rank1 is not None]
+    for low, high in pairwise(edges):
+        own = [m for m in asked if low <= m.confidence < high]  # type: ignore[operator]
+        mean = _mean([float(m.confidence or 0.0) for m in own])
+        table.add(f"{low:g} to {min(high, 1.0):g}", len(own), mean, wilson(of(own, "rank1")))
+    if asked:
+        brier = np.mean([(float(m.confidence or 0) - bool(m.rank1)) ** 2 for m in asked])
+        table.notes.append(f"Brier score {brier:.3f} (0 is best, 0.25 is a coin's).")
+    return table
+
+
+def failures(marks: Sequence[Mark]) -> Table:
+    """Return the cases that were answered wrongly, and how."""
+    table = Table(("case", "robot", "kind", "hidden", "answer", "why"))
+    for one in marks:
+        if one.reason:
+            table.add(one.case, one.robot, one.kind, one.hidden, one.answer, one.reason)
+    return table
+
+
+def cases(marks: Sequence[Mark]) -> Table:
+    """Return every case with all its marks."""
+    names = [name for name in Mark.__dataclass_fields__ if name != "truths"]
+    table = Table(names)
+    for one in marks:
+        values = [getattr(one, name) for name in names]
+        table.add(*(int(v) if isinstance(v, bool) else v for v in values))
+    return table

@@ -1,0 +1,1 @@
+"""Learning: environments with transforms, policies, losses, algorithms, populations, adaptation."""

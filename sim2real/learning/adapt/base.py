@@ -1,0 +1,225 @@
+"""What all adaptation operators share: stages of episodes, cohorts of members, sessions of one.
+
+The episodes of an operator are numbered 0 … E - 1 and fall into **stages**: the candidates of a
+stage depend only on the values of earlier stages. So the episodes of one stage may run at the same
+time and report in any order.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+
+from sim2real.runs.errors import Sim2RealError
+
+
+class Adaptation(ABC):
+    """A recipe that changes a parameter vector by the returns of a fixed number of episodes."""
+
+    @property
+    @abstractmethod
+    def stages(self) -> tuple[int, ...]:
+        """Episodes of each stage, in order."""
+
+    @property
+    @abstractmethod
+    def queries(self) -> int:
+        """Perturbations drawn per member."""
+
+    @abstractmethod
+    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
+        """Start members with given perturbations.
+
+        Args:
+            thetas: parameters before adaptation, (n, P).
+            noise: standard normal perturbations, (n, queries, P) float32.
+        """
+
+    @property
+    def episodes(self) -> int:
+        """Episodes that an adaptation spends, those of the unchanged policy included."""
+        return sum(self.stages)
+
+    def start(self, theta: np.ndarray, rng: np.random.Generator) -> Session:
+        """Start one adaptation that asks for one episode at a time.
+
+        Args:
+            theta: parameters before adaptation, (P,).
+            rng: source of the perturbations, which are all drawn now.
+        """
+        return Session(self, theta, self.draw(rng, len(theta)))
+
+    def start_many(self, thetas: np.ndarray, rngs: Sequence[np.random.Generator]) -> Cohort:
+        """Start n adaptations side by side; member i equals `start(thetas[i], rngs[i])`."""
+        noise = np.empty((len(thetas), self.queries, thetas.shape[1]), np.float32)
+        for member, rng in enumerate(rngs):
+            noise[member] = self.draw(rng, thetas.shape[1])
+        return self.cohort(thetas, noise)
+
+    def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
+        """Draw one member's perturbations, (queries, size) float32."""
+        return rng.standard_normal((self.queries, size), dtype=np.float32)
+
+
+class Cohort(ABC):
+    """Many members that go through one operator side by side, each at its own pace.
+
+    A member's numbers do not depend on the other members or on the order of calls.
+
+    Args:
+        stages: episodes of each stage.
+        thetas: parameters before adaptation, (n, P).
+        noise: perturbations, (n, queries, P) float32.
+    """
+
+    def __init__(self, stages: tuple[int, ...], thetas: np.ndarray, noise: np.ndarray) -> None:
+        self.stages = stages
+        self.results = np.array(thetas, np.float32)  # (n, P): the incumbent, at the end the result
+        self.noise = noise
+        self.values = np.full((len(thetas), sum(stages)), np.nan)  # (n, E) returns told so far
+        self._ends = np.cumsum((0, *stages))  # first episode of each stage, then E
+        self._stage = np.zeros(len(thetas), np.int64)
+        self._told = np.zeros(len(thetas), np.int64)
+
+    def available(self, member: int) -> range:
+        """Return the episodes of the member's present stage; empty when it is done."""
+        stage = self._stage[member]
+        return range(0) if stage == len(self.stages) else range(*self._ends[stage : stage + 2])
+
+    @abstractmethod
+    def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
+        """Return the parameters to try in these episodes.
+
+        Args:
+            members: (k,).
+            episodes: an episode of each member's present stage, (k,).
+
+        Returns:
+            (k, P) float32.
+        """
+
+    def tell(self, members: np.ndarray, episodes: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Report returns.
+
+        Args:
+            members: (k,); a member may occur more than once.
+            episodes: which of its present stage's episodes, (k,).
+            values: their undiscounted returns, (k,).
+
+        Returns:
+            The members whose stage is now complete, sorted; they are in their next stage.
+
+        Raises:
+            Sim2RealError: for a value that is not finite.
+        """
+        if not np.isfinite(values).all():
+            raise Sim2RealError(f"adaptation: returns must be finite numbers, got {values}")
+        self.values[members, episodes] = values
+        np.add.at(self._told, members, 1)
+        touched = np.unique(members)
+        complete = touched[self._told[touched] == self._ends[self._stage[touched] + 1]]
+        stages = self._stage[complete]
+        for stage in np.unique(stages):
+            self._advance(complete[stages == stage], int(stage))
+        self._stage[complete] += 1
+        return complete
+
+    @abstractmethod
+    def _advance(self, members: np.ndarray, stage: int) -> None:
+        """Digest a complete stage of some members."""
+
+    def _stage_values(self, members: np.ndarray, stage: int) -> np.ndarray:
+        """Return the values of a stage, (k, episodes of the stage)."""
+        return self.values[members, self._ends[stage] : self._ends[stage + 1]]
+
+
+class Session:
+    """One robot's adaptation, an episode at a time; it may be saved between any two calls.
+
+    Args:
+        operator: the recipe.
+        theta: parameters before adaptation, (P,).
+        noise: its perturbations, (queries, P).
+    """
+
+    def __init__(self, operator: Adaptation, theta: np.ndarray, noise: np.ndarray) -> None:
+        self._operator = operator
+        self._begin(theta, noise, np.empty(0))
+
+    def _begin(self, theta: np.ndarray, noise: np.ndarray, values: np.ndarray) -> None:
+        self._theta = np.array(theta, np.float32)
+        self._cohort = self._operator.cohort(self._theta[None], np.asarray(noise, np.float32)[None])
+        self._values: list[float] = []
+        for value in values:
+            self.tell(float(value))
+
+    @property
+    def episodes_left(self) -> int:
+        """Episodes still to be run."""
+        return self._operator.episodes - len(self._values)
+
+    @property
+    def result(self) -> np.ndarray:
+        """The parameters adapted so far, (P,) float32; final when `ask` returns None."""
+        return self._cohort.results[0].copy()
+
+    def ask(self) -> np.ndarray | None:
+        """Return the parameters to run for one episode, (P,) float32, or None when done."""
+        if self.episodes_left == 0:
+            return None
+        return self._cohort.candidates(np.array([0]), np.array([len(self._values)]))[0]
+
+    def tell(self, value: float) -> None:
+        """Report the return of the episode that was asked for.
+
+        Raises:
+            Sim2RealError: when the adaptation is done, or for a value that is not finite.
+        """
+        if self.episodes_left == 0:
+            raise Sim2RealError(
+                f"adaptation: all {self._operator.episodes} episodes have been told"
+            )
+        self._cohort.tell(np.array([0]), np.array([len(self._values)]), np.array([value]))
+        self._values.append(float(value))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the start, the perturbations and the returns so far, as tensors."""
+        return {
+            "theta": torch.from_numpy(self._theta.copy()),
+            "noise": torch.from_numpy(self._cohort.noise[0].copy()),
+            "values": torch.tensor(self._values, dtype=torch.float64),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go back to where `state_dict` was taken, by telling the same returns again."""
+        self._begin(*(state[key].numpy() for key in ("theta", "noise", "values")))
+
+
+class NoAdaptation(Adaptation):
+    """Leaves the policy as it is: domain randomization, the baseline of every adaptation."""
+
+    @property
+    def stages(self) -> tuple[int, ...]:
+        """None."""
+        return ()
+
+    @property
+    def queries(self) -> int:
+        """None."""
+        return 0
+
+    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
+        """Start members that are done at once."""
+        return _Unchanged((), thetas, noise)
+
+
+class _Unchanged(Cohort):
+    def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
+        return self.results[members]
+
+    def _advance(self, members: np.ndarray, stage: int) -> None:
+        pass

@@ -1,0 +1,301 @@
+"""ES-MAML: evolution strategies over policies that are scored after they have adapted.
+
+    algorithm = ESMAML(env, tasks, policy, HillClimb(...), seed=0, num_rows=64, shards=2, ...)
+    while algorithm.frames < 20_000_000:
+        metrics = algorithm.iterate()
+
+After Song et al. 2020, "ES-MAML: simple Hessian-free meta learning". Each candidate is a member: it
+meets a task that it has not seen, adapts there for a few episodes, and its fitness is the mean
+return of fresh episodes afterwards. No gradient passes through the adaptation, so it may be
+anything. With `NoAdaptation` this is evolution strategies under domain randomization; with fixed
+parameters as tasks it is plain evolution strategies.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from envs.effects.base import Effect
+from envs.randomization import Tasks
+from envs.rows import Rows
+from sim2real.learning.adapt import Adaptation
+from sim2real.learning.adapt.first_order import FirstOrder, FirstOrderCohort
+from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.modules.normalizer import Normalizer
+from sim2real.learning.modules.policy import MLPPolicy, PolicyModule
+from sim2real.learning.population.es import Estimator, EvolutionStrategy, Shaping
+from sim2real.learning.population.population import Members, Population, Results, draw_seeds
+from sim2real.runs.errors import CheckpointError, Sim2RealError
+
+
+def make_shards(
+    env: Callable[..., Rows],
+    num_rows: int,
+    shards: int,
+    effects: Sequence[Effect] = (),
+    threads: int = 1,
+) -> list[Rows]:
+    """Split rows over as many environments of one thread each, unless told otherwise.
+
+    Args:
+        env: makes the environment from `num_rows`, and from `threads` and `effects` if it takes
+            them.
+        num_rows: rows in all.
+        shards: environments; one per core uses the machine fully.
+        effects: what may differ per row.
+        threads: CPU threads of each environment; 0 for all cores.
+
+    Raises:
+        Sim2RealError: for more shards than rows, or effects for an environment that takes none.
+    """
+    if not 1 <= shards <= num_rows:
+        raise Sim2RealError(f"shards={shards} must be between 1 and num_rows={num_rows}")
+    takes = inspect.signature(env).parameters
+    extra: dict[str, Any] = {"threads": threads} if "threads" in takes else {}
+    if effects and "effects" not in takes:
+        raise Sim2RealError(
+            f"this environment takes no effects, the tasks need {len(effects)}; "
+            "use the environment's own tasks"
+        )
+    if effects:
+        extra["effects"] = effects
+    counts = [num_rows // shards + (i < num_rows % shards) for i in range(shards)]
+    return [env(num_rows=count, **extra) for count in counts]
+
+
+class ESMAML(Algorithm):
+    """Meta-learns parameters that adapt well.
+
+    Args:
+        env: makes the environment; see `make_shards`. The tasks' effects are handed to it.
+        tasks: what members adapt to, one draw each.
+        policy: makes the policy from observation_size, action_size, action_low and action_high.
+        adapt: the adaptation operator.
+        seed: all randomness of the run follows from it.
+        num_rows: episodes that run side by side, in all shards.
+        shards: environments with a thread each.
+        refill: see `Population`.
+        pairs: perturbation directions per iteration (first order: tasks per iteration).
+        sigma: standard deviation of the perturbations, in parameter units.
+        learning_rate: step size of the optimizer.
+        optimizer: "sgd" or "adam".
+        estimator: "antithetic" or "forward_fd"; see `EvolutionStrategy`.
+        shaping: "centred_ranks", "standardized" or "none".
+        top_k: directions kept; 0 keeps all.
+        orthogonal: whether directions are orthogonal.
+        weight_decay: pull towards 0.
+        paired_tasks: whether both members of a pair (forward_fd: all members) get the same tasks,
+            perturbations and episode seeds; false draws each member's own, as the reference does.
+        tasks_per_member: tasks that a candidate's fitness averages over.
+        final_episodes: episodes that score an adapted policy.
+        step_cost: subtracted from the fitness for each control step of the final episodes. The
+            task's bonus for being upright, taken out again, no longer rewards standing still (Mania
+            et al. 2018, section 4.1); returns that are logged and seen by adaptation keep it.
+        normalize_observations: whether the policy sees observations with the running mean and std
+            taken out, frozen within an iteration.
+        meta_estimator: "zeroth_order" perturbs the meta-parameters and scores what they adapt to;
+            "first_order" takes the gradient at the adapted parameters.
+        first_order_queries: episodes of each gradient estimate of "first_order".
+        clean_final: names of parameters that are neutral in the final episodes, such as a task's
+            return noise.
+
+    Raises:
+        Sim2RealError: for values out of range, or tasks that the environment cannot have.
+    """
+
+    def __init__(
+        self,
+        env: Callable[..., Rows],
+        tasks: Tasks,
+        policy: Callable[..., MLPPolicy],
+        adapt: Adaptation,
+        seed: int,
+        *,
+        num_rows: int,
+        shards: int,
+        refill: int,
+        pairs: int,
+        sigma: float,
+        learning_rate: float,
+        optimizer: Literal["sgd", "adam"],
+        estimator: Estimator,
+        shaping: Shaping,
+        top_k: int,
+        orthogonal: bool,
+        weight_decay: float,
+        paired_tasks: bool,
+        tasks_per_member: int,
+        final_episodes: int,
+        step_cost: float,
+        normalize_observations: bool,
+        meta_estimator: Literal["zeroth_order", "first_order"],
+        first_order_queries: int,
+        clean_final: Sequence[str],
+    ) -> None:
+        if tasks_per_member < 1 or final_episodes < 1:
+            raise Sim2RealError(
+                f"algorithm: tasks_per_member={tasks_per_member} and "
+                f"final_episodes={final_episodes} must be at least 1"
+            )
+        if meta_estimator not in ("zeroth_order", "first_order"):
+            raise Sim2RealError(
+                f"algorithm.meta_estimator={meta_estimator!r} is not one of "
+                "zeroth_order, first_order"
+            )
+        self.tasks, self.adapt = tasks, adapt
+        rows = make_shards(env, num_rows, shards, tasks.effects)
+        self.policy = policy(
+            observation_size=rows[0].observation_size,
+            action_size=rows[0].action_size,
+            action_low=rows[0].action_low,
+            action_high=rows[0].action_high,
+        )
+        if not isinstance(self.policy, MLPPolicy):
+            raise Sim2RealError(
+                "algorithm=esmaml searches parameters of an MLPPolicy, "
+                f"{type(self.policy).__name__} is none; use policy=linear or policy=mlp"
+            )
+        self.population = Population(rows, self.policy, refill)
+        tasks.check(self.population.space)
+        self._clean = [self.population.space.index(name) for name in clean_final]
+        self._paired, self._tasks_per_member = paired_tasks, tasks_per_member
+        self._final_episodes, self._step_cost, self._pairs = final_episodes, step_cost, pairs
+        start, search, draws = (
+            np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
+        )
+        self.strategy = EvolutionStrategy(
+            self.policy.initial(start),
+            search,
+            pairs=pairs,
+            sigma=sigma,
+            learning_rate=learning_rate,
+            optimizer=optimizer,
+            estimator=estimator,
+            shaping=shaping,
+            top_k=top_k,
+            orthogonal=orthogonal,
+            weight_decay=weight_decay,
+        )
+        self._first_order = (
+            FirstOrder(adapt, first_order_queries) if meta_estimator == "first_order" else None
+        )
+        self._rng = draws
+        self.normalizer = (
+            Normalizer(self.policy.observation_size) if normalize_observations else None
+        )
+        self.frames = self.iteration = 0
+
+    @property
+    def theta(self) -> np.ndarray:
+        """The meta-parameters, (P,) float32."""
+        return self.strategy.mean.astype(np.float32)
+
+    def module(self) -> PolicyModule:
+        """Return the policy of the meta-parameters, from raw observation to action."""
+        size = self.policy.observation_size
+        plain = self.normalizer or Normalizer(size)
+        return self.policy.module(self.theta, plain.mean, plain.std)
+
+    def iterate(self) -> dict[str, float]:
+        """Evaluate one generation of candidates and move the meta-parameters."""
+        step = self._zeroth_order if self._first_order is None else self._first_order_step
+        results, moved = step()
+        if self.normalizer is not None:
+            self.normalizer.update(results.frames, results.sums, results.squares)
+        self.frames += results.frames
+        self.iteration += 1
+        adapts = results.adaptation_episodes > 0
+        before = results.returns[:, 0] if adapts else results.final.mean(axis=1)
+        return {
+            "train/return": float(results.final.mean()),
+            "train/return_before": float(before.mean()),
+            "train/episode_length": float(results.lengths.mean()),
+            "train/failed": float(results.failed.mean()),
+            "train/gradient_norm": moved["gradient_norm"],
+            "train/frames": float(self.frames),
+        }
+
+    def _zeroth_order(self) -> tuple[Results, dict[str, float]]:
+        candidates = self.strategy.ask().astype(np.float32)  # (J, P)
+        repeats = self._tasks_per_member
+        thetas = np.repeat(candidates, repeats, axis=0)  # (J T, P)
+        results = self._run(self.adapt, thetas, self._draws(len(candidates)))
+        lengths = results.lengths[:, results.adaptation_episodes :]
+        scores = results.final - self._step_cost * lengths  # (J T, F)
+        fitness = scores.reshape(len(candidates), -1).mean(axis=1)
+        return results, self.strategy.tell(fitness)
+
+    def _first_order_step(self) -> tuple[Results, dict[str, float]]:
+        assert self._first_order is not None
+        count = self._pairs * self._tasks_per_member
+        members = self._members(
+            self._first_order, np.tile(self.theta, (count, 1)), np.arange(count)
+        )
+        results = self.population.run(members, self.normalizer)
+        assert isinstance(members.cohort, FirstOrderCohort)
+        return results, self.strategy.step(members.cohort.gradients.mean(axis=0))
+
+    def _draws(self, candidates: int) -> np.ndarray:
+        """Return which draw of task and luck each member gets, (J T,): equal numbers share one."""
+        if not self._paired:
+            groups = np.arange(candidates)
+        elif self.strategy.estimator == "antithetic":
+            groups = np.tile(np.arange(self._pairs), 2)
+        else:
+            groups = np.zeros(candidates, np.int64)
+        repeats = self._tasks_per_member
+        return (groups[:, None] * repeats + np.arange(repeats)).ravel()
+
+    def _run(self, adapt: Adaptation, thetas: np.ndarray, draws: np.ndarray) -> Results:
+        return self.population.run(self._members(adapt, thetas, draws), self.normalizer)
+
+    def _members(self, adapt: Adaptation, thetas: np.ndarray, draws: np.ndarray) -> Members:
+        """Draw tasks, perturbations and episode seeds, and hand each member those of its draw."""
+        count = int(draws.max()) + 1
+        values = self.tasks.sample(self._rng, count)
+        noise_seeds = draw_seeds(self._rng, count)
+        seeds = draw_seeds(self._rng, (count, adapt.episodes + self._final_episodes))
+        final_values = values.copy()
+        final_values[:, self._clean] = self.population.space.neutral[self._clean]
+        noise = np.empty((count, adapt.queries, thetas.shape[1]), np.float32)
+        for draw, seed in enumerate(noise_seeds.tolist()):
+            noise[draw] = adapt.draw(np.random.default_rng(seed), thetas.shape[1])
+        cohort = adapt.cohort(thetas, noise[draws])
+        return Members(cohort, values[draws], final_values[draws], seeds[draws])
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return all that the next iterations depend on."""
+        return {
+            "policy": self.policy.shape,
+            "strategy": self.strategy.state_dict(),
+            "normalizer": None if self.normalizer is None else self.normalizer.state_dict(),
+            "rng": self._rng.bit_generator.state,
+            "frames": self.frames,
+            "iteration": self.iteration,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over a state that `state_dict` returned.
+
+        Raises:
+            CheckpointError: for a state of another policy or another normalization.
+        """
+        if dict(state["policy"]) != self.policy.shape:
+            raise CheckpointError(
+                f"checkpoint: its policy is {dict(state['policy'])}, this run's is "
+                f"{self.policy.shape}; give the run the checkpoint's env and policy"
+            )
+        if (state["normalizer"] is None) != (self.normalizer is None):
+            raise CheckpointError(
+                "checkpoint: normalize_observations differs between the checkpoint and this run; "
+                "set algorithm.normalize_observations as it was"
+            )
+        self.strategy.load_state_dict(state["strategy"])
+        if self.normalizer is not None:
+            self.normalizer.load_state_dict(state["normalizer"])
+        self._rng.bit_generator.state = state["rng"]
+        self.frames, self.iteration = int(state["frames"]), int(state["iteration"])

@@ -1,0 +1,1 @@
+"""Populations: many policies at once in batched environments, here or on a cluster."""

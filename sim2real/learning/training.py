@@ -1,0 +1,178 @@
+"""Training: an algorithm iterates until its budget is spent, and leaves what a resume needs.
+
+    train(env=env, params=tasks, policy=policy, algorithm=algorithm, frames=500_000, ..., out=out)
+
+A resumed run computes, to the last bit, what an uninterrupted one would have: it starts from the
+newest checkpoint of the run that it continues (or the one that is named), takes over its rows of
+metrics.csv up to there, and goes on in its own folder. Wall-clock numbers are in timing.csv, apart,
+because they cannot repeat.
+
+Ctrl-C or SIGTERM: the iteration in progress is finished, a checkpoint written, and one line says
+how to resume. A second Ctrl-C abandons the iteration. On a full disk the run stops; its checkpoints
+up to there are whole.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from envs.randomization import Tasks
+from envs.rows import Rows
+from sim2real.learning.adapt import Adaptation
+from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.learner import build, identity, with_effects
+from sim2real.learning.population.cluster import Cluster
+from sim2real.runs.checkpoint import find
+from sim2real.runs.errors import Sim2RealError, Stopped
+from sim2real.runs.loggers import Loggers
+from sim2real.runs.progress import Progress
+from sim2real.runs.run_files import SCORE, RunFiles
+from sim2real.runs.stopping import Stopping
+
+Finish = Callable[[Algorithm, RunFiles, Callable[..., Rows]], None]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When training is over: the first of the limits that is reached.
+
+    Args:
+        iterations: iterations in all, or None.
+        frames: environment steps, or None.
+
+    Raises:
+        Sim2RealError: without a limit, or for one below 0.
+    """
+
+    iterations: int | None
+    frames: int | None
+
+    def __post_init__(self) -> None:
+        limits = {"iterations": self.iterations, "frames": self.frames}
+        if all(limit is None for limit in limits.values()):
+            raise Sim2RealError("training has no end: set iterations, frames, or both")
+        for name, limit in limits.items():
+            if limit is not None and limit < 0:
+                raise Sim2RealError(f"{name}={limit} must not be negative")
+
+    def done(self, algorithm: Algorithm) -> bool:
+        """Return whether a limit is reached."""
+        enough = self.iterations is not None and algorithm.iteration >= self.iterations
+        return enough or (self.frames is not None and algorithm.frames >= self.frames)
+
+    def progress(self, algorithm: Algorithm) -> Progress:
+        """Return the bar of a run that is here."""
+        if self.iterations is not None:
+            return Progress(self.iterations, "iteration", algorithm.iteration, algorithm.frames)
+        assert self.frames is not None
+        return Progress(self.frames, "step", algorithm.frames, algorithm.frames)
+
+    def spent(self, algorithm: Algorithm) -> int:
+        """Return what `progress` counts."""
+        return algorithm.iteration if self.iterations is not None else algorithm.frames
+
+
+def learn(algorithm: Algorithm, budget: Budget, files: RunFiles, logger: Loggers) -> None:
+    """Iterate until the budget is spent, keeping the run's files.
+
+    Raises:
+        Stopped: after a signal; see the module's text.
+    """
+    with Stopping() as stopping, budget.progress(algorithm) as progress:
+        try:
+            while not budget.done(algorithm) and not stopping.signal:
+                start, steps = time.monotonic(), algorithm.frames
+                metrics = algorithm.iterate()
+                seconds, steps = time.monotonic() - start, algorithm.frames - steps
+                logger.log(files.record(algorithm, metrics, seconds, steps), algorithm.frames)
+                progress.update(budget.spent(algorithm), algorithm.frames, metrics.get(SCORE))
+            files.save(algorithm)
+        except KeyboardInterrupt:
+            what = "the iteration in progress was abandoned"
+            raise stopped(files, what, stopping.signal) from None
+    if stopping.signal:
+        raise stopped(files, f"stopped after iteration {algorithm.iteration}", stopping.signal)
+
+
+def stopped(files: RunFiles, what: str, number: int) -> Stopped:
+    """Return what a run that signal `number` ended raises: what was lost, and how to resume."""
+    newest = files.store.latest()
+    again = f"to continue, run the same command with resume={newest}"
+    return Stopped(f"{what}; {again if newest else 'there is no checkpoint yet'}", 128 + number)
+
+
+def train(
+    *,
+    env: Callable[..., Rows],
+    effects: str | None,
+    params: Tasks,
+    policy: Callable[..., Any],
+    adapt: Adaptation,
+    algorithm: Callable[..., Algorithm],
+    logger: Loggers,
+    seed: int,
+    device: str,
+    iterations: int | None,
+    frames: int | None,
+    checkpoint_every: int,
+    keep_checkpoints: int,
+    resume: str | Path | None,
+    cluster: Cluster | None,
+    out: Path,
+    finish: Finish | None = None,
+) -> Algorithm:
+    """Train a policy in a folder.
+
+    Args:
+        env: makes the environment; see `ESMAML`.
+        effects: an effects.yaml that is put into the simulator; None for the model as it is.
+        params: the tasks to train on.
+        policy: makes the policy.
+        adapt: how it adapts.
+        algorithm: makes the algorithm from those of env, tasks, policy, adapt, seed and device that
+            it takes.
+        logger: further loggers.
+        seed: all randomness follows from it.
+        device: where networks are.
+        iterations: iterations in all, those before a resume included; None for no limit.
+        frames: environment steps after which no further iteration starts; None for no limit.
+        checkpoint_every: iterations between checkpoints.
+        keep_checkpoints: how many of the newest stay; the best stays too.
+        resume: a run folder or a checkpoint to continue; None starts afresh.
+        cluster: where a population's episodes run; None for this machine.
+        out: the run's folder.
+        finish: called with the trained algorithm, its files and its environment's maker, such as to
+            evaluate it; None for nothing.
+
+    Returns:
+        The trained algorithm.
+
+    Raises:
+        Sim2RealError: input that cannot work, before any work starts.
+        DiskError: when the run's files could not be written.
+        Stopped: after a signal.
+    """
+    budget = Budget(iterations, frames)
+    source = None if resume is None else find(resume)
+    env = with_effects(env, effects)
+    parts = {"env": env, "tasks": params, "policy": policy, "adapt": adapt, "device": device}
+    learner = build(algorithm, **parts, seed=seed)
+    files = RunFiles(Path(out), identity(learner, env), checkpoint_every, keep_checkpoints)
+    files.begin(learner, source)
+    with cluster.attached(learner, env) if cluster else nullcontext():
+        with logger.opened(files.out, files.config):
+            learn(learner, budget, files, logger)
+        try:
+            with files.writing():
+                if finish is not None:
+                    finish(learner, files, env)
+        except KeyboardInterrupt:
+            what = "training is complete, its evaluation is not"
+            raise stopped(files, what, signal.SIGINT) from None
+    return learner

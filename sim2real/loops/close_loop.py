@@ -1,0 +1,186 @@
+r"""From a robot's episodes to the simulator that its policy should train in.
+
+    python -m sim2real +experiment=hopper_gap
+    python -m sim2real run=close_loop checkpoint=outputs/train/ppo_source/2026-11-21_10-00-00 \
+        +env@target=hopper_polito target.task.domain=target target.task.masses=legacy
+
+`target` stands for the robot: a task whose state is all known. A few of its episodes are recorded,
+of a trained policy or of random actions, and `env`, the simulator that the policy knows, is
+diagnosed against them. What was found is in effects.yaml, with which training goes on:
+
+    python -m sim2real +experiment=ppo_source effects=outputs/close_loop/.../effects.yaml eval=none
+
+With a checkpoint the policy is also played in both simulators and on the target, so that the
+returns show how much of the gap is closed for it before anything is trained again.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import torch
+from torch import nn
+
+from envs.rows import Rows
+from envs.simulation import Simulation
+from hardware.log import Log
+from sim2real.learning.learner import with_effects
+from sim2real.learning.population.population import draw_seeds
+from sim2real.learning.population.rollout import play
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.statistics import bootstrap, iqm
+from sim2real.runs.tables import Table
+
+log_ = logging.getLogger(__name__)
+Act = Callable[[np.ndarray], np.ndarray]  # observations (n, O) to actions (n, A)
+PIECE = 0.25  # s between restarts from a recorded state: longer ones diverge by themselves
+PLAYED = 50  # episodes that score a policy in each world
+EFFECTS = "effects.yaml"
+SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+RECORDING, PLAYING, INTERVALS = 1, 2, 3  # streams of randomness that follow from one seed
+
+
+def record(robot: Simulation, act: Act, seeds: np.ndarray) -> Log:
+    """Run one episode in each of the first rows, and return positions, velocities and commands.
+
+    Args:
+        robot: has as many rows as there are seeds.
+        act: from observations of all rows to their actions.
+        seeds: of the episodes, (n,) uint64.
+
+    Returns:
+        A log whose rows hold the state before each command and, last of each episode, at its end.
+    """
+    alive = np.arange(len(seeds))
+    observation = np.array(robot.reset(alive, robot.space.points(len(seeds)), seeds))
+    episodes: list[list[np.ndarray]] = [[] for _ in seeds]
+    while len(alive):
+        action = np.clip(act(observation)[alive], robot.action_low, robot.action_high)
+        command = robot.task.command(robot.state(alive), action)
+        _note(robot, alive, command, episodes)
+        step = robot.step(alive, action)
+        observation[alive] = step.observation
+        over = step.terminated | step.truncated
+        _note(robot, alive[over & ~step.failed], command[over & ~step.failed], episodes)
+        alive = alive[~over]
+    return _log(robot, [np.array(rows) for rows in episodes])
+
+
+def _note(
+    robot: Simulation, ids: np.ndarray, command: np.ndarray, to: list[list[np.ndarray]]
+) -> None:
+    """Append a row (positions, velocities, commands) to each of the episodes ids."""
+    if len(ids):
+        qpos, qvel = robot.plant.measured(ids)
+        for i, row in zip(ids, np.concatenate([qpos, qvel, command], axis=1), strict=True):
+            to[i].append(row)
+
+
+def _log(robot: Simulation, episodes: list[np.ndarray]) -> Log:
+    """Return episodes (T, nq + nv + nu) as a log; velocities of hinges and slides alone."""
+    model = robot.plant.nominal
+    every = np.concatenate(episodes)
+    dt = robot.task.frame_skip * model.opt.timestep
+    columns = {
+        "episode": np.repeat(np.arange(len(episodes)), [len(e) for e in episodes]),
+        "time": np.concatenate([dt * np.arange(len(e)) for e in episodes]),
+    }
+    for i, actuator in enumerate(named(robot.task.spec()).actuators):
+        columns[f"ctrl.{actuator.name}"] = every[:, model.nq + model.nv + i]
+    for i in range(model.njnt):
+        name, q = model.joint(i).name, int(model.jnt_qposadr[i])
+        if int(model.jnt_type[i]) in SCALAR:
+            columns[f"qpos.{name}"] = every[:, q]
+            columns[f"qvel.{name}"] = every[:, model.nq + model.jnt_dofadr[i]]
+        else:
+            size = int(np.append(model.jnt_qposadr, model.nq)[i + 1]) - q
+            columns |= {f"qpos.{name}.{k}": every[:, q + k] for k in range(size)}
+    return Log(columns, {"robot": type(robot.task).__name__, "rate": 1 / dt})
+
+
+def named(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return the spec, its unnamed actuators called as what they drive: a log needs names."""
+    for actuator in spec.actuators:
+        actuator.name = actuator.name or actuator.target
+    return spec
+
+
+def cut(log: Log, seconds: float) -> Log:
+    """Return the log in episodes of about so many seconds, each of which starts at its own state.
+
+    A simulation of a robot that nothing holds, such as a hopper in flight, leaves the recording
+    soon whatever the model; restarted often, what it makes of the model's errors stays measurable.
+    """
+    parts = []
+    for part in log.episodes():
+        pieces = max(1, round(float(part.time[-1]) / seconds))
+        edges = np.linspace(0, len(part) - 1, pieces + 1).astype(int)
+        parts += [(part, a, b + 1) for a, b in pairwise(edges)]
+    columns = {
+        name: np.concatenate([part.columns[name][a:b] for part, a, b in parts])
+        for name in log.columns
+    }
+    columns["time"] = np.concatenate([p.time[a:b] - p.time[a] for p, a, b in parts])
+    columns["episode"] = np.repeat(np.arange(len(parts)), [b - a for _, a, b in parts])
+    return Log(columns, log.meta, log.path)
+
+
+def noise(robot: Simulation, rng: np.random.Generator) -> Act:
+    """Return actions drawn evenly between their limits."""
+    low, high = robot.action_low, robot.action_high
+    return lambda observation: rng.uniform(low, high, (len(observation), len(low)))
+
+
+def acting(module: nn.Module) -> Act:
+    """Return a trained policy as a function of arrays."""
+
+    @torch.no_grad()
+    def act(observation: np.ndarray) -> np.ndarray:
+        return module(torch.from_numpy(observation)).cpu().numpy().astype(np.float64)
+
+    return act
+
+
+def compare(
+    env: Callable[..., Rows],
+    target: Callable[..., Rows],
+    module: nn.Module,
+    out: Path,
+    seed: int,
+) -> Table:
+    """Play a policy in the simulator as given, in the corrected one and on the target.
+
+    Returns:
+        The interquartile means of the returns with 95 % intervals; also written as returns.md and
+        returns.csv.
+    """
+    worlds = {
+        "simulator as given": env(num_rows=PLAYED),
+        "with what was found": with_effects(env, out / EFFECTS)(num_rows=PLAYED),
+        "target": target(num_rows=PLAYED),
+    }
+    table = Table(("world", "return"))
+    luck = draw_seeds(np.random.default_rng([seed, PLAYING]), PLAYED)
+    for name, rows in worlds.items():
+        returns = play(rows, module, rows.space.points(PLAYED), luck).returns
+        rng = np.random.default_rng([seed, INTERVALS])
+        table.add(name, bootstrap(returns[:, None], iqm, rng, draws=2000, resample="rows"))
+    table.notes.append(f"Interquartile means of {PLAYED} episodes with 95 % intervals.")
+    table.write(out / "returns", "The policy's return in each world")
+    return table
+
+
+def one_simulation(make: Callable[..., Rows], key: str, rows: int = 1) -> Simulation:
+    """Make the simulation of a configuration's key; raises Sim2RealError for another world."""
+    world = make(num_rows=rows)
+    if not isinstance(world, Simulation):
+        raise Sim2RealError(
+            f"{key} is a {type(world).__name__}, which has no robot to diagnose; "
+            f"choose a simulated one, such as {key}=hopper_polito"
+        )
+    return world

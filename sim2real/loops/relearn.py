@@ -1,0 +1,205 @@
+"""Deploy a policy, find what its simulator lacks, learn anew, deploy again.
+
+    python -m sim2real +experiment=hopper2_gap
+    python -m sim2real +experiment=hopper2_gap robot.hidden=effects.yaml seed=1
+    python -m sim2real +experiment=hopper2_gap resume=outputs/relearn/hopper2_gap/...
+
+The robot is the emulated one, over its bus; what it hides (`robot.hidden`) is known to it alone.
+
+1. `nominal/`: a policy is learned in the simulator as it is, and tried on the robot.
+2. `stand/`: the robot is recorded on a stand; `diagnosis/`: what the simulator lacks.
+3. `corrected/`: a policy is learned, with the same settings and seed, in the simulator with what
+   was found, and tried on the robot.
+4. `truth/`: the same with what the robot really hides, which is the best that any diagnosis can do.
+
+What is closed of the gap is (corrected - nominal) / (truth - nominal), returns on the robot.
+Everything is on disk after each step; `resume=` goes on there.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.effects import load_effects
+from hardware.config import Robot
+from hardware.connect import make_driver
+from hardware.emulator.world import World
+from hardware.excite import Kind, excite
+from hardware.log import read_logs, write_log
+from hardware.record import record
+from hardware.safety import Guard
+from hardware.stand import home_pose, hung
+from sim2real.deployment import deploy
+from sim2real.deployment.trained import Trained, take
+from sim2real.diagnosis.diagnose import examine, write
+from sim2real.diagnosis.report import words
+from sim2real.learning.training import train
+from sim2real.runs.checkpoint import FOLDER, find
+from sim2real.runs.errors import Sim2RealError, Stopped
+from sim2real.runs.figures import COLOURS, figure
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import Interval, bootstrap, mean, share_closed
+from sim2real.runs.tables import Table
+
+log_ = logging.getLogger(__name__)
+NOMINAL, CORRECTED, TRUTH = "nominal", "corrected", "truth"
+WORDS = {NOMINAL: "as given", CORRECTED: "with what was found", TRUTH: "with what is hidden"}
+RESULT, REPORT, EFFECTS = "gap.json", "report.json", "effects.yaml"
+LOGS = ("a", "b")  # recordings on the stand
+RECORDING, INTERVALS = 1, 2  # streams of randomness that follow from one seed
+DRAWS = 2000  # resamples of an interval
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What a policy earned, episode by episode: where it was learned, and on the robot."""
+
+    simulator: list[float]
+    robot: list[float]
+
+
+def emulated(robot: dict[str, Any]) -> Robot:
+    """Return the robot of a configuration; raises Sim2RealError for one at a port."""
+    machine = deploy.make_machine(robot, None, None)
+    if machine.port is not None:
+        raise Sim2RealError(
+            f"{machine.name} at {machine.port} would be deployed, hung up and deployed again at "
+            "once; do these steps one by one: run=deploy, run=record on a stand, run=diagnose, "
+            "training with effects=, run=deploy"
+        )
+    return machine
+
+
+def learn(folder: Path, name: str, effects: Path | None, settings: dict[str, Any]) -> Trained:
+    """Train in a folder of its own, from where it stopped, and return the policy.
+
+    Raises:
+        Stopped: after Ctrl-C; it says how to go on with all of it.
+    """
+    place = folder / name
+    begun = any((place / FOLDER).glob("checkpoint-*"))
+    try:
+        learner = train(
+            **settings,
+            effects=None if effects is None else str(effects),
+            cluster=None,
+            resume=place if begun else None,
+            out=place,
+        )
+    except Stopped as stopped:
+        text = f"stopped while it learned {name}; go on with resume={folder}"
+        raise Stopped(text, stopped.exit_code) from None
+    return take(learner, find(place))
+
+
+def diagnosed(
+    robot: Robot,
+    motions: Sequence[Kind],
+    seconds: float,
+    guard: Any,
+    seed: int,
+    folder: Path,
+) -> Path:
+    """Record the robot on a stand, diagnose its nominal model, and return what was found.
+
+    Args:
+        robot: the emulated robot.
+        motions: kinds of motion.
+        seconds: of each recording.
+        guard: when it is stopped.
+        seed: of motions, noise and the diagnosis.
+        folder: gets stand/ and diagnosis/; what is there is not done again.
+
+    Returns:
+        The file of effects.
+    """
+    stand, answer = folder / "stand", folder / "diagnosis"
+    if not (answer / REPORT).is_file():
+        hanging, rng = hung(robot, stand), np.random.default_rng([seed, RECORDING])
+        for number, name in enumerate(LOGS):
+            plan = excite(hanging, home_pose(hanging), seconds, motions, rng)
+            driver = make_driver(hanging, World(hanging, seed=seed + number))
+            try:
+                driver.connect()
+                driver.configure()
+                with Guard(driver, guard) as hand:
+                    hand.arm()
+                    write_log(stand / f"{name}.csv", record(hand, plan))
+            finally:
+                driver.close()
+        found = examine(read_logs(stand), None, None, (), seed, None)
+        log_.info("%s", words.sentence(found.report))
+        write(found, answer)
+    return answer / EFFECTS
+
+
+def report(tried: dict[str, Tried], folder: Path, seed: int) -> Table:
+    """Write gap.json, table.md, table.csv and plots/gap.png; return the table."""
+    table = Table(("learned in the simulator", "return there", "return on the robot", "closed"))
+    rng = np.random.default_rng([seed, INTERVALS])
+    for name, one in tried.items():
+        closed = closing(tried, rng) if name == CORRECTED else None
+        table.add(WORDS[name], _estimate(one.simulator, rng), _estimate(one.robot, rng), closed)
+    episodes = len(tried[NOMINAL].robot)
+    found = load_effects(folder / "diagnosis" / EFFECTS)
+    named = ", ".join(f"{effect.label()} {values[0]:.4g}" for effect, values in found)
+    table.notes += [
+        f"Found: {named or 'nothing'}.",
+        f"Means of {episodes} episodes that start alike everywhere, with 95 % bootstrap intervals "
+        "over these; one training each. closed = (with what was found - as given) / (with what is "
+        "hidden - as given), on the robot.",
+    ]
+    content = {"seed": seed, "found": named, "policies": {n: asdict(t) for n, t in tried.items()}}
+    write_text(folder / RESULT, json.dumps(content, indent=1) + "\n")
+    table.write(folder / "table", "The gap before and after the simulator was corrected")
+    draw({name: [one] for name, one in tried.items()}, folder / "plots" / "gap.png")
+    log_.info("%s", table.markdown())
+    return table
+
+
+def closing(tried: dict[str, Tried], rng: np.random.Generator) -> Interval | None:
+    """Return the share of the gap that is closed, over episodes; None where it is not known."""
+    if TRUTH not in tried or len(tried[TRUTH].robot) < 2:
+        return None
+    before, after, best = (
+        np.array(tried[name].robot)[:, None] for name in (NOMINAL, CORRECTED, TRUTH)
+    )
+    return share_closed(before, after, best, mean, rng, draws=DRAWS)
+
+
+def _estimate(returns: list[float], rng: np.random.Generator) -> Interval | float:
+    if len(returns) < 2:
+        return returns[0]
+    return bootstrap(np.array(returns)[:, None], mean, rng, draws=DRAWS, resample="rows")
+
+
+def draw(tried: dict[str, list[Tried]], path: Path) -> None:
+    """Draw the mean returns at home and on the robot, a line for each training run.
+
+    Args:
+        tried: the runs, by the simulator that they learned in.
+        path: of the picture.
+    """
+    with figure(path, 1, 1, (6.0, 3.2)) as (_, axes):
+        panel = axes[0, 0]
+        for place, runs in enumerate(tried.values()):
+            for number, one in enumerate(runs):
+                ends = [float(np.mean(one.simulator)), float(np.mean(one.robot))]
+                at = [place - 0.18, place + 0.18]
+                panel.plot(at, ends, "-", color="#aaaaaa", lw=1)
+                labels = ("in its simulator", "on the robot") if place + number == 0 else ("", "")
+                for x, y, colour, label in zip(at, ends, COLOURS, labels, strict=False):
+                    panel.plot(x, y, "o", color=colour, label=label or None)
+        panel.set_xticks(
+            range(len(tried)), [f"learned in the simulator\n{WORDS[n]}" for n in tried]
+        )
+        panel.set_ylabel("return")
+        panel.grid(axis="y")
+        panel.legend(fontsize=8)

@@ -1,0 +1,1 @@
+"""What every run leaves behind: checkpoints, metrics, tables, figures, films, its manifest."""

@@ -1,0 +1,51 @@
+"""The verb `blindcheck`: hide effects, diagnose the logs without knowing them, score the answers.
+
+    python -m sim2real run=blindcheck                                  # the exam of the docs: hours
+    python -m sim2real +experiment=blindcheck_small                    # a sample of it
+    python -m sim2real +experiment=blindcheck resume=outputs/mine      # go on where it stopped
+    python -m sim2real +experiment=blindcheck resume=outputs/mine exam.most=0   # score it
+
+Logs and model of each case lie in `logs/`, what was hidden in `keys/`. Cases come in blocks: all of
+a block are made and sealed before the first one is diagnosed. Each diagnosis is a process of its
+own that is given one folder of `logs/`, and leaves its answer in `answers/`. Only then are the keys
+of the answered cases read, and checked against the hashes that were written with the logs.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sim2real.exam import seal
+from sim2real.exam.hold import LOGS, Examiner, hold, report
+from sim2real.exam.score import Mark
+
+
+def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> list[Mark]:
+    """Make, diagnose and score an exam; what is there already is not made again.
+
+    Several of these programs may work on one exam; whoever is last scores it.
+
+    Args:
+        exam: which cases.
+        seed: of the draw.
+        resume: the folder of an exam that was stopped; None starts one in `out`.
+        out: the run's folder; gets logs/, keys/, answers/, table.md, the tables as CSV, score.json
+            and plots/matrix.png.
+
+    Returns:
+        The marks of every case that was answered.
+
+    Raises:
+        Sim2RealError: keys that are not the ones that were sealed; an exam that holds no case, or
+            none that was answered.
+        KeyboardInterrupt: after Ctrl-C; the cases answered until then are scored.
+    """
+    folder = Path(resume) if resume else Path(out)
+    outlines = exam.draw(seed)
+    try:
+        hold(exam, outlines, folder)
+    except KeyboardInterrupt:
+        if seal.cases(folder / LOGS):
+            report(folder, len(outlines), seed)
+        raise
+    return report(folder, len(outlines), seed)

@@ -1,0 +1,122 @@
+"""The verb `deploy`: a trained policy on the robot, as it is and after adapting there.
+
+    python -m sim2real run=deploy checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00 robot=quad8
+    python -m sim2real run=deploy checkpoint=RUN robot=quad8 robot.hidden=effects.yaml adapt=batch
+    python -m sim2real run=deploy checkpoint=RUN robot=bench1 port=/dev/ttyUSB0 arm=true
+    python -m sim2real run=deploy checkpoint=RUN robot=bench1 resume=outputs/deploy/default/...
+
+Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. Everything is
+checked before torque goes on: the policy's robot, the calibration, each servo, the rate that the
+bus can reach. The robot goes slowly to where each episode starts, and parks when all is done, or
+anything else ends it.
+
+The policy is run as trained; then it adapts, one episode after the other, as `adapt` says; then the
+result is run from the same starts. After each episode all is on disk: what was interrupted goes on
+with `resume=` the run's folder.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from envs.randomization import Tasks
+from envs.rows import Rows
+from hardware.backends import ServoBackend
+from hardware.rows import RobotRows
+from sim2real.deployment.deploy import (
+    check_reward,
+    draw,
+    drive,
+    guarding,
+    make_machine,
+    report,
+    servo_task,
+)
+from sim2real.deployment.session import Deployment, load
+from sim2real.deployment.trained import load_trained, one_checkpoint
+from sim2real.learning.adapt import Adaptation, NoAdaptation
+from sim2real.learning.algorithms.base import Algorithm
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+
+
+def run(
+    *,
+    env: Callable[..., Rows],
+    params: Tasks,
+    policy: Callable[..., Any],
+    adapt: Adaptation,
+    algorithm: Callable[..., Algorithm],
+    checkpoint: str | list[str] | None,
+    robot: dict[str, Any],
+    port: str | None,
+    calibration: str | None,
+    arm: bool,
+    dry_run: bool,
+    trials: int,
+    settle: float,
+    stops: dict[str, float] | None,
+    resume: str | None,
+    seed: int,
+    device: str,
+    out: Path,
+) -> Deployment:
+    """Run a trained policy on a robot.
+
+    Args:
+        env: makes the environment; like all down to `algorithm` it is the checkpoint's own unless
+            it was chosen.
+        params: the tasks that the policy was trained on.
+        policy: makes the policy.
+        adapt: how it adapts on the robot; its episodes are the budget.
+        algorithm: makes the algorithm.
+        checkpoint: a checkpoint, or a run's folder.
+        robot: as conf/robot/NAME.yaml holds it.
+        port: its serial port; None for the robot's own, or else the emulated robot.
+        calibration: zeros, signs and limits as `python -m hardware calibrate` wrote them.
+        arm: whether a real robot may move.
+        dry_run: compute actions from what is measured, send nothing, and do not adapt.
+        trials: episodes of the policy as trained, and as many of what it adapted to.
+        settle: how long the start is held before each episode [s].
+        stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
+        resume: folder of a deployment that was interrupted; None starts one.
+        seed: of starts and perturbations.
+        device: where networks are while they are restored.
+        out: the run's folder; gets logs/, returns.csv, table.md, table.csv, plots/ and state.npz.
+
+    Returns:
+        The deployment, with all its returns.
+
+    Raises:
+        Sim2RealError: a policy, a robot and settings that do not fit, before anything moves.
+        HardwareError: a robot that is not as its file says, or was stopped on the way.
+        Stopped: after Ctrl-C; torque is off.
+    """
+    one_checkpoint(checkpoint)
+    out, task = Path(out), servo_task(env)
+    machine = make_machine(robot, port, calibration)
+    if machine.port is not None and not (arm or dry_run):
+        raise Sim2RealError(
+            f"{machine.name} at {machine.port} would move; clear the space around it, then "
+            "add arm=true, or dry_run=true to send nothing"
+        )
+    if settle < 0:
+        raise Sim2RealError(f"settle={settle} must not be below 0 s")
+    backend = ServoBackend(machine, settle, dry_run=dry_run, limits=guarding(stops), seed=seed)
+    rows = RobotRows(task, backend, out / "logs")
+    adapt = NoAdaptation() if dry_run else adapt
+    check_reward(rows, adapt)
+    parts = {"env": env, "params": params, "policy": policy, "algorithm": algorithm}
+    trained = load_trained(checkpoint, **parts, adapt=adapt, device=device, seed=seed)
+    deployment = Deployment(trained.theta, adapt, trials, seed)
+    if resume is not None:
+        load(resume, deployment)
+        log_.info("continuing after %d of %d episodes", deployment.done, deployment.total)
+    drive(rows, trained, deployment, out)
+    report(deployment, trained, task, out)
+    draw(rows, deployment, out / "plots")
+    return deployment

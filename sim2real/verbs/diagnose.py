@@ -1,0 +1,59 @@
+"""The verb `diagnose`: which unmodelled effect separates a robot's logs from its simulation.
+
+On the command line it is `python -m sim2real run=diagnose log=swing.csv model=arm.xml`, and in
+Python
+
+    report = diagnose("logs/", "arm.xml", exclude=["backlash"])
+    report.verdict, [(cause.effect, cause.where, cause.value) for cause in report.causes]
+
+The run's folder gets `report.json`, `report.html`, `effects.yaml` and `model.xml`; any of them is
+whole or absent.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from hardware.log import read_logs
+from sim2real.diagnosis.diagnose import ProgressLines, examine, write
+from sim2real.diagnosis.schema import Report
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+
+
+def run(
+    *,
+    log: str | list[str] | None,
+    model: str | None,
+    effects: str | None,
+    exclude: Sequence[str],
+    seed: int,
+    out: Path,
+) -> Report:
+    """Diagnose logs and write what was found.
+
+    Args:
+        log: a log, a folder of logs, or a list of these.
+        model: an MJCF for all logs; None takes the one that each log names.
+        effects: an effects.yaml of what is known already; put into the model first.
+        exclude: names of effects that are left out of the candidates.
+        seed: of the bootstrap.
+        out: the run's folder.
+
+    Returns:
+        The report.
+
+    Raises:
+        Sim2RealError: see `diagnose`; no log.
+    """
+    if not log:
+        raise Sim2RealError("diagnose needs a recording; give log=PATH")
+    found = examine(read_logs(log), model, effects, exclude, seed, ProgressLines())
+    write(found, Path(out))
+    gap = found.report.gap
+    names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in found.report.causes)
+    log_.info("%s: %s; gap %.4g %s", found.report.verdict, names or "-", gap.before, gap.unit)
+    return found.report

@@ -1,0 +1,66 @@
+"""The verb `export`: a trained policy as files for a small computer.
+
+    python -m sim2real run=export checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00
+
+    policy.pt2   torch.export: torch.export.load(path).module() needs torch, nothing of this project
+    policy.npz   the same numbers for NumPy: `hardware.exported.ExportedPolicy`
+    policy.json  robot, servos, rate, what each observation is, normalizer, limits, origin, pairs of
+                 observation and action to check against, hashes of the files
+
+The normalizer is in the program. Before anything is written, all three are compared on a thousand
+observations, wild ones among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.randomization import Tasks
+from envs.rows import Rows
+from sim2real.deployment.deploy import servo_task
+from sim2real.deployment.export import export
+from sim2real.deployment.trained import load_trained, one_checkpoint
+from sim2real.learning.adapt import Adaptation
+from sim2real.learning.algorithms.base import Algorithm
+
+
+def run(
+    *,
+    env: Callable[..., Rows],
+    params: Tasks,
+    policy: Callable[..., Any],
+    adapt: Adaptation,
+    algorithm: Callable[..., Algorithm],
+    checkpoint: str | list[str] | None,
+    seed: int,
+    device: str,
+    out: Path,
+) -> Path:
+    """Export a trained policy.
+
+    Args:
+        env: makes the environment; like all down to `algorithm` it is the checkpoint's own.
+        params: the tasks that the policy was trained on.
+        policy: makes the policy.
+        adapt: how it adapts.
+        algorithm: makes the algorithm.
+        checkpoint: a checkpoint, or a run's folder.
+        seed: of the observations that are compared.
+        device: where networks are while they are restored.
+        out: the run's folder; gets policy.pt2, policy.npz and policy.json.
+
+    Returns:
+        The folder.
+
+    Raises:
+        Sim2RealError: a checkpoint that does not fit, or a network that is no perceptron.
+    """
+    one_checkpoint(checkpoint)
+    task = servo_task(env)
+    parts = {"env": env, "params": params, "policy": policy, "algorithm": algorithm}
+    trained = load_trained(checkpoint, **parts, adapt=adapt, device=device, seed=seed)
+    return export(trained, task, Path(out), np.random.default_rng(seed))

@@ -1,0 +1,74 @@
+"""The verb `record`: drive a robot along motions that show what it is like, and write a log.
+
+    python -m sim2real run=record robot=bench1                       # the emulated robot
+    python -m sim2real run=record robot=bench1 robot.hidden=effects.yaml motions=[ramp,swing]
+    python -m sim2real run=record robot=bench1 port=/dev/ttyUSB0 calibration=bench1.json arm=true
+
+Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. A real robot
+moves only with `arm=true`; torque is off again when the motion, or anything else, ends it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hardware.calibration import apply_calibration, read_calibration
+from hardware.config import make_robot
+from hardware.excite import Kind
+from hardware.log import Log, write_log
+from sim2real.deployment.record import draw, drive
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+
+
+def run(
+    *,
+    robot: dict[str, Any],
+    port: str | None,
+    calibration: str | None,
+    arm: bool,
+    motions: Sequence[Kind],
+    seconds: float,
+    seed: int,
+    out: Path,
+) -> Log:
+    """Record one episode.
+
+    Args:
+        robot: as conf/robot/NAME.yaml holds it.
+        port: its serial port; None for the robot's own, or else the emulated robot.
+        calibration: zeros, signs and limits as `python -m hardware calibrate` wrote them.
+        arm: whether a real robot may move.
+        motions: kinds of motion, one after the other; see `hardware.excite`.
+        seconds: of all of them, shared evenly.
+        seed: of phases, poses and sizes.
+        out: the run's folder; gets log.csv, log.json and plots/log.png.
+
+    Returns:
+        The log.
+
+    Raises:
+        Sim2RealError: a real robot that was not armed, or no time to move in.
+        HardwareError: a robot that is wrong, is not there, or stopped on the way.
+    """
+    if not seconds > 0:
+        raise Sim2RealError(f"seconds={seconds} must be above 0")
+    machine = make_robot({**robot, **({"port": port} if port else {})})
+    if machine.port is not None and not arm:
+        raise Sim2RealError(
+            f"{machine.name} at {machine.port} would move; clear the space around it, then "
+            "add arm=true"
+        )
+    if calibration is not None:
+        machine = apply_calibration(machine, read_calibration(calibration))
+    log = drive(machine, motions, seconds, np.random.default_rng(seed))
+    path = write_log(Path(out) / "log.csv", log)
+    draw(log, machine, Path(out) / "plots" / "log.png")
+    log_.info("%d rows in %s", len(log), path)
+    return log

@@ -1,0 +1,72 @@
+"""The verb `report`: what many training runs say together about transfer.
+
+    python -m sim2real run=report runs=outputs/train
+    python -m sim2real run=report runs=[outputs/train/udr,outputs/train/ppo_source]
+
+Runs that were evaluated with `eval=transfer` are put into groups: an experiment, and what was swept
+within it. The report is report.md with report.csv (one row for each group and robot),
+returns.csv (one for each run and robot), claims.csv, and pictures: learning curves, and bars over
+each sweep. Everything is over training runs: intervals resample whole runs, since episodes of one
+policy say nothing about the next.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from sim2real.evaluation import study_plots as report_plots
+from sim2real.evaluation.hypotheses import Verdict, judge, registered
+from sim2real.evaluation.report import (
+    DRAWS,
+    claims_table,
+    long_table,
+    main_table,
+    page_text,
+    pair_table,
+    returns_csv,
+    robot_pairs,
+)
+from sim2real.evaluation.study import Study, collect
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import write_text
+
+log = logging.getLogger(__name__)
+
+
+def run(
+    *, runs: str | list[str] | None, baseline: str | None, seed: int, out: Path
+) -> list[Verdict]:
+    """Write a report.
+
+    Args:
+        runs: a folder of runs, or a list; a text may name several with commas between.
+        baseline: the experiment that every row is compared with; None for no comparison.
+        seed: of the bootstrap.
+        out: the report's folder.
+
+    Returns:
+        What became of the claims.
+
+    Raises:
+        Sim2RealError: nothing to report, runs that do not belong together, a claim that says none.
+    """
+    if not runs:
+        raise Sim2RealError("report needs runs; give runs=FOLDER or runs=[FOLDER,FOLDER]")
+    given = runs.split(",") if isinstance(runs, str) else runs
+    found = collect(path.strip() for path in given)
+    study = Study(found)
+    study.groups.sort(key=lambda group: group.experiment != baseline)  # that one first
+    verdicts = [judge(claim, study, seed, DRAWS) for claim in registered(found)]
+    pictures = report_plots.draw(study, baseline, Path(out), DRAWS)
+    tables = [pair_table(study, *pair, baseline, seed) for pair in robot_pairs(study)]
+    write_text(Path(out) / "report.csv", long_table(study, baseline, seed).csv())
+    write_text(Path(out) / "returns.csv", returns_csv(study))
+    claims = claims_table(study, verdicts)
+    write_text(Path(out) / "claims.csv", claims.csv())
+    page = page_text(study, found, main_table(study, baseline, seed), tables, claims, pictures)
+    write_text(Path(out) / "report.md", page)
+    for verdict in verdicts:
+        log.info("%s: %s (%s)", verdict.verdict, verdict.claim.text, verdict.found)
+    log.info("report of %d evaluated runs: %s", len(found), Path(out) / "report.md")
+    return verdicts

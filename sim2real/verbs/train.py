@@ -1,0 +1,136 @@
+"""The verb `train`: improve a policy until its budget is spent, then evaluate and show it.
+
+    python -m sim2real +experiment=esmaml
+    python -m sim2real +experiment=esmaml resume=outputs/train/esmaml/2026-11-21_10-00-00
+
+A resumed run computes, to the last bit, what an uninterrupted one would have: it starts from the
+newest checkpoint of the run that it continues (or the one that is named), takes over its rows of
+metrics.csv up to there, and goes on in its own folder. Wall-clock numbers are in timing.csv, apart,
+because they cannot repeat.
+
+Ctrl-C or SIGTERM: the iteration in progress is finished, a checkpoint written, and one line says
+how to resume. A second Ctrl-C abandons the iteration. On a full disk the run stops; its checkpoints
+up to there are whole.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from envs.errors import RenderError
+from envs.randomization import Tasks
+from envs.rows import Rows
+from sim2real.evaluation.evaluate import Assessment
+from sim2real.evaluation.films import Video
+from sim2real.learning.adapt import Adaptation
+from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.population.cluster import Cluster
+from sim2real.learning.training import train
+from sim2real.runs import figures as plots
+from sim2real.runs.loggers import Loggers
+from sim2real.runs.progress import Progress
+from sim2real.runs.run_files import RunFiles
+
+log = logging.getLogger(__name__)
+
+
+def run(
+    *,
+    env: Callable[..., Rows],
+    effects: str | None,
+    params: Tasks,
+    policy: Callable[..., MLPPolicy],
+    adapt: Adaptation,
+    algorithm: Callable[..., Algorithm],
+    eval: Assessment | None,
+    logger: Loggers,
+    seed: int,
+    device: str,
+    iterations: int | None,
+    frames: int | None,
+    checkpoint_every: int,
+    keep_checkpoints: int,
+    resume: str | Path | None,
+    video: Video | None,
+    cluster: Cluster | None,
+    out: Path,
+) -> Algorithm:
+    """Train.
+
+    Args:
+        env: makes the environment; see `ESMAML`.
+        effects: an effects.yaml that is put into the simulator; None for the model as it is.
+        params: the tasks to train on.
+        policy: makes the policy.
+        adapt: how it adapts.
+        algorithm: makes the algorithm from those of env, tasks, policy, adapt, seed and device that
+            it takes.
+        eval: what to evaluate afterwards; None for nothing.
+        logger: further loggers.
+        seed: all randomness follows from it.
+        device: where networks are.
+        iterations: iterations in all, those before a resume included; None for no limit.
+        frames: environment steps after which no further iteration starts; None for no limit.
+        checkpoint_every: iterations between checkpoints.
+        keep_checkpoints: how many of the newest stay; the best stays too.
+        resume: a run folder or a checkpoint to continue; None starts afresh.
+        video: the film of the trained policy; None for none.
+        cluster: where a population's episodes run; None for this machine.
+        out: the run's folder.
+
+    Returns:
+        The trained algorithm.
+
+    Raises:
+        Sim2RealError: input that cannot work, before any work starts.
+        DiskError: when the run's files could not be written.
+        Stopped: after a signal.
+    """
+
+    def after(learner: Algorithm, files: RunFiles, env: Callable[..., Rows]) -> None:
+        finish(learner, files, env, eval, video, seed)
+
+    return train(
+        env=env,
+        effects=effects,
+        params=params,
+        policy=policy,
+        adapt=adapt,
+        algorithm=algorithm,
+        logger=logger,
+        seed=seed,
+        device=device,
+        iterations=iterations,
+        frames=frames,
+        checkpoint_every=checkpoint_every,
+        keep_checkpoints=keep_checkpoints,
+        resume=resume,
+        cluster=cluster,
+        out=out,
+        finish=after,
+    )
+
+
+def finish(
+    algorithm: Algorithm,
+    files: RunFiles,
+    env: Callable[..., Rows],
+    evaluation: Assessment | None,
+    video: Video | None,
+    seed: int,
+) -> None:
+    """Draw the learning curve, film the policy and evaluate it; all is already saved."""
+    if files.metrics.path.exists():
+        plots.learning_curve({"": [files.metrics.path]}, files.out / "plots" / "learning_curve.png")
+    if video is not None:
+        try:
+            log.info("video: %s", video.record(algorithm, env, seed, files.out / "videos"))
+        except RenderError as error:
+            log.warning("no video: %s", error)
+    if evaluation is not None:
+        with Progress(1, "task") as progress:
+            scores = evaluation.assess(algorithm, env, seed, f"seed {seed}", progress.report)
+        evaluation.report([scores], seed, files.out)

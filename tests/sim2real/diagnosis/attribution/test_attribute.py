@@ -1,0 +1,63 @@
+"""The search for missing effects, step by step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.effects import make
+from sim2real.diagnosis.attribution.attribute import Found, Search, meets
+from sim2real.diagnosis.attribution.candidates import Candidate, candidates
+from sim2real.diagnosis.attribution.fit import Fit, Problem
+from sim2real.diagnosis.data.simulate import Simulator
+from tests.sim2real.diagnosis import arm
+
+
+def test_a_couple_is_fitted_to_the_end(tmp_path: Path) -> None:
+    """Two folds that stopped far from the truth, apart, end at it, and stay once little is left."""
+    truth = [("coulomb_friction", {"where": "a"}, 0.1), ("position_gain", {"where": "b"}, 0.7)]
+    data = arm.data_of(arm.make_log(*truth, noise=3e-4), tmp_path)
+    labels = ("coulomb_friction.a", "position_gain.b")
+    members = tuple(c for label in labels for c in candidates(data) if c.label == label)
+    problem = Problem(data, Simulator(data, threads=1))
+    search = Search(problem, members, 3e-4, np.random.default_rng(0), lambda text, share: None)
+    fit = Fit(members, np.array([[0.05, 0.85], [0.16, 0.6]]), np.zeros(2))
+    found = Found(fit, problem.held_out(members, fit.values))
+    search.settle(found)
+    assert found.fit.values == pytest.approx(np.array([[0.1, 0.7]] * 2), rel=0.05)
+    assert search.blocks.rms(found.error) < search.least
+    settled = found.fit
+    search.settle(found)
+    assert found.fit is settled
+
+
+def test_a_second_effect_is_looked_for_where_it_shows(tmp_path: Path) -> None:
+    """Windows follow what is left; what was screened first stays in view of the race."""
+    truth = ("coulomb_friction", {"where": "a"}, 0.1)
+    data = arm.data_of(arm.make_log(truth, seconds=36.0), tmp_path)
+    problem = Problem(data, Simulator(data, threads=1))
+    search = Search(problem, (), 3e-4, np.random.default_rng(0), lambda text, share: None)
+    assert search.stages(search.base) == (search.screening, search.racing)
+    others = np.setdiff1d(problem.windows, search.screening.windows)
+    worst = [next(w for w in others if data.fold[w] == fold) for fold in (0, 1)]
+    left = np.zeros_like(search.base)
+    left[worst] = 1.0
+    screening, racing = search.stages(left)
+    assert set(worst) <= set(screening.windows)
+    assert {*worst, *search.screening.windows} <= set(racing.windows)
+
+
+def test_only_what_moves_the_same_joint_can_take_a_place() -> None:
+    """A neighbour's friction cannot stand for an elbow's; a body it carries, or a delay, can."""
+
+    def option(name: str, joint: str | None, *shown: str) -> Candidate:
+        empty = np.zeros((1, 1))
+        effect = make(name, where=joint)
+        return Candidate(effect, joint, empty, *np.zeros((3, 1)), group="", shown=shown)
+
+    elbow = option("coulomb_friction", "elbow", "elbow")
+    assert not meets(option("armature", "wrist", "wrist"), elbow)
+    assert meets(option("link_mass", "hand", "elbow", "wrist"), elbow)
+    assert meets(option("command_delay", None), elbow)

@@ -1,0 +1,83 @@
+"""Candidates: what can stand beside what is known already."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.effects import make
+from hardware.config import load_robot
+from hardware.log import Log
+from hardware.stand import hung
+from sim2real.diagnosis.attribution.candidates import Candidate, candidates
+from sim2real.diagnosis.data.dataset import Data
+
+
+def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
+    """Stribeck's speed and the external torque's part are values of their own, within bounds."""
+    robot = hung(load_robot("bench1"), tmp_path)
+    time = np.arange(300) / 50
+    columns = {"episode": np.zeros(300, int), "time": time}
+    columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}
+    data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
+    found = {option.name: option for option in candidates(data) if option.effect.free}
+    scaled = {"cogging", "joint_compliance", "load_dependent_friction", "stribeck_friction"}
+    assert set(found) == scaled
+    stribeck = found["stribeck_friction"]
+    assert stribeck.low[1] > 0.01 and stribeck.high[1] < 10.0  # rad/s
+    assert np.ptp(stribeck.probes[:, 1]) > 0
+    assert (stribeck.towards(np.array([0.1, 0.3]), 2.0) == [0.2, 0.3]).all()
+
+
+def test_what_acts_more_as_it_shrinks_does_not_pass_zero() -> None:
+    """A limit grows tighter in proportion; friction, or a factor above 1, along a line."""
+
+    def option(name: str, neutral: float, low: float) -> Candidate:
+        limits = (np.array([v]) for v in (neutral, low, 10.0))
+        return Candidate(make(name, where="hinge"), "hinge", np.zeros((1, 1)), *limits, group="")
+
+    limit, friction = option("torque_limit", 2.0, 0.0), option("coulomb_friction", 0.0, 0.0)
+    factor, offset = option("position_gain", 1.0, 0.0), option("encoder_offset", 0.0, -1.0)
+    assert limit.towards(np.array([0.08]), 1.1) == pytest.approx(0.08 / 1.1)  # a line gives -0.11
+    assert limit.towards(np.array([1.4]), 1.1) == pytest.approx(2.0 - 1.1 * 0.6)
+    assert limit.towards(np.array([0.08]), 0.5) == pytest.approx(2.0 - 0.5 * 1.92)
+    assert factor.towards(np.array([2.0]), 1.5) == pytest.approx(2.5)
+    assert friction.towards(np.array([0.1]), 2.0) == pytest.approx(0.2)
+    assert offset.towards(np.array([-0.1]), 2.0) == pytest.approx(-0.2)
+
+
+def test_what_is_known_and_cannot_be_doubled_is_no_candidate(tmp_path: Path) -> None:
+    """More friction may be missing beside a known one; a second law of the same rule cannot be."""
+    robot = hung(load_robot("bench1"), tmp_path)
+    time = np.arange(300) / 50
+    columns = {"episode": np.zeros(300, int), "time": time}
+    columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}
+    data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
+    known = [
+        (make("coulomb_friction", where="hinge"), (0.01,)),
+        (make("load_dependent_friction", where="hinge"), (0.2,)),
+    ]
+    free = {option.name for option in candidates(data)}
+    left = {option.name for option in candidates(data, fixed=known)}
+    assert free - left == {"load_dependent_friction"}
+    assert "coulomb_friction" in left
+
+
+def test_a_speed_limit_that_only_steps_reach_is_probed(tmp_path: Path) -> None:
+    """A jump of 0.5 rad within a command asks for 25 rad/s where the rest moves at 2 rad/s."""
+    robot = hung(load_robot("bench1"), tmp_path)
+    time = np.arange(300) / 50
+    smooth = np.sin(2 * time)
+    probes = {}
+    for name, jump in (("smooth", 0.0), ("steps", 0.5)):
+        goal = smooth + jump * (time > 3)
+        columns = {"episode": np.zeros(300, int), "time": time}
+        columns |= {"ctrl.hinge": goal, "qpos.hinge": 0.9 * smooth}
+        data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
+        found = {option.name: option for option in candidates(data)}
+        probes[name] = found["profile_velocity"].probes[:, 0]
+    assert probes["smooth"].max() < 2.0
+    assert 4.0 < probes["steps"].max() < 20.0
+    assert probes["steps"][:-1] == pytest.approx(probes["smooth"], rel=0.05)

@@ -1,0 +1,43 @@
+"""Screening: which effects look worth a fit, alone and beside what is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.attribution import screen as module
+from sim2real.diagnosis.attribution.candidates import candidates
+from sim2real.diagnosis.attribution.fit import Fit, Problem
+from sim2real.diagnosis.attribution.screen import screen
+from sim2real.diagnosis.data.simulate import Simulator
+from tests.sim2real.diagnosis import arm
+
+TRUTH = (("position_gain", {"where": "b"}, 0.5), ("coulomb_friction", {"where": "a"}, 0.15))
+
+
+def test_beside_what_is_known_only_the_likely_are_simulated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first screening says which; the second effect is the best of them, with the same gain."""
+    data = arm.data_of(arm.make_log(*TRUTH), tmp_path)
+    problem, options = Problem(data, Simulator(data, threads=1)), candidates(data)
+    first = screen(problem, Fit((), np.zeros((2, 0)), np.zeros(2)), options)
+    assert first.guesses[0].candidate.label == "position_gain.b"
+    known = next(option for option in options if option.label == "position_gain.b")
+    fit = Fit((known,), np.full((2, 1), 0.5), np.zeros(2))
+    rest = [option for option in options if option is not known]
+    monkeypatch.setattr(module, "LIKELY", len(rest))
+    full = screen(problem, fit, rest).guesses
+    monkeypatch.setattr(module, "LIKELY", 10)
+    few = screen(problem, fit, rest, first.responses).guesses
+    assert few[0].candidate.label == full[0].candidate.label == "coulomb_friction.a"
+    assert few[0].gain == pytest.approx(full[0].gain, rel=1e-9)
+    assert len(few) < len(full) / 2
+    told = [response for response in first.responses if response.candidate.name != "armature"]
+    glanced = screen(problem, fit, rest, told)
+    assert {"armature.a", "armature.b"} <= {r.candidate.label for r in glanced.responses}
+    blind = screen(problem, fit, rest).guesses  # by their middle probes alone
+    assert blind[0].candidate.label == "coulomb_friction.a"
+    assert blind[0].gain == pytest.approx(full[0].gain, rel=1e-9)

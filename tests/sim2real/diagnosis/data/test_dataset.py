@@ -1,0 +1,120 @@
+"""Logs cut into windows, and simulations of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.effects import make
+from hardware.log import Log
+from sim2real.diagnosis.data.dataset import Data, _folds, whole_episodes
+from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.diagnosis import arm
+
+OFFSET = ("coulomb_friction", {"where": "a"}, 0.1)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Data:
+    """A log of the arm, whose first joint rubs."""
+    return arm.data_of(arm.make_log(OFFSET), tmp_path_factory.mktemp("arm"))
+
+
+def test_windows_cover_the_log_once(data: Data) -> None:
+    """Every row is compared in exactly one window, and each window belongs to a fold."""
+    rows = np.concatenate([np.arange(w.first, w.last) for w in data.windows])
+    assert sorted(rows) == list(range(len(data.logs[0])))
+    assert set(data.fold) == {0, 1}
+    assert data.mask.sum() == len(data.logs[0])
+
+
+def test_folds_are_alike(data: Data) -> None:
+    """Neither fold has all the lively windows: both span calm and lively ones."""
+    lively = np.array([w.lively for w in data.windows])
+    middle = np.median(lively)
+    for fold in (0, 1):
+        own = lively[data.fold == fold]
+        assert own.min() <= middle <= own.max()
+
+
+@pytest.mark.parametrize("driven", range(14, 18))
+def test_each_fold_gets_a_window_without_torque(driven: int, data: Data) -> None:
+    """Two stretches of free swinging are dealt to one fold each, however many others there are."""
+    window = data.windows[0]
+    windows = [window._replace(off=0.0, lively=float(n)) for n in range(driven)]
+    windows += [window._replace(off=0.5, lively=0.5), window._replace(off=0.9, lively=30.0)]
+    fold = _folds(windows)
+    assert sorted(fold[driven:]) == [0, 1]
+    assert abs(2 * fold.sum() - len(fold)) <= 1
+
+
+def test_whole_episodes_are_kept_together(tmp_path: Path) -> None:
+    """With several episodes no episode is in both folds."""
+    parts = [arm.make_log(seconds=4.0, seed=seed) for seed in range(4)]
+    columns = {
+        name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns
+    }
+    columns["episode"] = np.repeat(np.arange(4), len(parts[0]))
+    data = arm.data_of(Log(columns), tmp_path)
+    for episode in range(4):
+        own = [f for w, f in zip(data.windows, data.fold, strict=True) if w.episode == episode]
+        assert len(set(own)) == 1
+
+
+def test_the_true_model_has_no_error(data: Data) -> None:
+    """Windows started from measured states follow the log once the hidden effect is in."""
+    every = np.arange(len(data.windows))
+    simulator = Simulator(data, threads=1)
+    wrong = simulator.run((), every, np.zeros((len(every), 0)))
+    effect = (make("coulomb_friction", where="a"),)
+    right = simulator.run(effect, every, np.full((len(every), 1), 0.1))
+    assert np.sqrt(np.mean(right.error**2)) < 0.1 * np.sqrt(np.mean(wrong.error**2))
+    assert np.isinf(right.lost).all()
+
+
+def test_a_whole_episode_is_one_window(data: Data) -> None:
+    """Slow effects are looked at from the episode's start."""
+    whole = whole_episodes(data)
+    assert [len(w.measured) for w in whole.windows] == [len(data.logs[0])]
+
+
+def test_a_model_that_breaks_is_lost_and_bounded(data: Data) -> None:
+    """A diverged row says when, and its error stays finite."""
+    every = np.arange(len(data.windows))
+    effect = (make("motor_strength", where="a"),)
+    broken = Simulator(data, threads=1).run(effect, every, np.full((len(every), 1), 1e9))
+    assert np.isfinite(broken.lost).any()
+    assert np.isfinite(broken.error).all()
+
+
+def test_rows_that_tell_nothing_are_left_out(tmp_path: Path) -> None:
+    """A reading that was missing, and the moments after torque came back, are not compared."""
+    log = arm.make_log()
+    torque, fresh = np.ones(len(log)), np.ones(len(log))
+    torque[100:150], fresh[300] = 0.0, 0.0
+    columns = {**log.columns, "torque.a": torque, "flag.fresh": fresh}
+    data = arm.data_of(Log(columns), tmp_path)
+    left_out = len(log) - int(data.mask.sum())
+    assert 0.3 * 50 <= left_out <= 0.3 * 50 + 5
+
+
+def test_joints_that_never_moved_are_named(tmp_path: Path) -> None:
+    """A log without excitation says which joints, and what to record."""
+    log = arm.make_log(seconds=2.0)
+    columns = {
+        name: np.zeros(len(log)) if name.startswith("qpos") else values
+        for name, values in log.columns.items()
+    }
+    with pytest.raises(Sim2RealError, match=r"a, b never moved .*run=record"):
+        arm.data_of(Log(columns), tmp_path)
+
+
+def test_a_log_that_is_blocked_throughout_is_refused(tmp_path: Path) -> None:
+    """It would be left without a window; the message says which and what to do."""
+    log = arm.make_log(seconds=4.0)
+    blocked = Log({**log.columns, "flag.blocked": np.ones(len(log))}, log.meta, Path("b.csv"))
+    with pytest.raises(Sim2RealError, match=r"b.csv: no piece of its 200 rows .* leave it out"):
+        Data.of([log, blocked], arm.model(tmp_path))

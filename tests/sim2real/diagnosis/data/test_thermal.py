@@ -1,0 +1,84 @@
+"""How hot motors are when a window starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.effects import make
+from envs.effects.supply import _Derating
+from envs.plant import Fixed, Plant
+from envs.rollout import roll
+from hardware.log import Log
+from sim2real.diagnosis.attribution.candidates import candidates
+from sim2real.diagnosis.attribution.fit import Problem
+from sim2real.diagnosis.data.simulate import Simulator
+from tests.sim2real.diagnosis import arm
+
+
+def test_heat_of_a_hold_is_torque_squared_times_time(tmp_path: Path) -> None:
+    """Held still against gravity a motor needs m g l sin q."""
+    held = Simulator(arm.data_of(_hold(), tmp_path)).heat.squares(0)[100:500, 0]
+    weight = 9.81 * np.sin(0.35) * (0.3 * 0.1 + 0.2 * 0.3)  # where it comes to rest, 0.35 rad
+    assert np.sqrt(held.mean()) == pytest.approx(weight, rel=0.1)
+
+
+def test_heat_is_that_of_the_gains_that_are_known(tmp_path: Path) -> None:
+    """A servo known to be half as stiff sags further, and its hold takes the torque of its load."""
+    soft: list[Fixed] = [(make("position_gain", where="a"), (0.5,))]
+    log = _hold(soft)
+    angle = float(log.column("qpos.a")[-1])
+    assert angle < 0.33  # 0.35 rad at the model's own gain
+    held = Simulator(arm.data_of(log, tmp_path), soft).heat.squares(0)[100:500, 0]
+    weight = 9.81 * np.sin(angle) * (0.3 * 0.1 + 0.2 * 0.3)
+    assert np.sqrt(held.mean()) == pytest.approx(weight, rel=0.1)
+
+
+def _hold(fixed: Sequence[Fixed] = ()) -> Log:
+    """Return 12 s of the arm held at a goal of 0.4 rad."""
+    ctrl = np.tile([0.4, 0.0], (1, 6000, 1))
+    plant = Plant(arm.spec(), (), 1, threads=1, fixed=fixed)
+    zero = np.zeros((1, 2))
+    plant.reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:, 0], measured=True)
+    path, time = roll(plant, ctrl)[0, :-1:10], np.arange(600) / arm.RATE
+    columns = {"episode": np.zeros(600), "time": time}
+    columns |= {f"ctrl.{n}": ctrl[0, ::10, i] for i, n in enumerate("ab")}
+    columns |= {f"qpos.{n}": path[:, i] for i, n in enumerate("ab")}
+    return Log(columns)
+
+
+def test_windows_start_as_hot_as_one_long_replay_gets(tmp_path: Path) -> None:
+    """What a weakening motor's torque comes to by each window's start is that of the whole log."""
+    effect, arguments, value = ("thermal_derating", {"where": "a"}, 0.04)
+    data = arm.data_of(arm.make_log((effect, arguments, value), seconds=20.0), tmp_path)
+    windows = np.arange(len(data.windows))
+    plants = [Plant(data.specs[0], [make(effect, **arguments)], n) for n in (len(windows), 1)]
+    for plant in plants:
+        plant.set_params(np.arange(plant.num_rows), np.full((plant.num_rows, 1), value))
+    rules = [next(r for r in p.substep_rules if isinstance(r, _Derating)) for p in plants]
+    Simulator(data).heat.start(plants[0], windows)
+    log, truth = data.logs[0], []
+    ctrl = np.column_stack([log.column(f"ctrl.{name}") for name in "ab"])
+    zero = np.zeros((1, 2))
+    plants[1].reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:1], measured=True)
+    for row in ctrl:
+        truth.append(float(rules[1].heat[0, 0]))
+        plants[1].step(None, row[None], round(1 / arm.RATE / arm.STEP))
+    expected = [truth[window.start] for window in data.windows]
+    assert max(expected) * value > 0.2  # it is weaker by so much
+    np.testing.assert_allclose(rules[0].heat[:, 0], expected, rtol=0.08, atol=0.05)
+
+
+def test_the_true_derating_leaves_no_error_in_later_windows(tmp_path: Path) -> None:
+    """Windows that start hot are simulated hot: the truth explains the last ones, too."""
+    effect = ("thermal_derating", {"where": "a"}, 0.04)
+    data = arm.data_of(arm.make_log(effect, seconds=20.0), tmp_path)
+    problem = Problem(data, Simulator(data))
+    members = [o for o in candidates(data) if o.label == "thermal_derating.a"]
+    right, _ = problem.errors(members, np.full((1, 2, 1), 0.04))
+    wrong, _ = problem.errors(members, np.zeros((1, 2, 1)))
+    late = [i for i, w in enumerate(data.windows) if w.first > len(data.logs[0]) // 2]
+    assert np.square(right[0, late]).mean() < 0.1 * np.square(wrong[0, late]).mean()

@@ -1,0 +1,232 @@
+"""Preflight names the commonest mistakes, and says nothing of a log that is right."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from hardware.log import Log, read_logs
+from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.replay import load_model
+from sim2real.diagnosis.data.trial import piece, trial
+from sim2real.diagnosis.preflight.channels import excitation
+from sim2real.diagnosis.preflight.checks import NOTES, noise_floor, preflight
+from sim2real.diagnosis.preflight.lag import check_lag
+
+COUNT = 2 * np.pi / 4096
+ARM = """
+<mujoco><option timestep="0.002" integrator="implicitfast"/>
+<worldbody><body><joint name="shoulder" axis="0 1 0" armature="0.005" damping="0.02"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.15" size=".01" mass="0.2"/>
+<body pos="0 0 -.15"><joint name="elbow" axis="0 1 0" armature="0.005" damping="0.02"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.1" size=".01" mass="0.1"/></body></body></worldbody>
+<actuator><position name="a" joint="shoulder" kp="4" kv="0.1" forcerange="-2 2"/>
+<position name="b" joint="elbow" kp="4" kv="0.1" forcerange="-2 2"/></actuator></mujoco>
+"""
+DATA = os.environ.get("SIM2REAL_DATA")
+real = pytest.mark.skipif(DATA is None, reason="real logs: set SIM2REAL_DATA to their folder")
+
+
+def spec() -> mujoco.MjSpec:
+    """Return the two-joint arm."""
+    return mujoco.MjSpec.from_string(ARM)
+
+
+def make_log(seconds: float = 8.0, late: tuple[float, ...] = ()) -> Log:
+    """Return what the arm itself does, read by an encoder; commands come late from then on."""
+    time = np.arange(0, seconds, 0.02)
+    a = 0.6 * np.sin(2 * np.pi * 0.5 * time) + 0.2 * np.sin(2 * np.pi * 1.3 * time)
+    b = 0.4 * np.sin(2 * np.pi * 0.7 * time + 1) + 0.3
+    columns = {"episode": 0 * time, "time": time, "ctrl.a": a, "ctrl.b": b}
+    columns |= {"qpos.shoulder": 0 * time, "qpos.elbow": 0 * time + b[0]}
+    heard = dict(columns)
+    for start in late:
+        for name in ("ctrl.a", "ctrl.b"):
+            slow = np.interp(time - 0.06, time, columns[name])
+            heard[name] = np.where(time > start, slow, columns[name])
+    model = spec().compile()
+    (path,) = trial(spec(), [piece(Log(heard), 0, 0, len(time)).recording(model)])
+    q = COUNT * np.round(path / COUNT)
+    columns |= {"qpos.shoulder": q[:, 0], "qpos.elbow": q[:, 1]}
+    force = 4 * (np.roll(np.column_stack([a, b]), 1, axis=0) - q) / 2
+    columns |= {"sensor.duty_a": force[:, 0], "sensor.duty_b": force[:, 1]}
+    for i, name in enumerate(("shoulder", "elbow")):
+        columns[f"qvel.{name}"] = np.gradient(path[:, i], time)
+    return Log(columns)
+
+
+def changed(log: Log, names: list[str], factor: float = 1.0, shift: float = 0.0) -> Log:
+    """Return the log with some columns scaled and shifted."""
+    new = {name: factor * log.column(name) + shift for name in names}
+    return Log({**log.columns, **new}, log.meta, log.path)
+
+
+def without(log: Log, *kinds: str) -> Log:
+    """Return the log without the columns of these kinds."""
+    return Log({n: v for n, v in log.columns.items() if n.split(".")[0] not in kinds}, log.meta)
+
+
+def named(log: Log) -> dict[tuple[str, str | None], str]:
+    """Return what preflight finds worth mending: check and place to fix."""
+    found = preflight([log], [spec()])
+    return {(f.check, f.where): f.fix for f in found if f.check not in NOTES}
+
+
+def test_a_right_log_has_nothing_to_mend() -> None:
+    """The model's own motion raises no finding but notes on its encoder."""
+    assert named(make_log()) == {}
+    notes = {f.check for f in preflight([make_log()], [spec()])}
+    assert notes == {"quantization"}
+
+
+@pytest.mark.parametrize("channels", [(), ("sensor", "qvel")])
+def test_a_flipped_sign_is_named(channels: tuple[str, ...]) -> None:
+    """With and without duty and speed columns: the joint, and what to negate."""
+    fixes = named(changed(without(make_log(), *channels), ["qpos.elbow"], -1.0))
+    assert list(fixes) == [("sign", "elbow")]
+    assert "Negate `qpos.elbow`" in fixes["sign", "elbow"]
+
+
+def test_the_duty_tells_a_flipped_command_from_a_flipped_position() -> None:
+    """The servo's own torque says which of the two counts wrongly."""
+    fixes = named(changed(make_log(), ["ctrl.b"], -1.0))
+    assert "Negate `ctrl.b`" in fixes["sign", "elbow"]
+
+
+def test_swapped_joints_are_named() -> None:
+    """Two position columns under each other's names."""
+    log = without(make_log(), "sensor", "qvel")
+    swapped = {
+        "qpos.elbow": log.column("qpos.shoulder"),
+        "qpos.shoulder": log.column("qpos.elbow"),
+    }
+    fixes = named(Log({**log.columns, **swapped}))
+    assert list(fixes) == [("swap", "shoulder")]
+    assert "positions of shoulder and elbow" in fixes["swap", "shoulder"]
+
+
+@pytest.mark.parametrize("columns", [("qpos",), ("qpos", "ctrl")])
+def test_degrees_are_named(columns: tuple[str, ...]) -> None:
+    """Angles 57 times too large, in the positions alone or in everything."""
+    log = without(make_log(), "sensor", "qvel")
+    names = [name for name in log.columns if name.split(".")[0] in columns]
+    assert ("degrees", None) in named(changed(log, names, 180 / np.pi))
+
+
+def test_a_wrong_zero_is_named_with_its_effect() -> None:
+    """A shifted position column: how far, and encoder_offset as the other reading."""
+    fixes = named(changed(without(make_log(), "sensor"), ["qpos.shoulder"], shift=0.3))
+    assert "encoder_offset = 0.3" in fixes["zero", "shoulder"]
+    fixes = named(changed(make_log(), ["qpos.shoulder"], shift=0.1))
+    assert "Subtract 0.1" in fixes["zero", "shoulder"]
+
+
+@pytest.mark.parametrize("channels", [(), ("sensor", "qvel")])
+def test_a_wrong_rate_is_named(channels: tuple[str, ...]) -> None:
+    """Stamps at half their distance, with and without speeds that contradict them."""
+    fixes = named(changed(without(make_log(), *channels), ["time"], 0.5))
+    factor = float(re.findall(r"ultiply `time` by ([\d.]*\d)", fixes["rate", None])[0])
+    assert factor == pytest.approx(2, rel=0.02)
+
+
+def test_metadata_and_stamps_that_disagree_are_named() -> None:
+    """The rate that the recorder promised is compared with the stamps."""
+    log = make_log()
+    fixes = named(Log(log.columns, {"rate": 100.0}))
+    assert "multiply `time` by 0.5" in fixes["rate", None]
+
+
+def test_milliseconds_are_named() -> None:
+    """Stamps that count milliseconds are no seconds."""
+    assert "0.001" in named(changed(make_log(), ["time"], 1000.0))["rate", None]
+
+
+def test_the_duty_law_gives_the_gain() -> None:
+    """Half the duty for each rad of error: half the model's gain."""
+    log = changed(make_log(), ["sensor.duty_a"], 0.5)
+    fixes = named(log)
+    assert "kp by 0.50" in fixes["control_law", "a"]
+
+
+def test_a_still_joint_and_one_that_never_turns_back_are_named() -> None:
+    """Excitation is judged joint by joint."""
+    log = make_log()
+    still = changed(log, ["ctrl.b", "qpos.elbow", "qvel.elbow", "sensor.duty_b"], 0.0)
+    fixes = named(still)
+    assert "run=record" in fixes["excitation", "elbow"]
+    moved, turns = excitation([(log, spec().compile())])["shoulder"]
+    assert moved > 1.0
+    assert turns > 4
+
+
+def test_repeated_readings_and_gaps_are_named() -> None:
+    """Every tenth reading is the last one again; and a second is missing."""
+    log = make_log()
+    q = log.column("qpos.shoulder").copy()
+    q[5::10] = q[4::10]
+    fixes = named(Log({**log.columns, "qpos.shoulder": q}))
+    assert ("packet_loss", "shoulder") in fixes
+    kept = (log.time < 4) | (log.time > 5)
+    assert ("gaps", None) in named(Log({n: v[kept] for n, v in log.columns.items()}))
+
+
+def test_a_late_speed_is_a_note() -> None:
+    """A speed that trails by 30 ms is told, and is no mistake."""
+    log = make_log()
+    speed = np.interp(log.time - 0.03, log.time, log.column("qvel.elbow"))
+    found = preflight([Log({**log.columns, "qvel.elbow": speed})], [spec()])
+    (late,) = [f for f in found if f.check == "velocity_filter"]
+    assert late.where == "elbow"
+    assert "30 ms" in late.finding
+
+
+def test_a_lag_that_jumps_within_a_log_is_found() -> None:
+    """Commands that come 60 ms later from 15 s on; a constant lag is left to the diagnosis."""
+    assert check_lag([make_log(30.0, late=(-1.0,))], [spec()]) == []
+    (found,) = check_lag([make_log(30.0, late=(15.0,))], [spec()])
+    assert "until 1" in found.finding
+
+
+def test_the_floor_is_the_scatter_of_repeats_or_a_count() -> None:
+    """Noise of 5 mrad on ten repeats is found; a log without repeats has a count's share."""
+    log = make_log(4.0)
+    rng = np.random.default_rng(0)
+    logs = [
+        Log(
+            {**log.columns, "qpos.elbow": log.column("qpos.elbow") + rng.normal(0, 0.005, len(log))}
+        )
+        for _ in range(10)
+    ]
+    assert noise_floor(logs)["elbow"] == pytest.approx(0.005, rel=0.2)
+    assert noise_floor([log])["elbow"] == pytest.approx(COUNT / np.sqrt(12), rel=0.3)
+    logs[0].columns["qpos.elbow"][150:156] += 0.4  # held up once
+    assert noise_floor(logs)["elbow"] == pytest.approx(0.005, rel=0.2)
+    assert step_of(log.column("qpos.elbow")) == pytest.approx(COUNT, rel=1e-6)
+    assert step_of(rng.normal(size=100)) == 0.0
+
+
+@real
+def test_the_real_servo_tells_its_gain_divisor() -> None:
+    """The PWM column of the XL330 logs gives half the manual's gain, from every log alike."""
+    logs = read_logs(Path(str(DATA)) / "xl330_bench")
+    found = preflight(logs, [load_model(log, None) for log in logs])
+    (law,) = [f for f in found if f.check == "control_law"]
+    assert "kp by 0.51" in law.fix or "kp by 0.50" in law.fix
+    assert not {"sign", "swap", "degrees", "zero", "rate"} & {f.check for f in found}
+
+
+@real
+@pytest.mark.slow
+def test_the_real_arm_has_no_mistakes() -> None:
+    """Signs, order, zeros and units of the SO-101 logs are right; the floor is 0.1 degrees."""
+    logs = read_logs(Path(str(DATA)) / "so101")
+    shared = load_model(logs[0], None)
+    found = preflight(logs, [shared] * len(logs))
+    assert not {"sign", "swap", "degrees", "zero", "rate", "lag"} & {f.check for f in found}
+    floor = noise_floor(logs)
+    assert all(0.05 < np.rad2deg(floor[joint]) < 0.2 for joint in logs[0].joints[:5])

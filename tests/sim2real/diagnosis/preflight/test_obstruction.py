@@ -1,0 +1,60 @@
+"""Rows in which something is in a joint's way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hardware.log import Log
+from sim2real.diagnosis.data.windows import BLOCKED, _usable
+from sim2real.diagnosis.preflight.obstruction import mark_blocked
+
+RATE = 50.0
+STOP = 0.6  # rad: where an obstacle is
+
+
+def log_of(stop: float | None = None, current: bool = True, limit: float = np.inf) -> Log:
+    """Return a log of a servo that follows rests at 1 rad and back, 4 s each, short by friction.
+
+    Args:
+        stop: an obstacle's place, or None.
+        current: whether currents are logged.
+        limit: of the current.
+    """
+    time = np.arange(0.0, 80.0, 1 / RATE)
+    ctrl = np.where((time // 4) % 2 == 1, 1.0, 0.0)
+    sink = 0.05 * np.sign(ctrl - 0.5)
+    qpos = ctrl - sink
+    if stop is not None:
+        qpos = np.where(time > 70, np.minimum(qpos, stop), qpos)
+    columns = {"time": time, "ctrl.hinge": ctrl, "qpos.hinge": qpos, "episode": np.zeros(len(time))}
+    if current:
+        columns["current.hinge"] = np.minimum(4.0 * np.abs(ctrl - qpos), limit)
+    return Log(columns, {"robot": "bench1"}, None)
+
+
+def test_a_joint_that_is_held_is_flagged() -> None:
+    """Errors and currents far above those of other rests, and half a second around."""
+    (marked,), (finding,) = mark_blocked([log_of(STOP)])
+    held = marked.columns[BLOCKED] > 0
+    assert finding.check == "blocked" and finding.where == "hinge"
+    assert "0.4 short of its goal" in finding.finding
+    blocked = (marked.time > 70) & (marked.column("ctrl.hinge") > 0.5)
+    assert held[blocked].all() and not held[marked.time < 67.3].any()
+    assert (held & ~blocked).sum() / RATE < 2.1  # two rests at the obstacle, either side of each
+
+
+def test_what_is_not_sure_is_left_alone() -> None:
+    """No obstacle, no currents, or a motor that gives no more: a weak motor is no obstacle."""
+    for log in (log_of(), log_of(STOP, current=False), log_of(STOP, limit=0.3)):
+        (same,), findings = mark_blocked([log])
+        assert same is log and not findings
+
+
+def test_flagged_rows_are_not_compared() -> None:
+    """Those that the log flags itself are kept out, too."""
+    log = log_of()
+    flag = (log.time > 10) & (log.time < 12)
+    own = Log({**log.columns, BLOCKED: flag.astype(float)}, log.meta, None)
+    (marked,), _ = mark_blocked([own])
+    assert (marked.columns[BLOCKED] == flag).all()
+    assert (_usable(marked, 0, len(marked)) == ~flag).all()

@@ -1,0 +1,102 @@
+"""The report as JSON and back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.schema import (
+    Cause,
+    Equivalent,
+    Finding,
+    GapNumbers,
+    Regime,
+    Report,
+    Unexplained,
+    Where,
+)
+from sim2real.runs.errors import Sim2RealError
+
+REPORT = Report(
+    "explained",
+    GapNumbers("rad", 0.021, 0.003, 0.002, 0.95, (0.93, 0.97), True),
+    (Where("elbow", 0.9, 0.02, 0.003, (Regime("reversal", 0.7),)),),
+    (
+        Cause(
+            "backlash",
+            "elbow",
+            "motor",
+            0.049,
+            (0.045, 0.053),
+            "rad",
+            {},
+            0.97,
+            0.93,
+            "holds",
+            (Equivalent("joint_compliance", "elbow"),),
+        ),
+    ),
+    Unexplained(0.05, "none"),
+    (Finding("sign", "wrist", "it turns the other way", "flip its sign"),),
+    {"timestep": "ok"},
+    "a slow ramp with reversals",
+    31.0,
+)
+KEYS = {
+    "schema": None,
+    "verdict": None,
+    "gap": {"unit", "before", "after", "noise_floor", "closed", "closed_ci", "held_out"},
+    "where": {"joint", "share", "before", "after", "regimes"},
+    "causes": {
+        *("effect", "where", "side", "value", "value_ci", "unit", "extra", "confidence"),
+        *("closed", "form", "equivalent"),
+    },
+    "unexplained": {"share", "structure"},
+    "preflight": {"check", "where", "finding", "fix"},
+    "numerics": {"timestep"},
+    "next_experiment": None,
+    "seconds": None,
+}
+
+
+def test_a_report_survives_its_file(tmp_path: Path) -> None:
+    """What is written and read again is the same report."""
+    path = REPORT.write(tmp_path / "report.json")
+    assert Report.from_json(json.loads(path.read_text(encoding="utf-8"))) == REPORT
+
+
+def test_the_file_has_the_keys_of_schema_1() -> None:
+    """Every key that readers rely on is there, and no other."""
+    tree = REPORT.to_json()
+    assert tree["schema"] == 1
+    assert set(tree) == set(KEYS)
+    for name, keys in KEYS.items():
+        part = tree[name][0] if isinstance(tree[name], list) else tree[name]
+        assert keys is None or set(part) == keys
+    assert set(tree["causes"][0]["equivalent"][0]) == {"effect", "where"}
+
+
+def test_numbers_are_plain() -> None:
+    """NumPy's numbers become JSON's, and what is not finite becomes null."""
+    gap = GapNumbers("rad", float(np.float64(0.02)), None, 0.001, np.nan, None, True)
+    report = Report("no_gap", gap, (), (), Unexplained(0.0, "none"))
+    tree = json.loads(json.dumps(report.to_json(), allow_nan=False))
+    assert tree["gap"]["closed"] is None
+    assert tree["gap"]["before"] == 0.02
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"schema": 2}, "schema 1"),
+        ({"verdicts": "explained"}, "no key 'verdicts'"),
+        ({"unexplained": {"share": 0.1}}, "incomplete"),
+    ],
+)
+def test_another_table_is_refused(change: dict, words: str) -> None:
+    """Another schema, an unknown key and a missing one are named."""
+    with pytest.raises(Sim2RealError, match=words):
+        Report.from_json({**REPORT.to_json(), **change})

@@ -1,0 +1,148 @@
+"""Films: what they show, and what is said where nothing can be drawn."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import imageio_ffmpeg
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import make
+from envs.errors import RenderError
+from envs.pixels.library import library
+from envs.randomization import Draw, Randomization
+from envs.simulation import Simulation
+from envs.tasks.hopper import Hopper
+from envs.toys import Nav2D, NavGoals
+from sim2real.evaluation import films as video
+from sim2real.evaluation.films import Camera, Clip, Video, compose, film, write_mp4
+from sim2real.learning.adapt import HillClimb, NoAdaptation
+from sim2real.learning.algorithms.esmaml import ESMAML
+from sim2real.learning.modules.policy import MLPPolicy
+
+TASKS = Randomization(
+    [
+        Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0),
+        Draw(make("ground_friction"), low=1.5, high=2.5),
+    ]
+)
+ES = {
+    "num_rows": 4, "shards": 1, "refill": 1, "pairs": 2, "sigma": 0.1, "learning_rate": 0.1,
+    "optimizer": "sgd", "estimator": "antithetic", "shaping": "none", "top_k": 0,
+    "orthogonal": False, "weight_decay": 0.0, "paired_tasks": True, "tasks_per_member": 1,
+    "final_episodes": 1, "step_cost": 0.0, "normalize_observations": True,
+    "meta_estimator": "zeroth_order", "first_order_queries": 2, "clean_final": (),
+}  # fmt: skip
+
+
+def learner(env: object, tasks: object, adapt: object) -> ESMAML:
+    """Return an untrained algorithm."""
+    shape = {"hidden": (), "activation": "tanh", "output": "tanh", "initial": "normal"}
+    return ESMAML(env, tasks, partial(MLPPolicy, **shape), adapt, 0, **ES)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def draws() -> None:
+    """Skip, with the line that says what to install, where nothing can be drawn."""
+    try:
+        library()
+    except RenderError as error:
+        pytest.skip(str(error))
+
+
+def read(path: Path) -> tuple[dict, np.ndarray]:
+    """Return what a film says about itself and its pictures."""
+    reader = imageio_ffmpeg.read_frames(str(path))
+    about = next(reader)
+    width, height = about["size"]
+    frames = [np.frombuffer(f, np.uint8).reshape(height, width, 3) for f in reader]
+    return about, np.stack(frames)
+
+
+@pytest.mark.render
+@pytest.mark.usefixtures("draws")
+def test_before_and_after_are_side_by_side_in_one_film(tmp_path: Path) -> None:
+    """A policy that adapts is filmed twice; the film lasts as long as the longer episode."""
+    env = partial(Simulation, task=Hopper())
+    climb = HillClimb(mode="sequential", queries=2, parallel=1, sigma=0.1)
+    path = Video(160, 120, 25, 0.4).record(learner(env, TASKS, climb), env, 0, tmp_path)
+    about, frames = read(path)
+    assert path.name == "before_after.mp4" and about["size"] == (320, 164) and about["fps"] == 25
+    assert 1 <= len(frames) <= 10
+    robots = frames[0, 22:142].reshape(120, 2, 160, 3)
+    assert robots[:, 0].std() > 20 and robots[:, 1].std() > 20
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["before_after.mp4"]
+
+
+@pytest.mark.render
+@pytest.mark.usefixtures("draws")
+def test_a_policy_that_does_not_adapt_is_filmed_alone(tmp_path: Path) -> None:
+    """Domain randomization gives one clip."""
+    env = partial(Simulation, task=Hopper())
+    path = Video(160, 120, 25, 0.1).record(learner(env, TASKS, NoAdaptation()), env, 0, tmp_path)
+    assert path.name == "policy.mp4" and read(path)[0]["size"] == (160, 164)
+
+
+@pytest.mark.render
+@pytest.mark.usefixtures("draws")
+def test_the_camera_shows_the_state() -> None:
+    """A picture changes with the state, and the same state gives the same picture."""
+    simulation = Simulation(Hopper())
+    model, data = simulation.plant.batch.get_model(0), simulation.plant.batch.get_data(0)
+    with Camera(model, 64, 64, "track") as camera:
+        mujoco.mj_forward(model, data)
+        first, again = camera.draw(model, data), camera.draw(model, data)
+        data.qpos[2] = 1.0
+        mujoco.mj_forward(model, data)
+        tilted = camera.draw(model, data)
+    assert np.array_equal(first, again)
+    assert np.abs(first.astype(int) - tilted).mean() > 1
+
+
+@pytest.mark.render
+@pytest.mark.usefixtures("draws")
+def test_the_film_s_return_is_that_of_the_whole_episode() -> None:
+    """A film of a tenth of a second still tells what the whole episode returned."""
+    simulation = Simulation(Hopper())
+    model, values = simulation.plant.batch.get_model(0), simulation.space.neutral
+    with Camera(model, 64, 64, None) as camera:
+        clips = [
+            film(simulation, lambda _: np.zeros(3), values, 7, "x", Video(64, 64, 25, s), camera)
+            for s in (0.1, 100.0)
+        ]
+    assert len(clips[0].frames) == 3 and len(clips[1].frames) > 5
+    assert clips[0].reward == clips[1].reward > 10
+
+
+def test_a_small_task_has_no_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is no MuJoCo model is refused by name."""
+    monkeypatch.setattr(video, "library", lambda: "egl")
+    algorithm = learner(Nav2D, NavGoals(), NoAdaptation())
+    with pytest.raises(RenderError, match="Nav2D is no MuJoCo task"):
+        Video(64, 64, 25, 1.0).record(algorithm, Nav2D, 0, tmp_path)
+
+
+def test_clips_are_labelled_and_the_shorter_waits() -> None:
+    """Titles stand above, the caption below, and a clip that ends keeps its last picture."""
+    short = Clip("before", np.full((2, 40, 101, 3), 50, np.uint8), 1.0)
+    long = Clip("after", np.full((3, 40, 101, 3), 90, np.uint8), 2.0)
+    frames = compose([short, long], "mass = 3")
+    assert frames.shape == (3, 84, 202, 3)
+    assert (frames[:, 22:62, :101] == 50).all() and (frames[:, 22:62, 101:202] == 90).all()
+    for text in (frames[:, :22, :101], frames[:, :22, 101:], frames[:, 62:, :101]):
+        assert text.min() < 100 < text.max()
+
+
+def test_a_film_keeps_its_pictures(tmp_path: Path) -> None:
+    """Pictures come back in order and nearly as they were; a failed encoder leaves no file."""
+    frames = np.repeat(np.array([40, 120, 200], np.uint8), 64 * 96 * 3).reshape(3, 64, 96, 3)
+    write_mp4(tmp_path / "a.mp4", frames, 10)
+    _, back = read(tmp_path / "a.mp4")
+    assert back.shape == frames.shape
+    assert np.abs(back.astype(int) - frames).mean() < 6
+    with pytest.raises(RenderError):
+        write_mp4(tmp_path / "b.mp4", frames[:, :0], 10)
+    assert not (tmp_path / "b.mp4").exists()

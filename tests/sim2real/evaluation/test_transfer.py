@@ -1,0 +1,129 @@
+"""A policy on named robots: the robots are what they are called, and the luck is shared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from envs import HopperPolito, Simulation, make
+from envs.errors import TaskError
+from envs.rows import Rows
+from envs.toys import Nav2D
+from sim2real.evaluation.transfer import Transfer, TransferError, read, variant
+
+ROBOTS = {"source": {"domain": "source"}, "target": {"domain": "target"}}
+
+
+class Still(nn.Module):
+    """Never moves."""
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Return no torque for each row."""
+        return torch.zeros(len(observation), 3)
+
+
+class Trained:
+    """The least that can be assessed."""
+
+    frames = 4096
+
+    def module(self) -> nn.Module:
+        """Return the policy."""
+        return Still()
+
+
+def env(**changes: Any) -> Callable[..., Rows]:
+    """Return what makes a short Hopper of the study."""
+    arguments: dict[str, Any] = {"max_steps": 40, **changes}
+    return partial(Simulation, task=HopperPolito(**arguments), threads=1)
+
+
+def assess(world: Callable[..., Rows], **robots: dict[str, Any]) -> Any:
+    """Return the scores of the policy that never moves."""
+    transfer = Transfer(robots or ROBOTS, episodes=4)
+    return transfer.assess(Trained(), world, 0, "seed 0")  # type: ignore[arg-type]
+
+
+def torso(world: Callable[..., Rows], robot: str, **changes: Any) -> float:
+    """Return the mass of a robot's torso [kg]."""
+    rows: Any = variant(world, robot, changes)(num_rows=1)
+    model: mujoco.MjModel = rows.plant.model
+    return float(model.body("torso").mass[0])
+
+
+def test_the_target_is_a_kilogram_heavier_and_all_else_is_the_runs_own() -> None:
+    """Whatever the run was trained on, and with its own choice of masses."""
+    for domain in ("source", "target"):
+        own = env(domain=domain, masses="legacy")
+        light = torso(own, "source", domain="source")
+        assert torso(own, "target", domain="target") == pytest.approx(light + 1.0)
+        assert light == pytest.approx(2.53429174)
+
+
+def test_robots_share_the_luck_and_differ_by_their_physics() -> None:
+    """The same robot under two names gets the same returns; another one does not."""
+    scores = assess(env(), one={}, same={"domain": "source"}, other={"domain": "target"})
+    np.testing.assert_array_equal(scores.returns["one"], scores.returns["same"])
+    assert (scores.returns["one"] != scores.returns["other"]).all()
+    assert len(set(scores.returns["one"].tolist())) == 4
+
+
+def test_it_says_which_robot_the_training_had() -> None:
+    """That decides the table that a run belongs to."""
+    assert assess(env()).trained_on == "source"
+    assert assess(env(domain="target")).trained_on == "target"
+    assert assess(env(), heavy={"domain": "target"}).trained_on is None
+
+
+def test_a_robot_may_have_effects(tmp_path: Path) -> None:
+    """An effects.yaml turns the source into the target, within the rounding of a mass."""
+    file = tmp_path / "found.yaml"
+    file.write_text("- {effect: link_mass, where: torso, value: 1.0}\n", encoding="utf-8")
+    scores = assess(env(), target={"domain": "target"}, found={"effects": str(file)})
+    np.testing.assert_allclose(scores.returns["found"], scores.returns["target"], rtol=1e-6)
+    assert scores.trained_on is None
+
+
+def test_effects_of_the_runs_simulator_are_not_the_robots() -> None:
+    """A policy from a corrected simulator is tried on robots that are what they are called."""
+    heavier = [(make("link_mass", where="torso"), [1.0])]
+    corrected = partial(env(), fixed=heavier)
+    plain, found = assess(env()), assess(corrected)
+    for robot in ROBOTS:
+        np.testing.assert_array_equal(plain.returns[robot], found.returns[robot])
+    assert (plain.trained_on, found.trained_on) == ("source", None)
+
+
+def test_files_hold_every_episode(tmp_path: Path) -> None:
+    """What is read equals what was written, under a name that says the steps."""
+    transfer, scores = Transfer(ROBOTS, episodes=4), assess(env())
+    transfer.report([scores], 0, tmp_path)
+    (back,) = read(tmp_path / "transfer-4096.json")
+    for robot in ROBOTS:
+        np.testing.assert_allclose(back.returns[robot], scores.returns[robot], atol=1e-6)
+        np.testing.assert_array_equal(back.lengths[robot], scores.lengths[robot])
+    assert (back.trained_on, back.frames, back.robots) == ("source", 4096, ROBOTS)
+    assert "| seed 0 | source (its own) |" in (tmp_path / "transfer.md").read_text("utf-8")
+
+
+def test_mistakes_are_sentences(tmp_path: Path) -> None:
+    """An argument or a value that a task does not take, a world without a task, a torn file."""
+    with pytest.raises(TransferError, match=r"eval\.robots\.a: .*no 'domian' \(did you mean 'dom"):
+        assess(env(), a={"domian": "target"})
+    with pytest.raises(TaskError, match=r"domain='targte'.*did you mean 'target'"):
+        assess(env(), a={"domain": "targte"})
+    with pytest.raises(TransferError, match=r"Nav2D has no task .*env=hopper_polito"):
+        assess(Nav2D)
+    with pytest.raises(TransferError, match="at least one robot"):
+        Transfer({}, episodes=4)
+    (tmp_path / "transfer-1.json").write_text('{"runs": [{"name"')
+    with pytest.raises(TransferError, match="no whole file of scores"):
+        read(tmp_path / "transfer-1.json")

@@ -1,0 +1,81 @@
+"""The verb record, on the emulated robot, and what replay makes of its logs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from hardware.config import ROBOTS
+from hardware.errors import RobotError
+from hardware.log import read_log
+from sim2real.runs.errors import Sim2RealError
+from sim2real.verbs import record, replay
+
+FRICTION = "- {effect: coulomb_friction, where: hinge, value: 0.03}\n"
+
+
+def robot(**changes: Any) -> dict[str, Any]:
+    """Return the bench as its file holds it, with changes."""
+    return yaml.safe_load((ROBOTS / "bench1.yaml").read_text(encoding="utf-8")) | changes
+
+
+def go(out: Path, **changes: Any) -> Path:
+    """Record six seconds of the bench, and return the log's path."""
+    given: dict[str, Any] = {
+        "robot": robot(),
+        "port": None,
+        "calibration": None,
+        "arm": False,
+        "motions": ["ramp", "steps", "swing"],
+        "seconds": 6.0,
+        "seed": 0,
+        "out": out,
+    }
+    record.run(**(given | changes))
+    return out / "log.csv"
+
+
+def rmse(log: Path, out: Path, effects: Path | None = None) -> float:
+    """Return the gap of a log [rad]."""
+    replay.run(log=str(log), model=None, effects=effects and str(effects), out=out)
+    return json.loads((out / "replay.json").read_text(encoding="utf-8"))["rmse"]
+
+
+def test_a_hidden_effect_is_a_gap_that_closes_once_it_is_known(tmp_path: Path) -> None:
+    """Model and emulated robot agree to 15 mrad; hidden friction parts them; known, it does not."""
+    hidden = tmp_path / "effects.yaml"
+    hidden.write_text(FRICTION, encoding="utf-8")
+    plain = go(tmp_path / "plain")
+    rough = go(tmp_path / "rough", robot=robot(hidden=str(hidden)))
+    assert rmse(plain, tmp_path / "a") < 0.015
+    assert rmse(rough, tmp_path / "b") > 0.03
+    assert rmse(rough, tmp_path / "c", hidden) < 0.015
+
+
+def test_a_seed_decides_the_motion(tmp_path: Path) -> None:
+    """One seed gives one log, byte for byte; another seed another."""
+    first, again, other = (
+        go(tmp_path / name, seed=seed).read_bytes()
+        for name, seed in zip("abc", (0, 0, 1), strict=True)
+    )
+    assert first == again != other
+    log = read_log(tmp_path / "a" / "log.csv")
+    assert 0 < log.column("torque.hinge").mean() < 1
+    assert (tmp_path / "a" / "plots" / "log.png").stat().st_size > 5000
+
+
+def test_what_cannot_be_done_is_said_before_anything_moves(tmp_path: Path) -> None:
+    """A real robot that was not armed, an unknown motion, no time, and a robot without a name."""
+    with pytest.raises(Sim2RealError, match="add arm=true"):
+        go(tmp_path, port="/dev/ttyUSB0")
+    with pytest.raises(RobotError, match="did you mean 'ramp'"):
+        go(tmp_path, motions=["ramps"])
+    with pytest.raises(Sim2RealError, match="seconds=0"):
+        go(tmp_path, seconds=0)
+    with pytest.raises(RobotError):
+        go(tmp_path, robot={"model": "bench1.xml"})
+    assert not (tmp_path / "log.csv").exists()

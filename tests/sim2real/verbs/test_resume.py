@@ -1,0 +1,135 @@
+"""A run that is killed and resumed computes, bit for bit, what an uninterrupted one does."""
+
+from __future__ import annotations
+
+import multiprocessing
+import runpy
+import signal
+import sys
+import time
+import zipfile
+from multiprocessing.context import ForkServerProcess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2real.runs.checkpoint import find, listing
+
+NAV2D = (
+    "+experiment=nav2d",
+    "iterations=40",
+    "checkpoint_every=3",
+    "algorithm.pairs=8",
+    "adapt.queries=4",
+)
+PPO = (
+    "env=inverted_pendulum",
+    "algorithm=ppo",
+    "iterations=40",
+    "checkpoint_every=3",
+    "algorithm.num_rows=8",
+    "algorithm.epochs=2",
+)
+SAC = (
+    "env=inverted_pendulum",
+    "algorithm=sac",
+    "policy.hidden=[16]",
+    "iterations=40",
+    "checkpoint_every=3",
+    "algorithm.steps=20",
+    "algorithm.batch_size=16",
+)
+HOPPER = ("+experiment=esmaml", "frames=null", "iterations=20", "checkpoint_every=2")
+
+
+MACHINE = multiprocessing.get_context("forkserver")  # imports once, then forks for each run
+MACHINE.set_forkserver_preload(["sim2real.learning.training", "matplotlib.figure", "hydra"])
+
+
+def start(experiment: tuple[str, ...], out: Path, resume: Path | None) -> ForkServerProcess:
+    """Start the command line in a process of its own."""
+    command = ["sim2real", *experiment, "eval=none", "video=none", f"hydra.run.dir={out}"]
+    process = MACHINE.Process(
+        target=runpy.run_module, args=("sim2real",), kwargs={"run_name": "__main__"}, daemon=True
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", command + ([f"resume={resume}"] if resume else []))
+        process.start()
+    return process
+
+
+def finish(process: ForkServerProcess) -> None:
+    """Wait for a run that nothing kills."""
+    process.join(900)
+    assert process.exitcode == 0
+
+
+def kill_when(process: ForkServerProcess, out: Path, rows: int, delay: float) -> int | None:
+    """Send SIGKILL a moment after metrics.csv has so many rows; return how the process ended."""
+    while process.is_alive():
+        metrics = out / "metrics.csv"
+        if metrics.exists() and metrics.read_text().count("\n") > rows:
+            time.sleep(delay)
+            break
+        time.sleep(0.002)
+    process.kill()
+    process.join()
+    return process.exitcode
+
+
+def state(run: Path) -> dict[str, bytes]:
+    """Return all bytes of the algorithm's state in a run's newest checkpoint."""
+    with zipfile.ZipFile(find(run)) as archive:
+        names = [name for name in archive.namelist() if "-algorithm/" in name]
+        return {name: archive.read(name) for name in names}
+
+
+def check(experiment: tuple[str, ...], folder: Path, last: int, seconds: float) -> None:
+    """Kill a run at three random points, resume it each time, and compare the end with a whole run.
+
+    Args:
+        experiment: the run.
+        folder: for the runs' folders.
+        last: its iterations.
+        seconds: about how long an iteration takes.
+    """
+    whole = start(experiment, folder / "whole", None)
+    rng = np.random.default_rng()
+    points = np.sort(rng.integers(1, last - 2, 3)).tolist()
+    delays = rng.uniform(0, 2 * seconds, 3).tolist()
+    print("killed after rows", points, "and", delays)  # noqa: T201 - to repeat a failure
+    resume, ends = None, []
+    for number, (rows, delay) in enumerate(zip(points, delays, strict=True)):
+        out = folder / str(number)
+        ends.append(kill_when(start(experiment, out, resume), out, rows, delay))
+        resume = out if listing(out / "checkpoints") else resume
+    assert -signal.SIGKILL in ends
+    finish(start(experiment, folder / "end", resume))
+    finish(whole)
+    assert state(folder / "end") == state(folder / "whole") and len(state(folder / "end")) == 2
+    metrics = (folder / "end" / "metrics.csv").read_bytes()
+    assert metrics == (folder / "whole" / "metrics.csv").read_bytes()
+    assert metrics.count(b"\n") == last + 1
+
+
+def test_nav2d_survives_three_kills(tmp_path: Path) -> None:
+    """SIGKILL at three random points of Nav-2D changes no bit of state or metrics."""
+    check(NAV2D, tmp_path, 40, 0.05)
+
+
+def test_ppo_survives_three_kills(tmp_path: Path) -> None:
+    """The same for PPO, whose episodes in progress are part of its state."""
+    check(PPO, tmp_path, 40, 0.05)
+
+
+@pytest.mark.slow
+def test_sac_survives_three_kills(tmp_path: Path) -> None:
+    """The same for SAC, with all that it remembers."""
+    check(SAC, tmp_path, 40, 0.3)
+
+
+@pytest.mark.slow
+def test_hopper_survives_three_kills(tmp_path: Path) -> None:
+    """The same for the main job, in two threads."""
+    check(HOPPER, tmp_path, 20, 1.0)
