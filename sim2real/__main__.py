@@ -1,4 +1,4 @@
-"""The command line: python -m sim2real [+experiment=NAME] [KEY=VALUE ...]; --help lists it all.
+"""The command line: python -m sim2real [VERB] [+experiment=NAME] [KEY=VALUE ...]; --help lists it.
 
 A configuration is composed and checked before anything heavy is imported and before a file is
 written. What a user can get wrong is answered in one sentence and with exit status 2;
@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import logging
 import os
-import re
 import sys
 from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,6 @@ PASSED_ON = (
     "--hydra-help",
     "--shell-completion",
     "-sc",
-    "--version",
 )
 OWN_FOLDER = ("--config-dir", "-cd", "--config-path", "-cp", "--config-name", "-cn")
 
@@ -39,13 +38,15 @@ def main() -> None:
     """Run the command line."""
     for name in THREADS:  # the physics has a thread on each core: more would wait for each other
         os.environ.setdefault(name, "1")
-    sys.argv[1:] = [re.sub(r"^experiment=", "+experiment=", a) for a in sys.argv[1:]]
-    if {"--help", "-h"} & set(sys.argv[1:]):
+    if not sys.argv[1:] or {"--help", "-h"} & set(sys.argv[1:]):
         with suppress(BrokenPipeError):  # the reader, such as `head`, has seen enough
             print(overview(), flush=True)
         return
+    if "--version" in sys.argv[1:]:
+        print(f"sim2real {metadata.version('sim2real')}")
+        return
     try:
-        sys.argv[1:] = precheck(sys.argv[1:])
+        sys.argv[1:] = precheck(readable(sys.argv[1:]))
         launch()
     except KeyboardInterrupt as stop:
         sys.exit(_say(str(stop) or "interrupted", getattr(stop, "exit_code", 130)))
@@ -56,6 +57,20 @@ def main() -> None:
         if sentence is None:
             raise
         sys.exit(_say(sentence, 2))
+
+
+def readable(arguments: list[str]) -> list[str]:
+    """Return what was typed as Hydra's overrides, if this project's packages are all found.
+
+    Raises:
+        ConfigError: a package of the same name that hides ours; see also `as_overrides`.
+    """
+    from sim2real.config.arguments import as_overrides, shadowing
+    from sim2real.config.targets import ConfigError
+
+    if other := shadowing():
+        raise ConfigError(f"another package hides one of sim2real's: {other}; rename or remove it")
+    return as_overrides(arguments)
 
 
 def precheck(arguments: list[str]) -> list[str]:
@@ -106,7 +121,16 @@ def job(config: Any) -> None:
         sentence = None if os.environ.get(WANTED) == "1" else explained(error)
         if sentence is None:
             raise
+        _write_to_log(sentence)
         raise Refused(sentence) from None
+
+
+def _write_to_log(sentence: str) -> None:
+    """Write why a run ended into its log file; the terminal hears it from `main`."""
+    record = logging.LogRecord("sim2real", logging.ERROR, "", 0, sentence, None, None)
+    for handler in logging.getLogger().handlers:
+        if isinstance(handler, logging.FileHandler):
+            handler.handle(record)
 
 
 def _run(config: Any) -> None:
@@ -124,6 +148,7 @@ def _run(config: Any) -> None:
     verb, arguments = prepare(tree, out)
     logging.getLogger("sim2real").info("%s in %s", verb.__module__.split(".")[-1], out)
     verb(**arguments)
+    logging.getLogger("sim2real").info("results are in %s", out)
 
 
 def explained(error: Exception) -> str | None:

@@ -10,9 +10,10 @@ import yaml
 CONF = Path(__file__).resolve().parents[2] / "conf"
 EXPERIMENT = "experiment"
 _INTRODUCTION = """\
-sim2real: train policies in simulation that survive, and adapt to, the real robot; find what
-separates the two.
+sim2real: find out why a policy that works in simulation fails on the robot, and train one that
+transfers.
 
+  python -m sim2real diagnose LOG.csv MODEL.xml     which physical effect the simulator lacks
   python -m sim2real +experiment=NAME               one job
   python -m sim2real +experiment=NAME seed=3        the same with another value
   python -m sim2real +experiment=NAME adapt=none    the same with another choice of a group

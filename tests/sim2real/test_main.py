@@ -116,6 +116,24 @@ def test_a_defect_shows_its_traceback(run: Run, monkeypatch: pytest.MonkeyPatch)
         run(*TINY)
 
 
+def test_alone_it_says_what_it_can_do(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without arguments nothing is trained and no folder is made; --version is this project's."""
+    assert run() == 0
+    assert "sim2real diagnose LOG.csv MODEL.xml" in capsys.readouterr().out
+    assert run("--version") == 0
+    assert capsys.readouterr().out.startswith("sim2real ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_run_says_why_in_its_log(run: Run, tmp_path: Path) -> None:
+    """The sentence on the terminal stands in the run's log file too."""
+    assert run(*TINY, "algorithm.num_rows=0") == 2
+    (log,) = tmp_path.rglob("*.log")
+    assert "num_rows=0" in log.read_text(encoding="utf-8").splitlines()[-1]
+
+
 def test_a_refused_value_is_a_sentence(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
     """A value that a constructor refuses ends the run with its sentence and status 2."""
     assert run(*TINY, "algorithm.num_rows=0") == 2

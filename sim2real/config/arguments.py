@@ -1,0 +1,115 @@
+"""What people type, as Hydra reads it: verbs by their names, files by their places, any path.
+
+    as_overrides(["diagnose", "swing.csv", "arm.xml"])
+    # ["run=diagnose", "log=swing.csv", "model=arm.xml"]
+    as_overrides(["run=replay", "log=~/runs (new)/a=1.csv"])
+    # ["run=replay", "log='/home/me/runs (new)/a=1.csv'"]
+
+Hydra's grammar gives `=`, brackets, commas, spaces and `~` a meaning; a path may hold them all. The
+value of a key that holds paths is therefore quoted, unless it is a list, a sweep of several, or
+quoted already.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from pathlib import Path
+
+from sim2real.config.catalogue import CONF, EXPERIMENT, options
+from sim2real.config.targets import ConfigError
+
+MODELS = (".xml", ".mjcf", ".urdf")  # what a model's name ends in
+PATHS = ("log", "model", "effects", "checkpoint", "resume", "runs", "calibration", "port", "out")
+PLACES = {  # what stands after a verb without a key
+    "diagnose": "log",
+    "replay": "log",
+    "evaluate": "checkpoint",
+    "deploy": "checkpoint",
+    "export": "checkpoint",
+    "view": "robot",
+    "record": "robot",
+    "report": "runs",
+}
+SPECIAL = re.compile(r"[\s=()\[\]{},'\"\\]")  # what Hydra's grammar does not take in a bare value
+
+
+def as_overrides(arguments: list[str]) -> list[str]:
+    """Return a command line as Hydra's overrides and options.
+
+    Args:
+        arguments: as typed, without the program's name.
+
+    Raises:
+        ConfigError: a word in a place where the verb takes none, or a key that is nearly
+            `experiment`.
+    """
+    verb = next((a for a in arguments[:1] if a in options("run")), None)
+    rest = arguments[1:] if verb else arguments
+    bare = [a for a in rest if verb and not a.startswith("-") and not _is_override(a)]
+    given = [_readable(a) for a in rest if a not in bare]
+    return ([f"run={verb}"] if verb else []) + _placed(verb or "", bare) + given
+
+
+def _is_override(argument: str) -> bool:
+    """Return whether an argument sets or deletes a key; a file of that name is a file."""
+    if argument.startswith("~/") or Path(argument).expanduser().exists():
+        return False
+    return "=" in argument or argument.startswith("~")
+
+
+def _placed(verb: str, words: list[str]) -> list[str]:
+    """Give the words after a verb their keys."""
+    if not words:
+        return []
+    if verb not in PLACES:
+        raise ConfigError(f"{verb} takes no {words[0]!r}; write KEY=VALUE, see --help for the keys")
+    key = PLACES[verb]
+    models = [w for w in words if key == "log" and Path(w).suffix.lower() in MODELS]
+    values = [w for w in words if w not in models]
+    if len(models) > 1:
+        raise ConfigError(f"{verb}: {' and '.join(models)} are two models; give one")
+    if len(values) > 1 and key not in ("log", "checkpoint", "runs"):
+        raise ConfigError(f"{verb} takes one {key}, not {len(values)}: {', '.join(values)}")
+    quoted = [path_value(value) for value in values]
+    made = [f"{key}={quoted[0]}"] if len(quoted) == 1 else []
+    made = [f"{key}=[{','.join(quoted)}]"] if len(quoted) > 1 else made
+    return made + [f"model={path_value(model)}" for model in models]
+
+
+def _readable(argument: str) -> str:
+    """Return an override whose path, if its value is one, is quoted."""
+    key, equals, value = argument.partition("=")
+    name = key.lstrip("+")
+    if equals and name == EXPERIMENT:
+        return f"+{EXPERIMENT}={value}"
+    if equals and difflib.get_close_matches(name, [EXPERIMENT], cutoff=0.8):
+        raise ConfigError(f"{key}: there is no such key; did you mean +{EXPERIMENT}={value}?")
+    return f"{key}={path_value(value)}" if equals and name in PATHS else argument
+
+
+def path_value(value: str) -> str:
+    """Return a path as a value of Hydra's grammar.
+
+    Args:
+        value: a path as typed, a list of them, a sweep, or `null`.
+    """
+    if not value or value[0] in "['\"" or value.startswith("${"):
+        return value
+    path = str(Path(value).expanduser()) if value.startswith("~") else value
+    several = "," in path and not Path(path).exists()
+    if several or not SPECIAL.search(path):
+        return path
+    return "'" + path.replace("\\", "\\\\").replace("'", "\\'") + "'"
+
+
+def shadowing(root: Path = CONF.parent) -> str | None:
+    """Return the file that Python finds in the place of one of our packages; None if none does."""
+    from importlib.util import find_spec
+
+    for name in ("envs", "hardware", "sim2real"):
+        found = find_spec(name)
+        origin = None if found is None else found.origin
+        if origin is None or not Path(origin).resolve().is_relative_to(root.resolve()):
+            return f"{name} ({origin or 'a folder without __init__.py'})"
+    return None

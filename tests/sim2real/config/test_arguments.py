@@ -1,0 +1,70 @@
+"""What people type on the command line, and what Hydra is given for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+from sim2real.config.arguments import as_overrides, path_value, shadowing
+from sim2real.config.targets import ConfigError
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        (["diagnose", "a.csv", "arm.xml"], ["run=diagnose", "log=a.csv", "model=arm.xml"]),
+        (["replay", "arm.urdf", "a", "b"], ["run=replay", "log=[a,b]", "model=arm.urdf"]),
+        (["evaluate", "runs/1", "seed=2"], ["run=evaluate", "checkpoint=runs/1", "seed=2"]),
+        (["record", "bench1"], ["run=record", "robot=bench1"]),
+        (["deploy", "runs/1", "robot=quad8"], ["run=deploy", "checkpoint=runs/1", "robot=quad8"]),
+        (["train", "-m", "seed=0,1"], ["run=train", "-m", "seed=0,1"]),
+        (["experiment=smoke"], ["+experiment=smoke"]),
+        (["run=diagnose", "log=[a.csv,b.csv]"], ["run=diagnose", "log=[a.csv,b.csv]"]),
+        (["-m", "run=replay", "log=a.csv,b.csv"], ["-m", "run=replay", "log=a.csv,b.csv"]),
+    ],
+)  # fmt: skip
+def test_verbs_and_files_without_keys(typed: list[str], meant: list[str]) -> None:
+    """A verb is named first, a model is known by its suffix, everything else has its key."""
+    assert as_overrides(typed) == meant
+
+
+@pytest.mark.parametrize(
+    "name", ["a=1.csv", "swing (2).csv", "run[3].csv", "it's.csv", "a b.csv", "x{1}.csv", "a,b.csv"]
+)
+def test_any_path_reaches_the_verb(name: str, tmp_path: Path) -> None:
+    """Hydra's parser returns the very path that was typed, whatever its characters."""
+    path = tmp_path / name
+    path.touch()
+    (override,) = OverridesParser.create().parse_overrides(as_overrides([f"log={path}"]))
+    assert override.value() == str(path)
+    assert not override.is_sweep_override()
+
+
+def test_home_is_expanded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`~` is the home folder, in an override and after a verb."""
+    monkeypatch.setenv("HOME", "/home/me")
+    assert path_value("~/x.csv") == "/home/me/x.csv"
+    assert as_overrides(["diagnose", "~/x.csv"]) == ["run=diagnose", "log=/home/me/x.csv"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "sentence"),
+    [
+        (["+experimnt=smoke"], r"did you mean \+experiment=smoke"),
+        (["diagnose", "a.csv", "b.xml", "c.xml"], "two models"),
+        (["train", "hopper"], "train takes no 'hopper'"),
+        (["record", "bench1", "arm6"], "one robot"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(typed: list[str], sentence: str) -> None:
+    """A word in a place where none belongs is answered with what to write."""
+    with pytest.raises(ConfigError, match=sentence):
+        as_overrides(typed)
+
+
+def test_a_package_that_hides_ours_is_named(tmp_path: Path) -> None:
+    """Packages that are found elsewhere than beside conf/ are not ours."""
+    assert shadowing() is None
+    assert str(shadowing(tmp_path)).startswith("envs (")
