@@ -23,7 +23,7 @@ Contracts:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -37,7 +37,7 @@ from envs.params import ParamSpace
 from envs.quiet import quiet_engine
 
 Fixed = tuple[Effect, Sequence[float]]
-T = TypeVar("T", bound=Bound)
+T = TypeVar("T")
 
 
 class Plant:
@@ -100,13 +100,11 @@ class Plant:
         )
         self.layout = Layout(self.batch, self.nominal, keep)
         self.qpos, self.qvel = self.layout.qpos, self.layout.qvel
-        self._fields: dict[
-            str, np.ndarray
-        ] = {}  # live values of the fields that effects write, (N, ...)
-        self._live: dict[
-            str, np.ndarray
-        ] = {}  # values that the live ones return to before each substep
-        self._shared: dict[str, Bound] = {}
+        # live values of the fields that effects write, (N, ...), and what those that substep rules
+        # change return to before each substep
+        self._fields: dict[str, np.ndarray] = {}
+        self._live: dict[str, np.ndarray] = {}
+        self._shared: dict[str, Any] = {}  # mechanisms that several effects are parts of
         self._bound = [effect.bind(self) for effect in every]
         ends = np.cumsum([len(parameters) for parameters in drawn], dtype=int)
         columns = [slice(end - len(p), end) for end, p in zip(ends, drawn, strict=True)]
@@ -202,11 +200,9 @@ class Plant:
 
     def share(self, name: str, make: Callable[[], T]) -> T:
         """Return the mechanism of that name, made once for all the effects that are parts of it."""
-        return (
-            self._shared.setdefault(name, make())
-            if name not in self._shared
-            else self._shared[name]
-        )  # type: ignore[return-value]
+        if name not in self._shared:
+            self._shared[name] = make()
+        return self._shared[name]
 
     def set_params(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Put parameter values (n, P) into the rows ids (n,).

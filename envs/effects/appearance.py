@@ -6,18 +6,14 @@ light and where the camera stands as it draws masses and frictions.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import mujoco
 import numpy as np
 
 from envs.effects.base import Bound, Effect, find
 from envs.effects.inertia import rotations
+from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 from envs.params import Parameter
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0])  # a geom of this colour shows its material's
 FLOOR = "world"  # the body that carries the floor and everything else that is fixed
@@ -52,13 +48,13 @@ class Colour(Appearance):
             raise EffectError(f"body {self.where!r} has no geom whose colour could change")
         return geoms
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the colours of each row."""
         return _Paint(plant, self._geoms(plant.model))
 
 
 class _Paint(Bound):
-    def __init__(self, plant: Plant, geoms: np.ndarray) -> None:
+    def __init__(self, plant: PlantView, geoms: np.ndarray) -> None:
         self._rgba, self._geoms = plant.field("geom_rgba"), geoms  # (N, ngeom, 4), (G,)
         model = plant.model
         self._shown = model.geom_rgba[geoms].copy()  # (G, 4)
@@ -93,13 +89,13 @@ class LightLevel(Appearance):
         _need(model.nlight, "light")
         return (self.parameter(low=0.0, high=10.0),)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the lights of each row."""
         return _Dimmer(plant)
 
 
 class _Dimmer(Bound):
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: PlantView) -> None:
         self._fields = [plant.field(name) for name in ("light_diffuse", "light_ambient")]
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
@@ -121,13 +117,13 @@ class LightDirection(Appearance):
         _need(model.nlight, "light")
         return tuple(self.parameter(axis, low=-np.pi, high=np.pi) for axis in ("x", "y"))
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the lights' directions of each row."""
         return _Beam(plant)
 
 
 class _Beam(Bound):
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: PlantView) -> None:
         self._direction = plant.field("light_dir")  # (N, nlight, 3)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
@@ -153,13 +149,13 @@ class CameraShift(Appearance):
         _need(model.ncam, "camera")
         return tuple(self.parameter(way) for way in ("right", "up", "back"))
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the cameras' positions of each row."""
         return _Stand(plant)
 
 
 class _Stand(Bound):
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: PlantView) -> None:
         self._position = plant.field("cam_pos")  # (N, ncam, 3)
         self._axes = rotations(plant.model.cam_quat)  # (ncam, 3, 3), columns: right, up, back
 
@@ -181,13 +177,13 @@ class CameraTurn(Appearance):
         _need(model.ncam, "camera")
         return tuple(self.parameter(way, low=-np.pi, high=np.pi) for way in ("right", "up"))
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the cameras' orientations of each row."""
         return _Aim(plant)
 
 
 class _Aim(Bound):
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: PlantView) -> None:
         self._quat = plant.field("cam_quat")  # (N, ncam, 4)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:

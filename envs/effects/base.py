@@ -26,16 +26,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import mujoco
 import numpy as np
 
+from envs.effects.plant_view import PlantView
 from envs.errors import EffectError, did_you_mean
 from envs.params import How, Parameter, Side
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 Place = Literal["joint", "actuator", "body", "contact", "robot"]
 
@@ -253,7 +251,7 @@ class Effect(ABC):
         """Return the parameters on this model; raises EffectError if it cannot have the effect."""
 
     @abstractmethod
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Connect the effect to a plant."""
 
 
@@ -377,7 +375,7 @@ class FieldEffect(Effect):
             return (self.parameter(low=0.0),)
         return (self.parameter(low=self.minimum, neutral=float(nominal.flat[0])),)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Give the field a value per row."""
         (parameter,) = self.parameters(plant.model)
         return FieldBound(plant.field(self.field), self.elements(plant.model), parameter)

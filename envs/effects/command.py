@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import mujoco
 import numpy as np
 
 from envs.effects.base import Bound, CommandRule, Effect, Extra, FieldBound, SubstepRule
 from envs.effects.history import control_range
+from envs.effects.plant_view import PlantView
 from envs.effects.servo import ActuatorEffect, is_joint_servo
 from envs.errors import EffectError
 from envs.noise import uniform
 from envs.params import Parameter
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 NO_LIMIT = 1e6  # rad/s or rad/s²: a profile without this limit (parameters are finite numbers)
 LINEAR = 1  # the engine's number for linear interpolation of a delay line
@@ -59,7 +57,7 @@ class CommandDelay(Effect):
             raise EffectError("command_delay needs an actuator; this model has none")
         return (self.parameter(low=0.0, high=self.extra["longest"]),)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the actuators' delays."""
         every = np.arange(plant.model.nactuator)
         return FieldBound(plant.field("actuator_delay"), (every,), self.parameters(plant.model)[0])
@@ -70,7 +68,7 @@ class _Loss(CommandRule):
 
     order = 10
 
-    def __init__(self, plant: Plant, label: str) -> None:
+    def __init__(self, plant: PlantView, label: str) -> None:
         self.value, self.held = np.zeros(plant.num_rows), np.zeros((plant.num_rows, plant.model.nu))
         self.count, self.seeds = (
             np.zeros(plant.num_rows, np.int64),
@@ -111,7 +109,7 @@ class PacketLoss(Effect):
         """Return the probability."""
         return (self.parameter(low=0.0, high=1.0),)
 
-    def bind(self, plant: Plant) -> CommandRule:
+    def bind(self, plant: PlantView) -> CommandRule:
         """Hold commands at random."""
         return _Loss(plant, self.label())
 
@@ -125,7 +123,7 @@ class Profile(SubstepRule):
 
     order = 10
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: PlantView) -> None:
         model = plant.model
         self.plant, self.dt = plant, model.opt.timestep
         self.index = np.array([i for i in range(model.nactuator) if is_joint_servo(model, i)])
@@ -217,7 +215,7 @@ class _ProfileEffect(ActuatorEffect):
         self.actuators(model)
         return (self.parameter(low=1e-6, high=NO_LIMIT, neutral=NO_LIMIT),)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write into the plant's one profile."""
         profile = plant.share("profile", lambda: Profile(plant))
         plant.share("profile targets", lambda: _Targets(profile))

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
 
 from envs.effects.base import Bound, Effect, FieldEffect, find
+from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 from envs.params import How, Parameter
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 FrictionMode = Literal["contact", "seed"]
 
@@ -93,7 +91,7 @@ def _feet(model: mujoco.MjModel, where: str | None) -> list[int]:
 class _Stiffness(Bound):
     """Scales the stiffness of geoms' contacts at their damping ratio."""
 
-    def __init__(self, plant: Plant, geoms: np.ndarray) -> None:
+    def __init__(self, plant: PlantView, geoms: np.ndarray) -> None:
         self._solref, self._geoms = plant.field("geom_solref"), geoms  # (N, ngeom, 2)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
@@ -135,6 +133,6 @@ class ContactStiffness(Effect):
     def _geoms(self, model: mujoco.MjModel) -> np.ndarray:
         return np.array(_feet(model, self.where) + _ground(model, self.name))
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the contacts' reference of each row."""
         return _Stiffness(plant, self._geoms(plant.model))

@@ -6,7 +6,7 @@ substep, so that a joint sticks exactly instead of chattering about zero speed.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -21,10 +21,8 @@ from envs.effects.base import (
     joint_driven,
     joints,
 )
+from envs.effects.plant_view import PlantView
 from envs.params import How, Parameter
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 # The engine's default friction creeps: 1.4 degrees in 10 s under three quarters of its torque.
 STIFF_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
@@ -52,7 +50,7 @@ class Grip:
         where: the joint; None for all driven ones.
     """
 
-    def __init__(self, plant: Plant, where: str | None) -> None:
+    def __init__(self, plant: PlantView, where: str | None) -> None:
         model = plant.model
         dofs = model.jnt_dofadr[joints(model, where)]  # (k,)
         creeps = (model.dof_frictionloss[dofs] > 0) & (model.dof_solimp[dofs, 0] < STICKS)
@@ -71,7 +69,7 @@ class Grip:
 class _Coulomb(Bound):
     """See `CoulombFriction`."""
 
-    def __init__(self, plant: Plant, effect: CoulombFriction) -> None:
+    def __init__(self, plant: PlantView, effect: CoulombFriction) -> None:
         (parameter,) = effect.parameters(plant.model)
         elements = effect.elements(plant.model)
         self._loss = FieldBound(plant.field(effect.field), elements, parameter)
@@ -107,7 +105,7 @@ class CoulombFriction(FieldEffect):
         """Make the joint stick where it had no friction."""
         stiffen(spec, self.where)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the friction loss, and let it stick where it is not the model's own."""
         return _Coulomb(plant, self)
 
@@ -146,7 +144,7 @@ class _FrictionRule(SubstepRule):
 
     order = 50
 
-    def __init__(self, plant: Plant, where: str | None, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, where: str | None, effect: Effect) -> None:
         self.effect = effect
         self.joints = joints(plant.model, where)
         self.dofs = plant.model.jnt_dofadr[self.joints]  # (k,)
@@ -171,7 +169,7 @@ class _FrictionRule(SubstepRule):
 class _Stribeck(_FrictionRule):
     """See `StribeckFriction`."""
 
-    def __init__(self, plant: Plant, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect.where, effect)
         self.speed, self.shape = np.ones((plant.num_rows, 1)), np.ones((plant.num_rows, 1))
 
@@ -211,7 +209,7 @@ class StribeckFriction(Effect):
         joints(model, self.where)
         return (self.parameter(low=0.0), *self.free_parameters())
 
-    def bind(self, plant: Plant) -> SubstepRule:
+    def bind(self, plant: PlantView) -> SubstepRule:
         """Write the friction loss before each substep."""
         return _Stribeck(plant, self)
 
@@ -219,7 +217,7 @@ class StribeckFriction(Effect):
 class _LoadDependent(_FrictionRule):
     """See `LoadDependentFriction`."""
 
-    def __init__(self, plant: Plant, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect.where, effect)
         self.motor, self.bias = plant.batch.bind("qfrc_actuator"), plant.batch.bind("qfrc_bias")
         self.external = np.ones((plant.num_rows, 1))
@@ -285,7 +283,7 @@ class LoadDependentFriction(Effect):
         joints(model, self.where)
         return (self.parameter(low=0.0, high=1.0), *self.free_parameters())
 
-    def bind(self, plant: Plant) -> SubstepRule:
+    def bind(self, plant: PlantView) -> SubstepRule:
         """Write the friction loss before each substep."""
         return _LoadDependent(plant, self)
 
@@ -295,7 +293,7 @@ class _Cogging(SubstepRule):
 
     order = 60
 
-    def __init__(self, plant: Plant, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         self.effect, self.qpos, self.applied = effect, plant.layout.raw_qpos, plant.applied
         found = joints(plant.model, effect.where)
         self.q, self.v = plant.model.jnt_qposadr[found], plant.model.jnt_dofadr[found]
@@ -336,6 +334,6 @@ class Cogging(Effect):
         joints(model, self.where)
         return (self.parameter(low=0.0), *self.free_parameters())
 
-    def bind(self, plant: Plant) -> SubstepRule:
+    def bind(self, plant: PlantView) -> SubstepRule:
         """Apply the torque before each substep."""
         return _Cogging(plant, self)

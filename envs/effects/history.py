@@ -7,20 +7,16 @@ position servo towards 0.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from envs.effects.base import Bound
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
+from envs.effects.plant_view import PlantView
 
 
 class CommandHistory(Bound):
     """Fills the delay lines with the command that was held from before the episode."""
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: PlantView) -> None:
         self._plant, model = plant, plant.model
         self._history = plant.batch.bind("history")  # (N, nhistory)
         single = [
@@ -44,7 +40,7 @@ class CommandHistory(Bound):
             self._history[ids[:, None], np.arange(first, first + samples)] = ctrl[:, column, None]
 
 
-def arriving(plant: Plant, actuator: int, rows: np.ndarray | slice) -> np.ndarray:
+def arriving(plant: PlantView, actuator: int, rows: np.ndarray | slice) -> np.ndarray:
     """Return the command that reaches an actuator in the coming substep, clamped, (n,)."""
     model = plant.model
     column, address = (
@@ -58,7 +54,7 @@ def arriving(plant: Plant, actuator: int, rows: np.ndarray | slice) -> np.ndarra
     return np.clip(ctrl, low, high)
 
 
-def control_range(plant: Plant, rows: np.ndarray | slice) -> np.ndarray:
+def control_range(plant: PlantView, rows: np.ndarray | slice) -> np.ndarray:
     """Return the range to which the engine clamps each control, (n, nu, 2)."""
     model, expanded = plant.model, plant.batch.expanded("actuator_ctrlrange")
     n = len(plant.ctrl[rows])
@@ -68,7 +64,7 @@ def control_range(plant: Plant, rows: np.ndarray | slice) -> np.ndarray:
 
 
 def _read(
-    plant: Plant, actuator: int, rows: np.ndarray | slice, address: int, ctrl: np.ndarray
+    plant: PlantView, actuator: int, rows: np.ndarray | slice, address: int, ctrl: np.ndarray
 ) -> np.ndarray:
     """Return the delay line's value at the time minus the delay, as mj_readCtrl does, (n,)."""
     samples, interp = plant.model.actuator_history[actuator]

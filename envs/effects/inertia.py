@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 
 from envs.effects.base import Bound, Effect, FieldEffect, find
+from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 from envs.params import How, Parameter
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 LIGHTEST = 1e-3  # kg: below this the engine's constants become ill conditioned
 
@@ -90,7 +88,7 @@ def _tips(model: mujoco.MjModel, geom: int) -> list[np.ndarray]:
 class _Shift(Bound):
     """Moves a centre of mass along a line."""
 
-    def __init__(self, plant: Plant, body: int) -> None:
+    def __init__(self, plant: PlantView, body: int) -> None:
         end = far_end(plant.model, body)
         self._direction, self._ipos, self._body = (
             end / np.linalg.norm(end),
@@ -126,7 +124,7 @@ class CenterOfMass(Effect):
         far_end(model, find(model, "body", self.where))
         return (self.parameter(),)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the centre of mass of each row."""
         return _Shift(plant, find(plant.model, "body", self.where))
 
@@ -134,7 +132,7 @@ class CenterOfMass(Effect):
 class _Point(Bound):
     """Adds a point mass to a body: mass, centre of mass and inertia follow."""
 
-    def __init__(self, plant: Plant, body: int) -> None:
+    def __init__(self, plant: PlantView, body: int) -> None:
         self._body, self._point = body, far_end(plant.model, body)
         names = ("body_mass", "body_ipos", "body_iquat", "body_inertia")
         self._mass, self._ipos, self._iquat, self._inertia = (plant.field(name) for name in names)
@@ -199,7 +197,7 @@ class Payload(Effect):
         far_end(model, find(model, "body", self.where))
         return (self.parameter(low=0.0),)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the inertial properties of each row."""
         return _Point(plant, find(plant.model, "body", self.where))
 
@@ -207,7 +205,7 @@ class Payload(Effect):
 class _Tilt(Bound):
     """See `GravityTilt`."""
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: PlantView) -> None:
         self._gravity = plant.field("opt.gravity")  # (N, 3)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
@@ -234,6 +232,6 @@ class GravityTilt(Effect):
         """Return the two angles."""
         return tuple(self.parameter(axis, low=-np.pi / 2, high=np.pi / 2) for axis in ("x", "y"))
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the gravity of each row."""
         return _Tilt(plant)

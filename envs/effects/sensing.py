@@ -7,26 +7,24 @@ offset, plus noise, rounded to its counts; its speed is filtered.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from envs.effects.base import CommandRule, Effect, Extra, Measurement, joints
 from envs.effects.command import stream
+from envs.effects.plant_view import PlantView
 from envs.effects.servo import is_joint_servo
 from envs.errors import EffectError
 from envs.noise import normal
 from envs.params import Parameter
 
-if TYPE_CHECKING:
-    from envs.plant import Plant
-
 
 class _JointSensor(Measurement):
     """Acts on the measured position or speed of k joints with one value a row."""
 
-    def __init__(self, plant: Plant, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         found = joints(plant.model, effect.where)
         addresses = np.array([plant.layout.address(int(j)) for j in found])
         self.q, self.v = addresses[:, 0], addresses[:, 1]
@@ -52,7 +50,7 @@ class _Offset(_JointSensor, CommandRule):
 
     order = 30
 
-    def __init__(self, plant: Plant, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect)
         model, found = plant.model, joints(plant.model, effect.where)
         servos = [i for i in range(model.nactuator) if is_joint_servo(model, i)]
@@ -119,7 +117,7 @@ class EncoderOffset(_SensorEffect):
         joints(model, self.where)
         return (self.parameter(),)
 
-    def bind(self, plant: Plant) -> Measurement:
+    def bind(self, plant: PlantView) -> Measurement:
         """Shift the measured positions, and the goals of the joint's servos."""
         return _Offset(plant, self)
 
@@ -127,7 +125,7 @@ class EncoderOffset(_SensorEffect):
 class _Noise(_JointSensor):
     order = 40
 
-    def __init__(self, plant: Plant, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect)
         self.count, self.seeds = (
             np.zeros(plant.num_rows, np.int64),
@@ -154,7 +152,7 @@ class SensorNoise(_SensorEffect):
     source = "q + N(0, value²); 3 counts of 4096 reported for Dynamixel"
     experiment = "log a joint at rest"
 
-    def bind(self, plant: Plant) -> Measurement:
+    def bind(self, plant: PlantView) -> Measurement:
         """Add noise that depends on the episode's seed alone."""
         return _Noise(plant, self)
 
@@ -178,7 +176,7 @@ class Quantization(_SensorEffect):
     source = "round(q / step) step; 2π/4096 = 1.53 mrad for Dynamixel X"
     experiment = "log a very slow ramp"
 
-    def bind(self, plant: Plant) -> Measurement:
+    def bind(self, plant: PlantView) -> Measurement:
         """Round the measured positions."""
         return _Rounding(plant, self)
 
@@ -186,7 +184,7 @@ class Quantization(_SensorEffect):
 class _Filter(_JointSensor):
     order = 60
 
-    def __init__(self, plant: Plant, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect)
         self.now = plant.time
         shape = (plant.num_rows, len(self.v))
@@ -226,7 +224,7 @@ class VelocityFilter(_SensorEffect):
     source = "tau dy/dt = w - y; STS registers lag by about 20 ms"
     experiment = "compare the speed with the slope of the positions; no model is needed"
 
-    def bind(self, plant: Plant) -> Measurement:
+    def bind(self, plant: PlantView) -> Measurement:
         """Filter the measured speeds."""
         return _Filter(plant, self)
 
@@ -236,7 +234,7 @@ class _SamplingDelay(Measurement):
 
     order = 20
 
-    def __init__(self, plant: Plant, longest: float) -> None:
+    def __init__(self, plant: PlantView, longest: float) -> None:
         model = plant.nominal
         n, k = plant.num_rows, math.ceil(longest / model.opt.timestep) + 2
         self.now, self.value = plant.time, np.zeros(n)
@@ -330,6 +328,6 @@ class ObservationDelay(Effect):
         """Return the delay."""
         return (self.parameter(low=0.0, high=self.extra["longest"]),)
 
-    def bind(self, plant: Plant) -> Measurement:
+    def bind(self, plant: PlantView) -> Measurement:
         """Report what was true some time ago."""
         return _SamplingDelay(plant, self.extra["longest"])

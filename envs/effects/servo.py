@@ -6,19 +6,17 @@ A *servo* here is an actuator of the affine kind, force = g u + b0 + b1 length +
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 
 from envs.effects.base import Bound, Effect, FieldBound, FieldEffect, SubstepRule, find
 from envs.effects.history import arriving
+from envs.effects.plant_view import PlantView
 from envs.effects.registry import EFFECTS
 from envs.errors import EffectError
 from envs.params import How, Parameter
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 FIXED, PID = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_PID)
 NONE, AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
@@ -93,7 +91,7 @@ class _Gain(ActuatorEffect):
         self.actuators(model)
         return (self.parameter(low=0.0),)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Scale the law of each row."""
         (parameter,) = self.parameters(plant.model)
         index = self.actuators(plant.model)
@@ -162,7 +160,7 @@ class LawScale(Bound):
     """Scales what an actuator's law yields and the limit on it."""
 
     def __init__(
-        self, plant: Plant, index: np.ndarray, parameter: Parameter, law: bool, damping: bool
+        self, plant: PlantView, index: np.ndarray, parameter: Parameter, law: bool, damping: bool
     ) -> None:
         limited = index[plant.model.actuator_forcelimited[index].astype(bool)]
         parts = (
@@ -214,7 +212,7 @@ class MotorStrength(ActuatorEffect):
         self.actuators(model)
         return (self.parameter(low=0.0),)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Scale gain, bias, limit and damping of each row."""
         return LawScale(
             plant,
@@ -270,7 +268,7 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
             self.parameter(low=0.0, high=max(UNLIMITED, float(joint[0])), neutral=float(joint[0])),
         )
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Write the limit of each row."""
         (parameter,) = self.parameters(plant.model)
         index = self.actuators(plant.model)
@@ -282,7 +280,7 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
 class _Limit(Bound):
     """Sets both ends of a force range from a torque at the joint."""
 
-    def __init__(self, plant: Plant, index: np.ndarray, parameter: Parameter) -> None:
+    def __init__(self, plant: PlantView, index: np.ndarray, parameter: Parameter) -> None:
         self._range, self._index, self._neutral = (
             plant.field("actuator_forcerange"),
             index,
@@ -302,7 +300,7 @@ class _DeadZone(SubstepRule):
 
     order = 30
 
-    def __init__(self, plant: Plant, index: np.ndarray) -> None:
+    def __init__(self, plant: PlantView, index: np.ndarray) -> None:
         self.plant, self.index = plant, index
         self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
         self.value = np.zeros(plant.num_rows)
@@ -347,7 +345,7 @@ class DeadZone(ActuatorEffect):
         self.actuators(model)
         return (self.parameter(low=0.0),)
 
-    def bind(self, plant: Plant) -> SubstepRule:
+    def bind(self, plant: PlantView) -> SubstepRule:
         """Switch the proportional part off and on before each substep."""
         return _DeadZone(plant, self.actuators(plant.model))
 

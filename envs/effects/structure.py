@@ -14,19 +14,17 @@ of its own gets the least with which the loop is stable at the model's time step
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from envs.effects.base import Bound, Effect, Extra, Measurement, SubstepRule, joints
 from envs.effects.layout import SERIES
+from envs.effects.plant_view import PlantView
 from envs.effects.servo import is_joint_servo
 from envs.errors import EffectError, did_you_mean
 from envs.params import Parameter, Side
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 FROZEN = 1e9  # kg·m²: a joint that does not move
 BETWEEN = 0.05  # of the link's inertia: what lies between a spring and a play at one joint
@@ -39,7 +37,7 @@ class Series(Bound):
 
     order: ClassVar[int] = 20
 
-    def __init__(self, plant: Plant, effect: SeriesEffect, motor: int) -> None:
+    def __init__(self, plant: PlantView, effect: SeriesEffect, motor: int) -> None:
         model = plant.model
         self.plant, self.effect, self.motor = plant, effect, motor
         self.joint = int(
@@ -150,7 +148,7 @@ class SeriesEffect(Effect):
         joints(model, self.where)
         return (self.parameter(low=0.0), *self.free_parameters())
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Make the added joints part of the plant's layout, and of what the encoder sees."""
         parts = [self.bound(plant, self, int(motor)) for motor in joints(plant.model, self.where)]
         for part in parts:
@@ -195,7 +193,7 @@ def _motors(spec: mujoco.MjSpec, where: str | None) -> list[Any]:
     return [joint for name, joint in named.items() if name in driven]
 
 
-def least_rotor(plant: Plant, motor: int) -> float:
+def least_rotor(plant: PlantView, motor: int) -> float:
     """Return the least inertia of a motor that is free of its link [kg·m²].
 
     Stable under its servo at the model's time step, and small next to the link's.
@@ -223,7 +221,7 @@ def link_inertia(model: mujoco.MjModel, joint: int) -> float:
 class _Play(Series):
     """See `Backlash`."""
 
-    def __init__(self, plant: Plant, effect: SeriesEffect, motor: int) -> None:
+    def __init__(self, plant: PlantView, effect: SeriesEffect, motor: int) -> None:
         super().__init__(plant, effect, motor)
         self.range = plant.field("jnt_range")
 
@@ -264,7 +262,7 @@ class Backlash(SeriesEffect):
 class _Spring(Series):
     """See `JointCompliance`."""
 
-    def __init__(self, plant: Plant, effect: SeriesEffect, motor: int) -> None:
+    def __init__(self, plant: PlantView, effect: SeriesEffect, motor: int) -> None:
         super().__init__(plant, effect, motor)
         model = plant.model
         self.stiffness, self.damping = plant.field("jnt_stiffness"), plant.field("dof_damping")

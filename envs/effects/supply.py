@@ -8,18 +8,16 @@ voltage-driven, motors as current-driven, unless `drive` says so.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
 
 from envs.effects.base import Bound, Effect, Extra, SubstepRule, joint_driven
+from envs.effects.plant_view import PlantView
 from envs.effects.servo import ActuatorEffect, LawScale, Several, is_linear, is_servo
 from envs.errors import EffectError
 from envs.params import How, Parameter
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 Drive = Literal["voltage", "current"]
 
@@ -81,7 +79,7 @@ class SupplyVoltage(Effect):
         current = [i for i in linear if i not in voltage]
         return np.array(voltage, dtype=int), np.array(current, dtype=int)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: PlantView) -> Bound:
         """Scale the limits, and the laws of the voltage-driven ones."""
         (parameter,) = self.parameters(plant.model)
         voltage, current = self._split(plant.model)
@@ -95,7 +93,7 @@ class _Weakening(SubstepRule):
 
     order = 40
 
-    def __init__(self, plant: Plant, index: np.ndarray) -> None:
+    def __init__(self, plant: PlantView, index: np.ndarray) -> None:
         model = plant.model
         self.plant, self.index = plant, index
         self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
@@ -140,7 +138,7 @@ class _Sag(_Weakening):
     """See `SupplySag`."""
 
     def __init__(
-        self, plant: Plant, index: np.ndarray, voltage: float, torque_constant: float
+        self, plant: PlantView, index: np.ndarray, voltage: float, torque_constant: float
     ) -> None:
         super().__init__(plant, index)
         self.scale = 1.0 / (voltage * torque_constant)
@@ -180,7 +178,7 @@ class SupplySag(Effect):
             )
         return (self.parameter(low=0.0),)
 
-    def bind(self, plant: Plant) -> SubstepRule:
+    def bind(self, plant: PlantView) -> SubstepRule:
         """Weaken all actuators before each substep."""
         return _Sag(
             plant, _linear(plant.model), self.extra["voltage"], self.extra["torque_constant"]
@@ -194,7 +192,7 @@ def _linear(model: mujoco.MjModel) -> np.ndarray:
 class _Derating(_Weakening):
     """See `ThermalDerating`."""
 
-    def __init__(self, plant: Plant, index: np.ndarray, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, index: np.ndarray, effect: Effect) -> None:
         super().__init__(plant, index)
         self.damping = plant.live("actuator_damping")
         self.effect, self.dt = effect, plant.model.opt.timestep
@@ -253,6 +251,6 @@ class ThermalDerating(ActuatorEffect):
         self.actuators(model)
         return (self.parameter(low=0.0), *self.free_parameters())
 
-    def bind(self, plant: Plant) -> SubstepRule:
+    def bind(self, plant: PlantView) -> SubstepRule:
         """Weaken the actuators before each substep."""
         return _Derating(plant, self.actuators(plant.model), self)

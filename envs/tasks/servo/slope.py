@@ -5,16 +5,12 @@ It belongs to the servo's settings, not to what a robot may differ in: no effect
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import mujoco
 import numpy as np
 
 from envs.effects.base import Effect, SubstepRule
+from envs.effects.plant_view import PlantView
 from envs.params import Parameter
-
-if TYPE_CHECKING:
-    from envs.plant import Plant
 
 
 class _Slope(SubstepRule):
@@ -22,7 +18,7 @@ class _Slope(SubstepRule):
 
     order = 45  # after what weakens the range itself
 
-    def __init__(self, plant: Plant, steps: np.ndarray) -> None:
+    def __init__(self, plant: PlantView, steps: np.ndarray) -> None:
         self.plant, self.steps = plant, steps  # (n,) N·m a substep
         self.range = plant.live("actuator_forcerange")  # (N, n, 2)
         self.force = plant.batch.bind("actuator_force")  # (N, n), of the substep before
@@ -63,6 +59,6 @@ class PwmSlope(Effect):
         """Return none: it is a setting."""
         return ()
 
-    def bind(self, plant: Plant) -> SubstepRule:
+    def bind(self, plant: PlantView) -> SubstepRule:
         """Narrow the ranges before each substep."""
         return _Slope(plant, self.rates * plant.model.opt.timestep)

@@ -1,0 +1,57 @@
+"""What an effect sees of the plant that it is bound to; `envs.plant.Plant` is one.
+
+    class Bound:
+        def __init__(self, plant: PlantView) -> None:
+            self.friction = plant.field("dof_frictionloss")     # (N, nv), to be written per row
+
+An effect never imports the plant: the plant imports the effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from envs.effects.layout import Layout
+
+T = TypeVar("T")
+
+
+class PlantView(Protocol):
+    """N simulations of one robot.
+
+    Attributes:
+        nominal: the model as given.
+        model: the simulated one, with the joints that effects added.
+        batch: its simulations.
+        num_rows: N.
+        layout: where the nominal model's state is in the simulated one's.
+        ctrl: the commands in force, (N, nu).
+        applied: torques and forces that substep rules add, (N, nv of `model`).
+        time: of each simulation [s], (N,).
+    """
+
+    nominal: mujoco.MjModel
+    model: mujoco.MjModel
+    batch: Batch
+    num_rows: int
+    layout: Layout
+    ctrl: np.ndarray
+    applied: np.ndarray
+    time: np.ndarray
+
+    def field(self, name: str) -> np.ndarray:
+        """Return a model field's values per row, (N, ...), to be written."""
+        ...
+
+    def live(self, name: str) -> np.ndarray:
+        """Return the same for a substep rule to change; each substep starts as `write` left it."""
+        ...
+
+    def share(self, name: str, make: Callable[[], T]) -> T:
+        """Return the mechanism of that name, made once for all the effects that are parts of it."""
+        ...
