@@ -155,14 +155,18 @@ def servo_type(name: str) -> ServoType:
         known = data["models"]
         raise RobotError(f"unknown servo type {name!r}{did_you_mean(name, known)}: {listed(known)}")
     entry = dict(data["models"][name])
-    table = _read_table(entry.pop("table"), entry["indirect"])
+    table = _read_table(entry.pop("table"), entry["indirect"]) | _later(entry["firmware"])
+    ranges = data["ranges"] | entry.pop("ranges", {})
     return ServoType(
         **entry
         | {
             "name": name,
             "modes": tuple(entry["modes"]),
             "defaults": data["defaults"] | entry["defaults"],
-            "registers": {key: _register(key, *place) for key, place in table.items()},
+            "registers": {
+                key: _register(key, *place, *ranges.get(key, (None, None)))
+                for key, place in table.items()
+            },
             "units": Units(**data["units"]),
             "bauds": tuple(data["bauds"]),
         }
@@ -175,10 +179,16 @@ def servo_by_number(number: int) -> str | None:
     return next((name for name, entry in models.items() if entry["number"] == number), None)
 
 
-def _register(name: str, address: int, size: int) -> Register:
-    data = _data()
-    low, high = data["ranges"].get(name, (None, None))
-    writable = name not in data["read_only"]
+def _later(firmware: int) -> dict[str, tuple[int, int]]:
+    """Return {register: (address, size)} of what this firmware has beyond the SDK's table."""
+    rows = _data()["later_registers"].items()
+    return {name: (at, size) for name, (at, size, since) in rows if firmware >= since}
+
+
+def _register(
+    name: str, address: int, size: int, low: int | str | None, high: int | str | None
+) -> Register:
+    writable = name not in _data()["read_only"]
     return Register(name, address, size, name in SIGNED, writable, low, high)
 
 

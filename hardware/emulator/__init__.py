@@ -3,7 +3,8 @@
     world.py       the robot: servos and physics, one clock
     bus.py         before it: bytes in, bytes out, and when
     servo.py       what a servo answers           memory.py    its control table
-    firmware.py    its 1 kHz control loop         profile.py   the motion of its goal
+    firmware.py    its 1 kHz control loop         control.py   the laws of its modes
+    profile.py     the motion of its goal
     mechanics.py   MuJoCo, friction, play         model.py     the edited model
     hidden.py      effects that the robot hides   faults.py    what goes wrong, and when
     loopback.py    as a port of dynamixel-sdk     pty.py       as a device file

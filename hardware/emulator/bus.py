@@ -22,8 +22,9 @@ from hardware.protocol import BROADCAST, Packet, Parser
 
 TURN_ROUND = 5e-5  # s
 BYTE_GAP = 0.02  # s of silence after which an unfinished packet is forgotten
+LARGEST_ID = 252
+TOLERANCE = 0.03  # of a speed, that host and servo may differ by (from the manual)
 Arrival = tuple[float, bytes]
-_SINGLE_NO_REPLY = (protocol.ACTION,)
 
 
 class Bus:
@@ -82,8 +83,12 @@ class Bus:
                 continue
             replies = servo.answers(packet.instruction)
             error, params = servo.execute(packet.instruction, packet.params, self._free)
-            if replies and packet.instruction not in _SINGLE_NO_REPLY:
-                answers.append(self._status(servo, error, params))
+            if replies:  # by the ID that it was called, even if that was just changed
+                answer = protocol.status_packet(packet.id, servo.flagged(error), params)
+                answers.append((servo, answer))
+        for servo in self._group(packet.id):
+            if not self._lost():
+                servo.obey(packet.instruction, packet.params, self._free)
         return self._send(answers)
 
     def _broadcast(self, packet: Packet) -> list[Arrival]:
@@ -199,8 +204,16 @@ class Bus:
     def _at(self, number: int) -> Iterator[Servo]:
         return (s for s in self._world.servos if s.id == number and self._hears(s))
 
+    def _group(self, number: int) -> list[Servo]:
+        """Servos that obey this number as their group's, and have another one of their own."""
+        if number > LARGEST_ID:
+            return []
+        servos = self._world.servos
+        return [s for s in servos if s.second_id == number != s.id and self._hears(s)]
+
     def _hears(self, servo: Servo) -> bool:
-        return servo.baud == self._baud and not self._world.is_silent(servo, self._free)
+        same = abs(servo.baud - self._baud) <= TOLERANCE * servo.baud
+        return same and not self._world.is_silent(servo, self._free)
 
     def _lost(self) -> bool:
         return self._loss > 0 and self._rng.random() < self._loss

@@ -4,16 +4,14 @@
     firmware.count, firmware.velocity     # what a client can read
 
 One tick: encoder (offset, noise, resolution), present velocity, goal profile, control law of the
-operating mode, PWM limits, voltage = PWM / 885 * supply; current = (V - K w) / R from the motor
+operating mode (`control.py`), voltage = PWM / 885 * supply; current = (V - K w) / R from the motor
 equation. Every 10 ms: supply, temperature, and what makes a servo switch itself off.
 
-    position  PWM = P/divisor e + I/65536 sum(e) + D/16 (e - e') + FF1/4 v + FF2/4 a    e in counts
-    velocity  PWM = P/128 e + I/65536 sum(e)                       e in steps of 0.229 turns/min
-    current   V = R i + K w for the goal current, as its inner loop would settle
-    current-based position: the position law's PWM, its current no more than the goal current
+Position [counts] = direction * encoder + whole turns + homing offset. Whole turns are forgotten at
+boot, and in position mode with the mode and with the torque: then 0 to 4095, the offset aside.
 
-Sources: the makers' manuals for gains and units; 1 kHz, the filters of velocity and derivative, and
-the overload's 2 s are assumptions, as no maker publishes them. A PWM slope of 255 is taken as none.
+Sources: the makers' manuals; 1 kHz, the velocity's filter, and the overload's 2 s are assumptions,
+as no maker publishes them. A PWM slope of 255 is taken as none.
 """
 
 from __future__ import annotations
@@ -24,19 +22,20 @@ from collections import deque
 import numpy as np
 
 from hardware.config import Robot
+from hardware.emulator.control import POSITION_MODES, SINGLE_TURN, Control
 from hardware.emulator.hidden import Hidden
 from hardware.emulator.mechanics import TICK, Mechanics
 from hardware.emulator.memory import Memory
-from hardware.emulator.profile import Profile
+from hardware.emulator.profile import STEP, Profile, limits, shape
 
 VELOCITY_FILTER = 0.005  # s
-DERIVATIVE_FILTER = 0.002  # s
 SLOPE = 0.001977  # V a millisecond, one step of the PWM slope register
 FASTEST_SLOPE = 255
 AMBIENT = 25.0  # degrees Celsius
 OVERLOAD_TIME = 2.0  # s
 VOLTAGE_ERROR, HEAT_ERROR, OVERLOAD_ERROR = 0x01, 0x04, 0x20
 SLOW_TICKS = 10
+MOST_HOMING = 1024  # counts, a larger homing offset is ignored in position mode
 
 
 class Firmware:
@@ -63,22 +62,17 @@ class Firmware:
         self.ticks = 0
         self._rng = rng
         self._constants(robot)
-        self.base = np.zeros(n)  # whole turns that the servo does not know of
+        self.base = np.zeros(n)  # counts of whole turns that the servo does not know of
         self.slip = np.zeros(n)  # rad that the horn slipped
         self.flip = np.ones(n)
         self.homing = np.zeros(n)
         self.torque_on = np.zeros(n, bool)
-        self.mode = np.full(n, 3)
-        self.goal = np.zeros(n)
-        self.goal_velocity, self.goal_pwm, self.goal_current = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._kp, self._ki, self._kd = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._ff1, self._ff2 = np.zeros(n), np.zeros(n)
-        self._vp, self._vi = np.zeros(n), np.zeros(n)
-        self._slope, self._most_pwm = np.zeros(n), np.zeros(n)
+        self.control = Control(memories, hidden)
+        self.goal = np.zeros(n)  # counts
+        self.shape = np.zeros(n, int)  # of the profile to it
+        self._slope = np.zeros(n)
         self._safe = np.zeros((3, n))  # V at least, V at most, degrees at most
         self._shutdown = np.zeros(n, int)
-        self._last_speed = np.zeros(n)
-        self._sum, self._error, self._derivative = np.zeros(n), np.zeros(n), np.zeros(n)
         self.pwm, self.current = np.zeros(n), np.zeros(n)
         self.velocity, self._difference = np.zeros(n), np.zeros(n)
         self.temperature = np.full(n, AMBIENT)
@@ -114,7 +108,6 @@ class Firmware:
         hidden = self.hidden
         self._noisy = bool(hidden["sensor_noise"].any() or hidden["quantization"].any())
         self._alpha = hidden["velocity_filter"]
-        self._numb = bool(hidden["dead_zone"].any())
         self._capped = bool(np.isfinite(hidden["torque_limit"]).any())
         self._offset = hidden["encoder_offset"]
         self._heats = bool(hidden["thermal_derating"].any())
@@ -130,84 +123,95 @@ class Firmware:
         self._strain[i] = 0
         self.born[i] = self.ticks
         self.torque_on[i] = False
-        self.base[i] = -4096.0 * math.floor(self._raw[i] / 4096)
         self.load(i)
-        self.count[i] = self._report(i)
-        self.memories[i]["goal_position"] = int(self.count[i])
-        self.load_goals(i)
+        self.forget_turns(i)
         self._restart(i)
 
-    def _report(self, i: int) -> float:
-        return self.flip[i] * (self._raw[i] + self.base[i]) + self.homing[i]
+    def switch_mode(self, i: int) -> None:
+        """Begin another operating mode: gains and limits are fresh, the goal is where it is."""
+        self.memories[i].switch_mode()
+        self.load(i)
+        if self.control.mode[i] == SINGLE_TURN:
+            self.forget_turns(i)
+        self._stay(i)
+        self._restart(i)
+
+    def forget_turns(self, i: int) -> None:
+        """Bring the present position into one turn, and let the goal be there."""
+        self.base[i] = -4096.0 * math.floor(self.flip[i] * self._raw[i] / 4096)
+        self.count[i] = self.flip[i] * self._raw[i] + self.base[i] + self.homing[i]
+        self._stay(i)
+
+    def _stay(self, i: int) -> None:
+        """Let the goal be where the servo is, at once."""
+        self.memories[i]["goal_position"] = int(self.count[i])
+        self._profile.jump(i, self.count[i])
+        self.load_goals(i)
 
     def _restart(self, i: int) -> None:
         """Forget what the control law remembers."""
-        self._sum[i] = self._derivative[i] = self.pwm[i] = self._error[i] = 0.0
+        self.pwm[i] = 0.0
+        self.control.restart(i, float(self.velocity[i]))
         self._profile.jump(i, self.count[i])
 
     def load(self, i: int) -> None:
         """Take a servo's settings from its control table."""
-        memory, hidden = self.memories[i], self.hidden
-        units = memory.kind.units
-        self.flip[i] = -1.0 if memory["drive_mode"] & 1 else 1.0
-        self.homing[i] = memory["homing_offset"]
-        self.mode[i] = memory["operating_mode"]
-        self._kp[i] = memory["position_p_gain"] / memory.kind.gain_divisor
-        self._kp[i] *= hidden["position_gain"][i]
-        self._ki[i] = memory["position_i_gain"] / units.position_i
-        self._kd[i] = memory["position_d_gain"] / units.position_d * hidden["derivative_gain"][i]
-        self._ff1[i] = memory["feedforward_1st_gain"] / units.feedforward
-        self._ff2[i] = memory["feedforward_2nd_gain"] / units.feedforward
-        self._vp[i] = memory["velocity_p_gain"] / units.velocity_p
-        self._vi[i] = memory["velocity_i_gain"] / units.velocity_i
-        self._most_pwm[i] = memory["pwm_limit"]
+        memory, control = self.memories[i], self.control
+        control.load(i, memory)
+        single = control.mode[i] == SINGLE_TURN
+        flip, offset = -1.0 if memory["drive_mode"] & 1 else 1.0, memory["homing_offset"]
+        turned, self.flip[i] = flip != self.flip[i], flip
+        self.homing[i] = 0 if single and abs(offset) > MOST_HOMING else offset
         has_slope = "pwm_slope" in memory.kind.registers
         slope = memory["pwm_slope"] if has_slope else FASTEST_SLOPE
         self._slope[i] = slope * SLOPE if slope < FASTEST_SLOPE else np.inf
-        self._simple = bool((self.mode == 3).all() or np.isin(self.mode, (3, 4)).all())
-        self._only_p = not (self._ki.any() or self._kd.any() or self._ff1.any() or self._ff2.any())
         self._sloped = bool(np.isfinite(self._slope).any())
         low, high = memory["min_voltage_limit"], memory["max_voltage_limit"]
         self._safe[:, i] = low * 0.1 - 0.05, high * 0.1 + 0.05, memory["temperature_limit"]
         self._shutdown[i] = memory["shutdown"]
         on = bool(memory["torque_enable"]) and not self.errors[i]
-        if on and not self.torque_on[i]:
+        begins = on and not self.torque_on[i]
+        if (begins or turned) and single and not 0 <= self._turn(i) < 4096:
+            self.forget_turns(i)
+        if begins:
             self._restart(i)
         self.torque_on[i] = on
 
+    def _turn(self, i: int) -> float:
+        """Where a servo is, without its homing offset [counts]: beyond one turn after several."""
+        return float(self.flip[i] * self._raw[i] + self.base[i])
+
     def load_goals(self, i: int) -> None:
         """Take a servo's goals and profile from its control table."""
-        memory = self.memories[i]
+        memory, hidden = self.memories[i], self.hidden
         units = memory.kind.units
-        self.goal[i] = memory["goal_position"]
-        self.goal_velocity[i] = memory["goal_velocity"]
-        self.goal_pwm[i] = memory["goal_pwm"]
-        if "goal_current" in memory.kind.registers:
-            limit = memory["current_limit"]
-            self.goal_current[i] = min(max(memory["goal_current"], -limit), limit)
-        speed, sharp = memory["profile_velocity"], memory["profile_acceleration"]
-        if memory["drive_mode"] & 4:
-            fastest, sharpest = self._timed(i, speed / 1000, sharp / 1000)
-        else:
-            fastest = speed * units.velocity / units.angle or np.inf
-            sharpest = sharp * units.acceleration / units.angle or np.inf
-        fastest = min(fastest, self.hidden["profile_velocity"][i] / units.angle)
-        sharpest = min(sharpest, self.hidden["profile_acceleration"][i] / units.angle)
+        self.control.load_goals(i, memory)
+        goal = memory["goal_position"]
+        fastest, sharpest = limits(memory, abs(goal - self._profile.position[i]))
+        fastest = min(fastest, hidden["profile_velocity"][i] / units.angle)
+        sharpest = min(sharpest, hidden["profile_acceleration"][i] / units.angle)
         self._profile.limit(i, fastest, sharpest)
+        self.aim(i, goal)
 
-    def _timed(self, i: int, span: float, ramp: float) -> tuple[float, float]:
-        """Limits [counts/s, counts/s^2] of a profile of this span and ramp [s]."""
-        way = abs(self.goal[i] - self._profile.position[i])
-        ramp = min(ramp, span / 2)
-        fastest = way / (span - ramp) if span > 0 else np.inf
-        return fastest or np.inf, fastest / ramp if ramp > 0 and fastest else np.inf
+    def aim(self, i: int, goal: int) -> None:
+        """Set a servo's goal position [counts]."""
+        self.goal[i], profile = goal, self._profile
+        way = abs(goal - profile.position[i])
+        self.shape[i] = shape(self.memories[i], way) if profile.shaped else STEP
 
-    def hold(self, i: int) -> None:
-        """Stop a servo where it is, as its bus watchdog does."""
-        self.goal[i] = self.count[i]
-        self.goal_velocity[i] = self.goal_pwm[i] = 0.0
-        self._profile.jump(i, self.count[i])
-        self.memories[i]["goal_position"] = int(self.count[i])
+    def stop(self, i: int) -> None:
+        """Stop a servo, as its bus watchdog does: at once, by the means of its operating mode.
+
+        In the position modes it holds where it is, in velocity and PWM mode it brakes, and in
+        current mode it drives no current and is free.
+        """
+        self.control.stop(i, self.memories[i])
+        self._stay(i)
+
+    def moving(self, i: int) -> bool:
+        """Say whether a servo's goal position is on its way."""
+        on_its_way = self._profile.shaped and self._profile.position[i] != self.goal[i]
+        return bool(on_its_way and self.control.mode[i] in POSITION_MODES)
 
     def _encoder(self) -> np.ndarray:
         """The encoders' raw counts, (n,)."""
@@ -224,8 +228,7 @@ class Firmware:
         raw = self._encoder()
         self._measure(raw)
         position = self._profile.advance(self.goal, TICK)
-        law = self._plain_law if self._simple else self._any_law
-        self._output(np.trunc(law(position)))
+        self._output(np.trunc(self._pwm(position - self.count)))
         self.mechanics.step()
         if self._heats:  # in every tick: torque has spikes in step with the commands
             self._worked += TICK * self.mechanics.torque**2
@@ -235,54 +238,18 @@ class Firmware:
     def _measure(self, raw: np.ndarray) -> None:
         speed = (raw - self._raw) * (self.flip * self._res / TICK)
         self._raw = raw
-        self.count = self.flip * (raw + self.base) + self.homing
+        self.count = self.flip * raw + self.base + self.homing
         self._difference += (speed - self._difference) * (TICK / (VELOCITY_FILTER + TICK))
         self.velocity += (self._difference - self.velocity) * (TICK / (self._alpha + TICK))
         self._history.append((self.count, self.velocity.copy(), self.pwm, self.current))
 
-    def _plain_law(self, position: np.ndarray) -> np.ndarray:
-        """PWM of servos that are all in a position mode, for profiled goals [counts], (n,)."""
-        return self._position_law(position - self.count)
-
-    def _position_law(self, error: np.ndarray) -> np.ndarray:
-        """PWM of the position law for errors [counts], (n,)."""
-        if self._numb:
-            dead = self.hidden["dead_zone"]
-            error = np.where(np.abs(error) * self._res < dead, 0.0, error)
-        pwm = self._kp * error
-        if not self._only_p:
-            change = (error - self._error) * (TICK / (DERIVATIVE_FILTER + TICK))
-            self._derivative = self._derivative * (1 - TICK / (DERIVATIVE_FILTER + TICK)) + change
-            speed = self._profile.speed * TICK  # counts a tick
-            pwm = pwm + self._kd * self._derivative + self._ff1 * speed
-            pwm = pwm + self._ff2 * (speed - self._last_speed)
-            self._last_speed = speed
-            room = np.where(self._ki > 0, self._most_pwm / np.where(self._ki > 0, self._ki, 1), 0)
-            self._sum = np.clip(self._sum + error, -room, room)
-            pwm = pwm + self._ki * self._sum
-        self._error = error
-        most = np.minimum(np.abs(self.goal_pwm), self._most_pwm)
-        return np.minimum(np.maximum(pwm, -most), most)
-
-    def _any_law(self, position: np.ndarray) -> np.ndarray:
-        """PWM of servos in any operating modes, for profiled goals [counts], (n,)."""
-        mode, most = self.mode, self._most_pwm
-        pwm = self._position_law(position - self.count)
-        volts = self._full / np.maximum(self.supply, 1e-3)
-        spin = self._motor_speed() * self._k
-        steps = np.array([m.kind.current or 0.0 for m in self.memories])
-        least = (spin - np.abs(self.goal_current) * steps * self._r) * volts
-        largest = (spin + np.abs(self.goal_current) * steps * self._r) * volts
-        pwm = np.where(mode == 5, np.clip(pwm, least, largest), pwm)
-        wanted = (spin + self.goal_current * steps * self._r) * volts
-        pwm = np.where(mode == 0, wanted, pwm)
-        if (mode == 1).any():
-            unit = self.memories[0].kind.units.velocity
-            error = self.goal_velocity - self.velocity / unit
-            self._sum = np.where(mode == 1, np.clip(self._sum + error, -1e7, 1e7), self._sum)
-            pwm = np.where(mode == 1, self._vp * error + self._vi * self._sum, pwm)
-        pwm = np.where(mode == 16, self.goal_pwm, pwm)
-        return np.clip(pwm, -most, most)
+    def _pwm(self, error: np.ndarray) -> np.ndarray:
+        """What the control laws drive, (n,), for errors of position [counts], (n,)."""
+        control, speed = self.control, self._profile.speed
+        if control.plain:
+            return control.position_law(error, speed)
+        volt = self._full / np.maximum(self.supply, 1e-3)
+        return control.any_law(error, speed, self.velocity, self._motor_speed(), volt)
 
     def _motor_speed(self) -> np.ndarray:
         """Speed in the direction in which the servo counts [rad/s], (n,)."""
@@ -318,7 +285,7 @@ class Firmware:
             self._worked[:] = 0.0
             factor = np.maximum(1 - hidden["thermal_derating"] * self._energy, 0.0)
             self.mechanics.set_strength(hidden["motor_strength"] * factor)
-        stalled = self.torque_on & (np.abs(self.pwm) >= 0.95 * self._most_pwm)
+        stalled = self.torque_on & (np.abs(self.pwm) >= 0.95 * self.control.most_pwm)
         stalled &= np.abs(self.velocity) < 0.1
         self._strain = np.where(stalled, self._strain + dt, np.maximum(self._strain - dt, 0.0))
         self._find_errors(float(self.supply[0]))
@@ -350,8 +317,4 @@ class Firmware:
     @property
     def trajectory(self) -> tuple[np.ndarray, np.ndarray]:
         """Where the goals are on their way [counts] and how fast [counts/s], (n,) each."""
-        return self._profile.position, self._profile.speed
-
-    def clear_turns(self, i: int) -> None:
-        """Forget whole turns: the present position comes back into one turn."""
-        self.base[i] = -4096.0 * math.floor(self._raw[i] / 4096)
+        return self._profile.position, self.control.way_speed(self._profile.speed)

@@ -1,8 +1,50 @@
-"""The motion of a servo's goal: at once, or with limited speed and acceleration."""
+"""The motion of a servo's goal: at once, or with limited speed and acceleration.
+
+    profile velocity 0               at once, whatever the acceleration
+    profile acceleration 0           a rectangle of speed
+    both                             a trapezoid; a triangle where the way is too short for it
+
+A time-based profile's registers are the time of the whole motion and of its acceleration.
+Source: the chapter on profiles in the makers' manuals.
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+
+from hardware.emulator.memory import Memory
+
+TIMED = 4  # bit of the drive mode
+MILLISECOND = 1e-3  # s, one step of a time-based profile's registers
+STEP, RECTANGLE, TRIANGLE, TRAPEZOID = 0x00, 0x10, 0x20, 0x30  # as in the moving status
+
+
+def limits(memory: Memory, way: float) -> tuple[float, float]:
+    """Return what a servo's registers limit on a way [counts]: [counts/s], [counts/s^2]."""
+    velocity, acceleration = memory["profile_velocity"], memory["profile_acceleration"]
+    units = memory.kind.units
+    timed = memory["drive_mode"] & TIMED
+    if velocity == 0 or (timed and way == 0):
+        return math.inf, math.inf
+    if timed:
+        span = velocity * MILLISECOND
+        ramp = min(acceleration * MILLISECOND, span / 2)
+        fastest = way / (span - ramp)
+        return fastest, fastest / ramp if ramp else math.inf
+    fastest = velocity * units.velocity / units.angle
+    return fastest, acceleration * units.acceleration / units.angle or math.inf
+
+
+def shape(memory: Memory, way: float) -> int:
+    """Return the kind of profile that leads a servo over a way [counts]."""
+    fastest, sharpest = limits(memory, way)
+    if math.isinf(fastest):
+        return STEP
+    if math.isinf(sharpest):
+        return RECTANGLE
+    return TRIANGLE if fastest**2 / sharpest >= way else TRAPEZOID
 
 
 class Profile:

@@ -1,20 +1,32 @@
-"""One servo on the emulated bus: what it answers to an instruction."""
+"""One servo on the emulated bus: what it answers to an instruction.
+
+Assumed, as no maker publishes them: how near counts as in position, how far as not following, and
+how long a servo is silent while it starts anew.
+"""
 
 from __future__ import annotations
 
 import struct
 from collections import deque
+from collections.abc import Sequence
 
 from hardware import protocol
+from hardware.emulator.control import POSITION_MODES
 from hardware.emulator.firmware import Firmware
 from hardware.emulator.memory import PRESENT, PRESENT_END, Memory
+from hardware.tables import FIRST_RAM
 
 REBOOT_SILENCE = 0.2  # s, an assumption
+ARRIVED = 20  # counts between goal and position that are none, as in the makers' examples
+ASTRAY = 100  # counts behind its trajectory at which a servo does not follow it
+OPERATING_MODE, TORQUE_ENABLE, WATCHDOG = 11, 64, 98
 GOALS, GOALS_END = 100, 120
-TORQUE_ENABLE = 64
-GOAL_POSITION = {116, 117, 118, 119}
+GOAL_POSITION = range(116, 120)
+GOAL_VALUES = frozenset((*range(100, 108), *GOAL_POSITION))  # without the profile
 FAST_FIRMWARE = 45  # older firmware leaves fast reads unanswered
 CLEAR_TURNS = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
+BACK_UP, RESTORE = bytes([0x01, 0x43, 0x54, 0x52, 0x4C]), bytes([0x02, 0x43, 0x54, 0x52, 0x4C])
+TOGETHER = (protocol.WRITE, protocol.REG_WRITE, protocol.ACTION, protocol.REBOOT, protocol.CLEAR)
 Answer = tuple[int, bytes]  # error, parameters
 
 
@@ -38,6 +50,11 @@ class Servo:
     def id(self) -> int:
         """Its number on the bus."""
         return self.memory.data[7]
+
+    @property
+    def second_id(self) -> int:
+        """The number of its group, which it obeys in silence; above 252 it has none."""
+        return self.memory.data[12]
 
     @property
     def baud(self) -> int:
@@ -89,8 +106,9 @@ class Servo:
             case protocol.FACTORY_RESET if len(params) == 1:
                 return self._factory(params[0], now), b""
             case protocol.CLEAR if params == CLEAR_TURNS:
-                self._firmware.clear_turns(self.index)
-                return 0, b""
+                return self._clear(), b""
+            case protocol.BACKUP if "backup_ready" in self.memory.kind.registers:
+                return self._backup(params, now), b""
             case protocol.READ | protocol.WRITE | protocol.REG_WRITE | protocol.FACTORY_RESET:
                 return protocol.BAD_LENGTH, b""
             case protocol.CLEAR:
@@ -104,35 +122,48 @@ class Servo:
         data = self.memory.read(address, size)
         return (protocol.NO_ACCESS, b"") if data is None else (0, data)
 
+    def obey(self, instruction: int, params: bytes, now: float) -> None:
+        """Carry out an instruction to its group, which cannot change the EEPROM, in silence."""
+        writes = instruction in (protocol.WRITE, protocol.REG_WRITE)
+        address = int.from_bytes(params[:2], "little")
+        if instruction in TOGETHER and not (writes and address < FIRST_RAM):
+            self.execute(instruction, params, now)
+
     def write(self, address: int, data: bytes, now: float) -> int:
         """Write registers if that is allowed, and return the error number."""
         i, memory, firmware = self.index, self.memory, self._firmware
-        error = memory.refusal(address, data, bool(firmware.torque_on[i]))
+        if address + len(data) > len(memory.data):
+            return protocol.NO_ACCESS
+        places = memory.places(address, len(data))
+        error = memory.refusal(places, data, bool(firmware.torque_on[i]))
         if error:
             return error
-        if memory["bus_watchdog"] < 0 and _overlaps(address, len(data), GOALS, GOALS_END):
+        if memory.data[WATCHDOG] > 127 and not GOAL_VALUES.isdisjoint(places):
             return protocol.BAD_RANGE
-        if firmware.errors[i] and _overlaps(address, len(data), TORQUE_ENABLE, TORQUE_ENABLE + 1):
+        if firmware.errors[i] and TORQUE_ENABLE in places:
             return 0  # a servo that shut itself down ignores it
-        touched = memory.write(address, data)
-        if memory["drive_mode"] & 8 and touched & {100, 102, 104, 116}:
+        mode = memory.data[OPERATING_MODE]
+        memory.write(places, data)
+        if memory.data[OPERATING_MODE] != mode:
+            firmware.switch_mode(i)
+        if memory.data[10] & 8 and not GOAL_VALUES.isdisjoint(places):
             memory["torque_enable"] = 0 if firmware.errors[i] else 1
             firmware.load(i)
-        self._take(touched, now)
+        self._take(places, now)
         return 0
 
-    def _take(self, touched: set[int], now: float) -> None:
-        firmware = self._firmware
-        goals = any(GOALS <= a < GOALS_END for a in touched)
-        if goals:
+    def _take(self, places: Sequence[int], now: float) -> None:
+        """Let the firmware have what was written."""
+        firmware, goals = self._firmware, [GOALS <= place < GOALS_END for place in places]
+        if any(goals):
             delay = firmware.hidden.robot["command_delay"]
             if delay > 0:
                 self.pending.append((now + delay, bytes(self.memory.data[GOALS:GOALS_END])))
-            elif touched == GOAL_POSITION and not self.memory.data[10] & 4:
-                firmware.goal[self.index] = self.memory["goal_position"]
+            elif places == GOAL_POSITION and not self.memory.data[10] & 4:
+                firmware.aim(self.index, self.memory["goal_position"])
             else:
                 firmware.load_goals(self.index)
-        if any(not GOALS <= a < GOALS_END for a in touched):
+        if not all(goals):
             firmware.load(self.index)
 
     def apply_due(self, now: float) -> None:
@@ -146,8 +177,10 @@ class Servo:
             data[GOALS:GOALS_END] = newest
 
     def _register(self, address: int, data: bytes) -> int:
+        if address + len(data) > len(self.memory.data):
+            return protocol.NO_ACCESS
         torque = bool(self._firmware.torque_on[self.index])
-        error = self.memory.refusal(address, data, torque)
+        error = self.memory.refusal(self.memory.places(address, len(data)), data, torque)
         if not error:
             self._registered = (address, data)
             self.memory["registered_instruction"] = 1
@@ -155,7 +188,7 @@ class Servo:
 
     def _act(self, now: float) -> int:
         if self._registered is None:
-            return protocol.FAIL
+            return protocol.UNKNOWN_INSTRUCTION
         address, data = self._registered
         self._registered = None
         self.memory["registered_instruction"] = 0
@@ -177,14 +210,50 @@ class Servo:
         self.reboot(now)
         return 0
 
+    def _clear(self) -> int:
+        """Bring the present position back into one turn, if the servo stands."""
+        if self._moving(float(self._firmware.present()[1][self.index])):
+            return protocol.FAIL
+        self._firmware.forget_turns(self.index)
+        return 0
+
+    def _backup(self, params: bytes, now: float) -> int:
+        """Keep a copy of the control table, or take the EEPROM back from it and start anew."""
+        if params not in (BACK_UP, RESTORE):
+            return protocol.BAD_RANGE
+        if self._firmware.torque_on[self.index]:
+            return protocol.FAIL
+        if params == BACK_UP:
+            self.memory.back_up()
+        elif self.memory.restore_eeprom():
+            self.reboot(now)
+        else:
+            return protocol.FAIL
+        return 0
+
     def watch(self, now: float) -> None:
         """Trip the bus watchdog if nothing was heard for as long as it allows."""
-        steps = self.memory.data[98]
+        steps = self.memory.data[WATCHDOG]
         if 0 < steps < 128 and self._firmware.torque_on[self.index]:
             allowed = steps * self.memory.kind.units.watchdog
             if now - self.heard > allowed:
                 self.memory["bus_watchdog"] = -1
-                self._firmware.hold(self.index)
+                self.pending.clear()
+                self._firmware.stop(self.index)
+
+    def _moving(self, velocity: float) -> bool:
+        """Say whether the servo turns at this velocity [rad/s], or its goal is on its way."""
+        slow = self.memory["moving_threshold"] * self.memory.kind.units.velocity
+        return bool(abs(velocity) > slow) or self._firmware.moving(self.index)
+
+    def _moving_status(self, count: float, way: float) -> int:
+        """The bits of moving status, for a position and a trajectory [counts]."""
+        i, firmware = self.index, self._firmware
+        status = int(firmware.shape[i]) | firmware.moving(i) << 1
+        if firmware.control.mode[i] in POSITION_MODES:
+            status |= abs(firmware.goal[i] - count) <= ARRIVED
+            status |= bool(firmware.torque_on[i] and abs(way - count) > ASTRAY) << 3
+        return status
 
     def _refresh(self) -> None:
         """Write what the firmware knows into the present registers."""
@@ -195,13 +264,11 @@ class Servo:
         way, speed = (values[i] for values in firmware.trajectory)
         load = pwm / units.full_pwm * 1000
         amps = load if kind.current is None else current / kind.current
-        moving = abs(velocity) / units.velocity > self.memory["moving_threshold"]
-        arrived = way == firmware.goal[i]
         self.memory.data[PRESENT:PRESENT_END] = struct.pack(
             "<HBBhhiiiiHB",
             int(firmware.ticks - firmware.born[i]) % 32768,
-            int(moving),
-            (1 if arrived else 2) | (0x30 if firmware.goal[i] != way else 0),
+            int(self._moving(velocity)),
+            self._moving_status(count, way),
             _fit(pwm, 16),
             _fit(amps, 16),
             _fit(velocity / units.velocity, 32),
@@ -211,10 +278,6 @@ class Servo:
             round(firmware.supply[i] / units.voltage),
             min(max(round(firmware.temperature[i]), 0), 255),
         )
-
-
-def _overlaps(address: int, size: int, start: int, end: int) -> bool:
-    return address < end and address + size > start
 
 
 def _fit(value: float, bits: int) -> int:

@@ -17,49 +17,7 @@ from hardware.emulator.faults import Fault
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
 from hardware.protocol import Parser, instruction_packet
-
-BAUD = 1_000_000
-
-
-class Host:
-    """Raw bytes to a world and its answers as packets, one after the other in time."""
-
-    def __init__(self, world: World) -> None:
-        self.world, self.bus, self.time = world, Bus(world), 0.0
-
-    def send(self, number: int, instruction: int, params: bytes = b"", wait: float = 0.005):
-        """Send an instruction and return the packets that come back."""
-        data = instruction_packet(number, instruction, params)
-        arrivals = self.bus.feed(data, self.time, BAUD)
-        self.time = max([self.time + wait, *(time for time, _ in arrivals)])
-        return Parser().feed(b"".join(piece for _, piece in arrivals))
-
-    def read(self, number: int, name: str) -> int:
-        """Read a register by name."""
-        register = self.world.servos[0].memory.kind.registers[name]
-        request = struct.pack("<HH", register.address, register.size)
-        (packet,) = self.send(number, protocol.READ, request)
-        assert packet.error == 0
-        return register.decode(packet.params[1:])
-
-    def write(self, number: int, name: str, value: int) -> int:
-        """Write a register by name and return the error."""
-        register = self.world.servos[0].memory.kind.registers[name]
-        body = struct.pack("<H", register.address) + register.encode(value)
-        (packet,) = self.send(number, protocol.WRITE, body)
-        return packet.error
-
-
-@pytest.fixture
-def host() -> Host:
-    """Return a host of bench1."""
-    return Host(World(load_robot("bench1")))
-
-
-@pytest.fixture
-def three(chain) -> Host:
-    """Return a host of three servos."""
-    return Host(World(chain(3)))
+from tests.hardware.emulator.host import BAUD, Host
 
 
 def test_ping_answers_as_published(chain):
@@ -90,9 +48,9 @@ def test_write_read_and_access_rules(host):
     assert host.write(1, "operating_mode", 3) == 0
     assert host.write(1, "torque_enable", 1) == 0
     assert host.write(1, "operating_mode", 4) == protocol.NO_ACCESS
-    assert host.write(1, "goal_position", 4096) == protocol.BAD_RANGE
-    assert host.write(1, "goal_position", -1) == protocol.BAD_RANGE
-    assert host.write(1, "goal_pwm", 886) == protocol.BAD_RANGE
+    assert host.write(1, "goal_position", 4096) == protocol.BAD_LIMIT
+    assert host.write(1, "goal_position", -1) == protocol.BAD_LIMIT
+    assert host.write(1, "goal_pwm", 886) == protocol.BAD_LIMIT
     assert host.read(1, "operating_mode") == 3
     (packet,) = host.send(1, protocol.READ, struct.pack("<HH", 60000, 4))
     assert packet.error == protocol.NO_ACCESS

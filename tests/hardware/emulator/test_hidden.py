@@ -203,7 +203,7 @@ def test_derivative_gain_scales_the_register():
     """The D register's effect is multiplied; a neutral factor changes nothing."""
     world = world_with(effect="derivative_gain", value=0.5)
     put(world, position_d_gain=1600)
-    assert world.firmware._kd[0] == pytest.approx(50.0)
+    assert world.firmware.control.kd[0] == pytest.approx(50.0)
 
 
 def test_thermal_derating_weakens():

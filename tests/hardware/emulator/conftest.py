@@ -1,0 +1,27 @@
+"""Hosts of emulated servos."""
+
+from __future__ import annotations
+
+import pytest
+
+from hardware.config import load_robot
+from hardware.emulator.world import World
+from tests.hardware.emulator.host import Host
+
+
+@pytest.fixture
+def host() -> Host:
+    """Return a host of bench1."""
+    return Host(World(load_robot("bench1")))
+
+
+@pytest.fixture
+def three(chain) -> Host:
+    """Return a host of three servos."""
+    return Host(World(chain(3)))
+
+
+@pytest.fixture
+def floating(chain) -> Host:
+    """Return a host of one servo without gravity."""
+    return Host(World(chain(1, option='gravity="0 0 0"')))
