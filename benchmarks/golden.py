@@ -18,7 +18,7 @@ move) and writes one JSON file a part: figures, hashes, command lines, versions.
 | `nav2d` | thirty iterations, and the evaluation of all goals | be identical |
 | `demo` | the report on the shipped log | be identical |
 | `exam` | the reports on twelve cases of the exam | be identical |
-| `ppo` | 50,000 steps, 20 seeds | be identical, or have the same mean return within 15 % |
+| `ppo` | 50,000 steps, 20 seeds | be identical, or train to the same mean return within 15 % |
 | `ppo_sb3`, `sac` | 50,000 and 10,000 steps, 5 seeds each | be printed |
 
 Bits are those of one machine and one set of packages: on another, record the old code anew with
@@ -179,7 +179,7 @@ def compare(new: Path, old: Path, parts: Sequence[str], every: bool) -> int:
             continue
         before, after = (json.loads(f.read_text(encoding="utf-8"))["jobs"] for f in files)
         rows = compared(before, after)
-        verdict = judged(PARTS[part].rule, PARTS[part].figure, before, after, rows)
+        verdict = judged(PARTS[part].rule, PARTS[part].figures, before, after, rows)
         status |= not verdict.passed
         print(f"## {part}\n\n{markdown(rows, every)}\n{verdict.sentence}\n")
     return status

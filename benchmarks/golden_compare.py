@@ -2,7 +2,7 @@
 
     rows = compared(before["jobs"], after["jobs"])
     print(markdown(rows, every=False))
-    judged("alike", "source_return", before["jobs"], after["jobs"], rows).passed
+    judged("alike", ["training_return"], before["jobs"], after["jobs"], rows).passed
 
 Figures are compared leaf by leaf and bit by bit; where two numbers differ, the table says by how
 much, relative to the larger one.
@@ -10,7 +10,7 @@ much, relative to the larger one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,7 +94,7 @@ def _row(name: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> Row:
     return Row(name, len(paths), found)
 
 
-def markdown(rows: list[Row], every: bool) -> str:
+def markdown(rows: Sequence[Row], every: bool) -> str:
     """Return the table: a line a job, with its largest difference, or one for each difference."""
     lines = ["| job | figures | differ | largest, or each | before | now | by |", "|---" * 7 + "|"]
     for row in rows:
@@ -119,27 +119,42 @@ def _line(row: Row, found: Difference) -> str:
     return f"| {row.job} | {row.figures} | {count} | {found.path} | {old} | {new} | {share} |"
 
 
-def judged(rule: str, figure: str, before: Jobs, after: Jobs, rows: list[Row]) -> Verdict:
-    """Say whether a part is as its rule asks."""
+def judged(
+    rule: str, figures: Sequence[str], before: Jobs, after: Jobs, rows: Sequence[Row]
+) -> Verdict:
+    """Say whether a part is as its rule asks.
+
+    Args:
+        rule: "identical", "alike" or "printed".
+        figures: whose means over the jobs are told; "alike" asks it of the first.
+        before: the jobs of the old record.
+        after: those of the new one.
+        rows: how they compare.
+    """
     differ = sum(bool(row.differences) for row in rows)
     if not differ:
         return Verdict(True, f"**identical**: {len(rows)} of {len(rows)} jobs.")
     if rule == "identical":
         return Verdict(False, f"**differs**: {differ} of {len(rows)} jobs.")
-    old, new = (_values(jobs, figure) for jobs in (before, after))
-    if min(len(old), len(new)) < 2:
-        return Verdict(False, f"**cannot be judged**: {figure} of fewer than two jobs.")
-    low, high = ratio(old, new)
-    inside = max(1 - low, high - 1) <= TOLERANCE
-    sentence = (
-        f"{figure}: {old.mean():.4g} (sd {old.std(ddof=1):.3g}, n {len(old)}) before, "
-        f"{new.mean():.4g} (sd {new.std(ddof=1):.3g}, n {len(new)}) now; ratio "
-        f"{new.mean() / old.mean():.3f} [{low:.3f}, {high:.3f}] ({CONFIDENCE:.0%} interval)."
-    )
+    if min(len(before), len(after)) < 2:
+        return Verdict(False, "**cannot be judged**: means of fewer than two jobs.")
+    pairs = {name: (_values(before, name), _values(after, name)) for name in figures}
+    told = "\n".join(f"* {name}: {means(*pair)}" for name, pair in pairs.items())
     if rule == "printed":
-        return Verdict(True, sentence)
-    word = "**alike**" if inside else "**not shown to be alike**"
-    return Verdict(inside, f"{word} within {TOLERANCE:.0%}: {sentence}")
+        return Verdict(True, told)
+    low, high = ratio(*pairs[figures[0]])
+    inside = max(1 - low, high - 1) <= TOLERANCE
+    word = "alike" if inside else "not shown to be alike"
+    return Verdict(inside, f"**{word}** within {TOLERANCE:.0%} in {figures[0]}:\n\n{told}")
+
+
+def means(old: np.ndarray, new: np.ndarray) -> str:
+    """Return the means of two groups, (n,) and (m,), and their ratio, in words."""
+    groups = zip((old, new), ("before", "now"), strict=True)
+    said = [f"{v.mean():.4g} (sd {v.std(ddof=1):.3g}, n {len(v)}) {when}" for v, when in groups]
+    low, high = ratio(old, new)
+    share = f"ratio {new.mean() / old.mean():.3f} [{low:.3f}, {high:.3f}]"
+    return f"{', '.join(said)}; {share}, {CONFIDENCE:.0%} interval"
 
 
 def _values(jobs: Jobs, figure: str) -> np.ndarray:
@@ -147,7 +162,10 @@ def _values(jobs: Jobs, figure: str) -> np.ndarray:
 
 
 def ratio(old: np.ndarray, new: np.ndarray) -> tuple[float, float]:
-    """Return the interval of the ratio of two means, (n,) and (m,), by Welch's difference."""
+    """Return the interval of the ratio of two means, (n,) and (m,).
+
+    Welch's interval of their difference, over the old mean as if that were known.
+    """
     found = stats.ttest_ind(new, old, equal_var=False)
     interval = found.confidence_interval(CONFIDENCE)
     scale = abs(old.mean())

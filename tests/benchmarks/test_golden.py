@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ def test_the_last_digit_counts_and_seconds_do_not() -> None:
     (row,) = compared(old, new)
     assert (row.figures, [d.path for d in row.differences]) == (3, ["a"])
     assert 1e-17 < row.differences[0].share < 2e-16
-    assert not judged("identical", "", old, new, [row]).passed
+    assert not judged("identical", [], old, new, [row]).passed
 
 
 def test_what_is_missing_or_of_another_kind_differs() -> None:
@@ -86,10 +87,10 @@ def test_trainings_are_alike_within_the_tolerance(factor: float, passed: bool) -
     old = np.random.default_rng(1).normal(400.0, 40.0, 20)
     before, after = returns(old), returns(factor * old)
     rows = compared(before, after)
-    verdict = judged("alike", "source_return", before, after, rows)
+    verdict = judged("alike", ["source_return"], before, after, rows)
     assert verdict.passed == passed
     assert f"ratio {factor:.3f}" in verdict.sentence
-    assert judged("printed", "source_return", before, after, rows).passed
+    assert judged("printed", ["source_return"], before, after, rows).passed
 
 
 def test_too_few_or_too_scattered_trainings_show_nothing() -> None:
@@ -97,9 +98,9 @@ def test_too_few_or_too_scattered_trainings_show_nothing() -> None:
     wild = np.array([100.0, 900.0, 200.0, 800.0, 500.0])
     before, after = returns(wild), returns(wild[::-1] + 1.0)
     rows = compared(before, after)
-    assert not judged("alike", "source_return", before, after, rows).passed
+    assert not judged("alike", ["source_return"], before, after, rows).passed
     one = returns(wild[:1])
-    sentence = judged("alike", "source_return", one, returns(wild[1:2]), rows).sentence
+    sentence = judged("alike", ["source_return"], one, returns(wild[1:2]), rows).sentence
     assert "fewer than two" in sentence
 
 
@@ -159,6 +160,14 @@ def test_an_unknown_part_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         golden.main(["record", "--only", "esmalm"])
     assert "'esmalm'; there are: esmaml, deploy" in capsys.readouterr().err
+
+
+def test_nothing_of_the_project_is_imported() -> None:
+    """The recorder outlives a move of every module that it records."""
+    rooms = "|".join(golden.CODE)
+    for file in Path(golden.__file__).parent.glob("golden*.py"):
+        text = file.read_text(encoding="utf-8")
+        assert re.findall(rf"^\s*(?:from|import) (?:{rooms})\b.*", text, re.MULTILINE) == []
 
 
 def test_other_code_has_another_fingerprint(tmp_path: Path) -> None:
