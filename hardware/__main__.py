@@ -12,6 +12,8 @@ Keys:
     seconds=NUMBER   monitor, emulate: how long (default: until Ctrl-C)
     hidden=PATH      emulate: a file of effects that the robot hides
     link=PATH        emulate: a symbolic link to make to the device
+    held=BOOL        emulate: hold the robot in its pose `home` until its servos have torque
+                     (default: true); the signal SIGUSR1 puts it back there and holds it again
     seed=NUMBER      emulate: of its randomness (default: 0)
 """
 
@@ -36,7 +38,7 @@ from hardware.calibration import (
 from hardware.config import Robot, load_robot
 from hardware.connect import make_driver
 from hardware.driver import Driver
-from hardware.emulator.pty import serve
+from hardware.emulator.pty import check_link, serve
 from hardware.emulator.world import World
 from hardware.errors import HardwareError, LineError, did_you_mean, listed
 from hardware.handshake import SPEEDS
@@ -47,7 +49,7 @@ KEYS = {
     "scan": ("robot", "port"),
     "calibrate": ("robot", "port", "file"),
     "monitor": ("robot", "port", "file", "seconds"),
-    "emulate": ("robot", "hidden", "link", "seconds", "seed"),
+    "emulate": ("robot", "hidden", "link", "held", "seconds", "seed"),
 }
 Keys = dict[str, str]
 Ask = Callable[[str], str]
@@ -97,6 +99,14 @@ def _number(keys: Keys, key: str, default: float) -> float:
         return float(keys.get(key, default))
     except ValueError:
         raise HardwareError(f"{key}={keys[key]} is not a number") from None
+
+
+def _yes_or_no(keys: Keys, key: str, default: bool) -> bool:
+    answers = {"true": True, "false": False}
+    word = keys.get(key, str(default).lower())
+    if word not in answers:
+        raise HardwareError(f"{key}={word}: it can be true or false")
+    return answers[word]
 
 
 def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
@@ -208,22 +218,39 @@ def _count(driver: Driver, i: int, ask: Ask, where: str) -> int:
 
 
 def emulate(robot: Robot, keys: Keys, ask: Ask) -> None:
-    """Serve an emulated robot at a device file until Ctrl-C or SIGTERM, also in the background."""
+    """Serve an emulated robot at a device file until it is told to end, also in the background."""
+    link = Path(keys["link"]) if "link" in keys else None
+    if link is not None:
+        check_link(link)
+    held = _yes_or_no(keys, "held", True)
     hidden = Path(keys["hidden"]) if "hidden" in keys else robot.hidden
     world = World(replace(robot, hidden=hidden), seed=int(_number(keys, "seed", 0)))
     end = time.perf_counter() + _number(keys, "seconds", math.inf)
-    link = Path(keys["link"]) if "link" in keys else None
+    told, back = threading.Event(), threading.Event()
 
     def ready(device: str) -> None:
         print(f"{robot.name} at {device}, {robot.bus.baud} bits/s; Ctrl-C ends it", flush=True)
 
-    asked = threading.Event()
-    numbers = (signal.SIGINT, signal.SIGTERM)  # a shell's background jobs begin deaf to the first
-    before = [signal.signal(number, lambda *_: asked.set()) for number in numbers]
+    def stopped() -> bool:
+        if back.is_set():
+            back.clear()
+            world.hold()
+        return told.is_set() or time.perf_counter() > end
+
+    if held:
+        world.hold()
+    events = {signal.SIGUSR1: back, signal.SIGTERM: told}
+    events[signal.SIGINT] = told  # a shell's background jobs begin deaf to it
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # unless it runs under nohup
+        events[signal.SIGHUP] = told
+    before = {
+        number: signal.signal(number, lambda n, _: events[signal.Signals(n)].set())
+        for number in events
+    }
     try:
-        serve(world, ready, lambda: asked.is_set() or time.perf_counter() > end, link)
+        serve(world, ready, stopped, link)
     finally:
-        for number, handler in zip(numbers, before, strict=True):
+        for number, handler in before.items():
             signal.signal(number, handler)
 
 

@@ -39,11 +39,16 @@ class Bus:
         self._world, self._rng = world, world.wire_rng
         self._latency = world.robot.bus.latency  # s
         self._parser = Parser()
-        self._free = 0.0  # s, when the wire is idle again
+        self._free = 0.0  # s
         self._flushed = 0.0  # s, when the adapter last handed bytes over
         self._byte = 1e-5  # s a byte takes
         self._baud = 0
         self._loss = world.hidden.robot["packet_loss"]
+
+    @property
+    def free(self) -> float:
+        """When the wire is idle again [s]."""
+        return self._free
 
     def feed(self, data: bytes, now: float, baud: int) -> list[Arrival]:
         """Take bytes that the host writes, and return what comes back and when.

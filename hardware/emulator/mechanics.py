@@ -53,11 +53,31 @@ class Mechanics:
         self._set_laws(hidden)
         self._driven = np.ones(len(actuators), bool)
         self._damping = model.dof_damping[self.dof].copy()
-        self.data.qpos[:] = self._home(robot)
-        mujoco.mj_forward(model, self.data)
+        self._home = self._home_pose(robot)
+        self._held: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self.go_home()
         self.set_strength(hidden["motor_strength"])
 
-    def _home(self, robot: Robot) -> np.ndarray:
+    def go_home(self) -> None:
+        """Put the robot into its keyframe `home`, at rest."""
+        self.data.qpos[:] = self._home
+        self.data.qvel[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def hold(self, joints: np.ndarray) -> None:
+        """Hold these servos' joints where they are, (n,) bool, and with any of them all the rest.
+
+        The rest is what no servo moves, such as a floating base.
+        """
+        if not joints.any():
+            self._held = None
+            return
+        free = ~joints
+        places = np.setdiff1d(np.arange(self.model.nq), self.qpos[free])
+        speeds = np.setdiff1d(np.arange(self.model.nv), self.dof[free])
+        self._held = places, self.data.qpos[places].copy(), speeds
+
+    def _home_pose(self, robot: Robot) -> np.ndarray:
         qpos = self.model.qpos0.copy()
         for name, values in home_pose(robot).items():
             start = self.model.jnt_qposadr[self.model.joint(name).id]
@@ -147,12 +167,15 @@ class Mechanics:
 
     def step(self) -> None:
         """Advance the physics by one tick of the firmware."""
-        if not self._own:
+        if self._own:
+            for _ in range(self.substeps):
+                self._apply()
+                mujoco.mj_step(self.model, self.data)
+        else:
             mujoco.mj_step(self.model, self.data, self.substeps)
-            return
-        for _ in range(self.substeps):
-            self._apply()
-            mujoco.mj_step(self.model, self.data)
+        if self._held is not None:
+            places, values, speeds = self._held
+            self.data.qpos[places], self.data.qvel[speeds] = values, 0.0
 
     def _apply(self) -> None:
         """Write the torques of the emulator's own laws."""

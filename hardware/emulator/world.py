@@ -59,6 +59,7 @@ class World:
         self._events = _events(faults)
         self._delays = self.hidden.robot["command_delay"] > 0
         self.wire_rng = streams[2]  # the luck of the wire before it
+        self._held = np.zeros(len(self.servos), bool)
 
     @property
     def time(self) -> float:
@@ -79,10 +80,27 @@ class World:
             if firmware.ticks % WATCH == 0:
                 for servo in self.servos:
                     servo.watch(now)
+                if self._held.any():
+                    self._let_go()
             if self._delays:
                 for servo in self.servos:
                     servo.apply_due(now)
             firmware.tick()
+
+    def hold(self) -> None:
+        """Put the robot into its keyframe `home` and hold it there, as a hand or a stand does.
+
+        Each joint is held until its servo has torque, all the rest of the robot until every servo
+        has. Torque that goes again lets the robot fall.
+        """
+        self.mechanics.go_home()
+        self._held[:] = True
+        self._let_go()
+
+    def _let_go(self) -> None:
+        """Hold no longer the joints whose servos have torque."""
+        self._held &= ~self.firmware.torque_on
+        self.mechanics.hold(self._held)
 
     def is_silent(self, servo: Servo, now: float) -> bool:
         """Say whether a servo hears and says nothing now: it starts anew, or has no supply."""

@@ -73,6 +73,9 @@ def test_scan_and_monitor(capsys):
         (["scan", "port=/dev/no-such"], 1, "/dev/no-such: the port is gone"),
         (["monitor", "seconds=x"], 1, "seconds=x is not a number"),
         (["emulate", "hidden=/no/file.yaml"], 1, "/no/file.yaml: the effects cannot be read"),
+        (["emulate", "link=/no/where/robot"], 1, "link=/no/where/robot: there is no folder /no/w"),
+        (["emulate", f"link={__file__}"], 1, "test_main.py: there is something of that name"),
+        (["emulate", "held=maybe"], 1, "held=maybe: it can be true or false"),
     ],
 )
 def test_refusals(capsys, words, status, message):
@@ -159,6 +162,32 @@ def test_the_emulator_ends_when_it_is_told(tmp_path):
     with emulated("robot=bench1", f"link={link}", end=signal.SIGTERM):
         assert link.exists()
     assert not link.is_symlink()
+
+
+def test_an_emulated_robot_is_held_until_it_is_armed():
+    """quad8 waits in its pose; without torque it falls, and SIGUSR1 puts it back and holds it."""
+    robot = load_robot("quad8")
+    home, handler = robot.servos[1].count(-1.2), PacketHandler(2.0)
+    with emulated("robot=quad8") as (device, process):
+        port = PortHandler(device)
+        assert port.setBaudRate(robot.bus.baud)
+
+        def knee() -> int:
+            return patiently(handler.read4ByteTxRx, port, robot.servos[1].id, 132)[0]
+
+        time.sleep(0.5)
+        assert knee() == home
+        for torque in (1, 0):
+            for servo in robot.servos:
+                assert patiently(handler.write1ByteTxRx, port, servo.id, 64, torque)[-1] == 0
+        deadline = time.perf_counter() + 20
+        while abs(knee() - home) < 20 and time.perf_counter() < deadline:
+            time.sleep(0.05)
+        assert abs(knee() - home) >= 20
+        process.send_signal(signal.SIGUSR1)
+        time.sleep(0.5)
+        assert knee() == home
+        port.closePort()
 
 
 def test_device_file_with_our_driver():
