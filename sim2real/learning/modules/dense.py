@@ -1,0 +1,218 @@
+"""Tensordict modules that are nothing but a multi-layer perceptron, read as their layers.
+
+    actor, critic = read_dense(actor_network), read_dense(critic_network)
+    store = FlatParameters([actor, critic])           # their numbers move into one flat vector
+    store.renew()                                     # before use: has somebody moved them?
+
+What calls such a network without TorchRL's and autograd's machinery needs its layers, and gains
+most where they lie side by side. A network with anything else in it is refused, never guessed at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+
+import torch
+from tensordict.nn import (
+    ProbabilisticTensorDictModule,
+    TensorDictModule,
+    TensorDictModuleBase,
+    TensorDictSequential,
+)
+from torch import nn
+from torchrl.modules import MLP
+
+from sim2real.learning.modules.perceptrons import Layers, Perceptrons
+from sim2real.learning.modules.policy import Activation
+from sim2real.runs.errors import Sim2RealError
+
+Tensor = torch.Tensor
+ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.Tanh: "tanh", nn.ReLU: "relu"}
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """A multi-layer perceptron, linear layers with one nonlinearity between them.
+
+    Attributes:
+        in_keys: entries that it reads; their last dimensions are joined.
+        out_keys: entries that it writes.
+        linears: its layers, in order; each has a bias.
+        activation: nonlinearity between them.
+        head: what follows the last layer: a scale that does not depend on the state, or another
+            module without parameters; None for nothing.
+    """
+
+    in_keys: tuple[str | tuple[str, ...], ...]
+    out_keys: tuple[str | tuple[str, ...], ...]
+    linears: tuple[nn.Linear, ...]
+    activation: Activation
+    head: nn.Module | None
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of the input, of each hidden layer and of the output."""
+        return (self.linears[0].in_features, *(layer.out_features for layer in self.linears))
+
+    @property
+    def parameters(self) -> list[nn.Parameter]:
+        """Weights and biases by layer, then those of the head."""
+        own = [p for layer in self.linears for p in (layer.weight, layer.bias)]
+        return own + ([] if self.head is None else list(self.head.parameters()))
+
+
+def read_dense(network: TensorDictModuleBase) -> Dense:
+    """Read a tensordict module, without the distribution at its end, as a perceptron.
+
+    Raises:
+        Sim2RealError: for a network with other parts than linear layers, one nonlinearity and,
+            last, a head.
+    """
+    modules = list(_modules(network))
+    layers = [layer for module in modules for layer in _layers(module.module)]
+    for before, after in pairwise(modules):
+        if list(after.in_keys) != list(before.out_keys)[: len(after.in_keys)]:
+            _refuse(f"{list(after.in_keys)} read after {list(before.out_keys)} was written")
+    head = layers.pop() if layers and type(layers[-1]) not in (nn.Linear, *ACTIVATIONS) else None
+    for layer in layers:
+        if type(layer) not in (nn.Linear, *ACTIVATIONS):
+            _refuse(type(layer).__name__)
+    linears, between = layers[::2], layers[1::2]
+    kinds = {type(layer) for layer in between} or {nn.Tanh}
+    alternate = all(type(layer) is nn.Linear and layer.bias is not None for layer in linears)
+    if not alternate or len(linears) != len(between) + 1 or len(kinds) > 1 or nn.Linear in kinds:
+        _refuse(", ".join(type(layer).__name__ for layer in layers) + " or a layer without a bias")
+    keys = tuple(modules[0].in_keys), tuple(modules[-1].out_keys)
+    return Dense(*keys, tuple(linears), ACTIVATIONS[kinds.pop()], head)  # type: ignore[arg-type]
+
+
+def _modules(network: TensorDictModuleBase) -> Iterator[TensorDictModule]:
+    """Yield the modules that compute something, in order."""
+    if isinstance(network, TensorDictSequential):
+        for module in network.module:
+            yield from _modules(module)
+    elif isinstance(network, TensorDictModule):
+        yield network
+    elif not isinstance(network, ProbabilisticTensorDictModule):
+        _refuse(type(network).__name__)
+
+
+def _layers(module: nn.Module) -> Iterator[nn.Module]:
+    """Yield the layers of nested sequences."""
+    if type(module) is nn.Sequential or (type(module) is MLP and not module._reshape_out):
+        for layer in module:
+            yield from _layers(layer)
+    elif type(module) is not nn.Identity:
+        yield module
+
+
+def _refuse(what: str) -> None:
+    raise Sim2RealError(
+        "policy: a fast part takes linear layers with tanh or ReLU between them and nothing else, "
+        f"this has {what}; use loss=clip_ppo or loss=sac, and collector=sync, which take any"
+    )
+
+
+class FlatParameters:
+    """The parameters of perceptrons in one vector (P,), network after network.
+
+    The parameters stay what they are to modules and optimizers; only their numbers lie elsewhere.
+
+    Args:
+        networks: whose parameters these become. None may share one with another.
+
+    Raises:
+        Sim2RealError: for networks that share a parameter, or of several dtypes or devices.
+    """
+
+    def __init__(self, networks: Sequence[Dense]) -> None:
+        self.parameters = [p for network in networks for p in network.parameters]
+        if len({id(p) for p in self.parameters}) < len(self.parameters):
+            raise Sim2RealError("policy: a fast part takes networks that share no parameter")
+        if len({(p.dtype, p.device) for p in self.parameters}) > 1:
+            raise Sim2RealError("policy: a fast part takes networks of one dtype on one device")
+        counts = [sum(p.numel() for p in network.parameters) for network in networks]
+        self.starts = [0, *accumulate(counts)]  # of each network in the vector, and the end
+        self.vector = torch.empty(0)
+        self._places: list[int] = []
+
+    def renew(self) -> bool:
+        """Gather the parameters again where their numbers were moved; return whether they were."""
+        if [p.data_ptr() for p in self.parameters] == self._places:
+            return False
+        with torch.no_grad():
+            self.vector = torch.cat([p.detach().flatten() for p in self.parameters])
+            for p, part in zip(self.parameters, self.split(self.vector), strict=True):
+                p.data = part
+        self._places = [p.data_ptr() for p in self.parameters]
+        return True
+
+    def split(self, vector: Tensor) -> list[Tensor]:
+        """Return views of a vector (P,) in the shapes of the parameters."""
+        return list(torch._C._nn.unflatten_dense_tensors(vector, self.parameters))
+
+
+class Trunks:
+    """The hidden layers of perceptrons; those of one shape share a batched product a layer.
+
+    Args:
+        networks: of which these are the hidden layers; each has one at least.
+        starts: where each begins in the vectors of `FlatParameters`.
+
+    Raises:
+        Sim2RealError: for a network without a hidden layer.
+    """
+
+    def __init__(self, networks: Sequence[Dense], starts: Sequence[int]) -> None:
+        if any(len(network.linears) < 2 for network in networks):
+            _refuse("no hidden layer")
+        shapes = [(network.in_keys, network.sizes[:-1], network.activation) for network in networks]
+        self._groups = [
+            (
+                Perceptrons(shapes.count(shape), shape[1], shape[2], "activated"),
+                [i for i, other in enumerate(shapes) if other == shape],
+            )
+            for shape in dict.fromkeys(shapes)
+        ]
+        self._starts = starts
+
+    def views(self, vector: Tensor) -> list[Layers]:
+        """Return the layers of each group as views of a vector (P,)."""
+        return [list(self._layers(vector, body, members)) for body, members in self._groups]
+
+    def _layers(
+        self, vector: Tensor, body: Perceptrons, members: list[int]
+    ) -> Iterator[tuple[Tensor, Tensor]]:
+        place, count = self._starts[members[0]], len(members)
+        apart = self._starts[members[-1]] - place  # two networks at most are alike, or evenly apart
+        for inputs, outputs in pairwise(body.sizes):
+            weight = vector.as_strided((count, inputs, outputs), (apart, 1, inputs), place)
+            place += inputs * outputs
+            yield weight, vector.as_strided((count, 1, outputs), (apart, outputs, 1), place)
+            place += outputs
+
+    def forward(self, weights: list[Layers], inputs: Sequence[Tensor]) -> list[list[Tensor]]:
+        """Return every layer's output, by group, for each network's input (B, in)."""
+        return [
+            body.forward(layers, inputs[members[0]])
+            for (body, members), layers in zip(self._groups, weights, strict=True)
+        ]
+
+    def by_network(self, stacked: Sequence[Tensor]) -> list[Tensor]:
+        """Return what belongs to each network, (B, width), of tensors (K, B, width) by group."""
+        pairs = zip(self._groups, stacked, strict=True)
+        found = {i: x[k] for (_, members), x in pairs for k, i in enumerate(members)}
+        return [found[i] for i in range(len(found))]
+
+    def backward(
+        self,
+        weights: list[Layers],
+        outputs: list[list[Tensor]],
+        upstream: list[Tensor],
+        out: list[Layers],
+    ) -> None:
+        """Write the parameters' gradients, given those by the last outputs, by group."""
+        for (body, _), *rest in zip(self._groups, weights, outputs, upstream, out, strict=True):
+            body.backward(*rest)
