@@ -31,6 +31,7 @@ from dynamixel_sdk import PacketHandler
 from hardware import protocol
 from hardware.clock import Clock
 from hardware.errors import LineError
+from hardware.port_lock import PortLock
 from hardware.protocol import BROADCAST, Packet, Parser, crc16
 
 if TYPE_CHECKING:
@@ -86,20 +87,25 @@ class BusClient:
         self.latency, self.return_delay = latency, return_delay
         self.counters: defaultdict[int, Counters] = defaultdict(Counters)
         self.group = Counters()  # of answers that several servos share
+        self._lock = PortLock(port.port_name)
         self._handler = PacketHandler(2.0)
         self._parser = Parser()
         self._doubtful = False  # an answer failed to come; it may still be on its way
+        self.patience = clock.jitter  # s that an answer may be late by the machine's fault
 
     def open(self, baud: int) -> None:
         """Open the port at this speed.
 
         Raises:
-            LineError: there is no such port, or it cannot run at this speed.
+            LineError: there is no such port, it cannot run at this speed, or another program
+                holds it.
         """
         with self._cable():
             self.port.is_using = False
-            if not self.port.setBaudRate(baud):
+            if self.port.getCFlagBaud(baud) <= 0:
                 raise LineError(f"{self.port.port_name}: the port cannot run at {baud} bits/s")
+            self._lock.take()
+            self.port.setBaudRate(baud)
 
     def close(self) -> None:
         """Close the port; a cable that is out does no harm."""
@@ -109,6 +115,7 @@ class BusClient:
         except Exception:
             self.port.is_open = False
         self.port.is_using = False
+        self._lock.release()
 
     def ping(self, number: int) -> list[Reply]:
         """Return the answers to a ping: one, none, or several from servos that share the ID."""
@@ -225,7 +232,7 @@ class BusClient:
             answer = fast or sum(11 + size for _, size in wanted)
             waits = 1 if fast else len(wanted)
             span = (sent + answer) * 10 / self.port.getBaudRate()
-            span += waits * (self.return_delay + TURN_ROUND) + self.latency + self.clock.jitter
+            span += waits * (self.return_delay + TURN_ROUND) + self.latency + self.patience
             return self._receive(wanted, span, to_the_end, fast)
 
     def _send(self, number: int, instruction: int, body: bytes) -> int:
@@ -300,7 +307,7 @@ class BusClient:
     def _drain(self) -> None:
         """Let answers that are late come in, and forget them."""
         self._doubtful = False
-        span = self.latency + self.clock.jitter
+        span = self.latency + self.patience
         self.port.setPacketTimeoutMillis(span * 1000)
         deadline = self.clock.now() + span
         while True:

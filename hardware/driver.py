@@ -17,13 +17,14 @@ does not fit the time that has passed. A servo without a new answer keeps its la
 
 from __future__ import annotations
 
+import itertools
 import logging
 import struct
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from hardware import handshake
+from hardware import handshake, rehearsal
 from hardware.bus_client import BusClient
 from hardware.clock import Clock
 from hardware.config import Robot, Servo
@@ -108,6 +109,7 @@ class Driver:
         self._stamp = np.zeros(n)
         self._alert = np.zeros(n, bool)
         self.fast = True
+        self._rehearsed = False
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -124,6 +126,7 @@ class Driver:
         handshake.check_latency_timer(self.robot, self.bus_client)
         self.bus_client.open(self.robot.bus.baud)
         handshake.check_servos(self.robot, self.bus_client)
+        self._rehearsed = False
         self.fast = self._answers_fast()
         self._values[3] = self._zero
         self._ages = [Freshness() for _ in self.ids]
@@ -158,6 +161,26 @@ class Driver:
                     raise LineError(f"{error}; given up after {patience:g} s") from error
             self.clock.sleep_until(self.clock.now() + pause)
             pause = min(2 * pause, LONGEST_PAUSE)
+
+    def rehearse(self) -> None:
+        """Measure once after connecting what control steps take here, and be as patient as needed.
+
+        The emulated bus of this process keeps its own time, and needs none of it.
+
+        Raises:
+            ServoError: the robot's rate or watchdog cannot be kept; torque is as it was.
+        """
+        if self._rehearsed or self.robot.port is None:
+            return
+        turns = itertools.cycle(range(len(self)))
+
+        def step() -> None:
+            self.read()
+            self.health(next(turns))
+
+        times = rehearsal.check(step, self.clock, self.robot)
+        self.bus_client.patience = max(self.clock.jitter, min(times.reply, 1 / self.robot.rate))
+        self._rehearsed = True
 
     def configure(self) -> None:
         """Torque off, then write the robot's registers and verify each.
@@ -216,6 +239,19 @@ class Driver:
         self.bus_client.sync_write(GOAL, values)
         return self.angles(counts)
 
+    def full_duty_errors(self) -> np.ndarray:
+        """Return how far from its goal each position loop drives at full duty [rad], (n,).
+
+        Short of that a soft servo may merely sag under its load.
+        """
+        return np.array([self._full_duty_error(servo) for servo in self.robot.servos])
+
+    def _full_duty_error(self, servo: Servo) -> float:
+        kind = servo.type
+        gain = {**kind.defaults, **self.robot.registers_of(servo)}["position_p_gain"]
+        counts = kind.units.full_pwm * kind.gain_divisor / gain if gain else 0.0
+        return counts * kind.units.angle
+
     def health(self, i: int) -> Health | None:
         """Read one servo's state; None if it did not answer anew."""
         asked = self.clock.now()
@@ -224,7 +260,7 @@ class Driver:
             return None
         data = reply.data
         tick = struct.unpack_from("<H", data, BLOCK - HEALTH)[0]
-        if not self._health_ages[i].accept(tick, asked):
+        if not self._health_ages[i].accept(tick, asked, self.clock.now()):
             self.bus_client.counters[self.ids[i]].stale += 1
             return None
         status = data[ERROR_STATUS - HEALTH]
@@ -287,6 +323,27 @@ class Driver:
         if unsure:
             raise ServoError(f"torque may still be on in {listed(unsure)}: cut the supply")
 
+    def torque_off_when_back(self, patience: float) -> None:
+        """Open the port again and again until torque is off, and verified, in every servo.
+
+        Args:
+            patience: how long to try [s].
+
+        Raises:
+            LineError: the port did not come back in that time.
+            ServoError: it did, or was never gone, but a servo did not confirm.
+        """
+        end = self.clock.now() + patience
+        while True:
+            try:
+                self.bus_client.close()
+                self.bus_client.open(self.robot.bus.baud)
+                return self.torque_off()
+            except (LineError, ServoError):
+                if self.clock.now() + FIRST_PAUSE > end:
+                    raise
+            self.clock.sleep_until(self.clock.now() + FIRST_PAUSE)
+
     def cycle_time(self) -> float:
         """Return how long commanding and reading all servos takes on the wire [s]."""
         return cycle_time(self.robot, self.fast)
@@ -297,6 +354,7 @@ class Driver:
 
     def _take(self, replies: dict, numbers: list[int], asked: float) -> np.ndarray:
         """Keep the new answers; return which servos gave one, (n,) bool."""
+        received = self.clock.now()
         fresh = np.zeros(len(self), bool)
         for number in numbers:
             reply = replies.get(number)
@@ -305,7 +363,7 @@ class Driver:
             i = self.ids.index(number)
             tick, _, pwm, current, velocity, count = struct.unpack("<HHhhii", reply.data)
             known = self._ages[i].known
-            if not self._ages[i].accept(tick, asked):
+            if not self._ages[i].accept(tick, asked, received):
                 self.bus_client.counters[number].stale += 1
                 continue
             turns = round((self._values[3, i] - count) / TURN) if known else 0

@@ -1,11 +1,36 @@
-"""Whether a servo's answer is new: its millisecond counter must have gone on as the time has."""
+"""Whether a servo's answer is new: its millisecond counter must have gone on as the time has.
+
+    age = Freshness()
+    age.accept(tick=1000, asked=1.000, received=1.002)      # True: the first is believed
+    age.accept(tick=1020, asked=1.020, received=1.031)      # True, though it took long
+    age.accept(tick=1020, asked=1.040, received=1.042)      # False: the same answer again
+
+What was measured for an answer was measured between asking and receiving. So each answer says in
+which window of our time the servo counted `tick`; a new answer's window must meet the one that the
+last answer foretells. Slow answers have wide windows, and quick ones narrow what is known, so that
+a busy machine costs no good answer, and an answer to an earlier question is still found out.
+"""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 ROUND = 32768  # the counter starts again after so many milliseconds
-SLACK = 4.0  # ms that an answer may be older or newer than thought
+SLACK = 2.0  # ms: the counter's resolution, and how old a servo's registers may be
 DRIFT = 0.02  # of the time passed, between the servo's clock and ours
 LATEST = 200.0  # ms, no answer is later
+
+
+class _Known(NamedTuple):
+    """A count and the window of our time in which the servo counted it [ms]."""
+
+    tick: int
+    low: float
+    high: float
+
+    @property
+    def middle(self) -> float:
+        return (self.low + self.high) / 2
 
 
 class Freshness:
@@ -17,46 +42,57 @@ class Freshness:
     """
 
     def __init__(self) -> None:
-        self._last: tuple[int, float] | None = None
-        self._odd: tuple[int, float] | None = None
+        self._last: _Known | None = None
+        self._odd: _Known | None = None
 
     @property
     def known(self) -> bool:
         """Whether an answer was accepted before."""
         return self._last is not None
 
-    def accept(self, tick: int, time: float) -> bool:
+    def accept(self, tick: int, asked: float, received: float) -> bool:
         """Say whether an answer is new, and remember it if so.
 
         Args:
             tick: the servo's counter [ms], 0 to 32767.
-            time: when the answer was asked for [s].
+            asked: when the answer was asked for [s].
+            received: when it had come [s].
         """
-        fits = self._fits(self._last, tick, time)
-        anew = self._fits(self._odd, tick, time) and not self._may_be_late(tick, time)
-        if fits or anew or self._last is None:
-            self._last, self._odd = (tick, time), None
+        answer = _Known(tick, 1000 * asked, 1000 * received)
+        fits = _narrowed(self._last, answer)
+        agrees = _narrowed(self._odd, answer)
+        if fits is None and agrees is not None and not self._may_be_late(answer):
+            fits = agrees
+        if fits is not None or self._last is None:
+            self._last, self._odd = fits or answer, None
             return True
-        self._odd = (tick, time)
+        self._odd = answer
         return False
 
-    def _may_be_late(self, tick: int, time: float) -> bool:
+    def _may_be_late(self, answer: _Known) -> bool:
         """Say whether an answer may be an old one, given the last that was accepted."""
         assert self._last is not None
-        passed = 1000 * (time - self._last[1])
-        off = _offset(self._last, tick, passed)
-        started_anew = tick <= passed + SLACK + DRIFT * passed and off < -LATEST
+        passed = answer.high - self._last.low
+        off = _offset(self._last, answer)
+        started_anew = answer.tick <= passed * (1 + DRIFT) + SLACK and off < -LATEST
         return off < 0 and not started_anew
 
-    def _fits(self, known: tuple[int, float] | None, tick: int, time: float) -> bool:
-        if known is None:
-            return False
-        passed = 1000 * (time - known[1])
-        if tick == known[0] and passed < ROUND / 2:
-            return False  # the same answer again
-        return abs(_offset(known, tick, passed)) <= SLACK + DRIFT * passed
+
+def _narrowed(known: _Known | None, answer: _Known) -> _Known | None:
+    """Return the answer with the window that both allow; None if there is none."""
+    if known is None:
+        return None
+    passed = answer.middle - known.middle
+    if answer.tick == known.tick and passed < ROUND / 2:
+        return None  # the same answer again
+    counted = passed + _offset(known, answer)
+    slack = SLACK + DRIFT * abs(passed)
+    low = max(answer.low, known.low + counted - slack)
+    high = min(answer.high, known.high + counted + slack)
+    return _Known(answer.tick, low, high) if low <= high else None
 
 
-def _offset(known: tuple[int, float], tick: int, passed: float) -> float:
-    """Return how much newer an answer is than expected after `passed` ms [ms]."""
-    return (tick - known[0] - passed + ROUND / 2) % ROUND - ROUND / 2
+def _offset(known: _Known, answer: _Known) -> float:
+    """Return how much newer an answer is than expected [ms]."""
+    passed = answer.middle - known.middle
+    return (answer.tick - known.tick - passed + ROUND / 2) % ROUND - ROUND / 2

@@ -18,6 +18,7 @@ While armed, the servos' own watchdogs stop them if this program dies.
 from __future__ import annotations
 
 import atexit
+import gc
 import logging
 import math
 import signal
@@ -36,6 +37,15 @@ from hardware.pace import Pace
 _logger = logging.getLogger(__name__)
 
 
+# what ends a program from outside: Ctrl-C, kill, a terminal or SSH session that closes, Ctrl-\
+ENDING = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
+    if hasattr(signal, name)
+]
+IGNORABLE = ENDING[2:]
+
+
 @dataclass(frozen=True)
 class StopLimits:
     """When to stop.
@@ -43,11 +53,13 @@ class StopLimits:
     Args:
         misses: stop after so many readings in a row without one servo's answer.
         hottest: stop this far below the servo's own temperature limit [K].
-        stray: stop when a joint is this far from its command [rad] ...
+        stray: stop when a joint is this far from its command [rad], or so far that a soft servo
+            drives at full duty if that is further, ...
         patience: ... for this long [s].
         outside: arm only if no joint is further outside its limits than this [rad]; the first
             commands then lead it back in.
         odd_voltage: stop when the supply differs from the robot's file by this part of it.
+        return_time: for this long a bus that went away is tried again for torque-off [s].
     """
 
     misses: int = 5
@@ -56,6 +68,7 @@ class StopLimits:
     patience: float = 0.5
     outside: float = 0.2
     odd_voltage: float = 0.2
+    return_time: float = 4.0
 
 
 class Sent(NamedTuple):
@@ -87,7 +100,9 @@ class Guard:
         self.most_step = np.minimum(robot.max_step, speed / robot.rate)
         self.last: np.ndarray | None = None  # the last command [rad], (n,)
         self.health: list[Health | None] = [None] * len(driver)  # the newest of each servo
+        self._stray = np.maximum(self.limits.stray, driver.full_duty_errors())
         self._goals = np.zeros(len(driver), np.int64)
+        self._commanded, self._pause = math.nan, 0.0  # s: the last command, the longest pause
         self._misses = np.zeros(len(driver), int)
         self._astray = np.zeros(len(driver))
         self._seen = math.nan
@@ -98,9 +113,13 @@ class Guard:
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
+            for number in ENDING:
+                if number in IGNORABLE and signal.getsignal(number) == signal.SIG_IGN:
+                    continue  # nohup: the program is to outlive its terminal
                 self._old_handlers[number] = signal.signal(number, self._on_signal)
         atexit.register(self.stop)
+        gc.collect()
+        gc.freeze()  # what is there already is never looked through while the robot moves
         return self
 
     def __exit__(
@@ -113,6 +132,7 @@ class Guard:
             self.stop()
         finally:
             atexit.unregister(self.stop)
+            gc.unfreeze()
             for number, handler in self._old_handlers.items():
                 signal.signal(number, handler)
             self._old_handlers.clear()
@@ -131,9 +151,11 @@ class Guard:
 
         Raises:
             SafetyError: a servo is outside its limits, or reports an error.
-            ServoError: a servo does not do as it is told; torque is off again.
+            ServoError: this machine or port is too slow for the robot's rate or watchdog, or a
+                servo does not do as it is told; torque is off again.
         """
         driver = self.driver
+        driver.rehearse()
         reading = self._whole_reading()
         self._check_start(reading)
         self.health = [driver.health(i) for i in range(len(driver))]
@@ -155,6 +177,7 @@ class Guard:
             raise
         self._misses[:], self._astray[:], self._unheard[:] = 0, 0, 0
         self._hopeless[:] = 0
+        self._commanded, self._pause = driver.clock.now(), 0.0
         return reading
 
     def command(self, angles: np.ndarray) -> Sent:
@@ -176,8 +199,15 @@ class Guard:
         self.last = exact = sent
         if not self.dry_run:
             sent = self._do(lambda: self.driver.command(exact))
+            self._time_command()
             self._goals = self.driver.counts(sent)
         return Sent(sent, tuple(limited.tolist()))
+
+    def _time_command(self) -> None:
+        now = self.driver.clock.now()
+        if not math.isnan(self._commanded):
+            self._pause = max(self._pause, now - self._commanded)
+        self._commanded = now
 
     def read(self) -> Reading:
         """Read all servos, and one servo's health in turn; stop if something is wrong.
@@ -274,6 +304,8 @@ class Guard:
     def stop(self) -> None:
         """Switch torque off and verify; safe to call at any time, as often as you like.
 
+        A bus that is gone is tried again for `return_time`.
+
         Raises:
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
         """
@@ -283,12 +315,32 @@ class Guard:
         self.armed = self._slack = False
         try:
             self.driver.torque_off()
-        except LineError as error:
-            steps = self.driver.robot.watchdog
+        except (LineError, ServoError) as error:
+            self._switch_off_when_back(error)
+
+    def _switch_off_when_back(self, reason: Exception) -> None:
+        """Switch torque off on a bus that is gone, as soon as it is back.
+
+        Raises:
+            ServoError: it did not come back, or a servo did not confirm.
+        """
+        patience = self.limits.return_time
+        _logger.error("%s; trying for %g s to switch torque off", reason, patience)
+        try:
+            self.driver.torque_off_when_back(patience)
+        except (LineError, ServoError) as error:
             raise ServoError(
-                f"torque off could not be sent ({error}); the servos' watchdogs stop them after "
-                f"{steps:g} s, but keep them powered: cut the supply"
+                f"torque could not be switched off within {patience:g} s ({error}); "
+                f"{self._watchdogs}: cut the supply"
             ) from error
+
+    @property
+    def _watchdogs(self) -> str:
+        """What the servos do by themselves when nobody commands them."""
+        span = self.driver.robot.watchdog
+        if span == 0:
+            return "the servos have no watchdog and go on to their last goals"
+        return f"the servos' watchdogs stop them after {span:g} s, but keep them powered"
 
     def _whole_reading(self) -> Reading:
         """Read until every servo has answered anew."""
@@ -331,7 +383,7 @@ class Guard:
         passed = 0.0 if math.isnan(self._seen) else now - self._seen
         self._seen = now
         if self.last is not None and not self.dry_run and not self._slack:
-            far = np.abs(reading.position - self.last) > limits.stray
+            far = np.abs(reading.position - self.last) > self._stray
             self._astray = np.where(far & reading.fresh, self._astray + passed, 0.0)
             if self._astray.max() > limits.patience:
                 i = int(np.argmax(self._astray))
@@ -355,7 +407,11 @@ class Guard:
         if self._slack:
             return
         if not self.dry_run and health.watchdog < 0:
-            self._stop_for(f"{servo.name}: its bus watchdog tripped: commands came too late")
+            pause, allowed = 1e3 * self._longest_pause(), 1e3 * self.driver.robot.watchdog
+            self._stop_for(
+                f"{servo.name}: its bus watchdog tripped: {pause:.0f} ms went by without a "
+                f"command, and {allowed:.0f} ms are allowed"
+            )
         if not self.dry_run and not health.torque:
             self._stop_for(f"{servo.name} has no torque: it started anew; configure and arm again")
         if health.temperature >= limit:
@@ -371,20 +427,28 @@ class Guard:
                 "was sent; its own position limits may be narrower than the robot's file says"
             )
 
+    def _longest_pause(self) -> float:
+        """The longest time without a command since arming, the present one included [s]."""
+        since = self.driver.clock.now() - self._commanded
+        return self._pause if math.isnan(since) else max(self._pause, since)
+
     def _set_watchdogs(self, steps: int) -> None:
         for servo in self.driver.robot.servos:
             self.driver.write_register(servo, "bus_watchdog", steps)
 
     def _do(self, action: Callable[[], Any]) -> Any:
-        """Talk to the servos; a lost line stops the robot."""
+        """Talk to the servos; if the bus is gone, switch off as soon as it is back."""
         try:
             return action()
         except LineError as error:
-            self.armed = False
-            raise SafetyError(
-                f"{error}; the servos' watchdogs stop them after "
-                f"{self.driver.robot.watchdog:g} s; torque stays off until they are armed again"
-            ) from error
+            if not self.armed or self.dry_run:
+                raise SafetyError(str(error)) from error
+            self.armed = self._slack = False
+            try:
+                self._switch_off_when_back(error)
+            except ServoError as still:
+                raise SafetyError(f"{error}; {still}") from error
+            raise SafetyError(f"{error}; it came back, and torque is off") from error
 
     def _stop_for(self, reason: str) -> None:
         """Stop the robot and raise the reason."""

@@ -108,20 +108,20 @@ CASES = {
     "06 one byte": Case(
         (Fault("truncate", start=START, count=3, value=1),), bad=timeouts(2, 2, 1), held=(1, 1, 0)
     ),
-    # 5 reads without servo 2, all asked twice; its health, and 4 attempts to hear it is off
+    # 5 reads without servo 2, all asked twice; its health, and twice 4 questions whether it is off
     "07 reboot": Case(
         (Fault("reboot", start=START + 0.5, servo=2, count=1),), steps=200, readings=74,
-        bad=timeouts(5, 15, 10), held=(0, 4, 4),
-        reason="hinge2 gave no new answer 5 times in a row; and",
+        bad=timeouts(5, 19, 10), held=(0, 4, 4),
+        reason="hinge2 gave no new answer 5 times in a row; the robot was stopped, torque is off",
     ),
     "08 low supply": Case(
         (Fault("supply", start=START + 0.5, value=3.6),), steps=200, readings=70,
         reason="hinge3 has 3.6 V, not 5.0 V",
     ),
-    # the same for three; one health read more: the third servo's turn
+    # the same for three, who come back during the third attempt; a health read more: the third's
     "08 brown-out": Case(
         (Fault("blackout", start=START + 0.5, stop=START + 0.7),), steps=200, readings=74,
-        bad=timeouts(15, 15, 16), held=(4, 4, 4), watchdog=0,
+        bad=timeouts(23, 21, 20), held=(4, 4, 4), watchdog=0,
         reason="hinge1 gave no new answer 5 times in a row",
     ),
     "09 heat": Case(

@@ -20,6 +20,7 @@ from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
 from hardware.errors import LineError, SafetyError, ServoError
 from hardware.pace import Pace
+from hardware.safety import StopLimits
 from tests.hardware.rig import START, Rig, wave
 
 
@@ -100,9 +101,36 @@ def test_10_unplugged_cable(rig):
     assert r.powered == [True] * 3
 
 
+@pytest.mark.parametrize("away", [0.05, 1.0, 3.0])
+def test_10_torque_goes_off_when_the_cable_is_back(rig, monkeypatch, away):
+    """A cable that is out for a moment and comes back finds torque switched off, and verified."""
+    r = rig()
+    r.run(20, wave)
+    back, sleep = r.clock.now() + away, r.clock.sleep_until
+
+    def plug_in(moment: float) -> None:
+        sleep(moment)
+        r.port.unplugged = r.clock.now() < back
+
+    monkeypatch.setattr(r.clock, "sleep_until", plug_in)
+    r.port.unplugged = True
+    with pytest.raises(SafetyError, match=r"is the cable in\?; it came back, and torque is off"):
+        r.guard.read()
+    assert back <= r.clock.now() < back + 0.3
+    assert r.powered == [False] * 3
+
+
+def test_10_servos_that_are_silent_for_a_moment(rig):
+    """A bus that is cut behind the adapter for a second: the stop does not give up before."""
+    r = rig(Fault("drop_command", start=START, stop=START + 1.0))
+    with pytest.raises(SafetyError, match=r"no new answer 5 times in a row; the robot was stopped"):
+        r.run(100, wave)
+    assert r.powered == [False] * 3
+
+
 def test_10_reconnecting_by_itself(rig, monkeypatch):
     """A cable that comes back within the patience is taken up again, torque off; else given up."""
-    r = rig()
+    r = rig(limits=StopLimits(return_time=0.0))
     r.run(20, wave)
     back = r.clock.now() + 1.5
     monkeypatch.setattr(r.port, "unplugged", True)
@@ -209,9 +237,11 @@ def test_15_late_host():
     assert np.diff(times[-5:]).min() == pytest.approx(0.02)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT], ids=lambda n: n.name
+)
 def test_16_signals(rig, number):
-    """Ctrl-C and SIGTERM switch torque off before anything else happens."""
+    """Ctrl-C, kill and a closed terminal switch torque off before anything else happens."""
     r = rig()
     expected = KeyboardInterrupt if number == signal.SIGINT else SystemExit
     before = signal.getsignal(number)
@@ -222,6 +252,20 @@ def test_16_signals(rig, number):
         r.run(10, wave)
     assert r.powered == [False] * 3
     assert signal.getsignal(number) is before
+
+
+def test_16_a_program_that_outlives_its_terminal(rig):
+    """Under nohup a closed terminal ends nothing."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        r = rig()
+        with r.guard:
+            r.run(10, wave)
+            os.kill(os.getpid(), signal.SIGHUP)
+            r.run(10, wave)
+            assert r.powered == [True] * 3
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_16_exceptions_and_kill(rig):

@@ -12,10 +12,10 @@ from hardware.config import ROBOTS, load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import World
-from hardware.errors import SafetyError
+from hardware.errors import LogError, SafetyError
 from hardware.excite import Plan
 from hardware.log import Log, check_names, read_log, write_log
-from hardware.record import joint_names, record
+from hardware.record import Recording, joint_names, record
 from hardware.safety import Guard
 
 NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
@@ -158,3 +158,46 @@ def test_quad_stands_up():
     assert abs(imu["orientation"][0]) > 0.98
     assert imu["accelerometer"][2] == pytest.approx(9.81, abs=1.0)
     assert np.abs(imu["gyro"]).max() < 0.5
+
+
+@pytest.mark.parametrize("ending", [KeyboardInterrupt, SafetyError])
+def test_rows_survive_what_ends_a_recording(ending):
+    """Ctrl-C or the guard ends it at row 40: the 40 rows are a log that says why it ended."""
+    robot = load_robot("bench1")
+    driver = make_driver(robot)
+    driver.connect()
+    driver.configure()
+    guard = Guard(driver)
+
+    class Interrupted(Recording):
+        def _step(self, wanted, torque, on):
+            if len(self) == 40:
+                raise ending("somebody pulled the plug")
+            super()._step(wanted, torque, on)
+
+    with pytest.raises(ending), guard:
+        guard.arm()
+        recording = Interrupted(guard)
+        recording.drive(np.zeros((100, 1)))
+    log = recording.log()
+    assert len(log) == 40
+    assert log.meta["stopped"] == "somebody pulled the plug"
+    assert not driver.health(0).torque
+    with pytest.raises(LogError, match="0 rows were recorded, a log has at least 2"):
+        Recording(guard).log()
+
+
+def test_a_soft_servo_may_sag_without_being_stuck():
+    """bench1_bam holds 0.49 kg at P 200: it sags by more than 0.5 rad, and is not stopped for it.
+
+    At full duty its loop would be 885 * 256 / 200 counts or 1.74 rad from its goal.
+    """
+    robot = load_robot("bench1_bam")
+    driver = make_driver(robot)
+    assert driver.full_duty_errors() == pytest.approx([885 * 256 / 200 * 2 * np.pi / 4096])
+    driver.connect()
+    driver.configure()
+    with Guard(driver) as guard:
+        guard.arm()
+        log = record(guard, np.full((400, 1), 1.4))
+    assert 0.5 < log.column("ctrl.hinge")[-1] - log.column("qpos.hinge")[-1] < 1.2

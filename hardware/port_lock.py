@@ -1,0 +1,99 @@
+"""One program at a serial port: others are refused, and told who holds it.
+
+    lock = PortLock("/dev/ttyUSB0")
+    lock.take()                 # LineError: ... is held by 'python -m ...' (process 4711) ...
+    lock.release()
+
+Two masters on one bus spoil each other's packets, and no servo tells. The lock is the system's
+advisory lock (flock) on the device, which pyserial's `exclusive` takes and respects too, and which
+goes with the program that held it. Programs that take no lock are found where /proc shows their
+open files (Linux). Where the system has no such locks (Windows), a port opens only once anyway.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+from hardware.errors import LineError
+
+PROCESSES = Path("/proc")
+SERVER = "/dev/ptmx"  # who has this open serves pseudo terminals, and is no client of theirs
+
+
+class PortLock:
+    """The right to use one serial port.
+
+    Args:
+        name: of the device; a name that is no device, such as the emulated bus's, is never locked.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._file: int | None = None
+
+    def take(self) -> None:
+        """Take the lock; does nothing if it is held here already.
+
+        Raises:
+            LineError: another program has the device open; the message says which.
+            OSError: the device cannot be opened.
+        """
+        if self._file is not None or find_spec("fcntl") is None or not self._is_device():
+            return
+        if holders := list(_holders(self._name)):
+            raise self._refusal(" and ".join(holders))
+        import fcntl
+
+        file = os.open(self._name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(file)
+            if error.errno not in (errno.EAGAIN, errno.EACCES):
+                raise
+            held = list(_holders(self._name)) or ["a program that cannot be seen from here"]
+            raise self._refusal(" and ".join(held)) from None
+        self._file = file
+
+    def release(self) -> None:
+        """Give the lock back; does nothing if it is not held."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _is_device(self) -> bool:
+        return os.path.isabs(self._name)
+
+    def _refusal(self, holder: str) -> LineError:
+        return LineError(f"{self._name} is held by {holder}; a bus has one master: end it first")
+
+
+def _holders(name: str) -> Iterator[str]:
+    """Yield "'command' (process N)" for each other program that has the device open."""
+    device = os.path.realpath(name)
+    for process in PROCESSES.glob("[0-9]*"):
+        files = set(_open_files(process))
+        if device in files and SERVER not in files and process.name != str(os.getpid()):
+            yield f"{_command(process)!r} (process {process.name})"
+
+
+def _command(process: Path) -> str:
+    try:
+        return (
+            (process / "cmdline").read_bytes().decode(errors="replace").replace("\0", " ").strip()
+        )
+    except OSError:
+        return "a program that has just ended"
+
+
+def _open_files(process: Path) -> Iterator[str]:
+    """Yield the paths of a process's open files, as far as this user may see them."""
+    try:
+        for descriptor in (process / "fd").iterdir():
+            yield os.readlink(descriptor)
+    except OSError:  # another user's process, or one that has just ended
+        return
