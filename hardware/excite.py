@@ -16,13 +16,17 @@ Each kind shows something of its own:
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple, get_args
 
+import mujoco
 import numpy as np
 
 from hardware.config import Robot
 from hardware.errors import RobotError, did_you_mean, listed
+
+_logger = logging.getLogger(__name__)
 
 Kind = Literal["ramp", "chirp", "steps", "multisine", "hold", "swing"]
 Wave = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
@@ -36,6 +40,28 @@ class Plan(NamedTuple):
 
     angles: np.ndarray  # rad, (T, n)
     torque: np.ndarray  # bool, (T,)
+
+
+def suiting(robot: Robot, kinds: Sequence[Kind]) -> list[Kind]:
+    """Return the kinds of motion that suit a robot: one that stands on its legs is never let go.
+
+    Args:
+        robot: its model says whether its base is free.
+        kinds: the kinds wished for.
+
+    Raises:
+        RobotError: none of them suits.
+    """
+    model = mujoco.MjModel.from_xml_path(str(robot.model))
+    free = bool((model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any())
+    if not free or "swing" not in kinds:
+        return list(kinds)
+    left = [kind for kind in kinds if kind != "swing"]
+    why = f"{robot.name} stands free and collapses when torque goes off"
+    if not left:
+        raise RobotError(f"{why}: swing needs a robot that hangs, and a model with a fixed base")
+    _logger.warning("%s: swing is left out", why)
+    return left
 
 
 def excite(

@@ -17,58 +17,21 @@ While armed, the servos' own watchdogs stop them if this program dies.
 
 from __future__ import annotations
 
-import atexit
-import gc
 import logging
 import math
-import signal
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from hardware.driver import Driver, Health, Reading
+from hardware.ending import Ending
 from hardware.errors import LineError, SafetyError, ServoError, listed
 from hardware.pace import Pace
+from hardware.stop_limits import StopLimits
 
 _logger = logging.getLogger(__name__)
-
-
-# what ends a program from outside: Ctrl-C, kill, a terminal or SSH session that closes, Ctrl-\
-ENDING = [
-    getattr(signal, name)
-    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
-    if hasattr(signal, name)
-]
-IGNORABLE = ENDING[2:]
-
-
-@dataclass(frozen=True)
-class StopLimits:
-    """When to stop.
-
-    Args:
-        misses: stop after so many readings in a row without one servo's answer.
-        hottest: stop this far below the servo's own temperature limit [K].
-        stray: stop when a joint is this far from its command [rad], or so far that a soft servo
-            drives at full duty if that is further, ...
-        patience: ... for this long [s].
-        outside: arm only if no joint is further outside its limits than this [rad]; the first
-            commands then lead it back in.
-        odd_voltage: stop when the supply differs from the robot's file by this part of it.
-        return_time: for this long a bus that went away is tried again for torque-off [s].
-    """
-
-    misses: int = 5
-    hottest: float = 5.0
-    stray: float = 0.5
-    patience: float = 0.5
-    outside: float = 0.2
-    odd_voltage: float = 0.2
-    return_time: float = 4.0
 
 
 class Sent(NamedTuple):
@@ -109,17 +72,10 @@ class Guard:
         self._turn = 0
         self._unheard = np.zeros(len(driver), int)
         self._hopeless = np.zeros(len(driver), int)
-        self._old_handlers: dict[int, Any] = {}
+        self._ending = Ending(self.stop)
 
     def __enter__(self) -> Self:
-        if threading.current_thread() is threading.main_thread():
-            for number in ENDING:
-                if number in IGNORABLE and signal.getsignal(number) == signal.SIG_IGN:
-                    continue  # nohup: the program is to outlive its terminal
-                self._old_handlers[number] = signal.signal(number, self._on_signal)
-        atexit.register(self.stop)
-        gc.collect()
-        gc.freeze()  # what is there already is never looked through while the robot moves
+        self._ending.__enter__()
         return self
 
     def __exit__(
@@ -128,23 +84,7 @@ class Guard:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        try:
-            self.stop()
-        finally:
-            atexit.unregister(self.stop)
-            gc.unfreeze()
-            for number, handler in self._old_handlers.items():
-                signal.signal(number, handler)
-            self._old_handlers.clear()
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Torque off first, then what the signal usually does; a second one does not break in."""
-        for each in self._old_handlers:
-            signal.signal(each, signal.SIG_IGN)
-        self.stop()
-        if number == signal.SIGINT:
-            raise KeyboardInterrupt
-        raise SystemExit(128 + number)
+        self._ending.__exit__(kind, error, trace)
 
     def arm(self) -> Reading:
         """Switch torque on without a movement, and return where the robot is.

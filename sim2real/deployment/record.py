@@ -18,26 +18,47 @@ import numpy as np
 
 from hardware.config import Robot
 from hardware.connect import make_driver
-from hardware.excite import Kind, excite
-from hardware.log import Log
-from hardware.record import joint_names, record
+from hardware.excite import Kind, excite, suiting
+from hardware.log import Log, write_log
+from hardware.record import Recording, joint_names
 from hardware.safety import Guard
 from sim2real.runs.figures import COLOURS, INK, figure
 
 log_ = logging.getLogger(__name__)
 
 
-def drive(robot: Robot, motions: Sequence[Kind], seconds: float, rng: np.random.Generator) -> Log:
-    """Connect, arm, move from where the robot is, and let go."""
+def drive(
+    robot: Robot,
+    motions: Sequence[Kind],
+    seconds: float,
+    rng: np.random.Generator,
+    path: Path | None = None,
+) -> Log:
+    """Connect, arm, move from where the robot is, and let go.
+
+    Args:
+        robot: the robot.
+        motions: kinds of motion; those that do not suit the robot are left out, see `suiting`.
+        seconds: of all of them.
+        rng: of phases, poses and sizes.
+        path: where the log goes, also one that the guard, Ctrl-C or anything else ended early;
+            None writes none.
+    """
+    kinds = suiting(robot, motions)
     driver = make_driver(robot)
+    recording = Recording(guard := Guard(driver))
     try:
         driver.connect()
         driver.configure()
-        with Guard(driver) as guard:
+        with guard:
             pose = np.clip(guard.arm().position, guard.low, guard.high)
-            return record(guard, excite(robot, pose, seconds, motions, rng))
+            recording.drive(excite(robot, pose, seconds, kinds, rng))
     finally:
         driver.close()
+        if path is not None and len(recording) > 1:
+            write_log(path, recording.log())
+            log_.info("%d rows in %s", len(recording), path)
+    return recording.log()
 
 
 def draw(log: Log, robot: Robot, path: Path) -> None:

@@ -25,7 +25,7 @@ from hardware.backends import ServoBackend
 from hardware.clock import VirtualClock
 from hardware.config import Robot
 from hardware.emulator.world import World
-from hardware.excite import Kind, excite
+from hardware.excite import Kind, excite, suiting
 from hardware.record import record
 from hardware.rows import RobotRows
 from sim2real.deployment.deploy import guarding, play
@@ -190,14 +190,14 @@ def along(
     robot: Robot, motions: list[Kind], seconds: float, seed: int
 ) -> Callable[[ServoBackend], None]:
     """Return what drives a robot along motions, again and again."""
-    rng = np.random.default_rng(seed)
+    rng, kinds = np.random.default_rng(seed), suiting(robot, motions)
 
     def drive(backend: ServoBackend) -> None:
         backend.arm()
         guard = backend.guard
         pose = np.clip(guard.measure().position, guard.low, guard.high)
         while True:
-            record(guard, excite(robot, pose, seconds, motions, rng))
+            record(guard, excite(robot, pose, seconds, kinds, rng))
 
     return drive
 

@@ -10,7 +10,6 @@ moves only with `arm=true`; torque is off again when the motion, or anything els
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,11 +19,9 @@ import numpy as np
 from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import make_robot
 from hardware.excite import Kind
-from hardware.log import Log, write_log
+from hardware.log import Log
 from sim2real.deployment.record import draw, drive
 from sim2real.runs.errors import Sim2RealError
-
-log_ = logging.getLogger(__name__)
 
 
 def run(
@@ -55,7 +52,8 @@ def run(
 
     Raises:
         Sim2RealError: a real robot that was not armed, or no time to move in.
-        HardwareError: a robot that is wrong, is not there, or stopped on the way.
+        HardwareError: a robot that is wrong, is not there, or stopped on the way; the rows until
+            then are in log.csv, whose metadata say why.
     """
     if not seconds > 0:
         raise Sim2RealError(f"seconds={seconds} must be above 0")
@@ -67,8 +65,7 @@ def run(
         )
     if calibration is not None:
         machine = apply_calibration(machine, read_calibration(calibration))
-    log = drive(machine, motions, seconds, np.random.default_rng(seed))
-    path = write_log(Path(out) / "log.csv", log)
+    rng, path = np.random.default_rng(seed), Path(out) / "log.csv"
+    log = drive(machine, motions, seconds, rng, path)
     draw(log, machine, Path(out) / "plots" / "log.png")
-    log_.info("%d rows in %s", len(log), path)
     return log

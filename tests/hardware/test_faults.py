@@ -5,8 +5,6 @@ The numbers are those of the list in docs/hardware.md; 1 to 6 are in test_wire_f
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 
 import numpy as np
@@ -235,37 +233,6 @@ def test_15_late_host():
         pace.wait()
         times.append(clock.now())
     assert np.diff(times[-5:]).min() == pytest.approx(0.02)
-
-
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT], ids=lambda n: n.name
-)
-def test_16_signals(rig, number):
-    """Ctrl-C, kill and a closed terminal switch torque off before anything else happens."""
-    r = rig()
-    expected = KeyboardInterrupt if number == signal.SIGINT else SystemExit
-    before = signal.getsignal(number)
-    with pytest.raises(expected), r.guard:
-        r.run(10, wave)
-        assert r.powered == [True] * 3
-        os.kill(os.getpid(), number)
-        r.run(10, wave)
-    assert r.powered == [False] * 3
-    assert signal.getsignal(number) is before
-
-
-def test_16_a_program_that_outlives_its_terminal(rig):
-    """Under nohup a closed terminal ends nothing."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        r = rig()
-        with r.guard:
-            r.run(10, wave)
-            os.kill(os.getpid(), signal.SIGHUP)
-            r.run(10, wave)
-            assert r.powered == [True] * 3
-    finally:
-        signal.signal(signal.SIGHUP, before)
 
 
 def test_16_exceptions_and_kill(rig):

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from hardware.config import ROBOTS
-from hardware.errors import RobotError
+from hardware.errors import RobotError, SafetyError
 from hardware.log import read_log
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import record, replay
@@ -79,3 +79,24 @@ def test_what_cannot_be_done_is_said_before_anything_moves(tmp_path: Path) -> No
     with pytest.raises(RobotError):
         go(tmp_path, robot={"model": "bench1.xml"})
     assert not (tmp_path / "log.csv").exists()
+
+
+def test_the_rows_until_a_stop_are_kept(tmp_path: Path) -> None:
+    """A motor that is far too weak gets stuck: the guard stops it, and the log ends there."""
+    hidden = tmp_path / "effects.yaml"
+    hidden.write_text("- {effect: motor_strength, where: hinge, value: 0.02}\n", encoding="utf-8")
+    with pytest.raises(SafetyError, match=r"hinge is at .*: it is stuck"):
+        go(tmp_path, robot=robot(hidden=str(hidden)))
+    log = read_log(tmp_path / "log.csv")
+    assert 20 < len(log) < 290
+    assert "it is stuck" in log.meta["stopped"]
+
+
+@pytest.mark.parametrize("name", ["quad8", "bench1_bam"])
+def test_every_robot_is_recorded_as_the_verb_stands(tmp_path: Path, name: str) -> None:
+    """Legs that cannot be let go, and a soft servo under a heavy load, are no reason to stop."""
+    machine = yaml.safe_load((ROBOTS / f"{name}.yaml").read_text(encoding="utf-8"))
+    standing = ["ramp", "chirp", "steps", "multisine", "hold", "swing"]
+    log = read_log(go(tmp_path, robot=machine, motions=standing, seconds=15.0))
+    assert len(log) >= 15 * machine["rate"]
+    assert "stopped" not in log.meta
