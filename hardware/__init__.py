@@ -5,6 +5,8 @@
     tables.py       control tables and motors      protocol.py     packets
     bus_client.py   requests and answers           freshness.py    which answers are new
     registers.py    one register by name           timing.py       how long the bus takes
+    port_lock.py    one program a port             rehearsal.py    how long steps really take
+    ending.py       torque off at any end          stop_limits.py  when the guard stops
     driver.py       servos in SI units             handshake.py    checks before any torque
     safety.py       the hand that moves a robot    pace.py         a fixed rate
     excite.py       motions that show a robot      record.py       a motion as a log

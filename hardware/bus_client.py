@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 SHIELD = 2  # bytes read beyond the wanted ones
 NOBODY = 252  # an ID that no servo of a robot may have
+MORE_PATIENT = 10  # times the usual patience, where a machine may be busy
 TURN_ROUND = 1e-4  # s, the most that a servo takes beyond its return delay
 
 
@@ -116,6 +117,15 @@ class BusClient:
             self.port.is_open = False
         self.port.is_using = False
         self._lock.release()
+
+    @contextmanager
+    def more_patient(self) -> Iterator[None]:
+        """Wait longer for answers in this block, as a busy machine needs."""
+        usual, self.patience = self.patience, MORE_PATIENT * self.patience
+        try:
+            yield
+        finally:
+            self.patience = usual
 
     def ping(self, number: int) -> list[Reply]:
         """Return the answers to a ping: one, none, or several from servos that share the ID."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
-from hardware.bus_client import BusClient
+from hardware.bus_client import BusClient, Reply
 from hardware.config import Robot, Servo
 from hardware.errors import LineError, ServoError, listed
 from hardware.registers import RETRIES, read_register
@@ -58,7 +58,7 @@ def check_servos(robot: Robot, client: BusClient) -> None:
     """
     missing = []
     for servo in robot.servos:
-        replies = [found for _ in range(RETRIES) if (found := client.ping(servo.id))]
+        replies = _pinged(client, servo.id)
         if not replies:
             missing.append(servo)
             continue
@@ -72,6 +72,15 @@ def check_servos(robot: Robot, client: BusClient) -> None:
         raise ServoError(_where_are(robot, client, missing))
     for servo in robot.servos:
         _check_settings(robot, client, servo)
+
+
+def _pinged(client: BusClient, number: int) -> list[list[Reply]]:
+    """Return the answers to several pings; a servo that seems to be missing is given more time."""
+    replies = [found for _ in range(RETRIES) if (found := client.ping(number))]
+    if not replies:
+        with client.more_patient():
+            replies = [found for _ in range(RETRIES) if (found := client.ping(number))]
+    return replies
 
 
 def _check_model(servo: Servo, number: int) -> None:

@@ -187,8 +187,8 @@ SLOW_BUS = {"baud": 57600, "return_delay": 0.0005, "latency": 0.016}
     ("registers", "changes", "asked", "answered"),
     [
         ({"hinge2": {"id": 1}}, {}, (3, 0, 0), (6, 0, 0)),
-        ({"hinge3": {"baud_rate": 1}}, {}, (3, 3, 8), (3, 3, 1)),
-        ({"hinge2": {"id": 77}}, {}, (3, 8, 3), (3, 0, 3)),
+        ({"hinge3": {"baud_rate": 1}}, {}, (3, 3, 11), (3, 3, 1)),
+        ({"hinge2": {"id": 77}}, {}, (3, 11, 3), (3, 0, 3)),
         ({"hinge2": {"model_number": 1060}}, {}, (3, 3, 0), (3, 3, 0)),
         ({"hinge2": {"drive_mode": 8}}, {}, (6, 4, 3), (6, 4, 3)),
         ({"hinge2": {"homing_offset": 100}}, {}, (6, 5, 3), (6, 5, 3)),
@@ -201,7 +201,7 @@ SLOW_BUS = {"baud": 57600, "return_delay": 0.0005, "latency": 0.016}
     ],
 )
 def test_what_a_refusal_asks(rig, chain, monkeypatch, registers, changes, asked, answered):
-    """Three pings each, then other speeds or settings; nothing is written, torque is never on."""
+    """Three pings each, of the silent three patient ones, then other speeds or settings; no write."""
     made: list[Driver] = []
     original = Driver.connect
 

@@ -21,6 +21,7 @@ from hardware.clock import RealClock
 from hardware.config import load_robot
 from hardware.driver import Driver
 from hardware.emulator.world import World
+from hardware.port_lock import PortLock
 from hardware.safety import Guard, StopLimits
 from tests.hardware.rig import in_real_time
 
@@ -154,6 +155,19 @@ def test_device_file_with_the_bare_sdk(tmp_path):
         port.closePort()
         assert process.poll() is None
     assert not link.exists()
+
+
+def test_a_port_in_use_is_refused(capsys):
+    """A monitor beside another program is refused with one sentence; nothing is sent."""
+    with emulated("robot=bench1") as (device, _):
+        lock = PortLock(device)
+        lock.take()
+        try:
+            assert command.main(["monitor", "robot=bench1", f"port={device}"]) == 1
+        finally:
+            lock.release()
+        assert f"{device} is held by" in capsys.readouterr().err
+        assert command.main(["scan", "robot=bench1", f"port={device}"]) == 0
 
 
 def test_the_emulator_ends_when_it_is_told(tmp_path):
