@@ -1,6 +1,6 @@
 """Servos on a bus, the emulator that stands in for them, and the log that everybody shares.
 
-    log.py          the trajectory log (log_csv.py, log_parquet.py, log_columns.py)
+    log.py          the trajectory log (formats/: how it and others lie in files)
     config.py       a robot's YAML                 calibration.py  zeros, signs, ranges
     tables.py       control tables and motors      protocol.py     packets
     bus_client.py   requests and answers           freshness.py    which answers are new

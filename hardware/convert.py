@@ -1,25 +1,21 @@
 """Turn logs of other tools into this project's own, with new names and a model where wanted.
 
-    python -m hardware.convert source=FOLDER to=FOLDER joints=pan,lift model=arm.xml
+    convert("bam/data.bak/raw", "logs/xl330", joints=["hinge"], model="xl330.xml")
 
-`source` is anything that `hardware.log.read_logs` knows; `to` gets a CSV and a JSON for each log;
-`joints` are new names for joints and actuators, in the log's order; `model` is the MJCF.
+Each log becomes a CSV with a JSON beside it. On the command line: `sim2real convert`.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from hardware.errors import HardwareError, LogError, did_you_mean, listed
+from hardware.errors import LogError, listed
 from hardware.log import Log, read_logs, write_log
-
-KEYS = ("source", "to", "joints", "model")
 
 
 def convert(
-    source: str | Path,
+    source: str | Path | Iterable[str | Path],
     to: str | Path,
     joints: Sequence[str] = (),
     model: str | Path | None = None,
@@ -75,26 +71,3 @@ def _renamed(column: str, new: dict[str, str]) -> str:
         old = max(ends, key=len, default="")  # of Pitch and Wrist_Pitch the longer
         return f"{column[: len(column) - len(old)]}{new[old]}" if old else column
     return f"{kind}.{new[name]}" if name in new else column
-
-
-def main(words: Sequence[str]) -> str | None:
-    """Convert as the words say; return what is wrong with them, or None."""
-    keys: dict[str, str] = {}
-    for word in words:
-        key, _, keys[key] = word.partition("=")
-    for key in keys:
-        if key not in KEYS:
-            return f"there is no key {key!r}{did_you_mean(key, KEYS)}; there are {listed(KEYS)}"
-    if not keys.get("source") or not keys.get("to"):
-        return __doc__
-    joints = [name for name in keys.get("joints", "").split(",") if name]
-    try:
-        files = convert(keys["source"], keys["to"], joints, keys.get("model"))
-    except HardwareError as error:
-        return str(error)
-    sys.stdout.write("".join(f"{file}\n" for file in files))
-    return None
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

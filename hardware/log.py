@@ -13,8 +13,12 @@ Columns (SI units):
   episode's rows are together and its time increases.
 * `qvel.<joint>`, `torque.<actuator>` (0: the servo was switched off), `stamp.<joint>` [s: when that
   joint was read], `current.<actuator>` [A], `voltage.<actuator>` [V],
-  `temperature.<actuator>` [°C], `sensor.<name>`, `action.<name>`, `reward` and `flag.<name>` are
-  optional. Other columns are left out with a warning.
+  `temperature.<actuator>` [°C], `sensor.<name>`, `action.<name>`, `obs.<i>`, `reward` and
+  `flag.<name>` are optional; so are, of a joint under impedance control, `kp.<actuator>`
+  [N·m/rad], `kd.<actuator>` [N·m·s/rad], `qvel_des.<actuator>` [rad/s] and `torque_ff.<actuator>`
+  [N·m], and of an IMU at a site of the model `gyro.<site>.x` to `.z` [rad/s],
+  `accelerometer.<site>.x` to `.z` [m/s²] and `quat.<site>.w` to `.z`. Other columns are left out
+  with a warning.
 
 Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
 name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log
@@ -32,10 +36,11 @@ from typing import Any
 
 import numpy as np
 
-from hardware import log_bam, log_csv, log_parquet, log_sage
 from hardware.errors import LogError, did_you_mean, listed
 from hardware.files import whole_file
-from hardware.log_columns import ACTUATOR_KINDS, JOINT_KINDS, REQUIRED
+from hardware.formats import csv_file, find, parquet
+from hardware.formats.names import ACTUATOR_KINDS, JOINT_KINDS, REQUIRED
+from hardware.formats.registry import known, refuse
 
 
 @dataclass(frozen=True)
@@ -121,36 +126,26 @@ class Log:
 
 
 def read_log(path: str | Path) -> Log:
-    """Read one CSV or Parquet file, a LeRobot episode, a JSON of BAM, or a folder of SAGE.
+    """Read one log: a CSV or Parquet file, or what another tool wrote (`hardware.formats`).
 
     Raises:
         LogError: the file is missing, is not a log, or breaks a rule of `Log`; the message says
             file, row and column.
     """
-    path = Path(path)
-    if path.is_dir() and log_sage.is_log(path):
-        return Log(*log_sage.read(path), path)
-    if not path.is_file():
+    path = Path(path).expanduser()
+    if not path.exists():
         near = [p.name for p in path.parent.glob("*.*")] if path.parent.is_dir() else []
         raise LogError(f"{path}: there is no such log{did_you_mean(path.name, near)}")
-    if path.suffix == ".csv":
-        columns, meta = log_csv.read(path), {}
-    elif path.suffix == ".parquet":
-        columns, meta = log_parquet.read(path)
-    elif path.suffix == ".json":
-        return Log(*log_bam.read(path), path)
-    else:
-        raise LogError(
-            f"{path}: a log is a .csv or a .parquet file (or a .json of BAM), this is "
-            f"{path.suffix or 'neither'}"
-        )
-    return Log(columns, meta | _read_meta(path.with_suffix(".json")), path)
+    format = find(path)
+    if format is None:
+        raise refuse(path)
+    return Log(*format.read(path), path)
 
 
 def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
     """Read a file, all logs of a folder (sorted by name), a LeRobot data set, or a list of these.
 
-    A folder may hold logs of BAM (JSON files) and of SAGE (folders) as well.
+    A folder may hold logs of any format.
 
     Raises:
         LogError: nothing is there, or a file breaks a rule of `read_log`.
@@ -160,23 +155,15 @@ def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
         if not logs:
             raise LogError("an empty list of logs was given; name a file or a folder")
         return logs
-    path = Path(source)
-    if not path.is_dir() or log_sage.is_log(path):
+    path = Path(source).expanduser()
+    if not path.is_dir() or find(path) is not None:
         return [read_log(path)]
     inside = path / "data" if (path / "meta" / "info.json").is_file() else path
     found = inside.rglob("*") if inside != path else inside.iterdir()
-    files = sorted(p for p in found if _is_log(p) and not p.name.startswith("."))
+    files = sorted(p for p in found if not p.name.startswith(".") and find(p) is not None)
     if not files:
-        raise LogError(
-            f"{path}: the folder holds no log (.csv or .parquet, a .json of BAM, a folder of SAGE)"
-        )
+        raise LogError(f"{path}: the folder holds no log; a log is {known()}")
     return [read_log(file) for file in files]
-
-
-def _is_log(path: Path) -> bool:
-    if path.suffix in (".csv", ".parquet"):
-        return True
-    return log_sage.is_log(path) if path.is_dir() else log_bam.is_log(path)
 
 
 def write_log(path: str | Path, log: Log) -> Path:
@@ -193,12 +180,12 @@ def write_log(path: str | Path, log: Log) -> Path:
     if Path(meta.get("model", "")).is_absolute():
         meta["model"] = os.path.relpath(meta["model"], path.parent.resolve())
     if path.suffix == ".parquet":
-        log_parquet.write(path, log.columns, meta)
+        parquet.write(path, log.columns, meta)
         return path
     if path.suffix != ".csv":
         raise LogError(f"{path}: a log is a .csv or a .parquet file; this name ends in neither")
     with whole_file(path) as temporary:
-        log_csv.write(temporary, log.columns)
+        csv_file.write(temporary, log.columns)
         if meta:
             with whole_file(sidecar) as text:
                 words = json.dumps(meta, indent=1, ensure_ascii=False)
@@ -243,19 +230,6 @@ def _joint(name: str) -> str:
     """The joint of `root.3` is `root`: the fourth number of a free joint."""
     stem, _, index = name.rpartition(".")
     return stem if stem and index.isdigit() else name
-
-
-def _read_meta(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        return {}
-    try:
-        meta = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise LogError(f"{path}: the log's metadata cannot be read as JSON: {error}") from None
-    if not isinstance(meta, dict):
-        kind = type(meta).__name__
-        raise LogError(f"{path}: the metadata is a {kind}, not a table of names and values")
-    return meta
 
 
 def _check(columns: dict[str, np.ndarray], place: str, first_line: int | None) -> None:

@@ -20,10 +20,11 @@ from sim2real.config.catalogue import CONF, EXPERIMENT, options
 from sim2real.config.targets import ConfigError
 
 MODELS = (".xml", ".mjcf", ".urdf")  # what a model's name ends in
-PATHS = ("log", "model", "effects", "checkpoint", "resume", "runs", "calibration", "port", "out")
+PATHS = ("log", "model", "effects", "checkpoint", "resume", "runs", "calibration", "columns")
 PLACES = {  # what stands after a verb without a key
     "diagnose": "log",
     "replay": "log",
+    "convert": "log",
     "evaluate": "checkpoint",
     "deploy": "checkpoint",
     "export": "checkpoint",
@@ -85,6 +86,8 @@ def _readable(argument: str) -> str:
         return f"+{EXPERIMENT}={value}"
     if equals and difflib.get_close_matches(name, [EXPERIMENT], cutoff=0.8):
         raise ConfigError(f"{key}: there is no such key; did you mean +{EXPERIMENT}={value}?")
+    if equals and name == "out":
+        return f"hydra.run.dir={path_value(value)}"
     return f"{key}={path_value(value)}" if equals and name in PATHS else argument
 
 

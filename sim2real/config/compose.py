@@ -78,6 +78,8 @@ class Config:
     episodes: int
     log: str | list[str] | None
     model: str | None
+    joints: list[str]
+    columns: str | None
     effects: str | None
     exclude: list[str]
     seed: int

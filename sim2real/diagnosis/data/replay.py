@@ -22,6 +22,8 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from envs.errors import TaskError
+from envs.models import load_spec
 from envs.plant import Fixed, Plant
 from envs.replay import DivergedError, Recording, replay, switchable, with_moments
 from hardware.log import Log, check_names
@@ -58,12 +60,10 @@ def load_model(log: Log, model: str | Path | None) -> mujoco.MjSpec:
     path = log.model if model is None else Path(model)
     if path is None:
         raise Sim2RealError(f"{log.path} names no model; give model=PATH.xml")
-    if not path.is_file():
-        raise Sim2RealError(f"there is no model {path}; give model=PATH.xml")
     try:
-        return mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise Sim2RealError(f"the model {path} is not valid: {error}") from None
+        return load_spec(path)
+    except TaskError as error:
+        raise Sim2RealError(f"{log.path}: {error}; give model=PATH") from None
 
 
 def measure(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> Gap:

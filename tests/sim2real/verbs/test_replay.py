@@ -65,7 +65,7 @@ def test_bad_input_is_said_in_one_sentence(tmp_path: Path) -> None:
     log = make_log(tmp_path, 0.0)
     with pytest.raises(Sim2RealError, match="give log=PATH"):
         run(log=None, model=None, effects=None, out=tmp_path)
-    with pytest.raises(Sim2RealError, match="there is no model"):
+    with pytest.raises(Sim2RealError, match="no such model"):
         run(log=str(log), model=str(tmp_path / "none.xml"), effects=None, out=tmp_path)
     other = tmp_path / "other.xml"
     other.write_text(ARM.replace('"hinge"', '"hings"'), encoding="utf-8")

@@ -7,13 +7,29 @@ import logging
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hardware.errors import LogError, did_you_mean, listed
-from hardware.log_columns import INTEGER_KINDS, KINDS, REQUIRED, known
+from hardware.formats.names import INTEGER_KINDS, KINDS, REQUIRED, known
+from hardware.formats.sidecar import read_meta
 
 _logger = logging.getLogger(__name__)
+
+
+def is_log(path: Path) -> bool:
+    """Say whether a path is a CSV file."""
+    return path.suffix.lower() == ".csv"
+
+
+def read_log(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return the columns of a log, (T,) each, and what its JSON says.
+
+    Raises:
+        LogError: see `read` and `read_meta`.
+    """
+    return read(path), read_meta(path.with_suffix(".json"))
 
 
 def read(path: Path) -> dict[str, np.ndarray]:

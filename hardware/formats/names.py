@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 REQUIRED = ("episode", "time")
-ACTUATOR_KINDS = ("ctrl", "torque", "current", "voltage", "temperature")
+IMPEDANCE_KINDS = ("kp", "kd", "qvel_des", "torque_ff")  # of a joint under impedance control
+ACTUATOR_KINDS = ("ctrl", "torque", "current", "voltage", "temperature", *IMPEDANCE_KINDS)
 JOINT_KINDS = ("qpos", "qvel", "stamp")
-KINDS = (*ACTUATOR_KINDS, *JOINT_KINDS, "sensor", "action", "flag")
+SITE_KINDS = ("gyro", "accelerometer", "quat")
+KINDS = (*ACTUATOR_KINDS, *JOINT_KINDS, *SITE_KINDS, "sensor", "action", "flag", "obs")
 INTEGER_KINDS = ("episode", "torque", "flag")
 
 

@@ -1,0 +1,117 @@
+"""A robot's model from its file: MJCF, or URDF with its actuators in a few lines of YAML.
+
+    spec = load_spec(Path("arm.urdf"))      # and arm.actuators.yaml beside it
+
+    # arm.actuators.yaml: position servos, as MJCF's <position> has them
+    shoulder: {joint: shoulder_pan, kp: 20.0, kv: 0.6, forcerange: [-1.5, 1.5]}
+    elbow: {kp: 12.0}                       # joint: of the same name
+
+URDF says nothing of servos, so a URDF without that file is refused. Its meshes are optional: masses
+and inertias come from `<inertial>`, and a mesh that is not there is left out.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import yaml
+
+from envs.errors import TaskError, did_you_mean
+
+KEYS = ("joint", "kp", "kv", "forcerange", "ctrlrange", "armature", "frictionloss", "damping")
+COMPILER = {"fusestatic": "false", "discardvisual": "true", "balanceinertia": "true"}
+
+
+def load_spec(path: str | Path) -> mujoco.MjSpec:
+    """Read a model.
+
+    Args:
+        path: an MJCF or, by its ending, a URDF.
+
+    Raises:
+        TaskError: a file that is missing or damaged, or a URDF without actuators.
+    """
+    path = Path(path).expanduser()
+    if not path.is_file():
+        raise TaskError(f"{path}: there is no such model")
+    try:
+        if path.suffix.lower() == ".urdf":
+            return _urdf(path)
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        if isinstance(error, TaskError):
+            raise
+        raise TaskError(f"{path}: the model cannot be read: {error}") from None
+
+
+def _urdf(path: Path) -> mujoco.MjSpec:
+    try:
+        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+    except ElementTree.ParseError as error:
+        raise TaskError(f"{path}: this cannot be read as XML: {error}") from None
+    if root.tag != "robot":
+        raise TaskError(f"{path}: a URDF's root is <robot>, this file's is <{root.tag}>")
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = shape.find("geometry/mesh")
+            if shape.tag == "visual" or (mesh is not None and not _mesh(path, mesh)):
+                link.remove(shape)
+    extension = ElementTree.SubElement(root, "mujoco")
+    ElementTree.SubElement(extension, "compiler", {**COMPILER, "meshdir": str(path.parent)})
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+    _add_actuators(spec, path)
+    return spec
+
+
+def _mesh(path: Path, mesh: ElementTree.Element) -> bool:
+    """Point a mesh at its file, relative to the URDF; return whether the file is there."""
+    name = mesh.get("filename", "")
+    for prefix in ("package://", "file://"):
+        name = name.removeprefix(prefix)
+    places = [path.parent / name, *(p / name for p in path.resolve().parents[:3])]
+    found = next((place for place in places if place.is_file()), None)
+    if found is not None:
+        mesh.set("filename", str(found.resolve()))
+    return found is not None and found.suffix.lower() in (".stl", ".obj")
+
+
+def _add_actuators(spec: mujoco.MjSpec, path: Path) -> None:
+    file = path.with_name(f"{path.stem}.actuators.yaml")
+    if not file.is_file():
+        raise TaskError(
+            f"{path}: a URDF has no actuators; write {file.name} beside it, a line for each servo: "
+            "`elbow: {kp: 12.0, forcerange: [-1.5, 1.5]}`"
+        )
+    try:
+        table: Any = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise TaskError(f"{file}: this cannot be read as YAML: {error}") from None
+    if not isinstance(table, dict) or not table:
+        raise TaskError(f"{file}: a table of actuators is needed, by name")
+    joints = {joint.name: joint for joint in spec.joints}
+    for name, given in table.items():
+        given = given or {}
+        wrong = [key for key in given if key not in KEYS]
+        if wrong:
+            hint = did_you_mean(wrong[0], KEYS)
+            raise TaskError(f"{file}, {name!r}: there is no key {wrong[0]!r}{hint}")
+        joint = str(given.get("joint", name))
+        if joint not in joints:
+            hint = did_you_mean(joint, joints)
+            there = ", ".join(joints)
+            raise TaskError(f"{file}, {name!r}: no joint {joint!r}{hint}; there are: {there}")
+        for field in ("armature", "frictionloss", "damping"):
+            if field in given:
+                setattr(joints[joint], field, given[field])
+        actuator = spec.add_actuator(
+            name=str(name), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT
+        )
+        actuator.set_to_position(kp=float(given.get("kp", 0.0)), kv=float(given.get("kv", 0.0)))
+        for field in ("forcerange", "ctrlrange"):
+            if field in given:
+                setattr(actuator, field, [float(value) for value in given[field]])
+        if "kp" not in given:
+            raise TaskError(f"{file}, {name!r}: `kp` is needed [N·m/rad]")

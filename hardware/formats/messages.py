@@ -1,0 +1,275 @@
+"""Recordings of messages as logs: MCAP files and rosbag2 folders, each channel on its own clock.
+
+    # topics.yaml, beside the recording (or in it, for a folder; or NAME.topics.yaml)
+    channels:
+      - {topic: /joint_commands, field: data, names: [pan, lift], to: ctrl}
+      - {topic: /joint_states, field: position, names: name, to: qpos}
+      - {topic: /joint_states, field: velocity, names: name, to: qvel}
+    joints: {pan_joint: pan}     # names in the messages, and in the model
+    stamp: header                # `header` (header.stamp, the default) or `log` (the recorder's)
+    gap: 1.0                     # s without a command after which another episode begins
+    meta: {model: arm.xml}
+
+`field` is the list of numbers in a message (or one number), with dots into nested messages;
+`names` its joints, a list or the field that holds them; `to` the column's kind. A row is a message
+of the first `ctrl` channel; other commands hold their latest value. A position is the latest that
+was measured before the row's command, and `stamp.<joint>` says when; a channel of a joint on
+another clock (a speed) is interpolated to that moment, all others are the latest before the row.
+
+Needs the extra `ros` (mcap, mcap-ros2-support, rosbags).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+
+from hardware.errors import LogError, did_you_mean, listed
+from hardware.formats.names import JOINT_KINDS, KINDS
+from hardware.formats.sidecar import read_meta
+from hardware.formats.units import factor
+
+NAME = "topics.yaml"
+KEYS = ("channels", "joints", "stamp", "gap", "meta")
+CHANNEL = ("topic", "field", "names", "to", "unit", "scale")
+GAP = 1.0  # s: commands of one motion come more often; a person needs longer to start the next
+NANO = 1e-9  # s
+
+
+class Series(NamedTuple):
+    """One signal on its own clock."""
+
+    time: np.ndarray  # (n,) s
+    value: np.ndarray  # (n,)
+
+
+def is_log(path: Path) -> bool:
+    """Say whether a path is an MCAP file, or a folder that rosbag2 wrote."""
+    return path.suffix == ".mcap" or (path.is_dir() and (path / "metadata.yaml").is_file())
+
+
+def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return the columns of a recording, (T,) each, and its metadata.
+
+    Raises:
+        LogError: no topics.yaml, or one that does not fit; the message lists the topics.
+    """
+    file = topics_file(path)
+    if file is None:
+        there = "; ".join(f"{t} ({kind})" for t, kind in sorted(topics(path).items())) or "none"
+        raise LogError(
+            f"{path}: a {NAME} beside it has to say which topic is what "
+            f"(`sim2real convert {path.name} columns={NAME}` writes one); it has: {there}"
+        )
+    tree = _checked(file)
+    series = _series(path, file, tree)
+    columns = _rows(path, file, tree, series)
+    meta = {**tree.get("meta", {}), **read_meta(path.with_suffix(".json"))}
+    return columns, {"source": "messages", **meta}
+
+
+def topics_file(path: Path) -> Path | None:
+    """Return the topics.yaml that goes with a recording."""
+    places = (path.with_name(f"{path.stem}.{NAME}"), path / NAME, path.parent / NAME)
+    return next((place for place in places if place.is_file()), None)
+
+
+def topics(path: Path) -> dict[str, str]:
+    """Return the topics of a recording and their messages' types."""
+    if path.is_dir():
+        with _bag(path) as bag:
+            return {c.topic: str(c.msgtype) for c in bag.connections}
+    reader = _mcap(path)
+    with path.open("rb") as stream:
+        summary = reader(stream).get_summary()
+        channels = summary.channels.values() if summary else []
+        names = {c.topic: summary.schemas.get(c.schema_id) for c in channels} if summary else {}
+    return {topic: schema.name if schema else "?" for topic, schema in names.items()}
+
+
+def messages(path: Path, wanted: Iterable[str]) -> Iterator[tuple[str, float, Any]]:
+    """Yield topic, time of recording [s] and message, in the order in which they were recorded."""
+    wanted = set(wanted)
+    if path.is_dir():
+        with _bag(path) as bag:
+            chosen = [c for c in bag.connections if c.topic in wanted]
+            for connection, stamp, raw in bag.messages(connections=chosen):
+                message = bag.deserialize(raw, connection.msgtype)
+                yield connection.topic, NANO * stamp, message
+        return
+    from mcap.exceptions import McapError
+    from mcap_ros2.decoder import DecoderFactory
+
+    from hardware.formats.json_messages import JsonFactory
+
+    reader = _mcap(path)
+    with path.open("rb") as stream:
+        made = reader(stream, decoder_factories=[DecoderFactory(), JsonFactory()])
+        try:
+            for _, channel, record, message in made.iter_decoded_messages(topics=list(wanted)):
+                yield channel.topic, NANO * record.log_time, message
+        except McapError as error:
+            raise LogError(f"{path}: this cannot be read as MCAP: {error}") from None
+
+
+def _mcap(path: Path) -> Any:
+    if find_spec("mcap") is None or find_spec("mcap_ros2") is None:
+        raise LogError(f"{path}: MCAP needs mcap and mcap-ros2-support; install the extra 'ros'")
+    from mcap.reader import make_reader
+
+    return make_reader
+
+
+def _bag(path: Path) -> Any:
+    if find_spec("rosbags") is None:
+        raise LogError(f"{path}: rosbag2 needs rosbags; install the extra 'ros'")
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+
+
+def _checked(file: Path) -> dict[str, Any]:
+    """Return a topics.yaml, checked."""
+    try:
+        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise LogError(f"{file}: this cannot be read as YAML: {error}") from None
+    if not isinstance(tree, dict) or not isinstance(tree.get("channels"), list):
+        raise LogError(f"{file}: a list `channels` is needed")
+    for key in tree:
+        if key not in KEYS:
+            raise LogError(f"{file}: there is no key {key!r}{did_you_mean(key, KEYS)}")
+    for number, channel in enumerate(tree["channels"]):
+        place = f"{file}, channels[{number}]"
+        lacks = [key for key in ("topic", "field", "names", "to") if key not in channel]
+        wrong = [key for key in channel if key not in CHANNEL]
+        if lacks or wrong:
+            what = f"{lacks[0]!r} is missing" if lacks else f"there is no key {wrong[0]!r}"
+            raise LogError(f"{place}: {what}; a channel has {listed(CHANNEL)}")
+        if channel["to"] not in KINDS:
+            hint = did_you_mean(channel["to"], KINDS)
+            raise LogError(f"{place}: there is no column {channel['to']!r}{hint}; {listed(KINDS)}")
+    if not any(channel["to"] == "ctrl" for channel in tree["channels"]):
+        raise LogError(f"{file}: no channel is the commands (`to: ctrl`)")
+    if tree.get("stamp", "header") not in ("header", "log"):
+        raise LogError(f"{file}: stamp={tree['stamp']!r} can be 'header' or 'log'")
+    return tree
+
+
+def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series]:
+    """Return every signal by its column, in the order of the channels."""
+    by_topic: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for channel in tree["channels"]:
+        by_topic[channel["topic"]].append(channel)
+    samples: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    renamed, seen = tree.get("joints", {}), set()
+    for topic, logged, message in messages(path, by_topic):
+        seen.add(topic)
+        stamp = logged if tree.get("stamp", "header") == "log" else _stamp(message, logged)
+        for channel in by_topic[topic]:
+            place = f"{path}, topic {topic}"
+            values = np.atleast_1d(_field(message, channel["field"], place))
+            names = channel["names"]
+            if isinstance(names, str):
+                names = _field(message, names, place)
+            if len(values) == 0:
+                continue  # such as a JointState without velocities
+            if len(names) != len(values):
+                raise LogError(
+                    f"{place}: {channel['field']!r} has {len(values)} numbers, {len(names)} names"
+                )
+            scale = float(channel.get("scale", 1.0)) * factor(
+                str(channel.get("unit", "1")), f"{file}, {topic}"
+            )
+            for name, value in zip(names, values, strict=True):
+                column = f"{channel['to']}.{renamed.get(name, name)}"
+                samples[column].append((stamp, scale * float(value)))
+    missing = [topic for topic in by_topic if topic not in seen]
+    if missing:
+        there = topics(path)
+        raise LogError(
+            f"{path}: no message of {missing[0]!r}{did_you_mean(missing[0], there)}; "
+            f"it has {listed(there)}"
+        )
+    return {name: _sorted(pairs) for name, pairs in samples.items()}
+
+
+def _sorted(pairs: Sequence[tuple[float, float]]) -> Series:
+    """Return samples in order of time; of several at one moment the last."""
+    time, value = np.array(pairs).T
+    order = np.argsort(time, kind="stable")
+    time, value = time[order], value[order]
+    last = np.r_[np.diff(time) > 0, True]
+    return Series(time[last], value[last])
+
+
+def _stamp(message: Any, logged: float) -> float:
+    """Return a message's own stamp [s], the recorder's where it has none or 0."""
+    header = _get(message, "header")
+    stamp = None if header is None else _get(header, "stamp")
+    if stamp is None:
+        return logged
+    whole = _get(stamp, "sec")
+    part = _get(stamp, "nanosec")
+    seconds = float(whole or 0) + NANO * float(part or 0)
+    return seconds if seconds > 0 else logged
+
+
+def _get(message: Any, name: str) -> Any:
+    return message.get(name) if isinstance(message, Mapping) else getattr(message, name, None)
+
+
+def _field(message: Any, dotted: str, place: str) -> Any:
+    """Return what a dotted name means in a message; numbers index lists."""
+    found = message
+    for part in dotted.split("."):
+        before, found = found, found[int(part)] if part.isdigit() else _get(found, part)
+        if found is None:
+            slots = before if isinstance(before, Mapping) else getattr(before, "__slots__", None)
+            has = listed(slots or getattr(before, "__dict__", {}))
+            raise LogError(f"{place}: its messages have no field {dotted!r}; they have {has}")
+    return found
+
+
+def _rows(
+    path: Path, file: Path, tree: Mapping[str, Any], series: Mapping[str, Series]
+) -> dict[str, np.ndarray]:
+    """Return columns with a row for each command."""
+    first = next(name for name in series if name.startswith("ctrl."))
+    positions = {n[5:]: s for n, s in series.items() if n.startswith("qpos.")}
+    if not positions:
+        raise LogError(f"{file}: no channel is the measured positions (`to: qpos`)")
+    began = max(s.time[0] for n, s in series.items() if n.startswith(("ctrl.", "qpos.")))
+    moments = series[first].time[series[first].time >= began]
+    if len(moments) < 2:
+        raise LogError(f"{path}: every command was sent before the first position was measured")
+    cuts = np.diff(moments) > float(tree.get("gap", GAP))
+    episode = np.r_[0, np.cumsum(cuts)]
+    sizes = np.bincount(episode)
+    kept = sizes[episode] >= 2  # a single command between two pauses is no motion
+    moments, episode = moments[kept], episode[kept]
+    starts = np.r_[True, np.diff(episode) > 0]
+    origin = moments[starts][np.cumsum(starts) - 1]
+    columns = {"episode": episode.astype(float), "time": moments - origin}
+    stamps = {name: _latest(s, moments)[0] for name, s in positions.items()}
+    for name, signal in series.items():
+        kind, _, joint = name.partition(".")
+        if kind in JOINT_KINDS and kind != "qpos" and joint in stamps:
+            columns[name] = np.interp(stamps[joint], signal.time, signal.value)
+        elif signal.time[0] <= moments[0]:
+            columns[name] = _latest(signal, moments)[1]
+    columns |= {f"stamp.{name}": stamp - origin for name, stamp in stamps.items()}
+    return columns
+
+
+def _latest(signal: Series, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return when and what the last sample at or before each moment was, (T,) each."""
+    at = np.searchsorted(signal.time, moments, side="right") - 1
+    return signal.time[at], signal.value[at]
