@@ -40,7 +40,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.golden_compare import compared, judged, markdown
-from benchmarks.golden_parts import EXAM, KEYS, PARTS, Job, sha256
+from benchmarks.golden_parts import EXAMS, KEYS, PARTS, Job, sha256
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = Path(__file__).parent / "results" / "golden"
@@ -126,17 +126,25 @@ class Recorder(NamedTuple):
         return usage.ru_utime + usage.ru_stime
 
     def make_logs(self) -> None:
-        """Let the exam make its cases, unless their logs are there; keep logs and keys."""
+        """Let the exams make their cases, unless the logs are there; keep logs and keys."""
         if self.logs.is_dir():
             return
-        job = Job("exam/made", EXAM, lambda _: {})
-        self.run(job)
-        made = self.runs / job.name
         staged = self.logs.with_name(f"{self.logs.name}.part")
         shutil.rmtree(staged, ignore_errors=True)
-        shutil.copytree(made / "logs", staged)
-        shutil.copytree(made / "keys", staged / KEYS)
+        made = [Job(f"exam/made{i}", asked, lambda _: {}) for i, asked in enumerate(EXAMS)]
+        for job in made:
+            self.run(job)
+        cases = [case for job in made for case in shown(self.runs / job.name)]
+        for number, (logs, keys) in enumerate(cases):
+            shutil.copytree(logs, staged / f"case_{number:03d}")
+            shutil.copytree(keys, staged / KEYS / f"case_{number:03d}")
         staged.rename(self.logs)
+
+
+def shown(exam: Path) -> list[tuple[Path, Path]]:
+    """Return the folders of logs and of keys of the cases that an exam's robots could show."""
+    keys = sorted(file.parent for file in (exam / "keys").glob("*/key.json"))
+    return [(exam / "logs" / key.name, key) for key in keys]
 
 
 def fingerprint(tree: Path) -> str:

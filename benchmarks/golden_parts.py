@@ -27,15 +27,28 @@ Figures = dict[str, Any]  # nested; leaves are numbers, text, truth values and N
 Rule = Literal["identical", "alike", "printed"]
 RETURNS = ("training_return", "source_return", "target_return")  # the first one scatters least
 KEYS = "keys"  # folder among the exam's logs that says what is hidden in them
-EXAM = (  # twelve cases of four robots: seven hide one effect, three two, one none, one is removed
-    "+experiment=blindcheck",
-    "exam.two=10",
-    "exam.none=3",
-    "exam.excluded=3",
-    "exam.sample=12",
-    "exam.block=12",
-    "exam.most=1",  # all cases are made before the first is asked
-    "seed=17",
+ASKED = ("exam.most=1", "exam.longest=1")  # all cases are made before one is asked, for a second
+EXAMS = (  # twelve cases: seven hide one effect, three two, one none, and one is removed
+    (
+        "+experiment=blindcheck",
+        "exam.two=10",
+        "exam.none=3",
+        "exam.excluded=3",
+        "exam.sample=12",
+        "exam.block=12",
+        "seed=17",
+        *ASKED,
+    ),
+    (
+        "+experiment=blindcheck_small",
+        "exam.two=0",
+        "exam.none=0",
+        "exam.excluded=0",
+        "exam.sample=2",
+        "exam.block=2",
+        "seed=5",
+        *ASKED,
+    ),
 )
 
 
