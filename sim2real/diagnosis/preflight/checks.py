@@ -18,6 +18,7 @@ import numpy as np
 from hardware.log import Log
 from sim2real.diagnosis.data.noise_floor import noise_floor, step_of
 from sim2real.diagnosis.preflight.channels import NOTES, check_channels
+from sim2real.diagnosis.preflight.clocks import check_clocks
 from sim2real.diagnosis.preflight.lag import check_lag
 from sim2real.diagnosis.preflight.log_errors import find_mistakes
 from sim2real.diagnosis.schema import Finding
@@ -44,7 +45,7 @@ def preflight(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[Findi
     """
     made = {id(spec): spec.copy().compile() for spec in specs}
     models = [made[id(spec)] for spec in specs]
-    found = [*check_channels(logs, models), *find_mistakes(logs, specs)]
+    found = [*check_channels(logs, models), *check_clocks(logs), *find_mistakes(logs, specs)]
     if not any(finding.check in ORDER[:6] for finding in found):
         found += check_lag(logs, specs)
     if not any(finding.check == "rate" for finding in found):
