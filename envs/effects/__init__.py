@@ -20,17 +20,18 @@ from envs.effects.base import (
     CommandRule,
     Effect,
     Extra,
-    FieldEffect,
     Measurement,
+    Sizes,
     SubstepRule,
 )
+from envs.effects.cogging import Cogging
 from envs.effects.combine import combined
 from envs.effects.command import CommandDelay, PacketLoss, ProfileAcceleration, ProfileVelocity
 from envs.effects.contact import ContactStiffness, GroundFriction
+from envs.effects.field import FieldEffect
 from envs.effects.file import load_effects, write_effects
 from envs.effects.friction import (
     Armature,
-    Cogging,
     CoulombFriction,
     LoadDependentFriction,
     StribeckFriction,
@@ -38,6 +39,7 @@ from envs.effects.friction import (
 )
 from envs.effects.inertia import CenterOfMass, GravityTilt, LinkMass, Payload
 from envs.effects.registry import EFFECTS, make, register
+from envs.effects.scale import RobotScale
 from envs.effects.sensing import (
     EncoderOffset,
     ObservationDelay,
@@ -69,6 +71,8 @@ __all__ = [
     "Extra",
     "FieldEffect",
     "Measurement",
+    "RobotScale",
+    "Sizes",
     "SubstepRule",
     "combined",
     "load_effects",

@@ -9,8 +9,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Effect, find
+from envs.effects.base import Bound, Effect
 from envs.effects.inertia import rotations
+from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 from envs.params import Parameter
@@ -22,7 +23,9 @@ FLOOR = "world"  # the body that carries the floor and everything else that is f
 class Appearance(Effect):
     """An effect that a camera sees, while the physics stays as it is to the last bit."""
 
-    looks_like = "nothing in a log: only images change"
+    closes_gaps = False
+    no_mjcf = "it changes images, not how the robot moves"
+    symptom = "nothing in a log: only images change"
     source = "appearance randomization, Tobin et al. 2017"
     experiment = "photographs of the robot at several times of the day"
 

@@ -25,28 +25,64 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import mujoco
 import numpy as np
 
 from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
 from envs.errors import EffectError, did_you_mean
 from envs.params import How, Parameter, Side
 
 Place = Literal["joint", "actuator", "body", "contact", "robot"]
 
 
+PLAIN, RULES = "plain", "rules"  # groups of effects that can be simulated in one batch
+
+
 class Extra(NamedTuple):
-    """A further scalar of an effect: a constant, or a parameter where it is in `free`."""
+    """A further scalar of an effect: a constant, or a parameter where it is in `free`.
+
+    Args:
+        name: of the argument.
+        unit: SI unit, "" for a pure number.
+        default: its value where none is given; None: one must be given.
+        low: smallest value.
+        high: largest value.
+        about: what it is.
+        fit: range within which a diagnosis fits it beside the value; None: it stays constant.
+        typical: what real robots show; the exam's search for rivals goes through all of it. None:
+            it stays constant there.
+    """
 
     name: str
     unit: str
-    default: float | None  # None: must be given
+    default: float | None
     low: float
     high: float
     about: str
+    fit: tuple[float, float] | None = None
+    typical: tuple[float, float] | None = None
+
+
+class Sizes(NamedTuple):
+    """How large an exam hides an effect: multiples of a number that the robot itself has.
+
+    Args:
+        form: how a size becomes a value: `add` size * unit, `signed` the same with a drawn sign,
+            `factor` exp(± size), `limit` unit / size, `mass` unit * (exp(± size) - 1), `tilt` a
+            rotation by size about a drawn horizontal axis.
+        unit: the number, such as `stall` for the stall torque (`sim2real.exam.hiding.scales`).
+        low: the least size that is tried.
+        high: the largest.
+    """
+
+    form: Literal["add", "signed", "factor", "limit", "mass", "tilt"]
+    unit: str
+    low: float
+    high: float
 
 
 class Bound:
@@ -132,17 +168,27 @@ class Effect(ABC):
     hows: ClassVar[tuple[How, ...]] = ("add",)
     sides: ClassVar[tuple[Side, ...]] = ()
     extras: ClassVar[tuple[Extra, ...]] = ()
-    typical: ClassVar[tuple[float, float]] = (
-        0.0,
-        1.0,
-    )  # what real robots show, in the first way; a fit starts inside
-    looks_like: ClassVar[str]  # what a person sees in the log when it is there
+    # What real robots show, in the first way; a fit starts inside.
+    typical: ClassVar[tuple[float, float]] = (0.0, 1.0)
+
+    # For people. Sentences without a full stop.
+    words: ClassVar[str] = ""  # the name in words; "": the standard name without underscores
+    symptom: ClassVar[str]  # what a person sees in the log when it is there
     source: ClassVar[str]  # where its equation comes from
     experiment: ClassVar[str]  # the recording that isolates it
-    constants: ClassVar[bool] = (
-        False  # whether the model's derived constants follow from what it writes
-    )
-    composes: ClassVar[bool] = False  # whether it may stand twice at one place, added or multiplied
+
+    # For the simulator.
+    constants: ClassVar[bool] = False  # whether the model's derived constants depend on it
+    composes: ClassVar[bool] = False  # whether it may stand twice at a place, added or multiplied
+
+    # For diagnosis and exam; see also `variants`, `probes`, `batch`, `why_not_mjcf`, `to_mjcf`.
+    closes_gaps: ClassVar[bool] = True  # False: no replay shows it (noise, what a camera sees)
+    servo_rank: ClassVar[int | None] = None  # its turn among what every servo's model guesses
+    tied: ClassVar[str] = ""  # effects of one such name start from one factor
+    no_mjcf: ClassVar[str | None] = "its class does not say that MJCF can"  # None: MJCF can
+    own_mjcf: ClassVar[bool] = False  # whether `to_mjcf` writes it, and not its model fields
+    comparable: ClassVar[bool] = False  # whether the emulator's law takes the same value
+    sizes: ClassVar[Sizes | None] = None  # what an exam hides of it; None: nothing
 
     def __init__(
         self,
@@ -254,128 +300,74 @@ class Effect(ABC):
     def bind(self, plant: PlantView) -> Bound:
         """Connect the effect to a plant."""
 
+    @classmethod
+    def in_words(cls) -> str:
+        """Return the name for a sentence: `Coulomb friction`."""
+        return cls.words or cls.name.replace("_", " ")
 
-def find(
-    model: mujoco.MjModel, kind: Literal["joint", "actuator", "body", "geom"], name: str | None
-) -> int:
-    """Return the id of a named object; raises EffectError that lists the model's names."""
-    kinds = {
-        "joint": model.njnt,
-        "actuator": model.nactuator,
-        "body": model.nbody,
-        "geom": model.ngeom,
-    }
-    names = [getattr(model, kind)(i).name for i in range(kinds[kind])]
-    if name is None or name not in names:
-        known = ", ".join(n for n in names if n and n != "world")
-        hint = did_you_mean(str(name), names)
-        raise EffectError(f"the model has no {kind} {name!r}{hint}; it has: {known}")
-    return names.index(name)
+    @property
+    def variant(self) -> str:
+        """What tells it apart from the same effect at the same place: `link side`; "" if none."""
+        return f"{self.side} side" if self.side else ""
 
+    @classmethod
+    def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
+        """Return the arguments, beside `where`, with which a search should try the effect.
 
-def joints(model: mujoco.MjModel, where: str | None) -> np.ndarray:
-    """Return the id of the joint of that name, or those of every driven hinge and slide, (k,).
-
-    Raises:
-        EffectError: no such joint, one that does not turn about or slide along one axis, or no
-            actuator on a joint.
-    """
-    if where is None:
-        driven = {
-            int(model.actuator_trnid[i, 0])
-            for i in range(model.nactuator)
-            if joint_driven(model, i)
-        }
-        found = np.array(sorted(j for j in driven if _scalar(model, j)), dtype=int)
-        if not found.size:
-            raise EffectError(
-                "no actuator of this model drives a hinge or slide; say where: the name of a joint"
-            )
-        return found
-    index = find(model, "joint", where)
-    if not _scalar(model, index):
-        raise EffectError(f"joint {where!r} is a ball or free joint; name a hinge or slide")
-    return np.array([index])
-
-
-def joint_driven(model: mujoco.MjModel, actuator: int) -> bool:
-    """Return whether an actuator acts on a joint."""
-    kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    return int(model.actuator_trntype[actuator]) in [int(k) for k in kinds]
-
-
-def _scalar(model: mujoco.MjModel, joint: int) -> bool:
-    return int(model.jnt_type[joint]) in (
-        int(mujoco.mjtJoint.mjJNT_HINGE),
-        int(mujoco.mjtJoint.mjJNT_SLIDE),
-    )
-
-
-class FieldBound(Bound):
-    """Writes k = 1 value a row into the same elements of one model field."""
-
-    def __init__(self, field: np.ndarray, elements: tuple[Any, ...], parameter: Parameter) -> None:
-        self._field, self._elements, self._parameter = field, elements, parameter  # field (N, ...)
-        self._value_ones = [1] * np.ndim(field[(0, *elements)])
-        self._ids_ones = [1] * max(np.ndim(e) for e in elements if not isinstance(e, slice))
-
-    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        """Set, add to or scale the elements in the rows ids; values (n, 1)."""
-        value = values[:, 0].reshape(-1, *self._value_ones)
-        index = (ids.reshape(-1, *self._ids_ones), *self._elements)
-        own = self._field[index]
-        if self._parameter.how == "add":
-            self._field[index] = own + value
-        elif self._parameter.how == "scale":
-            self._field[index] = own * value
-        else:  # absent means the model's own values, which may differ between the elements
-            self._field[index] = np.where(value == self._parameter.neutral, own, value)
-
-
-class FieldEffect(Effect):
-    """An effect that is one plain field of the model at one joint, actuator or body.
-
-    Subclasses name the `field`; `elements` says which entries of it belong to the place.
-    """
-
-    field: ClassVar[str]
-    minimum: ClassVar[float] = 0.0  # the smallest value that the field may take
-    column: ClassVar[int | None] = None  # the entry of a row of the field, where it has several
-    composes: ClassVar[bool] = True
-
-    def elements(self, model: mujoco.MjModel) -> tuple[Any, ...]:
-        """Return the index into the field, without the row axis."""
-        if self.place == "joint":
-            index: Any = joints(model, self.where)
-            index = model.jnt_dofadr[index] if self.field.startswith("dof_") else index
-        elif self.place in ("actuator", "body"):
-            index = find(model, self.place, self.where)  # type: ignore[arg-type]
-        else:
-            raise NotImplementedError(
-                f"{type(self).__name__} must say which elements of {self.field} it writes"
-            )
-        return (index,) if self.column is None else (index, self.column)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the one parameter; the range keeps the field at or above its minimum.
-
-        Raises:
-            EffectError: no such place, or a factor on a field that is 0 there.
+        Every side, with the extras free that a fit moves. Extras that must be given are taken from
+        what is known of the robot; none is returned where one is not known.
         """
-        nominal = np.asarray(getattr(model, self.field)[self.elements(model)], dtype=np.float64)
-        if self.how == "add":
-            low = float(np.max(self.minimum - nominal))
-            return (self.parameter(low=low),)
-        if self.how == "scale":
-            if not nominal.any():
-                raise EffectError(
-                    f"{self.label()}: the model's {self.field} is 0 there, and a factor changes"
-                    " nothing; use how: add"
-                )
-            return (self.parameter(low=0.0),)
-        return (self.parameter(low=self.minimum, neutral=float(nominal.flat[0])),)
+        needed = [e.name for e in cls.extras if e.default is None]
+        if not scale.known.keys() >= set(needed):
+            return []
+        more: dict[str, Any] = {name: scale.known[name] for name in needed}
+        if free := tuple(e.name for e in cls.extras if e.fit is not None):
+            more["free"] = free
+        return [{"side": side, **more} for side in cls.sides] or [more]
 
-    def bind(self, plant: PlantView) -> Bound:
-        """Give the field a value per row."""
-        (parameter,) = self.parameters(plant.model)
-        return FieldBound(plant.field(self.field), self.elements(plant.model), parameter)
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return values that span what the effect may be on a robot, where a search looks first.
+
+        Args:
+            scale: the robot's sizes.
+
+        Returns:
+            (K,), or (K, k) for its first k parameters; the others stay neutral.
+        """
+        if self.how == "scale":
+            return np.array([0.5, 0.75, 1.3, 1.8])
+        low, high = self.typical
+        values = low + (high - low) * np.array([0.08, 0.25, 0.7])
+        return np.concatenate([values, -values]) if low < 0 else values
+
+    def batch(self) -> str:
+        """Return the group whose effects can be simulated side by side in one batch.
+
+        `PLAIN` for effects that write model fields alone, `RULES` for those that are stepped from
+        Python; by itself where it adds to the structure, or does not say.
+        """
+        return self.name
+
+    def why_not_mjcf(self) -> str | None:
+        """Return why MJCF cannot say the effect; None where it can."""
+        return self.no_mjcf
+
+    def to_mjcf(self, spec: mujoco.MjSpec, model: mujoco.MjModel, values: Sequence[float]) -> None:
+        """Write the effect into a spec, where `own_mjcf` says so.
+
+        Args:
+            spec: the model, with what other effects write.
+            model: the same compiled.
+            values: of its parameters.
+        """
+        raise NotImplementedError(f"{self.name} is said by the model fields that its plant writes")
+
+    @classmethod
+    def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw the further scalars of an effect that an exam hides.
+
+        Args:
+            units: what sizes multiply, at its place.
+            rng: draws.
+        """
+        return {}

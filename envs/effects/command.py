@@ -9,9 +9,20 @@ from typing import ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, CommandRule, Effect, Extra, FieldBound, SubstepRule
+from envs.effects.base import (
+    PLAIN,
+    RULES,
+    Bound,
+    CommandRule,
+    Effect,
+    Extra,
+    Sizes,
+    SubstepRule,
+)
+from envs.effects.field import FieldBound
 from envs.effects.history import control_range
 from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
 from envs.effects.servo import ActuatorEffect, is_joint_servo
 from envs.errors import EffectError
 from envs.noise import uniform
@@ -40,7 +51,10 @@ class CommandDelay(Effect):
     composes = True
     extras = (Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that can be asked for"),)
     typical = (0.0, 0.04)
-    looks_like = "everything happens later by the same time, at all speeds and amplitudes"
+    no_mjcf = None
+    comparable = True
+    sizes = Sizes("add", "one", 1e-3, 0.1)
+    symptom = "everything happens later by the same time, at all speeds and amplitudes"
     source = "u(t) = u_cmd(t - d); MuJoCo XML reference, actuator/delay"
     experiment = "steps from rest (dead time), and a chirp: the phase is linear in frequency"
 
@@ -61,6 +75,14 @@ class CommandDelay(Effect):
         """Write the actuators' delays."""
         every = np.arange(plant.model.nactuator)
         return FieldBound(plant.field("actuator_delay"), (every,), self.parameters(plant.model)[0])
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return delays from a bus at its fastest to a slow camera."""
+        return np.array([0.003, 0.01, 0.03, 0.07])
+
+    def batch(self) -> str:
+        """Return the group of effects that only write model fields."""
+        return PLAIN
 
 
 class _Loss(CommandRule):
@@ -101,7 +123,9 @@ class PacketLoss(Effect):
     place = "robot"
     unit = ""
     typical = (0.0, 0.1)
-    looks_like = "now and then a step of the command is missing in the motion"
+    closes_gaps = False
+    no_mjcf = "it is random"
+    symptom = "now and then a step of the command is missing in the motion"
     source = "held commands with independent losses; bus error counters"
     experiment = "count the failed status packets; no motion is needed"
 
@@ -203,6 +227,8 @@ class _ProfileEffect(ActuatorEffect):
     """A limit on the motion of a servo's goal; 1e6 is no limit."""
 
     hows = ("set",)
+    no_mjcf = "MJCF has no limit on the motion of a goal"
+    comparable = True
     limit: ClassVar[Literal["velocity", "acceleration"]]
 
     @staticmethod
@@ -222,6 +248,10 @@ class _ProfileEffect(ActuatorEffect):
         columns = np.flatnonzero(np.isin(profile.index, self.actuators(plant.model)))
         return _Limit(getattr(profile, self.limit), columns, profile.scale[columns])
 
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
 
 class ProfileVelocity(_ProfileEffect):
     """The fastest that a servo moves its goal; 1e6 (a register value of 0) is no limit."""
@@ -230,9 +260,16 @@ class ProfileVelocity(_ProfileEffect):
     unit = "rad/s"
     limit = "velocity"
     typical = (1.0, 20.0)
-    looks_like = "large steps become ramps of one slope, small ones stay"
+    sizes = Sizes("limit", "fastest", 1.0, 100.0)
+    symptom = "large steps become ramps of one slope, small ones stay"
     source = "|dgoal/dt| <= v; Dynamixel Profile Velocity (112), Feetech goal speed"
     experiment = "steps of two sizes: the slope does not depend on the size"
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return limits that slow the usual motion, and one that slows only steps."""
+        usual, most = scale.speeds(str(self.where))
+        sizes = np.array([0.8, 0.5, 0.25, 0.12]) * usual
+        return np.append(sizes, np.sqrt(usual * most)) if most > 2 * usual else sizes
 
 
 class ProfileAcceleration(_ProfileEffect):
@@ -242,7 +279,8 @@ class ProfileAcceleration(_ProfileEffect):
     unit = "rad/s²"
     limit = "acceleration"
     typical = (10.0, 500.0)
-    looks_like = "lag that grows with the amplitude of fast motions, at the same frequency"
+    sizes = Sizes("limit", "sharpest", 1.0, 1000.0)
+    symptom = "lag that grows with the amplitude of fast motions, at the same frequency"
     source = (
         "trapezoid on the goal, |d²goal/dt²| <= a; Dynamixel Profile Acceleration (108),"
         " Feetech register 41"
@@ -251,3 +289,7 @@ class ProfileAcceleration(_ProfileEffect):
         "the same chirp at two amplitudes: a limit acts at a fixed amplitude x"
         " frequency², a delay does not"
     )
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return limits from a quick servo to a slow one."""
+        return np.array([120.0, 50.0, 20.0, 8.0])

@@ -7,7 +7,9 @@ from typing import Any, ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Effect, FieldEffect, find
+from envs.effects.base import PLAIN, Bound, Effect
+from envs.effects.field import FieldEffect
+from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 from envs.params import How, Parameter
@@ -35,7 +37,7 @@ class GroundFriction(FieldEffect):
     hows: ClassVar[tuple[How, ...]] = ("set", "scale")
     field = "geom_friction"
     typical = (0.3, 1.5)
-    looks_like = "feet that slip, or grip, when the tangential load changes"
+    symptom = "feet that slip, or grip, when the tangential load changes"
     source = (
         "MuJoCo documentation, Computation, contact parameters: element-wise maximum of"
         " the two geoms"
@@ -119,7 +121,8 @@ class ContactStiffness(Effect):
     hows: ClassVar[tuple[How, ...]] = ("scale",)
     composes = True
     typical = (0.1, 10.0)
-    looks_like = "landings that are softer or harder, and feet that sink in"
+    no_mjcf = None
+    symptom = "landings that are softer or harder, and feet that sink in"
     source = (
         "MuJoCo documentation, Modeling, solver parameters: stiffness goes with 1 / time constant²"
     )
@@ -136,3 +139,7 @@ class ContactStiffness(Effect):
     def bind(self, plant: PlantView) -> Bound:
         """Write the contacts' reference of each row."""
         return _Stiffness(plant, self._geoms(plant.model))
+
+    def batch(self) -> str:
+        """Return the group of effects that only write model fields."""
+        return PLAIN

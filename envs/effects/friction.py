@@ -1,4 +1,4 @@
-"""Effects on what resists a joint: friction, damping, cogging, the rotor's inertia.
+"""Effects on what resists a joint: friction, damping, the rotor's inertia.
 
 Friction that depends on something is written into the engine's own friction loss before each
 substep, so that a joint sticks exactly instead of chattering about zero speed.
@@ -6,27 +6,32 @@ substep, so that a joint sticks exactly instead of chattering about zero speed.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from envs.effects.base import (
-    Bound,
-    Effect,
-    Extra,
-    FieldBound,
-    FieldEffect,
-    SubstepRule,
-    joint_driven,
-    joints,
-)
+from envs.effects.base import RULES, Bound, Effect, Extra, Sizes, SubstepRule
+from envs.effects.field import FieldBound, FieldEffect
+from envs.effects.places import joint_driven, joints
 from envs.effects.plant_view import PlantView
+from envs.effects.scale import FASTEST, RobotScale
 from envs.params import How, Parameter
 
 # The engine's default friction creeps: 1.4 degrees in 10 s under three quarters of its torque.
 STIFF_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 STICKS = 0.999  # impedance from which a model's own friction is left as it is
+
+
+PARTS = np.array([0.01, 0.035, 0.12, 0.35])  # of a motor's torque: dry friction that is probed
+MOST = 0.9  # of the model's own friction that a probe takes away
+
+
+def with_less(sizes: np.ndarray, own: float) -> np.ndarray:
+    """Return what may be added to a joint's own friction, and most of that taken away."""
+    return np.append(sizes, -MOST * own) if own > 0 else sizes
 
 
 def stiffen(spec: mujoco.MjSpec, where: str | None) -> None:
@@ -93,9 +98,11 @@ class CoulombFriction(FieldEffect):
     hows: ClassVar[tuple[How, ...]] = ("add", "scale", "set")
     field = "dof_frictionloss"
     typical = (0.0, 0.2)
-    looks_like = (
-        "the joint stops short of its goal, from both sides, and flattens at every reversal"
-    )
+    words = "Coulomb friction"
+    servo_rank = 2
+    comparable = True
+    sizes = Sizes("add", "stall", 2e-3, 0.3)
+    symptom = "the joint stops short of its goal, from both sides, and flattens at every reversal"
     source = (
         "tau = -K sgn(w), sticking below K; MuJoCo XML reference, joint/frictionloss, made stiff"
     )
@@ -109,6 +116,11 @@ class CoulombFriction(FieldEffect):
         """Write the friction loss, and let it stick where it is not the model's own."""
         return _Coulomb(plant, self)
 
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the motor's torque, and less of the model's own friction."""
+        sizes = PARTS * scale.torque_at(self.where)
+        return with_less(sizes, scale.own("dof_frictionloss", self.where))
+
 
 class ViscousFriction(FieldEffect):
     """A torque against the motion in proportion to its speed."""
@@ -119,9 +131,17 @@ class ViscousFriction(FieldEffect):
     hows: ClassVar[tuple[How, ...]] = ("add", "scale", "set")
     field = "dof_damping"
     typical = (0.0, 0.1)
-    looks_like = "lag in proportion to speed, and swings that die out exponentially"
+    servo_rank = 3
+    comparable = True
+    sizes = Sizes("add", "braking", 0.02, 10.0)
+    symptom = "lag in proportion to speed, and swings that die out exponentially"
     source = "tau = -K w; MuJoCo XML reference, joint/damping"
     experiment = "a swing with the motor switched off, which has no back-EMF"
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return what takes parts of the motor's torque at speed, and less of the model's own."""
+        sizes = np.array([0.02, 0.1, 0.4, 1.2]) * scale.torque_at(self.where) / FASTEST
+        return with_less(sizes, scale.own("dof_damping", self.where))
 
 
 class Armature(FieldEffect):
@@ -134,9 +154,17 @@ class Armature(FieldEffect):
     field = "dof_armature"
     constants = True
     typical = (0.0, 0.03)
-    looks_like = "slow starts and overshoot that do not depend on the pose"
+    comparable = True
+    sizes = Sizes("add", "inertia", 0.03, 10.0)
+    symptom = "slow starts and overshoot that do not depend on the pose"
     source = "rotor inertia times the gear ratio squared; MuJoCo XML reference, joint/armature"
     experiment = "steps from rest with two amplitudes, and a chirp"
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the inertia at the joint, and less of the model's own armature."""
+        own = scale.own("dof_armature", self.where)
+        whole = scale.inertia(self.where) + own
+        return np.append(np.array([0.1, 0.4, 1.5]) * whole, -0.4 * own)
 
 
 class _FrictionRule(SubstepRule):
@@ -191,12 +219,22 @@ class StribeckFriction(Effect):
     unit = "N·m"
     extras = (
         Extra(
-            "speed", "rad/s", 0.5, 1e-3, np.inf, "the speed at which the excess has fallen to 37 %"
+            "speed",
+            "rad/s",
+            0.5,
+            1e-3,
+            np.inf,
+            "the speed at which the excess has fallen to 37 %",
+            fit=(0.05, 3.0),  # what has not fallen at a few rad/s is Coulomb friction
+            typical=(0.1, 2.0),
         ),
         Extra("shape", "", 2.0, 0.1, 10.0, "the exponent of its decay: 1 exponential, 2 Gaussian"),
     )
     typical = (0.0, 0.15)
-    looks_like = "stick-slip: slow motions go in jumps, fast ones are smooth"
+    words = "Stribeck friction"
+    no_mjcf = "MJCF has no friction that depends on the speed"
+    sizes = Sizes("add", "stall", 2e-3, 0.3)
+    symptom = "stick-slip: slow motions go in jumps, fast ones are smooth"
     source = "Armstrong-Hélouvry 1991; Kcs exp(-|w/ws|^a), as in Rhoban's BAM (arXiv 2410.08650) M2"
     experiment = "ramps at several slow speeds, one after the other, with reversals"
 
@@ -212,6 +250,20 @@ class StribeckFriction(Effect):
     def bind(self, plant: PlantView) -> SubstepRule:
         """Write the friction loss before each substep."""
         return _Stribeck(plant, self)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the motor's torque, each with two speeds."""
+        sizes = PARTS * scale.torque_at(self.where)
+        return np.array(list(itertools.product(sizes, (0.25, 0.8))))
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+    @classmethod
+    def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw a speed."""
+        return {"speed": float(np.exp(rng.uniform(np.log(0.2), np.log(1.0))))}
 
 
 class _LoadDependent(_FrictionRule):
@@ -260,9 +312,21 @@ class LoadDependentFriction(Effect):
     name = "load_dependent_friction"
     place = "joint"
     unit = ""
-    extras = (Extra("external", "", 1.0, 0.0, 1.0, "the part of the external torque that rubs"),)
+    extras = (
+        Extra(
+            "external",
+            "",
+            1.0,
+            0.0,
+            1.0,
+            "the part of the external torque that rubs",
+            fit=(0.0, 1.0),
+        ),
+    )
     typical = (0.0, 0.35)
-    looks_like = (
+    no_mjcf = "MJCF has no friction that depends on the load"
+    sizes = Sizes("add", "one", 5e-3, 0.6)
+    symptom = (
         "friction that grows with the load: wide hysteresis where gravity pulls, little"
         " where it does not"
     )
@@ -287,53 +351,10 @@ class LoadDependentFriction(Effect):
         """Write the friction loss before each substep."""
         return _LoadDependent(plant, self)
 
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return coefficients, with and without the external torque."""
+        return np.array(list(itertools.product((0.03, 0.12, 0.4), (0.0, 1.0))))
 
-class _Cogging(SubstepRule):
-    """See `Cogging`."""
-
-    order = 60
-
-    def __init__(self, plant: PlantView, effect: Effect) -> None:
-        self.effect, self.qpos, self.applied = effect, plant.layout.raw_qpos, plant.applied
-        found = joints(plant.model, effect.where)
-        self.q, self.v = plant.model.jnt_qposadr[found], plant.model.jnt_dofadr[found]
-        self.value, self.count, self.phase = (np.zeros((plant.num_rows, 1)) for _ in range(3))
-
-    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        self.value[ids] = values[:, :1]
-        self.count[ids, 0] = self.effect.scalar("count", values)
-        self.phase[ids, 0] = self.effect.scalar("phase", values)
-
-    def before_substep(self, ids: np.ndarray | slice) -> None:
-        torque = self.value[ids] * np.sin(
-            self.count[ids] * self.qpos[ids][:, self.q] + self.phase[ids]
-        )
-        if isinstance(ids, slice):
-            self.applied[:, self.v] += torque
-        else:
-            self.applied[ids[:, None], self.v] += torque
-
-
-class Cogging(Effect):
-    """A torque ripple with the motor's angle: value sin(count q + phase)."""
-
-    name = "cogging"
-    place = "joint"
-    unit = "N·m"
-    extras = (
-        Extra("count", "1/turn", 12.0, 0.0, 1e4, "ripples in a turn of the joint"),
-        Extra("phase", "rad", 0.0, -2 * np.pi, 2 * np.pi, "of the ripple at q = 0"),
-    )
-    typical = (0.0, 0.05)
-    looks_like = "an error that repeats with the position, whatever the speed and direction"
-    source = "tau = A sin(N q + phase); MuJoCo XML reference, dcmotor/cogging"
-    experiment = "a slow ramp over the whole range, there and back"
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the amplitude, and the free extras."""
-        joints(model, self.where)
-        return (self.parameter(low=0.0), *self.free_parameters())
-
-    def bind(self, plant: PlantView) -> SubstepRule:
-        """Apply the torque before each substep."""
-        return _Cogging(plant, self)
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES

@@ -7,8 +7,11 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Effect, FieldEffect, find
+from envs.effects.base import PLAIN, Bound, Effect, Sizes
+from envs.effects.field import FieldEffect
+from envs.effects.places import find
 from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
 from envs.errors import EffectError
 from envs.params import How, Parameter
 
@@ -25,9 +28,16 @@ class LinkMass(FieldEffect):
     field = "body_mass"
     minimum = LIGHTEST
     constants = True
-    looks_like = "static sag and lag under load that grow with gravity's lever arm"
+    comparable = True
+    sizes = Sizes("mass", "mass", 0.02, 1.2)
+    symptom = "static sag and lag under load that grow with gravity's lever arm"
     source = "MuJoCo XML reference, body/inertial/mass"
     experiment = "hold several poses with the link horizontal, then swing it slowly"
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the link's mass and of the robot's."""
+        own = float(scale.model.body_mass[scale.body(self.where)])
+        return np.array([-0.3 * own, 0.3 * own, 0.1 * scale.mass, 0.4 * scale.mass])
 
 
 def far_end(model: mujoco.MjModel, body: int) -> np.ndarray:
@@ -112,7 +122,10 @@ class CenterOfMass(Effect):
     constants = True
     composes = True
     typical = (-0.03, 0.03)
-    looks_like = (
+    no_mjcf = None
+    comparable = True
+    sizes = Sizes("signed", "length", 0.03, 1.2)
+    symptom = (
         "sag that changes with the pose as a change of mass would, while acceleration"
         " changes otherwise"
     )
@@ -127,6 +140,15 @@ class CenterOfMass(Effect):
     def bind(self, plant: PlantView) -> Bound:
         """Write the centre of mass of each row."""
         return _Shift(plant, find(plant.model, "body", self.where))
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the link's length, both ways."""
+        length = float(np.linalg.norm(far_end(scale.model, scale.body(self.where))))
+        return np.array([-0.4, -0.12, 0.12, 0.4]) * length
+
+    def batch(self) -> str:
+        """Return the group of effects that only write model fields."""
+        return PLAIN
 
 
 class _Point(Bound):
@@ -188,7 +210,10 @@ class Payload(Effect):
     constants = True
     composes = True
     typical = (0.0, 0.5)
-    looks_like = "more sag and slower swings, most of all at the joints that lift the body"
+    no_mjcf = None
+    comparable = True
+    sizes = Sizes("add", "mass", 0.01, 2.5)
+    symptom = "more sag and slower swings, most of all at the joints that lift the body"
     source = "point mass: m r x and the parallel axis theorem"
     experiment = "holds with the arm stretched out, with and without the tool"
 
@@ -200,6 +225,14 @@ class Payload(Effect):
     def bind(self, plant: PlantView) -> Bound:
         """Write the inertial properties of each row."""
         return _Point(plant, find(plant.model, "body", self.where))
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the robot's mass."""
+        return np.array([0.03, 0.12, 0.4]) * scale.mass
+
+    def batch(self) -> str:
+        """Return the group of effects that only write model fields."""
+        return PLAIN
 
 
 class _Tilt(Bound):
@@ -224,7 +257,9 @@ class GravityTilt(Effect):
     unit = "rad"
     composes = True
     typical = (-0.1, 0.1)
-    looks_like = "constant errors that depend on the pose, as if gravity came from the side"
+    no_mjcf = None
+    sizes = Sizes("tilt", "one", 5e-3, 0.5)
+    symptom = "constant errors that depend on the pose, as if gravity came from the side"
     source = "rotated gravity; tables are tilted by 1 to 5 degrees"
     experiment = "the same holds with the base turned by 180 degrees about the vertical"
 
@@ -235,3 +270,11 @@ class GravityTilt(Effect):
     def bind(self, plant: PlantView) -> Bound:
         """Write the gravity of each row."""
         return _Tilt(plant)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return three degrees, to all four sides."""
+        return np.array([[0.06, 0.0], [-0.06, 0.0], [0.0, 0.06], [0.0, -0.06]])
+
+    def batch(self) -> str:
+        """Return the group of effects that only write model fields."""
+        return PLAIN

@@ -7,18 +7,23 @@ offset, plus noise, rounded to its counts; its speed is filtered.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from envs.effects.base import CommandRule, Effect, Extra, Measurement, joints
+from envs.effects.base import PLAIN, CommandRule, Effect, Extra, Measurement, Sizes
 from envs.effects.command import stream
+from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
 from envs.effects.servo import is_joint_servo
 from envs.errors import EffectError
 from envs.noise import normal
 from envs.params import Parameter
+
+READ = "it changes what is read, not how the robot moves"
 
 
 class _JointSensor(Measurement):
@@ -38,6 +43,8 @@ class _SensorEffect(Effect):
     """A measurement of joints with one scalar."""
 
     place = "joint"
+    closes_gaps = False
+    no_mjcf = READ
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the one parameter, from 0 up."""
@@ -100,7 +107,12 @@ class EncoderOffset(_SensorEffect):
         ),
     )
     typical = (-0.1, 0.1)
-    looks_like = (
+    closes_gaps = True
+    no_mjcf = None
+    own_mjcf = True
+    comparable = True
+    sizes = Sizes("signed", "one", 3e-3, 0.3)
+    symptom = (
         "a constant error in every pose (servo=0), or gravity that acts at the wrong"
         " angle (servo=1)"
     )
@@ -120,6 +132,40 @@ class EncoderOffset(_SensorEffect):
     def bind(self, plant: PlantView) -> Measurement:
         """Shift the measured positions, and the goals of the joint's servos."""
         return _Offset(plant, self)
+
+    @property
+    def variant(self) -> str:
+        """What tells an offset of the log from one of the servo."""
+        return "" if self.extra["servo"] else "log only"
+
+    @classmethod
+    def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
+        """Return both kinds of a wrong zero."""
+        return [{"servo": 1.0}, {"servo": 0.0}]
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return offsets from under a degree to three degrees, both ways."""
+        return np.array([-0.05, -0.012, 0.012, 0.05])
+
+    def batch(self) -> str:
+        """Return the group of effects without rules, or that of offsets of the log."""
+        return PLAIN if self.extra["servo"] else "log offset"
+
+    def why_not_mjcf(self) -> str | None:
+        """Return why an offset that only the log has cannot be said."""
+        return None if self.extra["servo"] else READ
+
+    def to_mjcf(self, spec: mujoco.MjSpec, model: mujoco.MjModel, values: Sequence[float]) -> None:
+        """Let joints read more than they did: their reference, limits, rest and keyframes."""
+        (value,) = (float(v) for v in values)
+        names = [self.where] if self.where else sorted({a.target for a in spec.actuators})
+        for joint in (spec.joint(name) for name in names):
+            joint.ref, joint.springref = joint.ref + value, joint.springref + value
+            joint.range = np.array(joint.range) + value
+            for key in spec.keys:
+                qpos = np.array(key.qpos) if len(key.qpos) else model.qpos0.copy()
+                qpos[model.joint(joint.name).qposadr[0]] += value
+                key.qpos = qpos
 
 
 class _Noise(_JointSensor):
@@ -148,7 +194,7 @@ class SensorNoise(_SensorEffect):
     name = "sensor_noise"
     unit = "rad"
     typical = (0.0, 0.005)
-    looks_like = "readings that scatter while the joint rests"
+    symptom = "readings that scatter while the joint rests"
     source = "q + N(0, value²); 3 counts of 4096 reported for Dynamixel"
     experiment = "log a joint at rest"
 
@@ -172,7 +218,7 @@ class Quantization(_SensorEffect):
     name = "quantization"
     unit = "rad"
     typical = (0.0, 0.006)
-    looks_like = "readings in steps of one size"
+    symptom = "readings in steps of one size"
     source = "round(q / step) step; 2π/4096 = 1.53 mrad for Dynamixel X"
     experiment = "log a very slow ramp"
 
@@ -220,7 +266,7 @@ class VelocityFilter(_SensorEffect):
     name = "velocity_filter"
     unit = "s"
     typical = (0.0, 0.05)
-    looks_like = "the reported speed is late and rounded against the slope of the positions"
+    symptom = "the reported speed is late and rounded against the slope of the positions"
     source = "tau dy/dt = w - y; STS registers lag by about 20 ms"
     experiment = "compare the speed with the slope of the positions; no model is needed"
 
@@ -317,7 +363,10 @@ class ObservationDelay(Effect):
     unit = "s"
     extras = (Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that can be asked for"),)
     typical = (0.0, 0.04)
-    looks_like = "the log is late against the commands, and the robot is not slower"
+    no_mjcf = READ
+    comparable = True
+    sizes = Sizes("add", "one", 1e-3, 0.1)
+    symptom = "the log is late against the commands, and the robot is not slower"
     source = "y(t) = q(t - d): return delay, bus turn-round and the USB timer"
     experiment = (
         "steps from rest next to a second, fast sensor; else the same as command_delay"
@@ -331,3 +380,11 @@ class ObservationDelay(Effect):
     def bind(self, plant: PlantView) -> Measurement:
         """Report what was true some time ago."""
         return _SamplingDelay(plant, self.extra["longest"])
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return delays from a bus at its fastest to a slow camera."""
+        return np.array([0.003, 0.01, 0.03, 0.07])
+
+    def batch(self) -> str:
+        """Return the group of effects without rules of their own."""
+        return PLAIN

@@ -11,10 +11,13 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Effect, FieldBound, FieldEffect, SubstepRule, find
+from envs.effects.base import PLAIN, RULES, Bound, Effect, Sizes, SubstepRule
+from envs.effects.field import FieldBound, FieldEffect
 from envs.effects.history import arriving
+from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.effects.registry import EFFECTS
+from envs.effects.scale import RobotScale
 from envs.errors import EffectError
 from envs.params import How, Parameter
 
@@ -83,6 +86,8 @@ class _Gain(ActuatorEffect):
     hows: ClassVar[tuple[How, ...]] = ("scale",)
     typical = (0.4, 2.5)
     composes = True
+    no_mjcf = None
+    tied = "gain"
     bias_column: ClassVar[int]
     with_gain: ClassVar[bool]
 
@@ -100,6 +105,10 @@ class _Gain(ActuatorEffect):
         if self.with_gain and plain.size:
             fields.append(FieldBound(plant.field("actuator_gainprm"), (plain, 0), parameter))
         return Several(fields)
+
+    def batch(self) -> str:
+        """Return the group of effects that only write model fields."""
+        return PLAIN
 
 
 class Several(Bound):
@@ -120,7 +129,10 @@ class PositionGain(_Gain):
     name = "position_gain"
     bias_column = 1
     with_gain = True
-    looks_like = (
+    servo_rank = 0
+    comparable = True
+    sizes = Sizes("factor", "one", 0.02, 1.2)
+    symptom = (
         "a static sag under load, and steps that are faster or slower, in proportion to the error"
     )
     source = (
@@ -145,7 +157,8 @@ class DerivativeGain(_Gain):
     name = "derivative_gain"
     bias_column = 2
     with_gain = False
-    looks_like = "overshoot after steps, or creeping towards the goal"
+    servo_rank = 1
+    symptom = "overshoot after steps, or creeping towards the goal"
     source = "tau = -kv w; MuJoCo XML reference, position/kv"
     experiment = "steps from rest at two gains"
 
@@ -196,7 +209,10 @@ class MotorStrength(ActuatorEffect):
     constants = True
     composes = True
     typical = (0.6, 1.4)
-    looks_like = (
+    no_mjcf = None
+    comparable = True
+    sizes = Sizes("factor", "one", 0.02, 0.8)
+    symptom = (
         "weaker or stronger in everything: static sag, acceleration and the largest torque alike"
     )
     source = "kt -> (1 + e) kt; identified motor constants differ by 12 to 42 % from data sheets"
@@ -222,6 +238,10 @@ class MotorStrength(ActuatorEffect):
             damping=True,
         )
 
+    def batch(self) -> str:
+        """Return the group of effects that only write model fields."""
+        return PLAIN
+
 
 class TorqueLimit(FieldEffect, ActuatorEffect):
     """The largest torque at the joint, in both directions; an actuator without a limit gets one."""
@@ -232,7 +252,9 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
     hows: ClassVar[tuple[How, ...]] = ("set", "scale")
     field = "actuator_forcerange"
     typical = (0.1, 5.0)
-    looks_like = "fast motions and heavy loads fall behind, slow and light ones do not"
+    comparable = True
+    sizes = Sizes("limit", "stall", 1.05, 20.0)
+    symptom = "fast motions and heavy loads fall behind, slow and light ones do not"
     source = (
         "MuJoCo XML reference, actuator/forcerange; the servo's current limit times its"
         " torque constant"
@@ -275,6 +297,11 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
         if self.how == "scale":
             return FieldBound(plant.field(self.field), (index,), parameter)
         return _Limit(plant, index, parameter)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the motor's torque."""
+        # Joints that carry little need the small ones.
+        return np.array([0.7, 0.45, 0.25, 0.12, 0.04]) * scale.torque_at(self.where)
 
 
 class _Limit(Bound):
@@ -331,7 +358,10 @@ class DeadZone(ActuatorEffect):
     name = "dead_zone"
     unit = "rad"
     typical = (0.0, 0.03)
-    looks_like = "the servo stops a fixed angle short, whatever the gain, and its PWM is zero there"
+    no_mjcf = "a position actuator has no zone in which it is idle"
+    comparable = True
+    sizes = Sizes("add", "one", 3e-3, 0.12)
+    symptom = "the servo stops a fixed angle short, whatever the gain, and its PWM is zero there"
     source = "u = 0 if |e| < d; XL430 stop 4 to 5 counts short (answers.ros.org 303081)"
     experiment = "very slow ramps without load, at two gains"
 
@@ -348,6 +378,14 @@ class DeadZone(ActuatorEffect):
     def bind(self, plant: PlantView) -> SubstepRule:
         """Switch the proportional part off and on before each substep."""
         return _DeadZone(plant, self.actuators(plant.model))
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return zones from a quarter of a degree to two degrees."""
+        return np.array([0.004, 0.012, 0.035])
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
 
 
 def is_joint_servo(model: mujoco.MjModel, actuator: int) -> bool:

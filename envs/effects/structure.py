@@ -14,14 +14,18 @@ of its own gets the least with which the loop is stable at the model's time step
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Effect, Extra, Measurement, SubstepRule, joints
+from envs.effects.base import Bound, Effect, Extra, Measurement, Sizes, SubstepRule
 from envs.effects.layout import SERIES
+from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale, link_inertia
 from envs.effects.servo import is_joint_servo
 from envs.errors import EffectError, did_you_mean
 from envs.params import Parameter, Side
@@ -107,6 +111,7 @@ class SeriesEffect(Effect):
 
     place = "joint"
     constants = True
+    no_mjcf = None
     sides: ClassVar[tuple[Side, ...]] = ("motor", "link")
     bound: ClassVar[type[Series]]
 
@@ -166,6 +171,16 @@ class SeriesEffect(Effect):
                 )
         return All(parts)
 
+    def batch(self) -> str:
+        """Return a group of its own: no other effect has its joint."""
+        return f"{self.label()} {self.side}"
+
+    def why_not_mjcf(self) -> str | None:
+        """Return why a loop that is closed behind the joint cannot be said."""
+        if self.side == "link":
+            return "a position actuator cannot close its loop on the far side of a play or spring"
+        return self.no_mjcf
+
 
 class All(Bound):
     """Several series joints with one value."""
@@ -208,16 +223,6 @@ def least_rotor(plant: PlantView, motor: int) -> float:
     return max(float(stiffness) * dt * dt, 1e-3 * link_inertia(model, motor))
 
 
-def link_inertia(model: mujoco.MjModel, joint: int) -> float:
-    """Return the inertia of what a joint carries, at the default pose, without armature [kg·m²]."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    full = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, full)
-    dof = int(model.jnt_dofadr[joint])
-    return float(full[dof, dof] - model.dof_armature[dof])
-
-
 class _Play(Series):
     """See `Backlash`."""
 
@@ -242,7 +247,9 @@ class Backlash(SeriesEffect):
     unit = "rad"
     typical = (0.0, 0.06)
     bound = _Play
-    looks_like = (
+    comparable = True
+    sizes = Sizes("add", "one", 3e-3, 0.25)
+    symptom = (
         "nothing follows for a fixed angle after each reversal; the link rattles where"
         " no load holds it"
     )
@@ -257,6 +264,10 @@ class Backlash(SeriesEffect):
         """Give the joint stiff ends."""
         joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-1.0, 1.0]
         joint.solref_limit, joint.solimp_limit = [2 * timestep, 1.0], STIFF_LIMIT
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return plays from a quarter of a degree to nine degrees."""
+        return np.array([0.004, 0.015, 0.05, 0.15])
 
 
 class _Spring(Series):
@@ -297,12 +308,39 @@ class JointCompliance(SeriesEffect):
 
     name = "joint_compliance"
     unit = "rad/(N·m)"
-    extras = (Extra("damping", "N·m·s/rad", 0.0, 0.0, 1e3, "of the spring"),)
+    extras = (
+        Extra(
+            "damping",
+            "N·m·s/rad",
+            0.0,
+            0.0,
+            1e3,
+            "of the spring",
+            fit=(0.0, 1e3),
+            typical=(0.0, 0.5),
+        ),
+    )
     typical = (0.0, 0.5)
     bound = _Spring
-    looks_like = (
+    comparable = True
+    sizes = Sizes("add", "softness", 0.01, 3.0)
+    symptom = (
         "a sag in proportion to the load that the encoder may not see, and ringing at"
         " sqrt(k/J) after stops"
     )
     source = "tau = k (motor - link); a sprung hinge in series"
     experiment = "hammer taps or fast stops: a resonance that more load lowers"
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return springs that a torque bends little and much, with a third of critical damping.
+
+        With much less, a loop that is closed behind the spring swings by itself.
+        """
+        soft = np.array([0.005, 0.02, 0.08, 0.3, 0.8]) / scale.torque_at(self.where)
+        return np.column_stack([soft, 0.6 * np.sqrt(scale.inertia(self.where) / soft)])
+
+    @classmethod
+    def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw 5 to 30 % of critical damping, were the spring as soft as the servo."""
+        ratio = rng.uniform(0.05, 0.3)
+        return {"damping": float(2 * ratio * math.sqrt(units["inertia"] / units["softness"]))}

@@ -8,13 +8,16 @@ voltage-driven, motors as current-driven, unless `drive` says so.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Effect, Extra, SubstepRule, joint_driven
+from envs.effects.base import PLAIN, RULES, Bound, Effect, Extra, Sizes, SubstepRule
+from envs.effects.places import joint_driven
 from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
 from envs.effects.servo import ActuatorEffect, LawScale, Several, is_linear, is_servo
 from envs.errors import EffectError
 from envs.params import How, Parameter
@@ -37,7 +40,10 @@ class SupplyVoltage(Effect):
     hows: ClassVar[tuple[How, ...]] = ("scale",)
     composes = True
     typical = (0.7, 1.3)
-    looks_like = "the top speed and the largest torque change together; slow, light motions little"
+    no_mjcf = None
+    comparable = True
+    sizes = Sizes("factor", "one", 0.02, 0.6)
+    symptom = "the top speed and the largest torque change together; slow, light motions little"
     source = "|tau| <= (kt/R)(V duty_max - kt w)"
     experiment = "full-speed moves at two supply voltages; log the voltage"
 
@@ -86,6 +92,10 @@ class SupplyVoltage(Effect):
         parts: list[Any] = [LawScale(plant, voltage, parameter, law=True, damping=False)]
         parts.append(LawScale(plant, current, parameter, law=False, damping=False))
         return Several(parts)
+
+    def batch(self) -> str:
+        """Return the group of effects that only write model fields."""
+        return PLAIN
 
 
 class _Weakening(SubstepRule):
@@ -163,7 +173,10 @@ class SupplySag(Effect):
         Extra("torque_constant", "N·m/A", None, 1e-6, 1e3, "of the motors, seen at the joint"),
     )
     typical = (0.0, 2.0)
-    looks_like = "all joints weaken together while any of them works hard"
+    no_mjcf = "MJCF has no supply that several actuators share"
+    comparable = True
+    sizes = Sizes("add", "winding", 0.01, 2.0)
+    symptom = "all joints weaken together while any of them works hard"
     source = (
         "V = V0 - Rs * sum I; 5.7 to 9.2 V measured around 7.4 V on an XL330 bench"
         " (Rhoban's BAM logs)"
@@ -183,6 +196,15 @@ class SupplySag(Effect):
         return _Sag(
             plant, _linear(plant.model), self.extra["voltage"], self.extra["torque_constant"]
         )
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return resistances at which all motors together pull the supply down by a part."""
+        volts, constant = self.extra["voltage"], self.extra["torque_constant"]
+        return np.array([0.1, 0.4, 1.5]) * volts * constant / sum(scale.torque.values())
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
 
 
 def _linear(model: mujoco.MjModel) -> np.ndarray:
@@ -230,9 +252,13 @@ class ThermalDerating(ActuatorEffect):
 
     name = "thermal_derating"
     unit = "1/(N²·m²·s)"
-    extras = (Extra("decay", "1/s", 0.0, 0.0, 1e3, "the rate at which it cools"),)
+    extras = (
+        Extra("decay", "1/s", 0.0, 0.0, 1e3, "the rate at which it cools", typical=(0.0, 0.05)),
+    )
     typical = (0.0, 0.1)
-    looks_like = "errors that grow over minutes of hard work and recover in a pause"
+    no_mjcf = "an actuator of this kind does not remember its load"
+    sizes = Sizes("add", "heating", 1e-3, 100.0)
+    symptom = "errors that grow over minutes of hard work and recover in a pause"
     source = (
         "winding resistance and firmware limits follow the integral of I²R; XL330: 27 to"
         " 40 °C in 2 minutes of tests"
@@ -254,3 +280,16 @@ class ThermalDerating(ActuatorEffect):
     def bind(self, plant: PlantView) -> SubstepRule:
         """Weaken the actuators before each substep."""
         return _Derating(plant, self.actuators(plant.model), self)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return losses by which the hardest of the logs takes parts of the strength."""
+        return np.array([0.15, 0.6, 2.5]) / max(scale.heat(str(self.where)), 1e-9)
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+    @classmethod
+    def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw a motor that cools or one that does not."""
+        return {"decay": float(rng.choice([0.0, 0.02]))}

@@ -65,7 +65,7 @@ class SpringStiffness(FieldEffect):
     name, place, unit = "spring_stiffness", "joint", "N·m/rad"
     hows = ("scale", "add", "set")
     field = "jnt_stiffness"
-    looks_like = "the joint is pulled to its rest angle more or less strongly"
+    symptom = "the joint is pulled to its rest angle more or less strongly"
     source = "MuJoCo XML reference, joint/stiffness"
     experiment = "let go of the joint from several angles"
 ```
@@ -102,7 +102,7 @@ def _markdown(rows: Sequence[Sequence[str]]) -> str:
 
 
 def sections(effects: Iterable[type[Effect]]) -> str:
-    """Return what each effect is, looks like, comes from, and how to isolate it."""
+    """Return what each effect is, its symptom and source, and how to isolate it."""
     return "\n".join(_section(effect) for effect in effects)
 
 
@@ -110,7 +110,7 @@ def _section(effect: type[Effect]) -> str:
     lines = [f"### {effect.name}\n", f"{_docstring(effect)}\n"]
     unit = f" {effect.unit}" if effect.unit else ""
     low, high = effect.typical
-    lines.append(f"* Looks like: {effect.looks_like}.")
+    lines.append(f"* Symptom: {effect.symptom}.")
     lines.append(f"* Isolate it: {effect.experiment}.")
     lines.append(f"* Equation, source: {effect.source}.")
     lines.append(f"* Typical: {low:g} to {high:g}{unit} ({effect.hows[0]}).")

@@ -57,10 +57,10 @@ NEUTRAL = {
     "profile_acceleration": math.inf,
 }
 ROBOT_EFFECTS = (
-    "command_delay",
-    "observation_delay",
     "supply_voltage",
     "supply_sag",
+    "command_delay",
+    "observation_delay",
     "packet_loss",
 )
 BODY_EFFECTS = ("link_mass", "center_of_mass", "payload")

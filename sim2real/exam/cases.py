@@ -28,7 +28,7 @@ from hardware.config import Robot
 from hardware.errors import HardwareError
 from hardware.log import read_log, write_log
 from sim2real.exam.answer import TASK
-from sim2real.exam.hiding import EFFECTS, moved
+from sim2real.exam.hiding import EFFECTS, moved, place_of
 from sim2real.exam.logs import drive, exam_robot, overall, plans
 from sim2real.exam.measure import apart
 from sim2real.exam.refit import withheld
@@ -41,7 +41,7 @@ Kind = Literal["one", "two", "none", "excluded"]
 Wanted = tuple[str, str, tuple[str, ...]]  # kind, robot, effects
 KINDS: tuple[Kind, ...] = ("one", "two", "none", "excluded")
 REDRAWS = 8  # draws of other effects where a robot cannot show the first ones
-LOCAL = tuple(effect for effect, span in EFFECTS.items() if span.place == "joint")
+LOCAL = tuple(effect for effect in EFFECTS if place_of(effect) == "joint")
 ALIKE = (  # effects that no log of positions tells apart: never hidden together
     {"command_delay", "observation_delay"},
     {"position_gain", "motor_strength", "supply_voltage"},

@@ -15,64 +15,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 
+from envs.effects import EFFECTS as VOCABULARY
+from envs.effects import Sizes
 from hardware.config import Robot, Servo
+from hardware.emulator.hidden import EFFECTS as LAWS
 
-Form = Literal["add", "signed", "factor", "limit", "mass", "tilt"]
 Place = Literal["joint", "body", "robot"]
-
-
-class Range(NamedTuple):
-    """The sizes of one effect, as multiples of a number that the robot itself has.
-
-    Args:
-        place: what it acts on.
-        form: how a size becomes a value: `add` size * unit, `signed` the same with a drawn sign,
-            `factor` exp(± size), `limit` unit / size, `mass` unit * (exp(± size) - 1), `tilt` a
-            rotation by size about a drawn horizontal axis.
-        unit: the number: see `scales`.
-        low: the least size that is tried.
-        high: the largest.
-    """
-
-    place: Place
-    form: Form
-    unit: str
-    low: float
-    high: float
-
-
-EFFECTS: Mapping[str, Range] = {
-    "coulomb_friction": Range("joint", "add", "stall", 2e-3, 0.3),
-    "viscous_friction": Range("joint", "add", "braking", 0.02, 10.0),
-    "stribeck_friction": Range("joint", "add", "stall", 2e-3, 0.3),
-    "load_dependent_friction": Range("joint", "add", "one", 5e-3, 0.6),
-    "backlash": Range("joint", "add", "one", 3e-3, 0.25),
-    "joint_compliance": Range("joint", "add", "softness", 0.01, 3.0),
-    "cogging": Range("joint", "add", "stall", 2e-3, 0.2),
-    "armature": Range("joint", "add", "inertia", 0.03, 10.0),
-    "encoder_offset": Range("joint", "signed", "one", 3e-3, 0.3),
-    "position_gain": Range("joint", "factor", "one", 0.02, 1.2),
-    "motor_strength": Range("joint", "factor", "one", 0.02, 0.8),
-    "torque_limit": Range("joint", "limit", "stall", 1.05, 20.0),
-    "thermal_derating": Range("joint", "add", "heating", 1e-3, 100.0),
-    "dead_zone": Range("joint", "add", "one", 3e-3, 0.12),
-    "profile_velocity": Range("joint", "limit", "fastest", 1.0, 100.0),
-    "profile_acceleration": Range("joint", "limit", "sharpest", 1.0, 1000.0),
-    "supply_voltage": Range("robot", "factor", "one", 0.02, 0.6),
-    "supply_sag": Range("robot", "add", "winding", 0.01, 2.0),
-    "command_delay": Range("robot", "add", "one", 1e-3, 0.1),
-    "observation_delay": Range("robot", "add", "one", 1e-3, 0.1),
-    "link_mass": Range("body", "mass", "mass", 0.02, 1.2),
-    "center_of_mass": Range("body", "signed", "length", 0.03, 1.2),
-    "payload": Range("body", "add", "mass", 0.01, 2.5),
-    "gravity_tilt": Range("robot", "tilt", "one", 5e-3, 0.5),
+# What the emulator has a law for, in its order, and what closes gaps: each says its sizes itself.
+EFFECTS: Mapping[str, Sizes] = {
+    name: sizes for name in LAWS if name in VOCABULARY and (sizes := VOCABULARY[name].sizes)
 }
-SIDES = ("backlash", "joint_compliance")
 FASTEST, SHARPEST = 30.0, 3000.0  # rad/s and rad/s^2, beyond what the motions ask for
 HEATED = 24.0  # s over which a stalled motor would lose its torque at a size of 1
 Truth = dict[str, Any]  # {effect, where, side, value, extra, joint}
@@ -96,7 +53,7 @@ class Secret:
     effect: str
     where: str | None
     joint: str | None
-    form: Form
+    form: str
     unit: float
     direction: float
     side: str | None = None
@@ -130,9 +87,17 @@ class Secret:
         }
 
 
+def place_of(effect: str) -> Place:
+    """Return what an effect acts on here: an actuator is named by its joint."""
+    place = VOCABULARY[effect].place
+    if place == "body" or place == "robot":
+        return place
+    return "joint"
+
+
 def places(robot: Robot, effect: str) -> list[str | None]:
     """Return where this robot can have the effect: joints, bodies, or [None] for all of it."""
-    kind = EFFECTS[effect].place
+    kind = place_of(effect)
     if kind == "robot":
         return [None]
     found = moved(robot)
@@ -143,12 +108,13 @@ def choose(robot: Robot, effect: str, where: str | None, rng: np.random.Generato
     """Draw sign, side and further scalars of an effect at a place."""
     span = EFFECTS[effect]
     joint = where
-    if span.place == "body":
+    if place_of(effect) == "body":
         joint = next(name for name, body in moved(robot).items() if body == where)
     angle = float(rng.uniform(-np.pi, np.pi))
-    side = str(rng.choice(["motor", "link"])) if effect in SIDES else None
+    sides = VOCABULARY[effect].sides
+    side = str(rng.choice(list(sides))) if sides else None
     units = scales(robot, joint)
-    extra = _extra(effect, units, rng)
+    extra = VOCABULARY[effect].draw_extras(units, rng)
     return Secret(effect, where, joint, span.form, units[span.unit], angle, side, extra)
 
 
@@ -191,18 +157,3 @@ def _length(model: mujoco.MjModel, body: int) -> float:
     children = np.flatnonzero(model.body_parentid == body)
     ways = np.linalg.norm(model.body_pos[children], axis=1) if len(children) else np.zeros(1)
     return float(ways.max() or 2 * np.linalg.norm(model.body_ipos[body]))
-
-
-def _extra(effect: str, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-    """Draw the further scalars of an effect."""
-    match effect:
-        case "stribeck_friction":
-            return {"speed": float(np.exp(rng.uniform(np.log(0.2), np.log(1.0))))}
-        case "cogging":
-            return {"count": float(rng.integers(6, 31)), "phase": float(rng.uniform(-3, 3))}
-        case "joint_compliance":  # 5 to 30 % of critical damping, were it as soft as the servo
-            ratio = rng.uniform(0.05, 0.3)
-            return {"damping": float(2 * ratio * math.sqrt(units["inertia"] / units["softness"]))}
-        case "thermal_derating":
-            return {"decay": float(rng.choice([0.0, 0.02]))}
-    return {}

@@ -19,24 +19,19 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from envs.effects import EFFECTS as VOCABULARY
 from envs.effects import Effect, make
 from envs.errors import EnvsError
 from envs.plant import Plant
 from envs.replay import DivergedError, switchable
 from hardware.config import Robot
 from hardware.log import Log
-from sim2real.exam.hiding import EFFECTS, SIDES, moved, scales
+from sim2real.exam.hiding import EFFECTS, moved, place_of, scales
 from sim2real.exam.measure import residuals
 
 NEAR = 2.0  # floors: what a rival may leave
 ROWS, ROUNDS, ELITE = 16, 4, 4
 HOPELESS = 0.85  # of the gap that the best of the first round leaves: no more rounds then
-FREE: Mapping[str, Mapping[str, tuple[float, float]]] = {  # further scalars that are fitted too
-    "stribeck_friction": {"speed": (0.1, 2.0)},
-    "cogging": {"count": (4.0, 32.0), "phase": (-3.2, 3.2)},
-    "joint_compliance": {"damping": (0.0, 0.5)},
-    "thermal_derating": {"decay": (0.0, 0.05)},
-}
 
 
 class Fit(NamedTuple):
@@ -70,19 +65,24 @@ def withheld(robot: Robot, truth: Mapping[str, Any], log: Log, floor: float) -> 
 def rivals(robot: Robot, name: str, truth: Mapping[str, Any]) -> list[Effect]:
     """Return an effect at every place where it could pass for the hidden one."""
     joint = truth["joint"]
-    sides = ("motor", "link") if name in SIDES else (None,)
-    extra: dict[str, Any] = {"free": tuple(FREE[name])} if name in FREE else {}
-    if name == "supply_sag":
-        kind = robot.servos[0].type
-        extra = {"voltage": robot.supply.voltage, "torque_constant": kind.torque_constant}
-    match EFFECTS[name].place:
+    kind, servo = VOCABULARY[name], robot.servos[0].type
+    facts = {"voltage": robot.supply.voltage, "torque_constant": servo.torque_constant}
+    extra: dict[str, Any] = {e.name: facts[e.name] for e in kind.extras if e.default is None}
+    if free := tuple(e.name for e in kind.extras if e.typical is not None):
+        extra["free"] = free
+    match place_of(name):
         case "robot":
             spots: list[str | None] = [None]
         case "joint":
             spots = [joint]
         case "body":
-            spots = list(_chain(robot.model, moved(robot)[joint]) & set(moved(robot).values()))
-    return [make(name, where=spot, side=side, **extra) for spot in spots for side in sides]
+            chain = _chain(robot.model, moved(robot)[joint])
+            spots = sorted(chain & set(moved(robot).values()))
+    return [
+        make(name, where=spot, side=side, **extra)
+        for spot in spots
+        for side in kind.sides or (None,)
+    ]
 
 
 def _chain(path: Path, body: str) -> set[str | None]:
@@ -154,7 +154,7 @@ def _values(effect: Effect, unit: float, point: np.ndarray) -> list[float]:
             own = [unit * (math.exp(math.copysign(sized(first), first)) - 1)]
         case "tilt":
             own = [span.high * float(x) for x in point[:2]]
-    free = FREE.get(effect.name, {}).values()
+    free = [e.typical for e in effect.extras if e.typical is not None]
     further = zip(free, point[len(own) :], strict=True)
     return own + [low + (float(x) + 1) / 2 * (high - low) for (low, high), x in further]
 

@@ -26,6 +26,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from envs.effects import EFFECTS
+from sim2real.exam.hiding import EFFECTS as HIDDEN
 from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
@@ -33,13 +35,7 @@ LARGEST_SET = 3
 LEVEL = 0.95
 DRAWS = 4000
 # Effects whose value means the same in the emulator's laws and in the vocabulary's.
-COMPARABLE = (
-    *("coulomb_friction", "viscous_friction", "backlash", "joint_compliance", "armature"),
-    *("encoder_offset", "position_gain", "motor_strength", "torque_limit", "dead_zone"),
-    *("profile_velocity", "profile_acceleration", "supply_voltage", "supply_sag"),
-    *("command_delay", "observation_delay", "link_mass", "center_of_mass", "payload"),
-)
-FACTORS = ("position_gain", "motor_strength", "supply_voltage")
+COMPARABLE = tuple(name for name in HIDDEN if EFFECTS[name].comparable)
 Named = tuple[str, str | None]  # effect and place
 
 
@@ -240,7 +236,7 @@ def _value(
     wanted, got = truth["value"], cause["value"]
     low, high = cause["value_ci"]
     covered = None if low is None or high is None else bool(low <= wanted <= high)
-    if cause["effect"] in FACTORS:
+    if EFFECTS[cause["effect"]].hows[0] == "scale":  # factors are compared as logarithms
         return abs(math.log(max(got, 1e-9) / wanted) / math.log(wanted)), covered
     return abs(got - wanted) / abs(wanted), covered
 

@@ -47,7 +47,7 @@ class PwmSlope(Effect):
     name = "pwm_slope"
     place = "robot"
     unit = "N·m/s"
-    looks_like = "steps that begin softly, whatever their size"
+    symptom = "steps that begin softly, whatever their size"
     source = "the XL330's manual, PWM Slope (62)"
     experiment = "steps of the goal at two settings of the register"
 

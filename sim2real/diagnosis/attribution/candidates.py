@@ -3,9 +3,9 @@
     for candidate in candidates(data, exclude=("backlash",)):
         candidate.effect.label(), candidate.probes      # (K, P) values to look at first
 
-The vocabulary is that of `envs.effects`; an effect that a user registers is a candidate too. Noise,
-quantization, the filter of the speed and lost packets are not: they are read off the log, and
-simulating the same noise closes no gap.
+The vocabulary is that of `envs.effects`; an effect that a user registers is a candidate too. What
+closes no gap is none (`Effect.closes_gaps`): noise, quantization, the filter of the speed and lost
+packets are read off the log.
 """
 
 from __future__ import annotations
@@ -13,41 +13,19 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from envs.effects import EFFECTS, Effect, make
-from envs.effects.base import FieldEffect
-from envs.effects.structure import SeriesEffect
+from envs.effects import EFFECTS, Effect, RobotScale, make
 from envs.errors import EnvsError, did_you_mean
 from envs.plant import Fixed
-from sim2real.diagnosis.attribution.probes import Robot, probes_of
+from sim2real.diagnosis.attribution.probes import probes_of, robot_scale
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.runs.errors import Sim2RealError
 
-MEASURED = ("sensor_noise", "quantization", "velocity_filter", "packet_loss")
-LOOKS = ".appearance"  # the module of effects that only a camera sees
-PLAIN = (
-    "position_gain",
-    "derivative_gain",
-    "supply_voltage",
-    "motor_strength",
-    "command_delay",
-    "observation_delay",
-    "gravity_tilt",
-)
-PLAIN += ("center_of_mass", "payload", "contact_stiffness", "encoder_offset")  # in one batch
 FREE = 1e5  # a limit of this size is none
-# Further scalars that are fitted too, and between what. Dry friction that has not fallen at a few
-# rad/s is Coulomb's.
-FITTED: dict[str, dict[str, tuple[float, float]]] = {
-    "cogging": {"count": (0.0, 1e4), "phase": (-2 * np.pi, 2 * np.pi)},
-    "joint_compliance": {"damping": (0.0, 1e3)},
-    "load_dependent_friction": {"external": (0.0, 1.0)},
-    "stribeck_friction": {"speed": (0.05, 3.0)},
-}
 
 
 @dataclass(frozen=True)
@@ -82,9 +60,8 @@ class Candidate:
     @property
     def label(self) -> str:
         """Name, place and side: what tells candidates apart."""
-        side = f" ({self.effect.side} side)" if self.effect.side else ""
-        logged = " (log only)" if self.effect.extra.get("servo") == 0.0 else ""
-        return f"{self.effect.label()}{side}{logged}"
+        variant = self.effect.variant
+        return f"{self.effect.label()} ({variant})" if variant else self.effect.label()
 
     @property
     def place(self) -> str | None:
@@ -139,16 +116,27 @@ def candidates(
         Sim2RealError: an unknown name to exclude.
     """
     check_names(exclude)
-    robot = Robot(data, fixed)
+    robot = _Robot(data, robot_scale(data, fixed))
     found = []
-    for name in EFFECTS:
-        shown = EFFECTS[name].__module__.endswith(LOOKS)
-        if name not in MEASURED and name not in exclude and not shown:
-            for arguments in _places(name, robot):
+    for name, effect in EFFECTS.items():
+        if effect.closes_gaps and name not in exclude:
+            for arguments in _arguments(effect, robot):
                 candidate = _make(name, arguments, robot)
                 if candidate is not None and not _taken(candidate.effect, fixed):
                     found.append(candidate)
     return found
+
+
+class _Robot(NamedTuple):
+    """The logs of a robot and its sizes."""
+
+    data: Data
+    scale: RobotScale
+
+    @property
+    def joints(self) -> list[str]:
+        """The compared joints."""
+        return [joint.name for joint in self.data.joints]
 
 
 def _taken(effect: Effect, fixed: Sequence[Fixed]) -> bool:
@@ -157,49 +145,40 @@ def _taken(effect: Effect, fixed: Sequence[Fixed]) -> bool:
     return there and (not effect.composes or effect.how == "set")
 
 
-def _places(name: str, robot: Robot) -> Iterator[dict[str, Any]]:
+def _arguments(effect: type[Effect], robot: _Robot) -> Iterator[dict[str, Any]]:
     """Yield the arguments of an effect at each place of the robot."""
-    effect = EFFECTS[name]
-    sides: list[dict[str, Any]] = [{"side": side} for side in effect.sides] or [{}]
+    for place, more in itertools.product(_places(effect, robot), effect.variants(robot.scale)):
+        yield {"where": place, **more}
+
+
+def _places(effect: type[Effect], robot: _Robot) -> list[str | None]:
+    """Return where on the robot an effect may be; None for all of it."""
     if effect.place == "joint":
-        places: list[str | None] = [*robot.joints]
-    elif effect.place == "actuator":
-        places = [*robot.actuators]
-    elif effect.place == "body":
-        places = [robot.model.body(i).name for i in range(1, robot.model.nbody)]
-        places = [p for p in places if _moving_joint(robot, str(p)) is not None]
-    else:
-        places = [None]
-    more: list[dict[str, Any]] = [{}]
-    if name == "encoder_offset":
-        more = [{"servo": 1.0}, {"servo": 0.0}]
-    elif name in FITTED:
-        more = [{"free": tuple(FITTED[name])}]
-    elif name == "supply_sag":
-        constant = robot.torque_constant()
-        if constant is None:
-            return
-        more = [{"voltage": constant[0], "torque_constant": constant[1]}]
-    elif any(extra.default is None for extra in effect.extras):
-        more = []
-    for place, side, extra in itertools.product(places, sides, more):
-        yield {"where": place, **side, **extra}
+        return [*robot.joints]
+    if effect.place == "actuator":
+        return [*robot.scale.actuators]
+    if effect.place == "body":
+        model = robot.scale.model
+        bodies = [model.body(i).name for i in range(1, model.nbody)]
+        return [body for body in bodies if _moving_joint(robot, body) is not None]
+    return [None]
 
 
-def _make(name: str, arguments: dict[str, Any], robot: Robot) -> Candidate | None:
+def _make(name: str, arguments: dict[str, Any], robot: _Robot) -> Candidate | None:
     """Return the candidate, or None where the robot cannot have it."""
     try:
         effect = make(name, **arguments)
         spec = robot.data.specs[0].copy()
         effect.edit(spec)
-        parameters = effect.parameters(spec.compile() if _edits(effect) else robot.model)
+        parameters = effect.parameters(spec.compile() if _edits(effect) else robot.scale.model)
     except EnvsError:
         return None
     neutral = np.array([p.neutral for p in parameters])
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+    fits = {extra.name: extra.fit for extra in effect.extras}
     for place, name in enumerate(effect.free, len(neutral) - len(effect.free)):
-        low[place], high[place] = FITTED[effect.name][name]
-    probes = probes_of(effect, neutral, robot)
+        low[place], high[place] = fits[name] or (low[place], high[place])
+    probes = probes_of(effect, neutral, robot.scale)
     probes = np.clip(probes, low, high)
     probes = probes[(np.abs(probes - neutral) > 1e-12).any(axis=1)]
     if not len(probes):
@@ -208,41 +187,31 @@ def _make(name: str, arguments: dict[str, Any], robot: Robot) -> Candidate | Non
     shown = (joint,) if joint else ()
     if effect.place == "body":
         shown = _carriers(robot, str(effect.where))
-    return Candidate(effect, joint, probes, neutral, low, high, _group(effect), shown)
+    return Candidate(effect, joint, probes, neutral, low, high, effect.batch(), shown)
 
 
 def _edits(effect: Effect) -> bool:
     return type(effect).edit is not Effect.edit
 
 
-def _group(effect: Effect) -> str:
-    if effect.extra.get("servo") == 0.0:
-        return "log offset"
-    if isinstance(effect, FieldEffect) or effect.name in PLAIN:
-        return "plain"
-    if isinstance(effect, SeriesEffect):
-        return f"{effect.label()} {effect.side}"
-    return "rules" if type(effect).__module__.startswith("envs.") else effect.name
-
-
-def _joint(effect: Effect, robot: Robot) -> str | None:
+def _joint(effect: Effect, robot: _Robot) -> str | None:
     if effect.where is None:
         return None
     if effect.place == "joint":
         return effect.where
     if effect.place == "actuator":
-        return robot.driven.get(effect.where)
+        return robot.scale.driven.get(effect.where)
     return _moving_joint(robot, effect.where) if effect.place == "body" else None
 
 
-def _moving_joint(robot: Robot, body: str) -> str | None:
+def _moving_joint(robot: _Robot, body: str) -> str | None:
     """Return the compared joint nearest above a body."""
     return next(iter(_carriers(robot, body)), None)
 
 
-def _carriers(robot: Robot, body: str) -> tuple[str, ...]:
+def _carriers(robot: _Robot, body: str) -> tuple[str, ...]:
     """Return the compared joints that carry a body, the nearest first."""
-    model, found = robot.model, []
+    model, found = robot.scale.model, []
     index = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body))
     while index > 0:
         first, count = int(model.body_jntadr[index]), int(model.body_jntnum[index])

@@ -19,6 +19,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from envs.effects import Effect
+from envs.effects.base import PLAIN
 from sim2real.diagnosis.attribution.attribute import ENOUGH, Found, Search, lively
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, refine
@@ -31,12 +33,10 @@ BETTER = 0.1  # share of the gap that families must close beyond single effects
 MOST = 3  # rounds in which families join
 TRIED = 3  # families, or pairs of them, of a round that are fitted
 WORKED = 80.0  # s of windows that families are fitted to and compared on: joints move in turn
+STIFFNESS = 0  # rank of the effect that pairs are made with
 POINTS = 24  # simulations of a round of a joint's own search
 ROUNDS, MORE = 2, 4  # rounds for each family that is tried, and further ones for the best
 SPREAD, SHRINK = 0.7, 0.7  # of its factors, as a logarithm, and how it shrinks from round to round
-TIED = ("position_gain", "derivative_gain")  # start from the same factor
-SERVO = (*TIED, "coulomb_friction", "viscous_friction")  # what every servo model has
-STIFFNESS, PLAIN = SERVO[0], "plain"  # pairs are of it and of effects of this group
 COARSE = (0.2, 0.07, 0.025, 0.01)  # further factors: data sheets are off by orders of magnitude
 WORTH = 0.02  # least share of the first gap that a further family closes
 JOINT_WORTH = 0.002  # least share of it that a joint's own member closes
@@ -117,11 +117,16 @@ class _Families:
         """Return what may join: first a gain with what goes with it, then every family."""
         single: list[tuple[str, ...]] = [(kind,) for kind in self.left]
         plain = [kind for kind, family in self.left.items() if family[0].group == PLAIN]
-        if fit.members or STIFFNESS not in plain:
+        ranks = {kind: self.effect(kind).servo_rank for kind in plain}
+        servo = tuple(sorted((k for k in plain if ranks[k] is not None), key=ranks.__getitem__))
+        if fit.members or not servo or ranks[servo[0]] != STIFFNESS:
             return single
-        servo = tuple(kind for kind in SERVO if kind in plain)
         others = [kind for kind in plain if kind not in servo and "offset" not in kind]
-        return [servo, *((STIFFNESS, kind) for kind in others)]
+        return [servo, *((servo[0], kind) for kind in others)]
+
+    def effect(self, kind: str) -> Effect:
+        """Return one of the effects of a family."""
+        return self.left[kind][0].effect
 
     def members(self, choice: tuple[str, ...]) -> Family:
         """Return the candidates of some families."""
@@ -207,8 +212,12 @@ class _Families:
         """
         groups = [self.left[kind] for kind in choice]
         counts = [max(len(member.probes) for member in family) for family in groups]
-        tied = [choice.index(kind) for kind in TIED if kind in choice]
-        grid = [None, *(g for g in np.ndindex(*counts) if len({g[i] for i in tied}) < 2)]
+        ties = [self.effect(kind).tied for kind in choice]
+        tied = [[i for i, tie in enumerate(ties) if tie == one] for one in set(ties) - {""}]
+        grid = [
+            None,
+            *(g for g in np.ndindex(*counts) if all(len({g[i] for i in t}) < 2 for t in tied)),
+        ]
         points = np.stack([self.point(groups, fit, probes) for probes in grid])
         members = (*fit.members, *self.members(choice))
         squares = self.squares(problem, members, points)  # (K + 1, 2, M)

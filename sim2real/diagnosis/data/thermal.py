@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable
 import mujoco
 import numpy as np
 
-from envs.effects.base import joint_driven
+from envs.effects.places import joint_driven
 from envs.effects.supply import _Derating
 from envs.plant import Plant
 from sim2real.diagnosis.data.dataset import Data

@@ -180,7 +180,7 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
         "cause": cause,
         "body": body,
         "factor": bool(effect and effect.unit == "" and "scale" in effect.hows),
-        "looks_like": effect.looks_like if effect else "",
+        "symptom": effect.symptom if effect else "",
         "source": effect.source if effect else "",
         "experiment": effect.experiment if effect else "",
         "typical": words.interval((low, high), cause.unit, cause.value) if effect else "",

@@ -21,32 +21,6 @@ from envs.effects.layout import compile_structure
 from envs.plant import Fixed, Plant
 from sim2real.runs.files import write_text
 
-# The effects that the file cannot hold, and why.
-LEFT_OUT = {
-    "stribeck_friction": "MJCF has no friction that depends on the speed",
-    "load_dependent_friction": "MJCF has no friction that depends on the load",
-    "cogging": "MJCF has no torque that depends on the position in this way",
-    "dead_zone": "a position actuator has no zone in which it is idle",
-    "supply_sag": "MJCF has no supply that several actuators share",
-    "thermal_derating": "an actuator of this kind does not remember its load",
-    "packet_loss": "it is random",
-    "profile_velocity": "MJCF has no limit on the motion of a goal",
-    "profile_acceleration": "MJCF has no limit on the motion of a goal",
-    "observation_delay": "it changes what is read, not how the robot moves",
-    "sensor_noise": "it changes what is read, not how the robot moves",
-    "quantization": "it changes what is read, not how the robot moves",
-    "velocity_filter": "it changes what is read, not how the robot moves",
-    **dict.fromkeys(
-        ("colour", "light_level", "light_direction", "camera_shift", "camera_turn"),
-        "it changes images, not how the robot moves",
-    ),
-}
-SAID = (
-    *("backlash", "joint_compliance"),
-    *("position_gain", "derivative_gain", "motor_strength", "torque_limit", "supply_voltage"),
-    *("command_delay", "encoder_offset", "center_of_mass", "payload"),
-    *("gravity_tilt", "ground_friction", "contact_stiffness"),
-)
 Put = Callable[[Any, np.ndarray], None]  # writes a row of a model's field into an element of a spec
 
 
@@ -77,23 +51,17 @@ def write(spec: mujoco.MjSpec, effects: Sequence[Fixed], path: str | Path) -> di
 
 def why_not(effect: Effect) -> str | None:
     """Return why MJCF cannot say an effect; None where it can."""
-    if effect.name in LEFT_OUT:
-        return LEFT_OUT[effect.name]
-    if effect.side == "link":
-        return "a position actuator cannot close its loop on the far side of a play or spring"
-    if effect.name == "encoder_offset" and not effect.extra["servo"]:
-        return LEFT_OUT["sensor_noise"]
-    if effect.name in SAID or (
-        isinstance(effect, FieldEffect) and effect.field in (*FIELDS, *INERTIA)
-    ):
-        return None
-    return "this file knows no way to write it"
+    reason = effect.why_not_mjcf()
+    if reason is None and isinstance(effect, FieldEffect):
+        known = effect.field in (*FIELDS, *INERTIA, GRAVITY)
+        return None if known else f"no element of MJCF is known here that holds {effect.field}"
+    return reason
 
 
 def apply(spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> mujoco.MjSpec:
     """Return a copy of the spec with effects that MJCF can say written into its elements."""
-    offsets = [(e, values[0]) for e, values in effects if e.name == "encoder_offset"]
-    plain = [(e, values) for e, values in effects if e.name != "encoder_offset"]
+    own = [(e, values) for e, values in effects if e.own_mjcf]
+    plain = [(e, values) for e, values in effects if not e.own_mjcf]
     plant = Plant(spec, num_rows=1, fixed=plain)
     nominal, changed = spec.copy().compile(), spec.copy()
     for effect, _ in plain:
@@ -106,13 +74,13 @@ def apply(spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> mujoco.MjSpec:
                 if not np.array_equal(row[1], new[0][row[0]]):
                     put(element, new[0][row[0]])
     _inertias(changed, model, plant)
-    tilt = plant.batch.expanded("opt.gravity")
+    tilt = plant.batch.expanded(GRAVITY)
     if tilt is not None:
         changed.option.gravity = tilt[0]
     if plant.layout.joints:
         _settle(changed, nominal, plant)
-    for effect, value in offsets:
-        _shift_zero(changed, model, effect, float(value))
+    for effect, values in own:
+        effect.to_mjcf(changed, model, values)
     return changed
 
 
@@ -175,6 +143,7 @@ FIELDS: dict[str, tuple[Callable[[mujoco.MjSpec], Iterable[Any]], Put]] = {
     "geom_friction": (_geoms, _set("friction")),
     "geom_solref": (_geoms, _set("solref")),
 }
+GRAVITY = "opt.gravity"
 INERTIA = {
     "body_mass": "mass",
     "body_ipos": "ipos",
@@ -212,18 +181,6 @@ def _settle(spec: mujoco.MjSpec, nominal: mujoco.MjModel, plant: Plant) -> None:
     for number, key in enumerate(spec.keys):
         plant.reset(row, nominal.key_qpos[[number]], rest, seed, measured=True)
         key.qpos = plant.layout.raw_qpos[0]
-
-
-def _shift_zero(spec: mujoco.MjSpec, model: mujoco.MjModel, effect: Effect, value: float) -> None:
-    """Let joints read value more than they did: their reference, limits, rest and keyframes."""
-    names = [effect.where] if effect.where else sorted({a.target for a in spec.actuators})
-    for joint in (spec.joint(name) for name in names):
-        joint.ref, joint.springref = joint.ref + value, joint.springref + value
-        joint.range = np.array(joint.range) + value
-        for key in spec.keys:
-            qpos = np.array(key.qpos) if len(key.qpos) else model.qpos0.copy()
-            qpos[model.joint(joint.name).qposadr[0]] += value
-            key.qpos = qpos
 
 
 def _absolute_folders(spec: mujoco.MjSpec) -> None:

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from envs.effects import EFFECTS
 from sim2real.diagnosis.schema import Report
 
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
 SINGLY = 4  # causes that a sentence names with their places
-PEOPLE = ("coulomb", "stribeck")
 SUBTITLES = {
     "explained": "Explained",
     "partly_explained": "Partly explained",
@@ -65,9 +65,8 @@ def name(effect: str, where: str | None, side: str | None = None) -> str:
 
 
 def plain(effect: str) -> str:
-    """Return an effect's standard name in words; people keep their capitals."""
-    words = [w.capitalize() if w in PEOPLE else w for w in effect.split("_")]
-    return " ".join(words)
+    """Return an effect's standard name in words, its own where it is known here."""
+    return EFFECTS[effect].in_words() if effect in EFFECTS else effect.replace("_", " ")
 
 
 def sentence(report: Report) -> str:

@@ -191,7 +191,7 @@ def test_each_effect_says_what_it_is(name) -> None:
     assert kind.__doc__
     assert isinstance(kind.unit, str)
     assert kind.typical[0] < kind.typical[1]
-    for text in (kind.looks_like, kind.source, kind.experiment):
+    for text in (kind.symptom, kind.source, kind.experiment):
         assert len(text) > 15
         assert not text.endswith(".")
 
@@ -232,7 +232,7 @@ def test_an_effect_of_ones_own_is_known_everywhere(tmp_path) -> None:
         name, place, unit = "spring_stiffness", "joint", "N·m/rad"
         hows = ("add", "scale")
         field = "jnt_stiffness"
-        looks_like = "the joint is pulled to its rest angle"
+        symptom = "the joint is pulled to its rest angle"
         source = "MuJoCo XML reference, joint/stiffness"
         experiment = "let go of the joint from several angles"
 

@@ -12,7 +12,7 @@ from hardware.log import read_logs
 from sim2real.exam import cases, sizes
 from sim2real.exam import logs as logs_module
 from sim2real.exam.cases import KEY, Exam, Outline
-from sim2real.exam.hiding import EFFECTS
+from sim2real.exam.hiding import EFFECTS, place_of
 from sim2real.runs.errors import Sim2RealError
 
 FULL = Exam(["bench1", "arm6"], one=2, two=12, none=3, excluded=4, longest=60.0, block=4)
@@ -107,5 +107,5 @@ def test_what_a_robot_cannot_show_is_drawn_again(
     assert tried("two", "backlash", "payload") == pairs
     removed = tried("excluded", "cogging")
     assert removed[0] == ("cogging",) and len(set(removed)) > 5
-    assert all(EFFECTS[effect].place == "joint" for (effect,) in removed)
+    assert all(place_of(effect) == "joint" for (effect,) in removed)
     assert tried("one", "cogging") == [("cogging",)]

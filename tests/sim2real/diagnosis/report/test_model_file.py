@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.effects import EFFECTS, make
+from envs.effects import EFFECTS, Effect, FieldEffect, make
 from envs.plant import Plant
 from envs.replay import Recording, replay, switchable
 from sim2real.diagnosis.report import model_file
@@ -151,10 +151,11 @@ def test_contacts_are_written(tmp_path: Path) -> None:
 
 
 def test_every_effect_is_said_or_has_a_reason() -> None:
-    """No effect of the vocabulary is unknown to the file."""
-    spoken = set(model_file.SAID) | set(model_file.LEFT_OUT)
-    plain = {"coulomb_friction", "viscous_friction", "armature", "link_mass"}
-    assert set(EFFECTS) <= spoken | plain
+    """No class leaves open whether MJCF can say it, and every plain field has its element."""
+    known = (*model_file.FIELDS, *model_file.INERTIA)
+    for kind in EFFECTS.values():
+        assert kind.no_mjcf != Effect.no_mjcf
+        assert not issubclass(kind, FieldEffect) or kind.field in known
 
 
 def test_meshes_are_found_from_another_folder(tmp_path: Path) -> None:

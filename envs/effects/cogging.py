@@ -1,0 +1,99 @@
+"""The ripple of a motor's torque with its angle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
+from envs.effects.places import joints
+from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
+from envs.params import Parameter
+
+
+class _Cogging(SubstepRule):
+    """See `Cogging`."""
+
+    order = 60
+
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        self.effect, self.qpos, self.applied = effect, plant.layout.raw_qpos, plant.applied
+        found = joints(plant.model, effect.where)
+        self.q, self.v = plant.model.jnt_qposadr[found], plant.model.jnt_dofadr[found]
+        self.value, self.count, self.phase = (np.zeros((plant.num_rows, 1)) for _ in range(3))
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self.value[ids] = values[:, :1]
+        self.count[ids, 0] = self.effect.scalar("count", values)
+        self.phase[ids, 0] = self.effect.scalar("phase", values)
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        torque = self.value[ids] * np.sin(
+            self.count[ids] * self.qpos[ids][:, self.q] + self.phase[ids]
+        )
+        if isinstance(ids, slice):
+            self.applied[:, self.v] += torque
+        else:
+            self.applied[ids[:, None], self.v] += torque
+
+
+class Cogging(Effect):
+    """A torque ripple with the motor's angle: value sin(count q + phase)."""
+
+    name = "cogging"
+    place = "joint"
+    unit = "N·m"
+    extras = (
+        Extra(
+            "count",
+            "1/turn",
+            12.0,
+            0.0,
+            1e4,
+            "ripples in a turn of the joint",
+            fit=(0.0, 1e4),
+            typical=(4.0, 32.0),
+        ),
+        Extra(
+            "phase",
+            "rad",
+            0.0,
+            -2 * np.pi,
+            2 * np.pi,
+            "of the ripple at q = 0",
+            fit=(-2 * np.pi, 2 * np.pi),
+            typical=(-3.2, 3.2),
+        ),
+    )
+    typical = (0.0, 0.05)
+    no_mjcf = "MJCF has no torque that depends on the position in this way"
+    sizes = Sizes("add", "stall", 2e-3, 0.2)
+    symptom = "an error that repeats with the position, whatever the speed and direction"
+    source = "tau = A sin(N q + phase); MuJoCo XML reference, dcmotor/cogging"
+    experiment = "a slow ramp over the whole range, there and back"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the amplitude, and the free extras."""
+        joints(model, self.where)
+        return (self.parameter(low=0.0), *self.free_parameters())
+
+    def bind(self, plant: PlantView) -> SubstepRule:
+        """Apply the torque before each substep."""
+        return _Cogging(plant, self)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return rough ones: the error of a replay shows better ones."""
+        size = 0.05 * scale.torque_at(self.where)
+        return np.array([(size, 12.0, phase) for phase in np.arange(4) * np.pi / 2])
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+    @classmethod
+    def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw a whole number of ripples, and a phase."""
+        return {"count": float(rng.integers(6, 31)), "phase": float(rng.uniform(-3, 3))}

@@ -1,0 +1,121 @@
+"""Sizes of a robot, from which an effect tells what it may be there.
+
+    scale = RobotScale(model, speeds=lambda actuator: (2.0, 6.0))
+    make("coulomb_friction", where="elbow").probes(scale)      # N·m, from the elbow's own torque
+
+What a model says is here; what only recordings say (how fast it was driven, how warm it got) is
+handed in by whoever has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+FASTEST = 8.0  # rad/s: of a servo whose commands are not known
+VOLTS = 12.0  # V: of a supply that nobody says
+REACHED = 0.5  # rad of error at which a servo without a limit is taken to give its largest torque
+LEAST = 1e-3  # N·m: an actuator without a size of its own
+
+
+def same_speed(actuator: str) -> tuple[float, float]:
+    """Return the usual and the largest commanded speed of an unknown motion [rad/s]."""
+    return FASTEST, FASTEST
+
+
+def no_heat(actuator: str) -> float:
+    """Return what an unknown motion heats a motor by [N²·m²·s]."""
+    return 0.0
+
+
+class RobotScale:
+    """How large things are on one robot.
+
+    Args:
+        model: the robot.
+        voltage: of its supply [V]; 0: not known.
+        speeds: how fast an actuator is told to move in all but 3 % of the time, and at most
+            [rad/s], by its name.
+        heat: what an actuator's squared torque adds up to in the hardest of the logs [N²·m²·s].
+
+    Attributes:
+        actuators: names, in the model's order.
+        driven: joint of each actuator that acts on one, by name.
+        torque: the largest of each actuator at its joint [N·m], by actuator.
+        joint_torque: the same by joint.
+        mass: of the whole robot [kg].
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        voltage: float = 0.0,
+        speeds: Callable[[str], tuple[float, float]] = same_speed,
+        heat: Callable[[str], float] = no_heat,
+    ) -> None:
+        self.model, self.voltage = model, voltage
+        self.speeds, self.heat = speeds, heat
+        self.actuators = [model.actuator(i).name for i in range(model.nactuator)]
+        self.driven = {
+            name: model.joint(int(model.actuator_trnid[i, 0])).name
+            for i, name in enumerate(self.actuators)
+            if int(model.actuator_trntype[i]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        }
+        self.torque = {name: self._torque(i) for i, name in enumerate(self.actuators)}
+        self.joint_torque = {joint: self.torque[name] for name, joint in self.driven.items()}
+        self.mass = float(model.body_mass[1:].sum())
+
+    def _torque(self, i: int) -> float:
+        model = self.model
+        gear = abs(float(model.actuator_gear[i, 0])) or 1.0
+        if model.actuator_forcelimited[i]:
+            return float(model.actuator_forcerange[i, 1]) * gear
+        return max(float(abs(model.actuator_biasprm[i, 1])) * REACHED, LEAST) * gear
+
+    def torque_at(self, where: str | None) -> float:
+        """Return the largest torque at a joint or actuator; the mean of all elsewhere [N·m]."""
+        found = {**self.torque, **self.joint_torque}.get(str(where))
+        return found or float(np.mean(list(self.torque.values()) or [1.0]))
+
+    def own(self, field: str, joint: str | None) -> float:
+        """Return a joint's entry of one of the model's fields of degrees of freedom."""
+        return float(getattr(self.model, field)[self.model.jnt_dofadr[self._joint(joint)]])
+
+    def inertia(self, joint: str | None) -> float:
+        """Return the inertia of what a joint carries, without armature [kg·m²]."""
+        return link_inertia(self.model, self._joint(joint))
+
+    def _joint(self, name: str | None) -> int:
+        return int(self.model.joint(str(name)).id)
+
+    def body(self, name: str | None) -> int:
+        """Return a body's id."""
+        return int(self.model.body(str(name)).id)
+
+    @cached_property
+    def known(self) -> dict[str, float]:
+        """The supply [V] and the motors' constant [N·m/A], from stall torque and back-EMF.
+
+        Empty where no motor has a stall torque.
+        """
+        model, volts = self.model, self.voltage or VOLTS
+        limits = model.actuator_forcerange[:, 1] * model.actuator_forcelimited.astype(bool)
+        if not (limits > 0).any():
+            return {}
+        damping = np.atleast_2d(model.actuator_damping.reshape(model.nactuator, -1))[:, 0]
+        good = (limits > 0) & (damping > 0)
+        constant = float(np.mean(volts * damping[good] / limits[good])) if good.any() else 1.0
+        return {"voltage": volts, "torque_constant": constant}
+
+
+def link_inertia(model: mujoco.MjModel, joint: int) -> float:
+    """Return the inertia of what a joint carries, at the default pose, without armature [kg·m²]."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    dof = int(model.jnt_dofadr[joint])
+    return float(full[dof, dof] - model.dof_armature[dof])

@@ -1,0 +1,124 @@
+"""An effect of a user's own, in a folder outside the repository, in every place that knows effects.
+
+The module below is all that the user writes.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import EFFECTS, load_effects, make, write_effects
+from envs.plant import Plant
+from envs.randomization import Draw, Randomization
+from envs.simulation import Simulation
+from envs.tasks import Hopper
+from hardware.log import Log
+from sim2real.diagnosis.attribution.candidates import candidates
+from sim2real.diagnosis.attribution.fit import Fit, Problem, refine
+from sim2real.diagnosis.attribution.screen import screen
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.report import model_file, words
+from sim2real.evaluation.grid import Grid
+from tests.sim2real.diagnosis import arm
+
+MODULE = '''
+import numpy as np
+from envs.effects import FieldEffect, register
+
+
+@register
+class ReturnSpring(FieldEffect):
+    """A spring that pulls a joint to its rest angle, such as a cable or a gas strut."""
+
+    name, place, unit, hows = "return_spring", "joint", "N·m/rad", ("add", "scale", "set")
+    field = "jnt_stiffness"
+    words = "spring to the rest angle"
+    symptom = "the joint is pulled to its rest angle, the more the farther it is away"
+    source = "MuJoCo XML reference, joint/stiffness"
+    experiment = "let go of the joint from several angles"
+
+    def probes(self, scale):
+        return np.array([0.05, 0.2, 0.8]) * scale.torque_at(self.where)
+'''
+STIFFNESS = 0.8  # N·m/rad
+NOTHING = Fit((), np.zeros((2, 0)), np.zeros(2))
+
+
+@pytest.fixture(autouse=True)
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Import the user's module from a folder of theirs."""
+    assert len(MODULE.strip().splitlines()) <= 20
+    (tmp_path / "my_springs.py").write_text(MODULE, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.import_module("my_springs")
+    yield
+    EFFECTS.pop("return_spring", None)
+    sys.modules.pop("my_springs", None)
+
+
+def sprung() -> mujoco.MjSpec:
+    """Return the arm with a spring in its second joint, written into its model."""
+    spec = arm.spec()
+    spec.joint("b").stiffness = [STIFFNESS, 0.0, 0.0]
+    return spec
+
+
+def log() -> Log:
+    """Return a log of that arm, moved by its servos."""
+    model = sprung().compile()
+    plant = Plant(sprung(), num_rows=1, threads=1)
+    time = np.arange(300) / arm.RATE
+    goals = 0.5 * np.sin(2 * np.pi * np.outer(time, (0.4, 0.7)) + (0.3, 1.1))
+    first = np.zeros(1, int)
+    plant.reset(first, np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.uint64), goals[:1])
+    path = []
+    for goal in goals:
+        path.append(plant.qpos[0].copy())
+        plant.step(None, goal[None], round(1 / arm.RATE / model.opt.timestep))
+    columns = {"episode": np.zeros(len(time)), "time": time}
+    columns |= {f"ctrl.{n}": goals[:, i] for i, n in enumerate("ab")}
+    columns |= {f"qpos.{n}": np.array(path)[:, i] for i, n in enumerate("ab")}
+    return Log(columns)
+
+
+def test_a_diagnosis_finds_it_and_a_report_says_it(tmp_path: Path) -> None:
+    """Of all effects it promises most, and its fit has the true stiffness."""
+    data = Data.of([log()], arm.model(tmp_path))
+    problem = Problem(data, Simulator(data, threads=1))
+    found = screen(problem, NOTHING, candidates(data)).guesses[0]
+    assert found.candidate.label == "return_spring.b"
+    fit = refine(problem, (found.candidate,), np.tile(found.start, (1, 2, 1)), 4)
+    assert fit.mean[0] == pytest.approx(STIFFNESS, rel=0.02)
+    assert words.name("return_spring", "b") == "spring to the rest angle at b"
+    assert "return_spring" not in {c.name for c in candidates(data, ["return_spring"])}
+
+
+def test_files_hold_it(tmp_path: Path) -> None:
+    """effects.yaml gives it back, and model.xml has the spring."""
+    write_effects(tmp_path / "effects.yaml", [(make("return_spring", where="b"), (STIFFNESS,))])
+    effects = load_effects(tmp_path / "effects.yaml")
+    assert model_file.write(arm.spec(), effects, tmp_path / "model.xml") == {}
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    np.testing.assert_array_equal(written.jnt_stiffness, sprung().compile().jnt_stiffness)
+
+
+def test_training_draws_it_and_an_evaluation_sweeps_it() -> None:
+    """It is a parameter of the task's space, in its row and its cell."""
+    tasks = Randomization([Draw(make("return_spring", where="leg_joint"), low=1.0, high=5.0)])
+    simulation = Simulation(Hopper(), num_rows=3, effects=tasks.effects, threads=1)
+    tasks.check(simulation.space)
+    values = tasks.sample(np.random.default_rng(0), 3)
+    assert ((values >= 1) & (values <= 5)).all()
+
+    plant = Plant(arm.spec(), [make("return_spring", where="b")], 3, 1)
+    grid = Grid([{"parameter": "return_spring.b", "values": [0.0, 2.0, 4.0]}])
+    plant.set_params(np.arange(3), grid.values(plant.space))
+    assert plant.field("jnt_stiffness")[:, 1].tolist() == [0.0, 2.0, 4.0]
