@@ -18,12 +18,17 @@ import numpy as np
 FASTEST = 8.0  # rad/s: of a servo whose commands are not known
 VOLTS = 12.0  # V: of a supply that nobody says
 REACHED = 0.5  # rad of error at which a servo without a limit is taken to give its largest torque
-LEAST = 1e-3  # N·m: an actuator without a size of its own
+LEAST = 1e-3  # N·m: an actuator that moves nothing that weighs, without a size of its own
 
 
 def same_speed(actuator: str) -> tuple[float, float]:
     """Return the usual and the largest commanded speed of an unknown motion [rad/s]."""
     return FASTEST, FASTEST
+
+
+def no_command(actuator: str) -> float:
+    """Return the largest command of an unknown motion."""
+    return 0.0
 
 
 def no_heat(actuator: str) -> float:
@@ -40,6 +45,7 @@ class RobotScale:
         speeds: how fast an actuator is told to move in all but 3 % of the time, and at most
             [rad/s], by its name.
         heat: what an actuator's squared torque adds up to in the hardest of the logs [N²·m²·s].
+        commands: the largest command of an actuator without its sign, in the actuator's own unit.
 
     Attributes:
         actuators: names, in the model's order.
@@ -55,9 +61,10 @@ class RobotScale:
         voltage: float = 0.0,
         speeds: Callable[[str], tuple[float, float]] = same_speed,
         heat: Callable[[str], float] = no_heat,
+        commands: Callable[[str], float] = no_command,
     ) -> None:
         self.model, self.voltage = model, voltage
-        self.speeds, self.heat = speeds, heat
+        self.speeds, self.heat, self.commands = speeds, heat, commands
         self.actuators = [model.actuator(i).name for i in range(model.nactuator)]
         self.driven = {
             name: model.joint(int(model.actuator_trnid[i, 0])).name
@@ -69,11 +76,38 @@ class RobotScale:
         self.mass = float(model.body_mass[1:].sum())
 
     def _torque(self, i: int) -> float:
+        """Return an actuator's largest torque: its limit, else what its gain makes of its error.
+
+        A motor's is what its range of commands makes, else the largest command of the logs; where
+        it was never used, the torque that holds what it carries.
+        """
         model = self.model
         gear = abs(float(model.actuator_gear[i, 0])) or 1.0
         if model.actuator_forcelimited[i]:
             return float(model.actuator_forcerange[i, 1]) * gear
-        return max(float(abs(model.actuator_biasprm[i, 1])) * REACHED, LEAST) * gear
+        stiffness = float(-model.actuator_biasprm[i, 1])
+        if stiffness > 0:
+            return max(stiffness * REACHED, LEAST) * gear
+        if model.actuator_ctrllimited[i]:
+            command = float(np.abs(model.actuator_ctrlrange[i]).max())
+        else:
+            command = self.commands(self.actuators[i])
+        torque = command * abs(float(model.actuator_gainprm[i, 0])) * gear
+        return torque or max(self._weight(i), LEAST)
+
+    def _weight(self, i: int) -> float:
+        """Return the torque [N·m] that holds what an actuator carries, at its heaviest."""
+        model, data = self.model, mujoco.MjData(self.model)
+        joint = self.driven.get(self.actuators[i])
+        if joint is None:
+            return 0.0
+        mujoco.mj_forward(model, data)
+        place = self._joint(joint)
+        body = int(model.jnt_bodyid[place])
+        force = float(model.body_subtreemass[body] * np.linalg.norm(model.opt.gravity))
+        slides = int(model.jnt_type[place]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+        arm = 1.0 if slides else np.linalg.norm(data.subtree_com[body] - data.xanchor[place])
+        return force * float(arm)
 
     def torque_at(self, where: str | None) -> float:
         """Return the largest torque at a joint or actuator; the mean of all elsewhere [N·m]."""

@@ -32,7 +32,8 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
         fixed: effects that are in the model already.
     """
     voltage = float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0)
-    return RobotScale(data.models[0], voltage, _Speeds(data), _Heats(data, fixed))
+    heats = _Heats(data, fixed)
+    return RobotScale(data.models[0], voltage, _Speeds(data), heats, _Commands(data))
 
 
 class _Speeds:
@@ -53,6 +54,19 @@ class _Speeds:
             return FASTEST, FASTEST
         usual, most = np.quantile(np.concatenate(found), (USUAL, 1.0))
         return max(float(usual), SLOWEST), float(most)
+
+
+class _Commands:
+    """How large the commands of a log are."""
+
+    def __init__(self, data: Data) -> None:
+        self._data = data
+
+    def __call__(self, actuator: str) -> float:
+        """Return an actuator's largest command without its sign, in its own unit."""
+        column = f"ctrl.{actuator}"
+        found = [log.columns[column] for log in self._data.logs if column in log.columns]
+        return float(np.abs(np.concatenate(found)).max()) if found else 0.0
 
 
 class _Heats:

@@ -9,10 +9,11 @@ import pytest
 
 from sim2real.diagnosis.attribution import screen as module
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Fit, Problem
+from sim2real.diagnosis.attribution.fit import Fit, Problem, refine
 from sim2real.diagnosis.attribution.screen import screen
+from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
-from tests.sim2real.diagnosis import arm
+from tests.sim2real.diagnosis import arm, motors
 
 TRUTH = (("position_gain", {"where": "b"}, 0.5), ("coulomb_friction", {"where": "a"}, 0.15))
 
@@ -41,3 +42,14 @@ def test_beside_what_is_known_only_the_likely_are_simulated(
     blind = screen(problem, fit, rest).guesses  # by their middle probes alone
     assert blind[0].candidate.label == "coulomb_friction.a"
     assert blind[0].gain == pytest.approx(full[0].gain, rel=1e-9)
+
+
+def test_friction_of_motors_without_a_limit_is_found(tmp_path: Path) -> None:
+    """Their size comes from the logged torques, so that friction of that size is looked at."""
+    data = Data.of([motors.make_log(friction=0.1, seconds=6.0)], motors.model(tmp_path))
+    problem = Problem(data, Simulator(data, threads=1))
+    nothing = Fit((), np.zeros((2, 0)), np.zeros(2))
+    best = screen(problem, nothing, candidates(data)).guesses[0]
+    assert best.candidate.label == "coulomb_friction.b"
+    fit = refine(problem, (best.candidate,), np.tile(best.start, (1, 2, 1)), 4)
+    assert fit.mean[0] == pytest.approx(0.1, rel=0.02)

@@ -1,0 +1,42 @@
+"""Sizes of a robot: from its limits, its gains, its commands, what it carries."""
+
+from __future__ import annotations
+
+import mujoco
+import pytest
+
+from envs.effects import RobotScale, make
+
+BODY = """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>
+    <geom type="sphere" size="0.02" pos="0 0 -0.3" mass="0.5"/></body></worldbody>
+    <actuator>{}</actuator></mujoco>"""
+
+
+def scale(actuator: str, command: float = 0.0) -> RobotScale:
+    """Return the sizes of a pendulum with that actuator, whose largest command is given."""
+    model = mujoco.MjModel.from_xml_string(BODY.format(actuator))
+    return RobotScale(model, commands=lambda name: command)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "command", "torque"),
+    [
+        ('<motor joint="hinge" gear="2" forcerange="-3 3"/>', 0.4, 6.0),
+        ('<position joint="hinge" kp="8" gear="2"/>', 0.4, 8.0),
+        ('<motor joint="hinge" gear="2" ctrlrange="-1.5 1"/>', 0.4, 3.0),
+        ('<general joint="hinge" gear="2" gainprm="5" ctrlrange="-1 1"/>', 0.4, 10.0),
+        ('<motor joint="hinge" gear="2"/>', 0.4, 0.8),
+        ('<motor joint="hinge" gear="2"/>', 0.0, 0.5 * 9.81 * 0.3),
+    ],
+)
+def test_the_largest_torque_is_the_best_that_is_known(actuator, command, torque) -> None:
+    """Limit, gain, range of commands, commands as logged, and at last the weight that hangs."""
+    found = scale(actuator, command)
+    assert found.torque_at("hinge") == pytest.approx(torque)
+    assert found.torque_at(None) == pytest.approx(torque)
+
+
+def test_friction_of_a_motor_without_a_limit_is_probed_at_its_own_size() -> None:
+    """Not a thousandth of it: what rubs takes a part of the torque that was commanded."""
+    probes = make("coulomb_friction", where="hinge").probes(scale('<motor joint="hinge"/>', 2.0))
+    assert probes.min() == pytest.approx(0.02) and probes.max() == pytest.approx(0.7)
