@@ -311,6 +311,15 @@ class Effect(ABC):
         return f"{self.side} side" if self.side else ""
 
     @classmethod
+    def places(cls, scale: RobotScale) -> list[str | None]:
+        """Return where on a robot a search should look for it; None is all of it."""
+        if cls.place == "joint":
+            return [*scale.joints]
+        if cls.place == "actuator":
+            return [*scale.actuators]
+        return [*scale.bodies] if cls.place == "body" else [None]
+
+    @classmethod
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
         """Return the arguments, beside `where`, with which a search should try the effect.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import mujoco
@@ -11,28 +13,103 @@ from envs.effects.base import PLAIN, Bound, Effect
 from envs.effects.field import FieldEffect
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
 from envs.errors import EffectError
 from envs.params import How, Parameter
 
 FrictionMode = Literal["contact", "seed"]
 
 
-class GroundFriction(FieldEffect):
-    """Sliding friction coefficient between the ground and the geom that stands on it.
+NEAR = 5e-3  # m: a geom this near to the ground in a logged pose is taken to stand on it
+DOMINANT = 1e6  # solmix of a geom whose contacts are its own affair
+
+
+def ground(model: mujoco.MjModel) -> np.ndarray:
+    """Return the geoms of fixed bodies that something which moves can touch, (k,)."""
+    fixed, moving = _sides(model)
+    return fixed[_meet(model, fixed, moving).any(axis=1)]
+
+
+def soles(model: mujoco.MjModel) -> np.ndarray:
+    """Return the geoms of moving bodies that can touch the ground, (k,)."""
+    fixed, moving = _sides(model)
+    return moving[_meet(model, fixed, moving).any(axis=0)]
+
+
+def _sides(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return the geoms of fixed bodies and of moving ones."""
+    fixed = model.body_weldid[model.geom_bodyid] == 0
+    return np.flatnonzero(fixed), np.flatnonzero(~fixed)
+
+
+def _meet(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return which geoms the engine lets collide, by their masks, (one, other) bool."""
+    kind, affinity = model.geom_contype, model.geom_conaffinity
+    forth = kind[one][:, None] & affinity[other]
+    return (forth | (affinity[one][:, None] & kind[other])) > 0
+
+
+def touching(model: mujoco.MjModel, poses: np.ndarray) -> tuple[str, ...]:
+    """Return the names of the geoms that stand on the ground in any of the poses (K, nq)."""
+    near, data = copy(model), mujoco.MjData(model)
+    near.geom_margin[:] = model.geom_margin + NEAR
+    still, feet, found = set(ground(model)), set(soles(model)), set()
+    for pose in poses if still and feet else ():
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(near, data)
+        mujoco.mj_collision(near, data)
+        for pair in data.contact.geom:
+            found |= set(pair) & feet if set(pair) & still else set()
+    return tuple(name for i in sorted(found) if (name := model.geom(int(i)).name))
+
+
+class _ContactEffect(Effect):
+    """An effect on the contacts of one geom with the ground, or of all the robot's feet.
+
+    Without `where` the feet are the geoms with `foot` in their names; of a robot that names none,
+    every geom that can touch the ground.
+    """
+
+    place = "contact"
+
+    @classmethod
+    def places(cls, scale: RobotScale) -> list[str | None]:
+        """Return all feet as one, and each geom that touches the ground where several do."""
+        each = list(scale.touching) if len(scale.touching) > 1 else []
+        return [None, *each] if scale.touching else []
+
+    def _feet(self, model: mujoco.MjModel) -> list[int]:
+        if self.where is not None:
+            return [find(model, "geom", self.where)]
+        can = soles(model).tolist()
+        if not can:
+            raise EffectError(f"{self.name}: no geom of this model can touch the ground")
+        return [i for i in can if "foot" in model.geom(i).name] or can
+
+    def _ground(self, model: mujoco.MjModel) -> list[int]:
+        found = ground(model).tolist()
+        if not found:
+            raise EffectError(f"{self.name} needs a ground: a fixed geom that collides")
+        return found
+
+
+class GroundFriction(_ContactEffect, FieldEffect):
+    """Sliding friction coefficient between the ground and what stands on it.
 
     MuJoCo takes the larger of the two geoms' coefficients, so `friction_mode: contact` writes both;
-    `seed` writes the robot's geom alone, as the study did whose grid is repeated here: below the
-    floor's own coefficient it then changes nothing. Writing a geom's priority instead would also
-    impose its contact dimension, which makes Hopper's links frictionless.
+    with `where` the contacts of the robot's other geoms keep theirs. `seed` writes the robot's geom
+    alone, as the study did whose grid is repeated here: below the floor's own coefficient it then
+    changes nothing. Writing a geom's priority instead would also impose its contact dimension,
+    which makes Hopper's links frictionless.
 
     Args:
-        where: the geom of the robot; None for the only geom named "foot" or "foot_geom".
+        where: the geom of the robot; None for all its feet, with one value: the geoms with "foot"
+            in their names, or, where there is none, every geom that can touch the ground.
         how: `set` (default) or `scale`.
         friction_mode: "contact" or "seed".
     """
 
     name = "ground_friction"
-    place = "contact"
     unit = ""
     hows: ClassVar[tuple[How, ...]] = ("set", "scale")
     field = "geom_friction"
@@ -63,31 +140,49 @@ class GroundFriction(FieldEffect):
         return {"friction_mode": self.friction_mode}
 
     def elements(self, model: mujoco.MjModel) -> tuple[Any, ...]:
-        """Return the sliding coefficients of the feet and, in mode contact, of the planes."""
-        ground = _ground(model, self.name)
-        return (
-            np.array(
-                _feet(model, self.where) + (ground if self.friction_mode == "contact" else [])
-            ),
-            0,
+        """Return the sliding coefficients of the feet and, in mode contact, of the ground."""
+        feet, floor = self._feet(model), self._ground(model)
+        return np.array(feet + (floor if self.friction_mode == "contact" else [])), 0
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the coefficient, whose neutral value is that of the contact as it is."""
+        (parameter,) = super().parameters(model)
+        if self.how == "set" and self.friction_mode == "contact":
+            both = [self._feet(model)[0], *self._ground(model)]
+            return (replace(parameter, neutral=float(model.geom_friction[both, 0].max())),)
+        return (parameter,)
+
+    def bind(self, plant: PlantView) -> Bound:
+        """Write the coefficients of each row."""
+        if self.where is None or self.friction_mode == "seed":
+            return super().bind(plant)
+        (parameter,) = self.parameters(plant.model)
+        foot, floor = self._feet(plant.model)[0], self._ground(plant.model)
+        return _Grip(plant, foot, np.array(floor), parameter)
+
+
+class _Grip(Bound):
+    """Writes the friction of one geom on the ground, and leaves that of the others as it is."""
+
+    def __init__(
+        self, plant: PlantView, foot: int, floor: np.ndarray, parameter: Parameter
+    ) -> None:
+        self._friction, self._foot, self._floor = plant.field("geom_friction"), foot, floor
+        self._others = np.setdiff1d(soles(plant.model), [foot])
+        self._how, self._neutral = parameter.how, parameter.neutral
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        changed = values[:, 0] != (1.0 if self._how == "scale" else self._neutral)
+        ids, value = ids[changed], values[changed, 0]
+        row, friction = ids[:, None], self._friction
+        own, floor = friction[ids, self._foot, 0], friction[row, self._floor, 0]
+        highest = floor.max(axis=1)
+        new = value * np.maximum(own, highest) if self._how == "scale" else value
+        friction[row, self._others, 0] = np.maximum(
+            friction[row, self._others, 0], highest[:, None]
         )
-
-
-def _ground(model: mujoco.MjModel, name: str) -> list[int]:
-    ground = [i for i in range(model.ngeom) if model.geom_type[i] == mujoco.mjtGeom.mjGEOM_PLANE]
-    if not ground:
-        raise EffectError(f"{name} needs a plane in the model to stand on; it has none")
-    return ground
-
-
-def _feet(model: mujoco.MjModel, where: str | None) -> list[int]:
-    if where is not None:
-        return [find(model, "geom", where)]
-    feet = [i for i in range(model.ngeom) if "foot" in model.geom(i).name]
-    if not feet:
-        names = ", ".join(n for i in range(model.ngeom) if (n := model.geom(i).name))
-        raise EffectError(f"no geom's name has 'foot' in it; say where: one of {names}")
-    return feet
+        friction[row, self._floor, 0] = np.minimum(floor, new[:, None])
+        friction[ids, self._foot, 0] = new
 
 
 class _Stiffness(Bound):
@@ -98,25 +193,51 @@ class _Stiffness(Bound):
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         at = (ids[:, None], self._geoms)
-        own, root = self._solref[at], np.sqrt(values)[..., None]  # (n, k, 2), (n, 1, 1)
-        standard = np.concatenate(
-            [own[..., :1] / root, own[..., 1:]], axis=-1
-        )  # (time constant, damping ratio)
-        direct = np.concatenate(
-            [own[..., :1] * root**2, own[..., 1:] * root], axis=-1
-        )  # (-stiffness, -damping)
-        self._solref[at] = np.where(own[..., :1] > 0, standard, direct)
+        self._solref[at] = stiffened(self._solref[at], values[..., None])
 
 
-class ContactStiffness(Effect):
-    """Stiffness of the contact between the ground and the geom that stands on it, as a factor.
+def stiffened(reference: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Return solver references (n, k, 2) for a factor (n, 1, 1) on the stiffness."""
+    root = np.sqrt(factor)
+    standard = np.concatenate(
+        [reference[..., :1] / root, reference[..., 1:]], axis=-1
+    )  # (time constant, damping ratio)
+    direct = np.concatenate(
+        [reference[..., :1] * root**2, reference[..., 1:] * root], axis=-1
+    )  # (-stiffness, -damping)
+    return np.where(reference[..., :1] > 0, standard, direct)
 
-    The damping ratio stays. The engine holds a contact's time constant at two time steps or more,
-    which bounds what a large factor can do.
+
+class _OwnStiffness(Bound):
+    """Scales the stiffness of one geom's contacts, which it then decides alone."""
+
+    def __init__(self, plant: PlantView, foot: int, floor: int) -> None:
+        self._solref, self._mix = plant.field("geom_solref"), plant.field("geom_solmix")
+        self._foot, self._floor = foot, floor
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        changed = values[:, 0] != 1.0
+        ids, factor = ids[changed], values[changed]  # (n, 1)
+        share = self._mix[ids, self._foot] / (
+            self._mix[ids, self._foot] + self._mix[ids, self._floor]
+        )
+        pair = (
+            share[:, None] * self._solref[ids, self._foot]
+            + (1 - share)[:, None] * self._solref[ids, self._floor]
+        )  # what the engine makes of both, (n, 2)
+        self._solref[ids, self._foot] = stiffened(pair[:, None], factor[..., None])[:, 0]
+        self._mix[ids, self._foot] = DOMINANT
+
+
+class ContactStiffness(_ContactEffect):
+    """Stiffness of the contact between the ground and what stands on it, as a factor.
+
+    The damping ratio stays. Without `where` all feet have one value (see `ground_friction`). The
+    engine holds a contact's time constant at two time steps or more, which bounds what a large
+    factor can do.
     """
 
     name = "contact_stiffness"
-    place = "contact"
     unit = ""
     hows: ClassVar[tuple[How, ...]] = ("scale",)
     composes = True
@@ -129,17 +250,35 @@ class ContactStiffness(Effect):
     experiment = "drop tests from two heights"
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the factor."""
-        self._geoms(model)
+        """Return the factor.
+
+        Raises:
+            EffectError: no ground, or one geom whose contacts are given by stiffness and damping
+                (a negative `solref`): of two such references the engine takes the smaller one.
+        """
+        geoms = self._feet(model) + self._ground(model)
+        if (
+            self.where is not None
+            and (model.geom_solref[geoms, 0] <= 0).any()
+            and self._shared(model)
+        ):
+            raise EffectError(
+                f"{self.label()}: its contacts have a negative solref; give it as a time constant"
+                " and a damping ratio, or leave out where"
+            )
         return (self.parameter(low=1e-6),)
 
-    def _geoms(self, model: mujoco.MjModel) -> np.ndarray:
-        return np.array(_feet(model, self.where) + _ground(model, self.name))
-
-    def bind(self, plant: PlantView) -> Bound:
-        """Write the contacts' reference of each row."""
-        return _Stiffness(plant, self._geoms(plant.model))
+    def _shared(self, model: mujoco.MjModel) -> bool:
+        """Return whether other geoms than this one can touch the same ground."""
+        return len(soles(model)) > 1
 
     def batch(self) -> str:
         """Return the group of effects that only write model fields."""
         return PLAIN
+
+    def bind(self, plant: PlantView) -> Bound:
+        """Write the contacts' reference of each row."""
+        feet, floor = self._feet(plant.model), self._ground(plant.model)
+        if self.where is not None and self._shared(plant.model):
+            return _OwnStiffness(plant, feet[0], floor[0])
+        return _Stiffness(plant, np.array(feet + floor))

@@ -9,7 +9,7 @@ handed in by whoever has them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import mujoco
@@ -18,6 +18,7 @@ import numpy as np
 FASTEST = 8.0  # rad/s: of a servo whose commands are not known
 VOLTS = 12.0  # V: of a supply that nobody says
 REACHED = 0.5  # rad of error at which a servo without a limit is taken to give its largest torque
+SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 LEAST = 1e-3  # N·m: an actuator that moves nothing that weighs, without a size of its own
 
 
@@ -41,11 +42,13 @@ class RobotScale:
 
     Args:
         model: the robot.
+        joints: those whose motion is compared; None for every hinge and slide.
         voltage: of its supply [V]; 0: not known.
         speeds: how fast an actuator is told to move in all but 3 % of the time, and at most
             [rad/s], by its name.
         heat: what an actuator's squared torque adds up to in the hardest of the logs [N²·m²·s].
         commands: the largest command of an actuator without its sign, in the actuator's own unit.
+        touching: names of the geoms that were seen to touch the ground.
 
     Attributes:
         actuators: names, in the model's order.
@@ -53,17 +56,22 @@ class RobotScale:
         torque: the largest of each actuator at its joint [N·m], by actuator.
         joint_torque: the same by joint.
         mass: of the whole robot [kg].
+        bodies: names of those that compared joints move.
     """
 
     def __init__(
         self,
         model: mujoco.MjModel,
+        joints: Sequence[str] | None = None,
         voltage: float = 0.0,
         speeds: Callable[[str], tuple[float, float]] = same_speed,
         heat: Callable[[str], float] = no_heat,
         commands: Callable[[str], float] = no_command,
+        touching: Sequence[str] = (),
     ) -> None:
-        self.model, self.voltage = model, voltage
+        self.model, self.voltage, self.touching = model, voltage, tuple(touching)
+        every = [j for j in range(model.njnt) if model.jnt_type[j] in SCALAR]
+        self.joints = [model.joint(j).name for j in every] if joints is None else list(joints)
         self.speeds, self.heat, self.commands = speeds, heat, commands
         self.actuators = [model.actuator(i).name for i in range(model.nactuator)]
         self.driven = {
@@ -74,6 +82,19 @@ class RobotScale:
         self.torque = {name: self._torque(i) for i, name in enumerate(self.actuators)}
         self.joint_torque = {joint: self.torque[name] for name, joint in self.driven.items()}
         self.mass = float(model.body_mass[1:].sum())
+        names = [model.body(i).name for i in range(1, model.nbody)]
+        self.bodies = [name for name in names if self.carriers(name)]
+
+    def carriers(self, body: str) -> tuple[str, ...]:
+        """Return the compared joints that carry a body, the nearest first."""
+        model, found = self.model, []
+        index = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body))  # -1: none such
+        while index > 0:
+            first, count = int(model.body_jntadr[index]), int(model.body_jntnum[index])
+            names = [model.joint(j).name for j in range(first, first + count)]
+            found += [name for name in reversed(names) if name in self.joints]
+            index = int(model.body_parentid[index])
+        return tuple(found)
 
     def _torque(self, i: int) -> float:
         """Return an actuator's largest torque: its limit, else what its gain makes of its error.

@@ -11,9 +11,9 @@ packets are read off the log.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -116,27 +116,15 @@ def candidates(
         Sim2RealError: an unknown name to exclude.
     """
     check_names(exclude)
-    robot = _Robot(data, robot_scale(data, fixed))
+    scale = robot_scale(data, fixed)
     found = []
     for name, effect in EFFECTS.items():
         if effect.closes_gaps and name not in exclude:
-            for arguments in _arguments(effect, robot):
-                candidate = _make(name, arguments, robot)
+            for place, more in itertools.product(effect.places(scale), effect.variants(scale)):
+                candidate = _make(name, {"where": place, **more}, data.specs[0], scale)
                 if candidate is not None and not _taken(candidate.effect, fixed):
                     found.append(candidate)
     return found
-
-
-class _Robot(NamedTuple):
-    """The logs of a robot and its sizes."""
-
-    data: Data
-    scale: RobotScale
-
-    @property
-    def joints(self) -> list[str]:
-        """The compared joints."""
-        return [joint.name for joint in self.data.joints]
 
 
 def _taken(effect: Effect, fixed: Sequence[Fixed]) -> bool:
@@ -145,32 +133,15 @@ def _taken(effect: Effect, fixed: Sequence[Fixed]) -> bool:
     return there and (not effect.composes or effect.how == "set")
 
 
-def _arguments(effect: type[Effect], robot: _Robot) -> Iterator[dict[str, Any]]:
-    """Yield the arguments of an effect at each place of the robot."""
-    for place, more in itertools.product(_places(effect, robot), effect.variants(robot.scale)):
-        yield {"where": place, **more}
-
-
-def _places(effect: type[Effect], robot: _Robot) -> list[str | None]:
-    """Return where on the robot an effect may be; None for all of it."""
-    if effect.place == "joint":
-        return [*robot.joints]
-    if effect.place == "actuator":
-        return [*robot.scale.actuators]
-    if effect.place == "body":
-        model = robot.scale.model
-        bodies = [model.body(i).name for i in range(1, model.nbody)]
-        return [body for body in bodies if _moving_joint(robot, body) is not None]
-    return [None]
-
-
-def _make(name: str, arguments: dict[str, Any], robot: _Robot) -> Candidate | None:
+def _make(
+    name: str, arguments: dict[str, Any], spec: mujoco.MjSpec, scale: RobotScale
+) -> Candidate | None:
     """Return the candidate, or None where the robot cannot have it."""
     try:
         effect = make(name, **arguments)
-        spec = robot.data.specs[0].copy()
-        effect.edit(spec)
-        parameters = effect.parameters(spec.compile() if _edits(effect) else robot.scale.model)
+        edited = spec.copy()
+        effect.edit(edited)
+        parameters = effect.parameters(edited.compile() if _edits(effect) else scale.model)
     except EnvsError:
         return None
     neutral = np.array([p.neutral for p in parameters])
@@ -178,15 +149,15 @@ def _make(name: str, arguments: dict[str, Any], robot: _Robot) -> Candidate | No
     fits = {extra.name: extra.fit for extra in effect.extras}
     for place, name in enumerate(effect.free, len(neutral) - len(effect.free)):
         low[place], high[place] = fits[name] or (low[place], high[place])
-    probes = probes_of(effect, neutral, robot.scale)
+    probes = probes_of(effect, neutral, scale)
     probes = np.clip(probes, low, high)
     probes = probes[(np.abs(probes - neutral) > 1e-12).any(axis=1)]
     if not len(probes):
         return None
-    joint = _joint(effect, robot)
+    joint = _joint(effect, scale)
     shown = (joint,) if joint else ()
     if effect.place == "body":
-        shown = _carriers(robot, str(effect.where))
+        shown = scale.carriers(str(effect.where))
     return Candidate(effect, joint, probes, neutral, low, high, effect.batch(), shown)
 
 
@@ -194,28 +165,11 @@ def _edits(effect: Effect) -> bool:
     return type(effect).edit is not Effect.edit
 
 
-def _joint(effect: Effect, robot: _Robot) -> str | None:
+def _joint(effect: Effect, scale: RobotScale) -> str | None:
     if effect.where is None:
         return None
     if effect.place == "joint":
         return effect.where
     if effect.place == "actuator":
-        return robot.scale.driven.get(effect.where)
-    return _moving_joint(robot, effect.where) if effect.place == "body" else None
-
-
-def _moving_joint(robot: _Robot, body: str) -> str | None:
-    """Return the compared joint nearest above a body."""
-    return next(iter(_carriers(robot, body)), None)
-
-
-def _carriers(robot: _Robot, body: str) -> tuple[str, ...]:
-    """Return the compared joints that carry a body, the nearest first."""
-    model, found = robot.scale.model, []
-    index = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body))
-    while index > 0:
-        first, count = int(model.body_jntadr[index]), int(model.body_jntnum[index])
-        names = [model.joint(j).name for j in range(first, first + count)]
-        found += [n for n in reversed(names) if n in robot.joints]
-        index = int(model.body_parentid[index])
-    return tuple(found)
+        return scale.driven.get(effect.where)
+    return next(iter(scale.carriers(effect.where)), None) if effect.place == "body" else None

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from envs.effects import Effect, RobotScale
+from envs.effects.contact import touching
 from envs.effects.scale import FASTEST
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
@@ -21,6 +22,7 @@ from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.thermal import Heat
 
 USUAL = 0.97  # share of the time in which a command moves no faster than what is called usual
+POSES = 200  # of a log at which it is looked what touches the ground
 SLOWEST = 0.1  # rad/s: the usual speed of commands that hardly move
 
 
@@ -31,9 +33,31 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
         data: the logs and their models.
         fixed: effects that are in the model already.
     """
-    voltage = float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0)
-    heats = _Heats(data, fixed)
-    return RobotScale(data.models[0], voltage, _Speeds(data), heats, _Commands(data))
+    return RobotScale(
+        data.models[0],
+        [joint.name for joint in data.joints],
+        voltage=float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0),
+        speeds=_Speeds(data),
+        heat=_Heats(data, fixed),
+        commands=_Commands(data),
+        touching=touching(data.models[0], _poses(data)),
+    )
+
+
+def _poses(data: Data) -> np.ndarray:
+    """Return where the robot was, at times spread over all logs, (K, nq)."""
+    found, model = [], data.models[0]
+    for number, log in enumerate(data.logs):
+        start = next(w.recording.qpos for w in data.windows if w.log == number)
+        rows = np.linspace(0, len(log.time) - 1, min(POSES, len(log.time))).astype(int)
+        poses = np.tile(start, (len(rows), 1))
+        for j in range(model.njnt):
+            name, first = f"qpos.{model.joint(j).name}", int(model.jnt_qposadr[j])
+            own = [name] if name in log.columns else [f"{name}.{k}" for k in range(7)]
+            for k, column in enumerate(c for c in own if c in log.columns):
+                poses[:, first + k] = log.columns[column][rows]
+        found.append(poses)
+    return np.concatenate(found)
 
 
 class _Speeds:

@@ -142,6 +142,7 @@ FIELDS: dict[str, tuple[Callable[[mujoco.MjSpec], Iterable[Any]], Put]] = {
     "actuator_delay": (_actuators, _set("delay")),
     "geom_friction": (_geoms, _set("friction")),
     "geom_solref": (_geoms, _set("solref")),
+    "geom_solmix": (_geoms, _set("solmix")),
 }
 GRAVITY = "opt.gravity"
 INERTIA = {

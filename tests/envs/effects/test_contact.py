@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from envs.effects import make
+from envs.effects.contact import touching
 from envs.errors import EffectError
 from envs.plant import Plant
 
@@ -60,11 +61,84 @@ def test_contact_stiffness_divides_the_sinking(solref: str) -> None:
     assert np.abs(plant.qvel).max() < 1e-3
 
 
-def test_a_robot_without_feet_must_say_where() -> None:
-    """The geoms it has are listed."""
-    text = BOX.replace('"foot"', '"sole"').format(solref="")
-    with pytest.raises(EffectError, match="say where: one of floor, sole"):
-        Plant(mujoco.MjSpec.from_string(text), [make("ground_friction")], 1, 1)
-    air = text.replace('type="plane" size="1 1 0.1"', 'size="0.1"')
-    with pytest.raises(EffectError, match="needs a plane"):
-        Plant(mujoco.MjSpec.from_string(air), [make("ground_friction", where="sole")], 1, 1)
+TWO = """<mujoco><option timestep="0.001"/><worldbody>
+  <geom name="table" type="box" size="2 2 0.1" pos="0 0 -0.1" friction="0.6" solref="0.01 1"/>
+  <body name="left" pos="0 -0.5 0.0999"><freejoint/>
+    <geom name="pad" type="box" size="0.2 0.2 0.1" friction="0.4"/></body>
+  <body name="right" pos="0 0.5 0.0999"><freejoint/>
+    <geom name="claw" type="box" size="0.2 0.2 0.1" friction="0.4"/></body>
+  </worldbody></mujoco>"""
+
+
+def pushed(effect: Any, value: float, force: float) -> np.ndarray:
+    """Return how far two boxes on a table slide in 0.3 s under a part of their weight [m]."""
+    plant = Plant(mujoco.MjSpec.from_string(TWO), [effect], 1, 1)
+    row = np.zeros(1, int)
+    plant.set_params(row, np.array([[value]]))
+    plant.reset(row, plant.nominal.qpos0[None], np.zeros((1, 12)), np.zeros(1, np.uint64))
+    plant.step(None, np.zeros((1, 0)), 300)
+    before = plant.qpos[0, [0, 7]].copy()
+    plant.batch.bind("xfrc_applied")[:, 1:, 0] = force * plant.model.body_mass[1:] * 9.81
+    plant.step(None, np.zeros((1, 0)), 300)
+    return plant.qpos[0, [0, 7]] - before
+
+
+@pytest.mark.parametrize(("value", "slides"), [(0.2, True), (0.6, False), (0.9, False)])
+def test_one_geom_of_any_name_has_its_own_friction(value: float, slides: bool) -> None:
+    """Half the weight moves it where mu is 0.2; the other box holds on the table's 0.6."""
+    moved, other = pushed(make("ground_friction", where="claw"), value, 0.5)[::-1]
+    assert moved == pytest.approx(0.5 * 0.3 * 9.81 * 0.3**2 if slides else 0.0, rel=0.05, abs=1e-3)
+    assert abs(other) < 1e-3
+
+
+def test_more_friction_of_one_geom_leaves_the_others_as_they_were() -> None:
+    """Under 0.75 of the weight the one with 0.9 holds and the other one slides on 0.6."""
+    left, right = pushed(make("ground_friction", where="claw"), 0.9, 0.75)
+    assert abs(right) < 3e-3
+    assert left == pytest.approx(0.5 * 0.15 * 9.81 * 0.3**2, rel=0.05)
+
+
+def test_without_feet_every_geom_that_can_touch_has_one_value() -> None:
+    """Both boxes slide on 0.2; the table is no plane, and nothing is called a foot."""
+    moved = pushed(make("ground_friction"), 0.2, 0.5)
+    assert moved == pytest.approx(0.5 * 0.3 * 9.81 * 0.3**2, rel=0.05)
+
+
+def test_one_geom_has_its_own_stiffness() -> None:
+    """It sinks in by 1 / factor of what the contact had, the other one as before."""
+    depths = []
+    for value in (1.0, 0.5):
+        plant = Plant(
+            mujoco.MjSpec.from_string(TWO), [make("contact_stiffness", where="claw")], 1, 1
+        )
+        row = np.zeros(1, int)
+        plant.set_params(row, np.array([[value]]))
+        plant.reset(row, plant.nominal.qpos0[None], np.zeros((1, 12)), np.zeros(1, np.uint64))
+        plant.step(None, np.zeros((1, 0)), 1000)
+        depths.append(0.1 - plant.qpos[0, [2, 9]])
+    left, right = depths[1] / depths[0]
+    assert left == pytest.approx(1.0, rel=1e-3)
+    assert right == pytest.approx(2.0, rel=0.1)
+
+
+def test_what_touches_is_told_from_the_poses() -> None:
+    """A box that hovers does not."""
+    model = mujoco.MjModel.from_xml_string(TWO)
+    pose = model.qpos0.copy()
+    pose[2] += 0.1
+    assert touching(model, pose[None]) == ("claw",)
+    assert touching(model, np.stack([pose, model.qpos0])) == ("pad", "claw")
+
+
+def test_a_robot_that_nothing_can_touch_is_refused() -> None:
+    """Each refusal says what is missing."""
+    air = BOX.replace('type="plane" size="1 1 0.1"', 'size="0.1" contype="0" conaffinity="0"')
+    with pytest.raises(EffectError, match="no geom of this model can touch the ground"):
+        Plant(mujoco.MjSpec.from_string(air.format(solref="")), [make("ground_friction")], 1, 1)
+    with pytest.raises(EffectError, match="needs a ground"):
+        effect = make("ground_friction", where="foot")
+        Plant(mujoco.MjSpec.from_string(air.format(solref="")), [effect], 1, 1)
+    direct = TWO.replace('solref="0.01 1"', 'solref="-2000 -80"')
+    with pytest.raises(EffectError, match="negative solref"):
+        effect = make("contact_stiffness", where="claw")
+        Plant(mujoco.MjSpec.from_string(direct), [effect], 1, 1)
