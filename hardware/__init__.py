@@ -7,6 +7,8 @@
     registers.py    one register by name           timing.py       how long the bus takes
     port_lock.py    one program a port             rehearsal.py    how long steps really take
     ending.py       torque off at any end          stop_limits.py  when the guard stops
+    scan.py         servos at any speed            setup.py        IDs, speeds and settings
+    settings.py     what a servo must be set to
     driver.py       servos in SI units             handshake.py    checks before any torque
     safety.py       the hand that moves a robot    pace.py         a fixed rate
     excite.py       motions that show a robot      record.py       a motion as a log

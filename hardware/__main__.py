@@ -1,12 +1,13 @@
-"""The command line for servos: python -m hardware {scan,calibrate,monitor,emulate} key=value ...
+"""The command line for servos: python -m hardware VERB key=value ...
 
-    scan       find servos at every speed, and compare them with a robot's file
+    scan       find servos at every speed; with robot= compare them with its file
+    setup      give a robot's servos their IDs, speed and settings, after showing and asking
     calibrate  torque off; move every joint through its range and to its zero; writes a JSON file
     monitor    torque off; print what the servos measure, once a second
     emulate    an emulated robot behind a device file, for any client, until Ctrl-C
 
 Keys:
-    robot=NAME       a robot of conf/robot, or a path (default: bench1)
+    robot=NAME       a robot of conf/robot, or a path (default: bench1; scan with port=: none)
     port=DEVICE      the serial port, such as /dev/ttyUSB0; without it an emulated robot
     file=PATH        calibrate: where to write (default: NAME.json); monitor: a calibration to apply
     seconds=NUMBER   monitor, emulate: how long (default: until Ctrl-C)
@@ -41,12 +42,12 @@ from hardware.driver import Driver
 from hardware.emulator.pty import check_link, serve
 from hardware.emulator.world import World
 from hardware.errors import HardwareError, LineError, did_you_mean, listed
-from hardware.handshake import SPEEDS
-from hardware.tables import servo_by_number
+from hardware.scan import scan as find
+from hardware.setup import set_up
 
-VERBS = ("scan", "calibrate", "monitor", "emulate")
 KEYS = {
     "scan": ("robot", "port"),
+    "setup": ("robot", "port"),
     "calibrate": ("robot", "port", "file"),
     "monitor": ("robot", "port", "file", "seconds"),
     "emulate": ("robot", "hidden", "link", "held", "seconds", "seed"),
@@ -69,9 +70,7 @@ def main(arguments: list[str], ask: Ask = input) -> int:
     try:
         robot = load_robot(keys.get("robot", "bench1"))
         robot = replace(robot, port=keys.get("port"))
-        {"scan": scan, "calibrate": calibrate, "monitor": monitor, "emulate": emulate}[verb](
-            robot, keys, ask
-        )
+        _VERBS[verb](robot, keys, ask)
     except HardwareError as error:
         print(error, file=sys.stderr)
         return 1
@@ -81,9 +80,9 @@ def main(arguments: list[str], ask: Ask = input) -> int:
 
 
 def _parse(verb: str, words: list[str]) -> Keys:
-    if verb not in VERBS:
-        hint = did_you_mean(verb, VERBS)
-        raise HardwareError(f"unknown command {verb!r}{hint}; there are {listed(VERBS)}")
+    if verb not in KEYS:
+        hint = did_you_mean(verb, KEYS)
+        raise HardwareError(f"unknown command {verb!r}{hint}; there are {listed(KEYS)}")
     keys = {}
     for word in words:
         key, equals, value = word.partition("=")
@@ -112,26 +111,33 @@ def _yes_or_no(keys: Keys, key: str, default: bool) -> bool:
 def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
     """Print every servo found at every speed, and what differs from the robot's file."""
     driver = make_driver(robot)
-    found: dict[int, int] = {}
     try:
-        for baud in SPEEDS:
-            try:
-                driver.bus_client.open(baud)
-            except LineError:
-                if baud == robot.bus.baud:
-                    raise
-                continue
-            for number, (model, firmware) in sorted(driver.bus_client.broadcast_ping().items()):
-                name = servo_by_number(model) or f"model number {model}"
-                print(f"{baud:>8} bits/s  ID {number:>3}  {name}  firmware {firmware}")
-                found[number] = baud
+        found = 0
+        for servo in find(driver.bus_client):
+            print(servo)
+            found += 1
         if not found:
             print("no servo answers at any speed: check supply, cable and adapter")
+        if "port" in keys and "robot" not in keys:
+            return
         driver.connect()
         ways = "fast reads" if driver.fast else "plain reads only"
         rate = 1 / driver.cycle_time()
         print(f"{robot.name}: all {len(driver)} servos are as its file says; {ways};")
         print(f"the bus allows {rate:.0f} steps a second, {robot.rate:g} are asked for")
+    finally:
+        driver.close()
+
+
+def setup(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Write into the servos what the robot's file wants, after showing it and asking."""
+    if "robot" not in keys:
+        raise HardwareError("setup needs robot=NAME: its file says what is written")
+    driver = make_driver(robot)
+    try:
+        set_up(robot, driver.bus_client, ask, print)
+        driver.connect()
+        print(f"{robot.name}: all {len(driver)} servos are as its file says")
     finally:
         driver.close()
 
@@ -253,6 +259,14 @@ def emulate(robot: Robot, keys: Keys, ask: Ask) -> None:
         for number, handler in before.items():
             signal.signal(number, handler)
 
+
+_VERBS: dict[str, Callable[[Robot, Keys, Ask], None]] = {
+    "scan": scan,
+    "setup": setup,
+    "calibrate": calibrate,
+    "monitor": monitor,
+    "emulate": emulate,
+}
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -271,9 +271,9 @@ class BusClient:
             if not to_the_end and not left:
                 self._doubtful = False
                 return good
+            if self.clock.now() >= (deadline + span if data else deadline):
+                break  # with data: somebody floods the bus
             if not data:
-                if self.clock.now() >= deadline:
-                    break
                 self.clock.pause()
         if not to_the_end:
             self._doubtful = True
@@ -322,9 +322,9 @@ class BusClient:
         deadline = self.clock.now() + span
         while True:
             data = self.port.readPort(4096)
+            if self.clock.now() >= (deadline + span if data else deadline):
+                return
             if not data:
-                if self.clock.now() >= deadline:
-                    return
                 self.clock.pause()
 
     @contextmanager

@@ -248,7 +248,7 @@ class Driver:
 
     def _full_duty_error(self, servo: Servo) -> float:
         kind = servo.type
-        gain = {**kind.defaults, **self.robot.registers_of(servo)}["position_p_gain"]
+        gain = {**kind.defaults, **self.robot.registers_of(servo)}.get("position_p_gain", 0)
         counts = kind.units.full_pwm * kind.gain_divisor / gain if gain else 0.0
         return counts * kind.units.angle
 

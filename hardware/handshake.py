@@ -8,13 +8,14 @@ from pathlib import Path
 from hardware.bus_client import BusClient, Reply
 from hardware.config import Robot, Servo
 from hardware.errors import LineError, ServoError, listed
-from hardware.registers import RETRIES, read_register
+from hardware.registers import RETRIES
+from hardware.settings import dangers
 from hardware.tables import servo_by_number
 from hardware.timing import cycle_time
 
 SPEEDS = (57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
 ADAPTERS = Path("/sys/bus/usb-serial/devices")
-MOVES_BY_ITSELF, REVERSED_OR_TIMED = 8, 5
+BY_SETUP = "(python -m hardware setup does)"
 
 
 def check_rate(robot: Robot) -> None:
@@ -54,24 +55,29 @@ def check_servos(robot: Robot, client: BusClient) -> None:
     """Refuse servos that are missing, of another type, doubled, or set up dangerously.
 
     Raises:
-        ServoError: with the servo and what to do.
+        ServoError: with every servo that is not as it should be, and what to do.
     """
-    missing = []
+    missing, found = [], []
     for servo in robot.servos:
         replies = _pinged(client, servo.id)
         if not replies:
             missing.append(servo)
-            continue
-        if 2 * sum(len(found) > 1 for found in replies) > len(replies):  # one may be a late answer
-            raise ServoError(
+        elif 2 * sum(len(reply) > 1 for reply in replies) > len(replies):
+            # one alone may be a late answer
+            found.append(
                 f"several servos answer as {servo.id} ({servo.name}); connect them one by one "
                 "and give each an ID of its own"
             )
-        _check_model(servo, struct.unpack("<HB", replies[0][0].data)[0])
+        else:
+            number = struct.unpack("<HB", replies[0][0].data)[0]
+            found += _other_model(servo, number) or _dangers(robot, client, servo)
     if missing:
-        raise ServoError(_where_are(robot, client, missing))
-    for servo in robot.servos:
-        _check_settings(robot, client, servo)
+        found.append(_where_are(robot, client, missing))
+    if len(found) == 1:
+        raise ServoError(found[0])
+    if found:
+        lines = "".join(f"\n  {each}" for each in found)
+        raise ServoError(f"{robot.name}: {len(found)} things are not as its file says:{lines}")
 
 
 def _pinged(client: BusClient, number: int) -> list[list[Reply]]:
@@ -83,40 +89,15 @@ def _pinged(client: BusClient, number: int) -> list[list[Reply]]:
     return replies
 
 
-def _check_model(servo: Servo, number: int) -> None:
-    if number != servo.type.number:
-        found = servo_by_number(number) or f"a model of number {number}"
-        raise ServoError(
-            f"servo {servo.id} ({servo.name}) is {found}, the robot's file says {servo.model}"
-        )
+def _other_model(servo: Servo, number: int) -> list[str]:
+    if number == servo.type.number:
+        return []
+    found = servo_by_number(number) or f"a model of number {number}"
+    return [f"servo {servo.id} ({servo.name}) is {found}, the robot's file says {servo.model}"]
 
 
-def _check_settings(robot: Robot, client: BusClient, servo: Servo) -> None:
-    """Refuse settings under which a servo would move by itself, or answer too late."""
-    place, units = f"servo {servo.id} ({servo.name})", servo.type.units
-    mode = read_register(client, servo, "drive_mode")
-    if mode & MOVES_BY_ITSELF:
-        raise ServoError(
-            f"{place}: drive mode {mode}: a goal would switch its torque on; write drive_mode = 0"
-        )
-    if mode & REVERSED_OR_TIMED:
-        raise ServoError(
-            f"{place}: drive mode {mode} reverses it or times its profile; write drive_mode = 0 "
-            "and let the sign in the robot's file say the direction"
-        )
-    offset = read_register(client, servo, "homing_offset")
-    if offset:
-        raise ServoError(
-            f"{place}: its own homing offset is {offset}; write homing_offset = 0 and let the "
-            "calibration say the zero"
-        )
-    delay = read_register(client, servo, "return_delay_time")
-    allowed = round(robot.bus.return_delay / units.return_delay)
-    if delay > allowed:
-        raise ServoError(
-            f"{place}: it waits {delay * units.return_delay * 1e6:.0f} us before it answers; write "
-            f"return_delay_time = {allowed}, or set bus.return_delay in the robot's file"
-        )
+def _dangers(robot: Robot, client: BusClient, servo: Servo) -> list[str]:
+    return [f"{each.sentence} {BY_SETUP}" for each in dangers(client, robot, servo)]
 
 
 def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:
@@ -132,7 +113,7 @@ def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:
         except LineError:
             continue
         if there:
-            found.append(f"{', '.join(there)} at {speed} bits/s: set its baud_rate")
+            found.append(f"{', '.join(there)} at {speed} bits/s: set its baud_rate {BY_SETUP}")
     client.open(baud)
     remedy = "; ".join(found) or "check cable, supply and ID (python -m hardware scan)"
     return (

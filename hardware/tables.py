@@ -5,7 +5,9 @@
     servo.position_gain(800, volts=5.0)     # N·m/rad of the position loop
 
 Control tables are read from the model files that dynamixel-sdk ships; `hardware/servos.yaml` adds
-what they leave out. Register names are the manual's, in lower case with underscores.
+what they leave out, and `hardware/servos_by_sheet.yaml` names further types by their data sheets:
+those can be found, set up, read and commanded, but not emulated. Register names are the manual's,
+in lower case with underscores.
 """
 
 from __future__ import annotations
@@ -91,17 +93,29 @@ class ServoType:
     modes: tuple[int, ...]
     torque_constant: float  # N·m/A, and V·s/rad
     resistance: float  # ohm
-    armature: float  # kg·m^2
+    armature: float | None  # kg·m^2; None: not known, as are the factory's gains
     current: float | None  # A of one step
     gain_divisor: int
     voltage: float  # V
-    heat: float  # K/W
-    tau_thermal: float  # s
+    heat: float | None  # K/W
+    tau_thermal: float | None  # s
     indirect: int
     defaults: Mapping[str, int]
     registers: Mapping[str, Register]
     units: Units
     bauds: tuple[int, ...]
+
+    def check_emulated(self) -> None:
+        """Refuse a type of which too little is known to emulate it.
+
+        Raises:
+            RobotError: with the types that can be emulated.
+        """
+        if not self.emulated:
+            known = [name for name in servo_types() if servo_type(name).emulated]
+            raise RobotError(
+                f"a {self.name} cannot be emulated; give port=, or use {listed(known)}"
+            )
 
     def register(self, name: str) -> Register:
         """Return the register of this name.
@@ -113,6 +127,11 @@ class ServoType:
             hint = did_you_mean(name, self.registers)
             raise RobotError(f"a {self.name} has no register {name!r}{hint}")
         return self.registers[name]
+
+    @property
+    def emulated(self) -> bool:
+        """Whether enough is known to emulate it."""
+        return self.armature is not None
 
     def position_gain(self, register: int, volts: float) -> float:
         """Stiffness of the position loop [N·m/rad] with this P gain register at this voltage.
@@ -134,13 +153,57 @@ class ServoType:
 
 
 @cache
+def _read(name: str) -> dict[str, Any]:
+    return yaml.safe_load(Path(__file__).with_name(name).read_text(encoding="utf-8"))
+
+
 def _data() -> dict[str, Any]:
-    return yaml.safe_load(Path(__file__).with_name("servos.yaml").read_text(encoding="utf-8"))
+    return _read("servos.yaml")
+
+
+@cache
+def _models() -> dict[str, Any]:
+    """Return the entry of each type: those of the emulated ones, then those by data sheet."""
+    sheets = _read("servos_by_sheet.yaml")["types"].items()
+    return _data()["models"] | {name: _by_sheet(**entry) for name, entry in sheets}
+
+
+def _by_sheet(
+    number: int,
+    table: str,
+    firmware: int,
+    current: float | None,
+    voltage: float,
+    stall: list[float],
+    speed: float,
+    hottest: int,
+) -> dict[str, Any]:
+    """Return a type's entry from its data sheet; stall [N·m, A], speed [turns/min]."""
+    torque, amps = stall
+    constant = math.sqrt(torque / amps * voltage / (speed * 2 * math.pi / 60))
+    small = table.startswith("xc330")
+    return {
+        "number": number,
+        "table": table,
+        "firmware": firmware,
+        "modes": [1, 3, 4, 16] if current is None else [0, 1, 3, 4, 5, 16],
+        "torque_constant": constant,
+        "resistance": voltage / amps,
+        "armature": None,
+        "current": current,
+        "gain_divisor": 128,
+        "voltage": voltage,
+        "heat": None,
+        "tau_thermal": None,
+        "indirect": 20 if small else 56,
+        "ranges": {"baud_rate": [0, 6]} if small else {},
+        "defaults": {"temperature_limit": hottest},
+    }
 
 
 def servo_types() -> list[str]:
     """Return the names of the known types."""
-    return list(_data()["models"])
+    return list(_models())
 
 
 @cache
@@ -151,10 +214,10 @@ def servo_type(name: str) -> ServoType:
         RobotError: no such type is known, or dynamixel-sdk is not installed.
     """
     data = _data()
-    if name not in data["models"]:
-        known = data["models"]
+    known = _models()
+    if name not in known:
         raise RobotError(f"unknown servo type {name!r}{did_you_mean(name, known)}: {listed(known)}")
-    entry = dict(data["models"][name])
+    entry = dict(known[name])
     table = _read_table(entry.pop("table"), entry["indirect"]) | _later(entry["firmware"])
     ranges = data["ranges"] | entry.pop("ranges", {})
     return ServoType(
@@ -174,9 +237,9 @@ def servo_type(name: str) -> ServoType:
 
 
 def servo_by_number(number: int) -> str | None:
-    """Return the name of the type with this model number, if it is known."""
-    models = _data()["models"]
-    return next((name for name, entry in models.items() if entry["number"] == number), None)
+    """Return the name of the type with this model number, if it is known; not all have tables."""
+    found = (name for name, entry in _models().items() if entry["number"] == number)
+    return next(found, _read("servos_by_sheet.yaml")["names"].get(number))
 
 
 def _later(firmware: int) -> dict[str, tuple[int, int]]:

@@ -46,6 +46,8 @@ class World:
         registers: Mapping[str, Mapping[str, int]] | None = None,
     ) -> None:
         streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
+        for servo in robot.servos:
+            servo.type.check_emulated()
         self.robot = robot
         self.hidden = hidden or read_hidden(robot.hidden, robot)
         self.mechanics = Mechanics(robot, self.hidden)

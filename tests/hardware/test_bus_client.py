@@ -212,3 +212,19 @@ def test_setting_the_date_does_no_harm(monkeypatch):
     began = clock.now()
     assert client.read(1, 132, 4) is None
     assert 0.01 < clock.now() - began < 1.0
+
+
+def test_a_port_that_floods_is_left_in_time(monkeypatch):
+    """Bytes that never end neither hang a read nor a scan."""
+    flood = sdk.PortHandler("nothing")
+    flood.is_open, flood.ser = True, None
+    monkeypatch.setattr(flood, "clearPort", lambda: None)
+    monkeypatch.setattr(flood, "writePort", len)
+    monkeypatch.setattr(flood, "readPort", lambda _: b"\x55" * 64)
+    clock = RealClock()
+    client = BusClient(flood, clock, latency=0.001)
+    began = clock.now()
+    assert client.read(1, 132, 4) is None
+    assert client.ping(1) == []
+    assert client.broadcast_ping() == {}
+    assert clock.now() - began < 3.0

@@ -186,13 +186,13 @@ SLOW_BUS = {"baud": 57600, "return_delay": 0.0005, "latency": 0.016}
 @pytest.mark.parametrize(
     ("registers", "changes", "asked", "answered"),
     [
-        ({"hinge2": {"id": 1}}, {}, (3, 0, 0), (6, 0, 0)),
-        ({"hinge3": {"baud_rate": 1}}, {}, (3, 3, 11), (3, 3, 1)),
-        ({"hinge2": {"id": 77}}, {}, (3, 11, 3), (3, 0, 3)),
-        ({"hinge2": {"model_number": 1060}}, {}, (3, 3, 0), (3, 3, 0)),
-        ({"hinge2": {"drive_mode": 8}}, {}, (6, 4, 3), (6, 4, 3)),
-        ({"hinge2": {"homing_offset": 100}}, {}, (6, 5, 3), (6, 5, 3)),
-        ({"hinge2": {"return_delay_time": 250}}, {}, (6, 6, 3), (6, 6, 3)),
+        ({"hinge2": {"id": 1}}, {}, (3, 11, 6), (6, 0, 6)),
+        ({"hinge3": {"baud_rate": 1}}, {}, (6, 6, 11), (6, 6, 1)),
+        ({"hinge2": {"id": 77}}, {}, (6, 11, 6), (6, 0, 6)),
+        ({"hinge2": {"model_number": 1060}}, {}, (6, 3, 6), (6, 3, 6)),
+        ({"hinge2": {"drive_mode": 8}}, {}, (6, 6, 6), (6, 6, 6)),
+        ({"hinge2": {"homing_offset": 100}}, {}, (6, 6, 6), (6, 6, 6)),
+        ({"hinge2": {"return_delay_time": 250}}, {}, (6, 6, 6), (6, 6, 6)),
         ({}, {"bus": SLOW_BUS}, (0, 0, 0), (0, 0, 0)),
     ],
     ids=[
@@ -201,7 +201,7 @@ SLOW_BUS = {"baud": 57600, "return_delay": 0.0005, "latency": 0.016}
     ],
 )
 def test_what_a_refusal_asks(rig, chain, monkeypatch, registers, changes, asked, answered):
-    """Three pings each, of the silent three patient ones, then other speeds or settings; no write."""
+    """Three pings each, six of the silent, then other speeds or settings; nothing is written."""
     made: list[Driver] = []
     original = Driver.connect
 

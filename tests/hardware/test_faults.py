@@ -301,8 +301,8 @@ def test_19_goals_that_are_not_taken(rig):
     [
         ("drive_mode", 8, r"servo 2 \(hinge2\): drive mode 8: a goal would switch its torque on"),
         ("drive_mode", 1, r"drive mode 1 reverses it or times its profile"),
-        ("homing_offset", 100, r"its own homing offset is 100; write homing_offset = 0"),
-        ("return_delay_time", 250, r"it waits 500 us before it answers; write return_delay_time"),
+        ("homing_offset", 100, r"its own homing offset is 100.*write homing_offset = 0"),
+        ("return_delay_time", 250, r"it waits 500 us before it answers.*write return_delay_time"),
     ],
 )
 def test_20_21_settings_of_a_servo(rig, register, value, message):

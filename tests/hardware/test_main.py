@@ -89,7 +89,7 @@ def test_help(capsys):
     """Help names all verbs and keys."""
     assert command.main(["--help"]) == 0
     out = capsys.readouterr().out
-    assert all(word in out for word in (*command.VERBS, "robot=", "port=", "hidden=", "link="))
+    assert all(word in out for word in (*command.KEYS, "robot=", "port=", "hidden=", "link="))
 
 
 def test_calibrate(tmp_path, monkeypatch, capsys):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from hardware.emulator.world import World
 from hardware.errors import RobotError
 from hardware.tables import servo_by_number, servo_type, servo_types
 
@@ -32,6 +35,55 @@ def test_table(name):
     goal = kind.registers["goal_position"]
     for value in (-(2**31), -1, 0, 5, 2**31 - 1):
         assert goal.decode(goal.encode(value)) == value
+
+
+@pytest.mark.parametrize("name", servo_types())
+def test_registers_do_not_overlap(name):
+    """Every register has 1, 2 or 4 bytes of its own, and all goals of a type lie in the RAM."""
+    taken: dict[int, str] = {}
+    for register in servo_type(name).registers.values():
+        assert register.size in (1, 2, 4)
+        for address in range(register.address, register.address + register.size):
+            assert address not in taken, (register.name, taken[address])
+            taken[address] = register.name
+        assert register.eeprom == (register.address < 64)
+        assert not (register.name.startswith("goal_") and register.eeprom)
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "register", "place"),
+    [
+        ("xc330-m288", 1240, "pwm_slope", (62, 1)),
+        ("xc330-t181", 1210, "indirect_data_1", (208, 1)),
+        ("xc430-w240", 1080, "present_load", (126, 2)),
+        ("xm540-w270", 1120, "external_port_mode_1", (56, 1)),
+        ("xm540-w150", 1130, "current_limit", (38, 2)),
+        ("xh540-v270", 1140, "present_current", (126, 2)),
+        ("xw540-t260", 1170, "indirect_data_29", (634, 1)),
+        ("2xl430-w250", 1090, "present_load", (126, 2)),
+        ("mx-28-2", 30, "present_load", (126, 2)),
+        ("mx-106-2", 321, "acceleration_limit", (40, 4)),
+    ],
+)
+def test_anchors_of_the_manuals(name, number, register, place):
+    """Model numbers and a telling register of each family are the manual's."""
+    kind = servo_type(name)
+    assert kind.number == number
+    assert (kind.registers[register].address, kind.registers[register].size) == place
+
+
+def test_types_by_data_sheet_have_no_emulation(chain):
+    """They have motor constants of their own sheet; an emulated robot of them is refused."""
+    kind = servo_type("xm540-w270")
+    assert kind.stall_torque(12.0) == pytest.approx(10.6, rel=0.3)
+    assert 12.0 / kind.torque_constant == pytest.approx(30 * 2 * 3.14159 / 60, rel=0.3)
+    assert kind.defaults["temperature_limit"] == 80
+    robot = chain(1)
+    servos = tuple(replace(servo, model="xm540-w270") for servo in robot.servos)
+    with pytest.raises(RobotError, match=r"xm540-w270 cannot be emulated; give port=, or use 'xl3"):
+        World(replace(robot, servos=servos))
+    assert servo_by_number(350) == "xl320"
+    assert servo_by_number(9999) is None
 
 
 def test_stall_torque_and_speed_are_near_the_data_sheet():

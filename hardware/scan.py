@@ -1,0 +1,55 @@
+"""Find servos of any ID at any speed.
+
+for found in scan(client):
+    print(found)                    # 1000000 bits/s  ID   1  xl330-m288  firmware 52
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from hardware.bus_client import BusClient
+from hardware.errors import LineError
+from hardware.handshake import SPEEDS
+from hardware.tables import servo_by_number
+
+ALL_SPEEDS = (9600, *SPEEDS)
+
+
+class Found(NamedTuple):
+    """A servo that answered."""
+
+    baud: int
+    id: int
+    number: int  # of its model
+    firmware: int
+
+    @property
+    def model(self) -> str:
+        """The name of its type, or its model number."""
+        return servo_by_number(self.number) or f"model number {self.number}"
+
+    def __str__(self) -> str:
+        return f"{self.baud:>8} bits/s  ID {self.id:>3}  {self.model}  firmware {self.firmware}"
+
+
+def scan(client: BusClient, speeds: Iterable[int] = ALL_SPEEDS) -> Iterator[Found]:
+    """Yield every servo that answers, speed by speed; the port stays open at the last one.
+
+    Raises:
+        LineError: the port is not there, or held by another program.
+    """
+    refused: LineError | None = None
+    opened = False
+    for baud in speeds:
+        try:
+            client.open(baud)
+        except LineError as error:  # a speed that the port cannot run at, or no port at all
+            refused = error
+            continue
+        opened = True
+        for number, (model, firmware) in sorted(client.broadcast_ping().items()):
+            yield Found(baud, number, model, firmware)
+    if refused is not None and not opened:
+        raise refused

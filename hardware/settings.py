@@ -1,0 +1,113 @@
+"""What a servo's registers must hold for a robot's file, and where they differ.
+
+    for difference in differences(client, robot, servo):
+        print(difference)                       # servo 2 (elbow): return_delay_time 250 -> 0: ...
+
+`dangers` are those under which a servo would move by itself, or answer too late: no robot with
+them is connected. `differences` are all that `python -m hardware setup` writes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from hardware.bus_client import BusClient
+from hardware.config import Robot, Servo
+from hardware.registers import read_register
+
+MOVES_BY_ITSELF, REVERSED_OR_TIMED = 8, 5
+POSITION_MODE = 3
+NO_SECOND_ID = 255
+LAST_ID = 252
+Read = Callable[[str], int]
+
+
+class Difference(NamedTuple):
+    """One register that is not as a robot needs it."""
+
+    servo: Servo
+    register: str
+    found: int
+    wanted: int
+    why: str
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, and what to write."""
+        place = f"servo {self.servo.id} ({self.servo.name})"
+        return f"{place}: {self.why}; write {self.register} = {self.wanted}"
+
+    def __str__(self) -> str:
+        place = f"servo {self.servo.id} ({self.servo.name})"
+        return f"{place}: {self.register} {self.found} -> {self.wanted}: {self.why}"
+
+
+def dangers(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
+    """Return the settings under which a servo would move by itself, or answer too late."""
+    found = []
+
+    def differs(register: str, value: int, wanted: int, why: str) -> None:
+        found.append(Difference(servo, register, value, wanted, why))
+
+    mode = read_register(client, servo, "drive_mode")
+    if mode & MOVES_BY_ITSELF:
+        differs("drive_mode", mode, 0, f"drive mode {mode}: a goal would switch its torque on")
+    elif mode & REVERSED_OR_TIMED:
+        why = (
+            f"drive mode {mode} reverses it or times its profile; the robot's sign says directions"
+        )
+        differs("drive_mode", mode, 0, why)
+    offset = read_register(client, servo, "homing_offset")
+    if offset:
+        why = f"its own homing offset is {offset}; the calibration says the zero"
+        differs("homing_offset", offset, 0, why)
+    unit = servo.type.units.return_delay
+    delay = read_register(client, servo, "return_delay_time")
+    allowed = round(robot.bus.return_delay / unit)
+    if delay > allowed:
+        why = f"it waits {delay * unit * 1e6:.0f} us before it answers (or set bus.return_delay)"
+        differs("return_delay_time", delay, allowed, why)
+    return found
+
+
+def differences(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
+    """Return all settings that are not as the robot's file wants them; RAM is left out."""
+    found = dangers(client, robot, servo)
+    for register, (wanted, why) in _wanted(robot, servo).items():
+        if register in servo.type.registers:
+            value = read_register(client, servo, register)
+            if value != wanted and not (register == "secondary_id" and value > LAST_ID):
+                found.append(Difference(servo, register, value, wanted, why))
+    return found + _narrow_limits(client, robot, servo)
+
+
+def _wanted(robot: Robot, servo: Servo) -> dict[str, tuple[int, str]]:
+    """Return {register: (value, why)} of the settings that must be exactly so."""
+    wanted = {
+        "protocol_type": (2, "this program speaks protocol 2"),
+        "secondary_id": (NO_SECOND_ID, "it would obey another servo's goals"),
+        "operating_mode": (POSITION_MODE, "goals are positions"),
+    }
+    for name, value in robot.registers_of(servo).items():
+        if servo.type.register(name).eeprom:
+            wanted[name] = (value, "the robot's file says so")
+    return wanted
+
+
+def _narrow_limits(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
+    """Return the servo's own limits if they are narrower than the robot's file."""
+    mode = robot.registers_of(servo).get("operating_mode", POSITION_MODE)
+    if mode != POSITION_MODE:
+        return []  # other modes have no such limits
+    low, high = sorted(servo.count(angle) for angle in servo.position)
+    found = []
+    for register, end, outside in (
+        ("min_position_limit", 0, lambda limit: limit > low),
+        ("max_position_limit", servo.type.units.counts_per_turn - 1, lambda limit: limit < high),
+    ):
+        limit = read_register(client, servo, register)
+        if limit != end and outside(limit):
+            why = f"the robot's file commands {low} to {high}"
+            found.append(Difference(servo, register, limit, end, why))
+    return found

@@ -1,0 +1,159 @@
+"""Give each servo of a robot its ID, speed and settings, after showing what will be written.
+
+    set_up(robot, client, ask=input, tell=print)
+
+Servos that answer by their ID are compared with the robot's file all at once, and written to after
+one yes. Those that are missing are then asked for one by one: a servo fresh from the factory
+answers as 1 at 57600 bits/s, and two of them at once as one. Everything written is read back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from hardware.bus_client import BusClient
+from hardware.config import Robot, Servo
+from hardware.errors import HardwareError, ServoError, listed
+from hardware.handshake import RETRIES
+from hardware.registers import write_register
+from hardware.scan import Found, scan
+from hardware.settings import Difference, differences
+
+Ask = Callable[[str], str]
+Tell = Callable[[str], None]
+
+
+def set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
+    """Find, compare, show, ask, write and verify; the port is left open at the robot's speed.
+
+    Raises:
+        LineError: the port cannot be used.
+        ServoError: a servo does not answer, refuses, or is of another type.
+        HardwareError: a person said no, or nobody answered.
+    """
+    found = list(scan(client))
+    for each in found:
+        tell(str(each))
+    there = {servo.name: place for servo in robot.servos if (place := _place(servo, found))}
+    _write(robot, client, [s for s in robot.servos if s.name in there], there, ask, tell)
+    for servo in robot.servos:
+        if servo.name not in there:
+            place = _alone(robot, client, servo, ask, tell)
+            _write(robot, client, [servo], {servo.name: place}, ask, tell)
+    client.open(robot.bus.baud)
+
+
+def _place(servo: Servo, found: Sequence[Found]) -> Found | None:
+    """Return where a servo answers by its ID; None if nowhere, or in several places."""
+    places = [f for f in found if f.id == servo.id and f.number == servo.type.number]
+    return places[0] if len(places) == 1 else None
+
+
+def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) -> Found:
+    """Ask for a servo to be connected and return where it answers.
+
+    Servos that the robot's file knows already, at their IDs and speed, may stay connected.
+    """
+    known = {s.id: s for s in robot.servos if s.id != servo.id}
+    while True:
+        _asked(
+            ask,
+            f"servo {servo.id} ({servo.name}) is missing; connect it, a {servo.model}, and no "
+            "other that is not set up yet, then press Enter ",
+        )
+        found = list(scan(client))
+        strange = [
+            f
+            for f in found
+            if f.baud != robot.bus.baud or f.id not in known or f.number != known[f.id].type.number
+        ]
+        if len(strange) == 1 and strange[0].number == servo.type.number:
+            client.open(strange[0].baud)
+            with client.more_patient():  # a second answer at a slow speed comes late
+                alone = len(client.ping(strange[0].id)) == 1
+            if alone:
+                return strange[0]
+            tell(f"several servos answer as {strange[0].id}; connect one of them only")
+            continue
+        tell(f"this needs one new {servo.model}; found: {listed(map(str, strange))}")
+
+
+def _write(
+    robot: Robot,
+    client: BusClient,
+    servos: Sequence[Servo],
+    there: dict[str, Found],
+    ask: Ask,
+    tell: Tell,
+) -> None:
+    """Show what differs in these servos, ask, and write it."""
+    plans = {servo.name: _plan(robot, client, servo, there[servo.name]) for servo in servos}
+    changes = [change for plan in plans.values() for change in plan]
+    if not changes:
+        return
+    tell("to be written, after torque is switched off:")
+    for change in changes:
+        tell(f"  {change}")
+    if _asked(ask, f"write these {len(changes)} values? [y/N] ").strip().lower() not in (
+        "y",
+        "yes",
+    ):
+        raise HardwareError("nothing was written")
+    for servo in servos:
+        if plans[servo.name]:
+            _apply(robot, client, servo, there[servo.name], plans[servo.name])
+            tell(f"servo {servo.id} ({servo.name}) is set up")
+
+
+def _plan(robot: Robot, client: BusClient, servo: Servo, found: Found) -> list[Difference]:
+    """Return all that differs in a servo, its ID and its speed last."""
+    client.open(found.baud)
+    plan = [
+        change._replace(servo=servo)
+        for change in differences(client, robot, replace(servo, id=found.id))
+    ]
+    if found.id != servo.id:
+        why = "each servo has an ID of its own"
+        plan.append(Difference(servo, "id", found.id, servo.id, why))
+    if found.baud != robot.bus.baud:
+        codes = servo.type.bauds
+        why = f"{found.baud} -> {robot.bus.baud} bits/s"
+        wanted = codes.index(robot.bus.baud)
+        plan.append(Difference(servo, "baud_rate", codes.index(found.baud), wanted, why))
+    return plan
+
+
+def _apply(
+    robot: Robot, client: BusClient, servo: Servo, found: Found, plan: Sequence[Difference]
+) -> None:
+    """Write a plan: torque off, settings, then ID, then speed; and look whether it answers."""
+    client.open(found.baud)
+    now = replace(servo, id=found.id)
+    write_register(client, now, "torque_enable", 0)
+    for change in plan:
+        if change.register not in ("id", "baud_rate"):
+            write_register(client, now, change.register, change.wanted)
+    for change in plan:
+        if change.register in ("id", "baud_rate"):
+            register = servo.type.register(change.register)
+            client.write(now.id, register.address, register.encode(change.wanted))
+            now = servo if change.register == "id" else now
+    client.open(robot.bus.baud)
+    if not any(len(client.ping(servo.id)) == 1 for _ in range(RETRIES)):
+        raise ServoError(
+            f"servo {servo.id} ({servo.name}) does not answer by its new ID and speed; "
+            "python -m hardware scan port=... finds it"
+        )
+    left = differences(client, robot, servo)
+    if left:
+        raise ServoError(f"{left[0]}, but the servo did not keep it")
+
+
+def _asked(ask: Ask, question: str) -> str:
+    try:
+        return ask(question)
+    except EOFError:
+        raise HardwareError(
+            "setup asks a person at a terminal, and nobody answers here; nothing was written"
+        ) from None
