@@ -212,7 +212,8 @@ class Servo:
 
     def _clear(self) -> int:
         """Bring the present position back into one turn, if the servo stands."""
-        if self._moving(float(self._firmware.present()[1][self.index])):
+        velocity = float(self._firmware.present()[1][self.index])
+        if self._turns(velocity) or self._firmware.moving(self.index):
             return protocol.FAIL
         self._firmware.forget_turns(self.index)
         return 0
@@ -241,18 +242,18 @@ class Servo:
                 self.pending.clear()
                 self._firmware.stop(self.index)
 
-    def _moving(self, velocity: float) -> bool:
-        """Say whether the servo turns at this velocity [rad/s], or its goal is on its way."""
+    def _turns(self, velocity: float) -> bool:
+        """Say whether this velocity [rad/s] is a motion."""
         slow = self.memory["moving_threshold"] * self.memory.kind.units.velocity
-        return bool(abs(velocity) > slow) or self._firmware.moving(self.index)
+        return bool(abs(velocity) > slow)
 
-    def _moving_status(self, count: float, way: float) -> int:
+    def _moving_status(self, count: float, way: float, ongoing: bool) -> int:
         """The bits of moving status, for a position and a trajectory [counts]."""
         i, firmware = self.index, self._firmware
-        status = int(firmware.shape[i]) | firmware.moving(i) << 1
+        status = int(firmware.shape[i]) | ongoing << 1
         if firmware.control.mode[i] in POSITION_MODES:
-            status |= abs(firmware.goal[i] - count) <= ARRIVED
-            status |= bool(firmware.torque_on[i] and abs(way - count) > ASTRAY) << 3
+            status |= bool(abs(firmware.goal[i] - count) <= ARRIVED)
+            status |= bool(abs(way - count) > ASTRAY and firmware.torque_on[i]) << 3
         return status
 
     def _refresh(self) -> None:
@@ -264,11 +265,12 @@ class Servo:
         way, speed = (values[i] for values in firmware.trajectory)
         load = pwm / units.full_pwm * 1000
         amps = load if kind.current is None else current / kind.current
+        ongoing = firmware.moving(i)
         self.memory.data[PRESENT:PRESENT_END] = struct.pack(
             "<HBBhhiiiiHB",
             int(firmware.ticks - firmware.born[i]) % 32768,
-            int(self._moving(velocity)),
-            self._moving_status(count, way),
+            int(ongoing or self._turns(velocity)),
+            self._moving_status(count, way, ongoing),
             _fit(pwm, 16),
             _fit(amps, 16),
             _fit(velocity / units.velocity, 32),
