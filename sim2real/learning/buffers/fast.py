@@ -35,17 +35,16 @@ class FastReplayBuffer(ReplayBuffer):
     """
 
     def __init__(self, **options: Any) -> None:
-        sampler, storage = options.get("sampler"), options.get("storage")
-        if type(sampler) is not SamplerWithoutReplacement:
-            _refuse(f"sampler {type(sampler).__name__}", "SamplerWithoutReplacement")
-        if not isinstance(storage, TensorStorage) or storage.ndim != 1:
-            _refuse(f"storage {type(storage).__name__}", "LazyTensorStorage of one dimension")
         for name in ("transform", "prefetch", "collate_fn", "sample_unit"):
             if options.get(name):
                 _refuse(f"{name}={options[name]!r}", f"nothing as {name}")
         if not options.get("batch_size"):
             _refuse(f"batch_size={options.get('batch_size')!r}", "number above 0")
         super().__init__(**options)
+        if type(self.sampler) is not SamplerWithoutReplacement:
+            _refuse(f"sampler {type(self.sampler).__name__}", "SamplerWithoutReplacement")
+        if not isinstance(self.storage, TensorStorage) or self.storage.ndim != 1:
+            _refuse(f"storage {type(self.storage).__name__}", "LazyTensorStorage of one dimension")
 
     def __iter__(self) -> Iterator[TensorDictBase]:
         """Yield the minibatches that are left of the sampler's order."""

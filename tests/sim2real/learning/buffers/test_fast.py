@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pytest
@@ -24,7 +25,7 @@ from sim2real.runs.errors import Sim2RealError
 def buffer(kind: type[ReplayBuffer], batch: int = 4, **sampler: Any) -> ReplayBuffer:
     """Return an empty buffer for 50 samples with a generator of its own."""
     return kind(
-        storage=LazyTensorStorage(50),
+        storage=partial(LazyTensorStorage, 50),
         sampler=SamplerWithoutReplacement(**sampler),
         batch_size=batch,
         generator=torch.Generator().manual_seed(0),
