@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from envs.plant import Fixed, Plant
-from envs.replay import replay, switchable, with_moments
+from envs.replay import replay, switchable
 from hardware.log import Log
 from sim2real.diagnosis.data.replay import to_recording
 
@@ -33,17 +33,12 @@ def residuals(log: Log, plant: Plant) -> np.ndarray:
         log: one episode; its joints must all turn about one axis.
         plant: the simulations, made of a `switchable` spec.
     """
-    model, joints = plant.nominal, log.joints
+    model, joints, rows = plant.nominal, log.joints, plant.num_rows
     read = np.maximum(stamps(log, joints), 0.0)  # (T, M)
-    recording = with_moments(to_recording(log, model), np.unique(read))
-    paths = replay(plant, [recording] * plant.num_rows)
-    found = np.empty((plant.num_rows, *read.shape))
-    for i, joint in enumerate(joints):
-        place = int(model.jnt_qposadr[model.joint(joint).id])
-        rows = np.searchsorted(recording.time, read[:, i])
-        for n, path in enumerate(paths):
-            found[n, :, i] = path[rows, place] - log.column(f"qpos.{joint}")
-    return found
+    places = [int(model.jnt_qposadr[model.joint(joint).id]) for joint in joints]
+    paths = replay(plant, [to_recording(log, model)] * rows, [read] * rows, places)
+    measured = np.column_stack([log.column(f"qpos.{joint}") for joint in joints])
+    return np.array(paths) - measured
 
 
 def apart(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> np.ndarray:

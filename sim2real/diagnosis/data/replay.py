@@ -25,7 +25,7 @@ import numpy as np
 from envs.errors import TaskError
 from envs.models import load_spec
 from envs.plant import Fixed, Plant
-from envs.replay import DivergedError, Recording, replay, switchable, with_moments
+from envs.replay import DivergedError, Recording, replay, switchable
 from hardware.log import Log, check_names
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
@@ -75,20 +75,12 @@ def measure(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> Gap:
     plant = Plant(delayed, num_rows=len(episodes), fixed=fixed)
     columns = _positions(log, model)
     read = [_moments(part, list(columns)) for part in episodes]  # (T, M) s, an episode each
-    recordings = [
-        with_moments(to_recording(part, model), np.unique(at))
-        for part, at in zip(episodes, read, strict=True)
-    ]
+    recordings = [to_recording(part, model) for part in episodes]
     try:
-        paths = replay(plant, recordings)
+        simulated = replay(plant, recordings, read, list(columns.values()))
     except DivergedError as error:
         episode = episodes[error.row].episode[0]
         raise Sim2RealError(f"{log.path}, episode {episode}: {error}") from None
-    places = list(columns.values())
-    simulated = [
-        path[np.searchsorted(recording.time, at), places]
-        for path, recording, at in zip(paths, recordings, read, strict=True)
-    ]
     measured = np.column_stack([log.column(f"qpos.{name}") for name in columns])
     return Gap(log, tuple(columns), log.time, measured, np.concatenate(simulated))
 

@@ -19,8 +19,7 @@ import numpy as np
 
 from envs.effects import Effect, make
 from envs.plant import Fixed, Plant
-from envs.replay import ROUNDING, Recording
-from envs.rollout import roll
+from envs.replay import Readings, Schedule, interpolate, readings, schedule, simulate
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.thermal import Heat
 from sim2real.diagnosis.data.windows import Window
@@ -45,11 +44,8 @@ class Simulated(NamedTuple):
 class _Plan(NamedTuple):
     """What a window needs of the simulation."""
 
-    steps: int
-    ctrl: np.ndarray  # (K, nu)
-    off: np.ndarray  # (K,) bit masks
-    before: np.ndarray  # (T, M) step before each reading
-    share: np.ndarray  # (T, M) of the way to the next step
+    schedule: Schedule
+    at: Readings  # (T, M) when each joint was read
 
 
 def key_of(effect: Effect) -> tuple[Any, ...]:
@@ -81,18 +77,10 @@ class Simulator:
 
     def _plan(self, window: Window) -> _Plan:
         dt = self.data.models[window.model].opt.timestep
-        recording = window.recording
-        steps = int(np.ceil(max(window.sample.max(), recording.time[-1]) / dt - ROUNDING)) + 1
-        clock = np.arange(steps) * dt + ROUNDING
-        latest = np.maximum(np.searchsorted(recording.time, clock, side="right") - 1, 0)
-        powered = recording.powered
-        off = np.zeros(steps, np.int64)
-        if powered is not None:
-            off = (~powered[latest] << np.arange(powered.shape[1])).sum(axis=1)
-        at = np.clip(window.sample / dt, 0, steps - 1e-9)  # (T, M)
-        at = np.concatenate([at, np.repeat(at[-1:], self._length - len(at), axis=0)])
-        before = at.astype(int)
-        return _Plan(steps, recording.ctrl[latest], off, before, at - before)
+        padding = np.repeat(window.sample[-1:], self._length - len(window.sample), axis=0)
+        sample = np.concatenate([window.sample, padding])  # (T, M)
+        plan = schedule(window.recording, dt, float(window.sample.max()))
+        return _Plan(plan, readings(sample, dt))
 
     def run(self, effects: Sequence[Effect], windows: np.ndarray, values: np.ndarray) -> Simulated:
         """Simulate rows.
@@ -114,7 +102,7 @@ class Simulator:
         return Simulated(error, slope, lost)
 
     def _pieces(self, windows: np.ndarray, model: int) -> int:
-        steps = max(self._plans[i].steps for i in windows)
+        steps = max(self._plans[i].schedule.steps for i in windows)
         width = self.data.models[model].nq + self.data.models[model].nu
         return max(1, int(np.ceil(len(windows) * steps * width * 8 / LARGEST)))
 
@@ -144,51 +132,32 @@ class Simulator:
         name = None if weak is None else self.data.models[model].actuator(weak).name
         effects = () if name is None else (make("motor_strength", where=name),)
         plant = self._plant(effects, model, len(windows))
-        values = np.full((len(windows), len(effects)), strength)
-        plans, ctrl, off = self._begin(plant, windows, values)
-        simulated, bits = _actuated(plant), np.arange(ctrl.shape[2])
-        for plan, path, held, mask in zip(plans, roll(plant, ctrl, off), ctrl, off, strict=True):
-            on = (mask[: plan.steps, None] >> bits & 1) == 0
-            yield simulated, path[: plan.steps + 1], held[: plan.steps], on
-
-    def _begin(
-        self, plant: Plant, windows: np.ndarray, values: np.ndarray
-    ) -> tuple[list[_Plan], np.ndarray, np.ndarray]:
-        """Put each row at the start of its window, under its values.
-
-        Returns:
-            The plans, the commands (R, K, nu) and the motors that are off (R, K).
-        """
-        plans = [self._plans[i] for i in windows]
-        steps = max(plan.steps for plan in plans)
-        ctrl = np.stack([_held(plan.ctrl, steps) for plan in plans])
-        off = np.stack([_held(plan.off, steps) for plan in plans])
-        _start(plant, [self.data.windows[i].recording for i in windows], values)
-        return plans, ctrl, off
+        _set(plant, np.full((len(windows), len(effects)), strength))
+        plans = [self._plans[i].schedule for i in windows]
+        motion, simulated = simulate(plant, plans), _actuated(plant)
+        bits = np.arange(plant.model.nu)
+        for plan, path in zip(plans, motion.qpos, strict=True):
+            on = (plan.off[:, None] >> bits & 1) == 0
+            yield simulated, path[: plan.steps + 1], plan.ctrl, on
 
     def _chunk(
         self, effects: Sequence[Effect], model: int, windows: np.ndarray, values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        data, every = self.data, np.arange(len(windows))
+        data, plans = self.data, [self._plans[i] for i in windows]
         plant = self._plant(effects, model, len(windows))
-        plans, ctrl, off = self._begin(plant, windows, values)
-        self.heat.start(plant, windows)
-        paths = roll(plant, ctrl, off)[:, :, self._places]  # (R, K + 1, M)
-        dt = data.models[model].opt.timestep
-        self.seconds += off.size * dt
-        bad = np.asarray(np.isnan(paths).any(axis=2))  # (R, K + 1)
-        lost = np.where(np.any(bad, axis=1), bad.argmax(axis=1) * dt, np.inf)
-        before = np.stack([plan.before for plan in plans])  # (R, T, M)
-        share = np.stack([plan.share for plan in plans])
-        row, joint = every[:, None, None], np.arange(paths.shape[2])
-        here, after = paths[row, before, joint], paths[row, before + 1, joint]
-        simulated = here + share * (after - here)
+        _set(plant, values)
+        motion = simulate(
+            plant, [plan.schedule for plan in plans], lambda: self.heat.start(plant, windows)
+        )
+        self.seconds += motion.dt * len(windows) * (motion.qpos.shape[1] - 1)
+        at = Readings(*(np.stack(part) for part in zip(*(plan.at for plan in plans), strict=True)))
+        simulated, change = interpolate(motion.qpos[:, :, self._places], at)
         mask = data.mask[windows][..., None]
         error = np.where(mask, (simulated - data.measured[windows]) / data.scale, 0.0)
-        slope = np.where(mask, (after - here) / dt / data.scale, 0.0)
+        slope = np.where(mask, change / motion.dt / data.scale, 0.0)
         limit = np.maximum(LOST * self._spread, 1e-3) / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
-        return error, np.nan_to_num(slope), lost
+        return error, np.nan_to_num(slope), motion.lost
 
 
 def _actuated(plant: Plant) -> mujoco.MjModel:
@@ -201,18 +170,7 @@ def _actuated(plant: Plant) -> mujoco.MjModel:
     return model
 
 
-def _held(values: np.ndarray, length: int) -> np.ndarray:
-    """Return the values with the last one repeated up to a length."""
-    return np.concatenate([values, np.repeat(values[-1:], length - len(values), axis=0)])
-
-
-def _start(plant: Plant, recordings: Sequence[Recording], values: np.ndarray) -> None:
-    """Put each row at the start of its recording, under its values."""
-    every = np.arange(plant.num_rows)
+def _set(plant: Plant, values: np.ndarray) -> None:
+    """Put values (N, P) into a plant's rows, none outside its range."""
     low, high = plant.space.low, plant.space.high
-    plant.set_params(every, np.clip(values, low, high))
-    qpos = np.stack([r.qpos for r in recordings])
-    qvel = np.stack([r.qvel for r in recordings])
-    first = np.stack([r.ctrl[0] for r in recordings])
-    seeds = np.zeros(plant.num_rows, np.uint64)
-    plant.reset(every, qpos, qvel, seeds, ctrl=first, measured=True)
+    plant.set_params(np.arange(plant.num_rows), np.clip(values, low, high))

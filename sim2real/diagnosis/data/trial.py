@@ -16,8 +16,7 @@ import numpy as np
 
 from envs.effects import Effect
 from envs.plant import Fixed, Plant
-from envs.replay import ROUNDING, Recording, switchable
-from envs.rollout import roll
+from envs.replay import Recording, schedule, simulate, switchable
 from hardware.log import Log
 from sim2real.diagnosis.data.replay import to_recording
 
@@ -135,47 +134,15 @@ def trial(
     Returns:
         What the encoders would have said at the recordings' times, N arrays (T, nq).
     """
-    plant_spec = switchable(spec)
-    dt = spec.option.timestep
-    steps = max(int(np.ceil(r.time[-1] / dt - ROUNDING)) for r in recordings) + 1
+    plant_spec, dt = switchable(spec), spec.option.timestep
+    plans = [schedule(recording, dt) for recording in recordings]
     width = len(recordings[0].qpos) + recordings[0].ctrl.shape[1]
-    chunks = int(np.ceil(len(recordings) * steps * width * 8 / LARGEST))
+    size = len(plans) * max(plan.steps for plan in plans) * width * 8  # bytes
     paths: list[np.ndarray] = []
-    for rows in np.array_split(np.arange(len(recordings)), chunks):
-        chunk = [recordings[i] for i in rows]
-        plant = Plant(plant_spec, effects, len(chunk), fixed=fixed)
-        paths += _run(plant, chunk, None if values is None else values[rows])
+    for rows in np.array_split(np.arange(len(plans)), int(np.ceil(size / LARGEST))):
+        plant = Plant(plant_spec, effects, len(rows), fixed=fixed)
+        if values is not None:
+            plant.set_params(np.arange(len(rows)), values[rows])
+        motion = simulate(plant, [plans[i] for i in rows])
+        paths += [motion.read(k, recordings[i].time) for k, i in enumerate(rows)]
     return paths
-
-
-def _run(
-    plant: Plant, recordings: Sequence[Recording], values: np.ndarray | None
-) -> list[np.ndarray]:
-    every, dt = np.arange(len(recordings)), plant.model.opt.timestep
-    steps = max(int(np.ceil(r.time[-1] / dt - ROUNDING)) for r in recordings) + 1
-    clock = np.arange(steps) * dt
-    latest = [
-        np.maximum(np.searchsorted(r.time, clock + ROUNDING, side="right") - 1, 0)
-        for r in recordings
-    ]
-    ctrl = np.stack([r.ctrl[i] for r, i in zip(recordings, latest, strict=True)])  # (N, K, nu)
-    off = np.stack([_off(r)[i] for r, i in zip(recordings, latest, strict=True)])  # (N, K)
-    if values is not None:
-        plant.set_params(every, values)
-    qpos = np.stack([r.qpos for r in recordings])
-    qvel = np.stack([r.qvel for r in recordings])
-    plant.reset(every, qpos, qvel, np.zeros(len(every), np.uint64), ctrl=ctrl[:, 0], measured=True)
-    paths = roll(plant, ctrl, off)  # (N, K + 1, nq)
-    ticks = np.arange(steps + 1) * dt
-    return [
-        np.column_stack([np.interp(r.time, ticks, q) for q in path.T])
-        for r, path in zip(recordings, paths, strict=True)
-    ]
-
-
-def _off(recording: Recording) -> np.ndarray:
-    """Bit masks of the actuators that are switched off in each row, (T,)."""
-    if recording.powered is None:
-        return np.zeros(len(recording.time), np.int64)
-    bits = np.arange(recording.powered.shape[1])
-    return (~recording.powered << bits).sum(axis=1)

@@ -179,13 +179,8 @@ def cut_one(
     origin = float(log.time[warm])
     if warm > episode_start:
         recording = recording._replace(qvel=_velocity(log, model, warm, episode_start, last))
-        held = np.concatenate([to_ctrl(log, model, warm - 1)[None], recording.ctrl])
-        powered = recording.powered
-        powered = None if powered is None else np.concatenate([powered[:1], powered])
-        time = np.concatenate([[-1.0], recording.time - origin])  # held from before
-        recording = recording._replace(time=time, ctrl=held, powered=powered)
-    else:
-        recording = recording._replace(time=recording.time - origin)
+        recording = recording._replace(held=to_ctrl(log, model, warm - 1))
+    recording = recording._replace(time=recording.time - origin)
     scored = slice(first, last)
     stamps = [f"stamp.{joint.name}" for joint in joints]
     sample = np.column_stack(

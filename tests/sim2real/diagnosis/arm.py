@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.effects import make
 from envs.plant import Plant
-from envs.rollout import roll
+from envs.replay import roll
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 

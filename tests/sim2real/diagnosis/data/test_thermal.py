@@ -11,7 +11,7 @@ import pytest
 from envs.effects import make
 from envs.effects.supply import _Derating
 from envs.plant import Fixed, Plant
-from envs.rollout import roll
+from envs.replay import roll
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.fit import Problem

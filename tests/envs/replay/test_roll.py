@@ -8,8 +8,7 @@ import pytest
 
 from envs.effects import make
 from envs.plant import Plant
-from envs.replay import switchable
-from envs.rollout import roll
+from envs.replay import roll, switchable
 
 ARM = """
 <mujoco>

@@ -1,4 +1,4 @@
-"""Many recordings replayed side by side and fast: a plant's rows under given commands.
+"""A plant's rows under given commands, all their physics steps at once where that is possible.
 
     paths = roll(plant, ctrl)       # (N, K, nu) commands -> (N, K + 1, nq) what the encoders say
 

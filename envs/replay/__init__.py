@@ -1,0 +1,50 @@
+"""Replaying recorded commands in simulation: what the model would have done in the robot's place.
+
+    plant = Plant(switchable(spec), effects, num_rows=len(recordings))
+    paths = replay(plant, recordings)            # (T, nq) each, at the recordings' own times
+
+It is the only replay there is: `run=replay`, every step of a diagnosis, the exam and the plans of
+experiments go through it. Whoever replays recordings again and again does it in parts:
+
+    plans = [schedule(recording, dt) for recording in recordings]       # once
+    motion = simulate(plant, plans)              # after plant.set_params
+    motion.qpos, motion.lost                     # (N, K + 1, nq) at physics steps, (N,) s
+
+Contracts:
+
+* The clock is 0 at the start of a recording. The encoders then say its `qpos`; `held` is the
+  command in force until then, which delay lines and goal generators know for all of the past.
+* A command acts at the first physics step not before its time, and holds until the next one does.
+* What the encoders say is known at physics steps and linear in between; it can be read at any
+  moment, joint by joint.
+* An actuator that is switched off exerts nothing and does not brake.
+* The same start, commands and effects give the same positions to the bit, in whichever row and
+  beside whichever others. Rows may repeat a recording, to try many parameters on it side by side.
+"""
+
+from envs.replay.engine import (
+    DivergedError,
+    Motion,
+    Readings,
+    interpolate,
+    readings,
+    replay,
+    simulate,
+)
+from envs.replay.recording import Recording, Schedule, schedule, switchable
+from envs.replay.roll import roll
+
+__all__ = [
+    "DivergedError",
+    "Motion",
+    "Readings",
+    "Recording",
+    "Schedule",
+    "interpolate",
+    "readings",
+    "replay",
+    "roll",
+    "schedule",
+    "simulate",
+    "switchable",
+]

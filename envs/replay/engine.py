@@ -1,0 +1,154 @@
+"""From recordings to positions: start the rows, roll them, read their encoders.
+
+See the package for the rules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.errors import EnvsError, TaskError
+from envs.plant import Plant
+from envs.replay.recording import Recording, Schedule, schedule
+from envs.replay.roll import roll
+
+
+class DivergedError(EnvsError):
+    """A model that cannot follow a recording.
+
+    Args:
+        row: the row that broke.
+        time: s from the recording's start.
+    """
+
+    def __init__(self, row: int, time: float) -> None:
+        self.row, self.time = row, time
+        super().__init__(
+            f"the simulation of recording {row} diverges at {time:.3f} s; try a smaller timestep, "
+            "or check masses, gains and units of the model"
+        )
+
+
+class Readings(NamedTuple):
+    """Moments on the clock of a simulation, of any shape."""
+
+    before: np.ndarray  # the physics step at or before each
+    share: np.ndarray  # of the way to the next step, in [0, 1)
+
+
+class Motion(NamedTuple):
+    """What N rows did."""
+
+    dt: float  # s between physics steps
+    qpos: np.ndarray  # (N, K + 1, nq) what the encoders say; NaN from where a row diverged
+    steps: np.ndarray  # (N,) of each row's own schedule; beyond, its last command is held
+
+    @property
+    def lost(self) -> np.ndarray:
+        """When each row diverged [s], (N,); inf: it did not."""
+        bad = np.isnan(self.qpos).any(axis=2)  # (N, K + 1)
+        bad &= np.arange(self.qpos.shape[1]) <= self.steps[:, None]
+        return np.where(bad.any(axis=1), bad.argmax(axis=1) * self.dt, np.inf)
+
+    def read(self, row: int, times: np.ndarray, columns: Sequence[int] | None = None) -> np.ndarray:
+        """Return what a row's encoders say at some moments, (T, M).
+
+        Args:
+            row: of the plant.
+            times: s from the start, (T,) for all joints at once or (T, M) for each.
+            columns: M places in qpos; None for all.
+        """
+        chosen = self.qpos[row] if columns is None else self.qpos[row][:, list(columns)]
+        at = readings(np.reshape(times, (len(times), -1)), self.dt)
+        return interpolate(chosen[None], Readings(at.before[None], at.share[None]))[0][0]
+
+
+def readings(times: np.ndarray, dt: float) -> Readings:
+    """Return moments [s] on the clock of a simulation; none is before its start."""
+    at = np.maximum(times / dt, 0.0)
+    before = at.astype(int)
+    return Readings(before, at - before)
+
+
+def interpolate(qpos: np.ndarray, at: Readings) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions at some moments, and their change until the next physics step.
+
+    Args:
+        qpos: at physics steps, (N, K + 1, M).
+        at: moments, (N, T, M) or (N, T, 1).
+
+    Returns:
+        Two arrays (N, T, M).
+    """
+    row, joint = np.arange(len(qpos))[:, None, None], np.arange(qpos.shape[2])
+    here, after = qpos[row, at.before, joint], qpos[row, at.before + 1, joint]
+    change = after - here
+    return here + at.share * change, change
+
+
+def simulate(
+    plant: Plant, plans: Sequence[Schedule], warm: Callable[[], None] | None = None
+) -> Motion:
+    """Simulate schedules, one in each row of the plant, under the parameters that it has.
+
+    Args:
+        plant: the model and its parameters; made of a `switchable` spec where servos are switched
+            off.
+        plans: N, one for each row.
+        warm: called between reset and first step, for what effects remember from before the start.
+
+    Raises:
+        TaskError: a number of schedules that is not the plant's number of rows.
+    """
+    if len(plans) != plant.num_rows:
+        raise TaskError(f"{len(plans)} recordings for a plant of {plant.num_rows} rows")
+    every, steps = np.arange(plant.num_rows), np.array([plan.steps for plan in plans])
+    qpos, qvel, held = (np.stack([p[i] for p in plans]) for i in range(3))
+    plant.reset(every, qpos, qvel, np.zeros(len(every), np.uint64), ctrl=held, measured=True)
+    if warm is not None:
+        warm()
+    longest = int(steps.max())
+    ctrl = np.stack([_extended(plan.ctrl, longest) for plan in plans])  # (N, K, nu)
+    off = np.stack([_extended(plan.off, longest) for plan in plans])  # (N, K)
+    return Motion(plant.model.opt.timestep, roll(plant, ctrl, off), steps)
+
+
+def replay(
+    plant: Plant,
+    recordings: Sequence[Recording],
+    moments: Sequence[np.ndarray] | None = None,
+    columns: Sequence[int] | None = None,
+) -> list[np.ndarray]:
+    """Replay recordings, one in each row of the plant, under the parameters that it has.
+
+    Args:
+        plant: see `simulate`.
+        recordings: N, one for each row.
+        moments: when positions are read, of each recording (T,) or (T, M) [s]; None: when its
+            commands were written.
+        columns: M places in qpos that are read; None for all.
+
+    Returns:
+        What the encoders would have said, N arrays of (T, M) [m, rad].
+
+    Raises:
+        TaskError: a number of recordings that is not the plant's number of rows.
+        DivergedError: the first simulation that broke.
+    """
+    moments = [r.time for r in recordings] if moments is None else moments
+    dt = plant.model.opt.timestep
+    plans = [schedule(r, dt, float(at.max())) for r, at in zip(recordings, moments, strict=True)]
+    motion = simulate(plant, plans)
+    lost = motion.lost
+    if np.isfinite(lost).any():
+        first = int(lost.argmin())
+        raise DivergedError(first, float(lost[first]))
+    return [motion.read(row, at, columns) for row, at in enumerate(moments)]
+
+
+def _extended(values: np.ndarray, length: int) -> np.ndarray:
+    """Return the values with the last one repeated up to a length."""
+    return np.concatenate([values, np.repeat(values[-1:], length - len(values), axis=0)])

@@ -1,0 +1,78 @@
+"""A recording of commands, and what it asks for at each physics step.
+
+plan = schedule(recording, dt=0.002)
+plan.ctrl, plan.off          # (K, nu), (K,)
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from envs.errors import TaskError
+
+GROUPS = 31  # actuator groups that `opt.disableactuator` can switch, MuJoCo XML reference
+ROUNDING = 1e-9  # s: a stamp this far behind a step counts as at it
+
+
+class Recording(NamedTuple):
+    """A piece of an episode, in the order of a model's joints and actuators."""
+
+    time: np.ndarray  # (T,) s from the start, increasing: when each row's command was written
+    ctrl: np.ndarray  # (T, nu) commands, in the actuators' units
+    qpos: np.ndarray  # (nq,) measured start [m, rad]
+    qvel: np.ndarray  # (nv,) its velocity
+    powered: np.ndarray | None = None  # (T, nu) bool: False while a servo was switched off
+    held: np.ndarray | None = None  # (nu,) command in force before the start; None: the first one
+
+
+class Schedule(NamedTuple):
+    """A recording on the clock of a simulation."""
+
+    qpos: np.ndarray  # (nq,)
+    qvel: np.ndarray  # (nv,)
+    held: np.ndarray  # (nu,)
+    ctrl: np.ndarray  # (K, nu) command in force at each physics step
+    off: np.ndarray  # (K,) bit masks of the actuators that are switched off then
+
+    @property
+    def steps(self) -> int:
+        """K: so many physics steps reach one beyond the last row and reading."""
+        return len(self.ctrl)
+
+
+def schedule(recording: Recording, dt: float, until: float = 0.0) -> Schedule:
+    """Return what a recording asks for at each physics step.
+
+    Args:
+        recording: the commands and the start.
+        dt: timestep of the simulation [s].
+        until: s from the start: the last reading, where that is after the last command.
+    """
+    steps = int(np.ceil(max(until, recording.time[-1]) / dt - ROUNDING)) + 1
+    clock = np.arange(steps) * dt + ROUNDING
+    latest = np.maximum(np.searchsorted(recording.time, clock, side="right") - 1, 0)
+    off = np.zeros(steps, np.int64)
+    if recording.powered is not None:
+        bits = np.arange(recording.powered.shape[1])
+        off = (~recording.powered[latest] << bits).sum(axis=1)
+    held = recording.ctrl[0] if recording.held is None else recording.held
+    return Schedule(recording.qpos, recording.qvel, held, recording.ctrl[latest], off)
+
+
+def switchable(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return a copy of the spec whose actuators can be switched off one by one.
+
+    Raises:
+        TaskError: more than 31 actuators.
+    """
+    spec = spec.copy()
+    if len(spec.actuators) > GROUPS:
+        raise TaskError(
+            f"{len(spec.actuators)} actuators cannot be switched off one by one; up to {GROUPS} can"
+        )
+    for group, actuator in enumerate(spec.actuators):
+        actuator.group = group
+    return spec
