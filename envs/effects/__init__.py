@@ -39,10 +39,10 @@ from envs.effects.friction import (
 )
 from envs.effects.inertia import CenterOfMass, GravityTilt, LinkMass, Payload
 from envs.effects.registry import EFFECTS, make, register
+from envs.effects.sampling import ObservationDelay
 from envs.effects.scale import RobotScale
 from envs.effects.sensing import (
     EncoderOffset,
-    ObservationDelay,
     Quantization,
     SensorNoise,
     VelocityFilter,

@@ -131,6 +131,8 @@ class SubstepRule(Bound, ABC):
 class Measurement(Bound, ABC):
     """A bound effect that changes what the robot's sensors say, not what the robot does."""
 
+    needs_speed: ClassVar[bool] = False  # whether `measure_path` must be given speeds
+
     @abstractmethod
     def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Change the measured qpos (n, nq) [rad, m] and qvel (n, nv) of the rows ids in place.
@@ -138,6 +140,18 @@ class Measurement(Bound, ABC):
         Called once after each reset and each control step: a measurement may remember the ones
         before.
         """
+
+    def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Change what is measured along whole paths in place, as `measure` would step by step.
+
+        A measurement that defines it can be replayed in one call of the engine.
+
+        Args:
+            dt: s between physics steps.
+            qpos: what the encoders see at each of them, (N, K + 1, nq), of all rows.
+            qvel: its speed, (N, K + 1, nv); empty where no measurement `needs_speed`.
+        """
+        raise NotImplementedError
 
     def unmeasure(self, ids: np.ndarray, qpos: np.ndarray) -> None:
         """Turn measured positions (n, nq) into true ones in place, as far as that can be told."""

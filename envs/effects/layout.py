@@ -138,6 +138,16 @@ class Layout:
                 qpos[..., self.address(joint.motor)[0]] += raw[..., joint.q]
         return qpos
 
+    def seen_speed(self, raw: np.ndarray) -> np.ndarray:
+        """Return the same of velocities of the simulated model: (..., nv) of the nominal."""
+        if self._keep is None:
+            return raw
+        qvel = raw[..., self._v]
+        for joint in self.joints:
+            if not joint.motor_side:
+                qvel[..., self.address(joint.motor)[1]] += raw[..., joint.v]
+        return qvel
+
     def read(self, rows: np.ndarray | slice) -> None:
         """Bring qpos and qvel up to date with the batch."""
         if self._keep is None:

@@ -6,7 +6,6 @@ offset, plus noise, rounded to its counts; its speed is filtered.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -81,6 +80,9 @@ class _Offset(_JointSensor, CommandRule):
 
     def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
         qpos[:, self.q] += self.value[ids]
+
+    def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        qpos[:, :, self.q] += self.value[:, None]
 
     def unmeasure(self, ids: np.ndarray, qpos: np.ndarray) -> None:
         qpos[:, self.q] -= self.value[ids]
@@ -273,118 +275,3 @@ class VelocityFilter(_SensorEffect):
     def bind(self, plant: PlantView) -> Measurement:
         """Filter the measured speeds."""
         return _Filter(plant, self)
-
-
-class _SamplingDelay(Measurement):
-    """See `ObservationDelay`. Keeps each row's states at its last K control steps."""
-
-    order = 20
-
-    def __init__(self, plant: PlantView, longest: float) -> None:
-        model = plant.nominal
-        n, k = plant.num_rows, math.ceil(longest / model.opt.timestep) + 2
-        self.now, self.value = plant.time, np.zeros(n)
-        self.times = np.zeros((n, k))
-        self.qpos, self.qvel = np.zeros((n, k, model.nq)), np.zeros((n, k, model.nv))
-        self.newest = np.zeros(n, dtype=np.int64)
-        self.fresh = np.ones(n, dtype=bool)
-        scalar = [
-            j for j in range(model.njnt) if model.jnt_type[j] >= int(mujoco.mjtJoint.mjJNT_SLIDE)
-        ]
-        self.q, self.v = model.jnt_qposadr[scalar], model.jnt_dofadr[scalar]
-        turned = [j for j in range(model.njnt) if j not in scalar]
-        ends = {0: 3, 1: 0}  # where the quaternion begins: free, ball
-        self.quaternions = [
-            int(model.jnt_qposadr[j]) + ends[int(model.jnt_type[j])] for j in turned
-        ]
-
-    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        self.value[ids] = values[:, 0]
-
-    def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.fresh[ids] = True
-
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        rows = np.arange(len(self.now))[ids]
-        self._remember(rows, qpos, qvel)
-        samples = self.times.shape[1]
-        when = self.now[rows] - self.value[rows]
-        slots = (
-            self.newest[rows][:, None] + 1 + np.arange(samples)
-        ) % samples  # oldest first, (n, K)
-        times = np.take_along_axis(self.times[rows], slots, 1)
-        after = np.clip((times <= when[:, None]).sum(1), 1, samples - 1)
-        every = np.arange(len(rows))
-        old, new = slots[every, after - 1], slots[every, after]
-        t0, t1 = times[every, after - 1], times[every, after]
-        dt = np.where(t1 > t0, t1 - t0, 1.0)[:, None]
-        s = np.clip((when - t0)[:, None] / dt, 0.0, 1.0)
-        q0, q1, v0, v1 = (
-            self.qpos[rows, old],
-            self.qpos[rows, new],
-            self.qvel[rows, old],
-            self.qvel[rows, new],
-        )
-        past = q0 + s * (q1 - q0)
-        w = s * (1.0 - s)  # cubic through both states and their speeds
-        bend = w * ((1 - s) * v0[:, self.v] - s * v1[:, self.v]) * dt
-        past[:, self.q] += bend - w * (1 - 2 * s) * (q1 - q0)[:, self.q]
-        for first in self.quaternions:
-            quaternion = past[:, first : first + 4]
-            past[:, first : first + 4] = quaternion / np.linalg.norm(
-                quaternion, axis=1, keepdims=True
-            )
-        late = self.value[rows] > 0
-        qpos[late], qvel[late] = past[late], (v0 + s * (v1 - v0))[late]
-
-    def _remember(self, rows: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        new = self.fresh[rows]
-        if new.any():
-            started, samples = rows[new], self.times.shape[1]
-            self.qpos[started], self.qvel[started] = qpos[new][:, None], qvel[new][:, None]
-            self.times[started] = self.now[started][:, None]
-            self.newest[started] = samples - 1
-            self.fresh[started] = False
-        going = rows[~new]
-        self.newest[going] = (self.newest[going] + 1) % self.times.shape[1]
-        at = (going, self.newest[going])
-        self.times[at], self.qpos[at], self.qvel[at] = self.now[going], qpos[~new], qvel[~new]
-
-
-class ObservationDelay(Effect):
-    """How old the measured positions and speeds are.
-
-    Between control steps the positions are interpolated by cubics that fit the speeds too.
-    `longest` sizes the memory.
-    """
-
-    name = "observation_delay"
-    place = "robot"
-    unit = "s"
-    extras = (Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that can be asked for"),)
-    typical = (0.0, 0.04)
-    no_mjcf = READ
-    comparable = True
-    sizes = Sizes("add", "one", 1e-3, 0.1)
-    symptom = "the log is late against the commands, and the robot is not slower"
-    source = "y(t) = q(t - d): return delay, bus turn-round and the USB timer"
-    experiment = (
-        "steps from rest next to a second, fast sensor; else the same as command_delay"
-        " in an open-loop log"
-    )
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the delay."""
-        return (self.parameter(low=0.0, high=self.extra["longest"]),)
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Report what was true some time ago."""
-        return _SamplingDelay(plant, self.extra["longest"])
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return delays from a bus at its fastest to a slow camera."""
-        return np.array([0.003, 0.01, 0.03, 0.07])
-
-    def batch(self) -> str:
-        """Return the group of effects without rules of their own."""
-        return PLAIN

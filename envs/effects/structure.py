@@ -84,6 +84,9 @@ class MotorSide(Measurement):
         qpos[:, self._address[0]] -= self._layout.raw_qpos[ids, self._series.q]
         qvel[:, self._address[1]] -= self._layout.raw_qvel[ids, self._series.v]
 
+    def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Do nothing: the layout has left the joint out of what the encoder sees."""
+
 
 class LinkSide(SubstepRule):
     """Closes servo loops over a series joint: kp (u - q) becomes kp (u - q - p), kv likewise."""

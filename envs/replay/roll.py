@@ -3,8 +3,7 @@
     paths = roll(plant, ctrl)       # (N, K, nu) commands -> (N, K + 1, nq) what the encoders say
 
 The rows must be reset. Where no effect of the plant acts between physics steps, the engine takes
-all K steps in one call; else the plant is stepped K times. Both give the same positions, but that a
-delayed encoder is interpolated here between physics steps and there between readings.
+all K steps in one call; else the plant is stepped K times. Both give the same positions.
 """
 
 from __future__ import annotations
@@ -12,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 from mujoco.batch import SimulationError
 
-from envs.effects.sensing import _Offset, _SamplingDelay
-from envs.effects.structure import MotorSide
+from envs.effects.base import Measurement
 from envs.plant import Plant
 from envs.quiet import quiet_engine
 
@@ -39,9 +37,11 @@ def roll(plant: Plant, ctrl: np.ndarray, off: np.ndarray | None = None) -> np.nd
 
 def _is_plain(plant: Plant) -> bool:
     """Return whether nothing of the plant acts between physics steps or remembers readings."""
-    known = (_Offset, MotorSide, _SamplingDelay)
     rules = [*plant.command_rules, *plant.measurements]
-    return not plant.substep_rules and all(isinstance(rule, known) for rule in rules)
+    return not plant.substep_rules and all(
+        isinstance(rule, Measurement) and type(rule).measure_path is not Measurement.measure_path
+        for rule in rules
+    )
 
 
 class _Power:
@@ -81,23 +81,37 @@ def _roll(plant: Plant, ctrl: np.ndarray, power: _Power) -> np.ndarray:
     """Let the engine take all steps between two switchings at once."""
     (rows, steps, _), layout = ctrl.shape, plant.layout
     ctrl = _shifted(plant, ctrl)
-    raw = np.empty((rows, steps + 1, plant.model.nq))
-    raw[:, 0] = layout.raw_qpos
+    start = {"qpos": layout.raw_qpos, "qvel": layout.raw_qvel}
+    if not any(rule.needs_speed for rule in plant.measurements):
+        del start["qvel"]
+    raw = {k: np.empty((rows, steps + 1, v.shape[1])) for k, v in start.items()}
+    for name, path in raw.items():
+        path[:, 0] = start[name]
     broken = np.full(rows, steps + 1)  # from where a row's numbers mean nothing
-    for start, end in zip(power.cuts, [*power.cuts[1:], steps], strict=True):
-        power.switch(int(start))
-        out = None
+    for first, end in zip(power.cuts, [*power.cuts[1:], steps], strict=True):
+        power.switch(int(first))
+        part = {name: np.empty((rows, end - first, p.shape[2])) for name, p in raw.items()}
+        refused = np.zeros(0, int)
         try:
             with quiet_engine():
-                out = plant.batch.rollout(end - start, ctrl[:, start:end])
+                plant.batch.rollout(end - first, ctrl[:, first:end], record=tuple(raw), out=part)
         except SimulationError as error:
-            broken[error.ids] = np.minimum(broken[error.ids], start + 1)
-        failed = plant.take_warnings()
-        broken[failed] = np.minimum(broken[failed], start + 1)
-        raw[:, start + 1 : end + 1] = raw[:, start : start + 1] if out is None else out["qpos"]
+            refused = error.ids
+        for name, path in raw.items():
+            path[:, first + 1 : end + 1] = part[name]
+        for row in plant.take_warnings():
+            broken[row] = min(broken[row], first + 1 + _stop(part["qpos"][row]))
+        broken[refused] = np.minimum(broken[refused], first + 1)
     power.restore()
-    raw[np.arange(steps + 1) >= broken[:, None]] = np.nan
-    return _measured(plant, raw)
+    qpos = _measured(plant, raw)
+    qpos[np.arange(steps + 1) >= broken[:, None]] = np.nan
+    return qpos
+
+
+def _stop(path: np.ndarray) -> int:
+    """Return from where positions (K, nq) of a simulation that stopped are repeated."""
+    moves = np.flatnonzero((np.diff(path, axis=0) != 0).any(axis=1))
+    return int(moves[-1]) + 1 if moves.size else 0
 
 
 def _shifted(plant: Plant, ctrl: np.ndarray) -> np.ndarray:
@@ -112,30 +126,13 @@ def _shifted(plant: Plant, ctrl: np.ndarray) -> np.ndarray:
     return ctrl
 
 
-def _measured(plant: Plant, raw: np.ndarray) -> np.ndarray:
-    """Return what encoders say of the engine's positions (N, K + 1, nq of the simulated model)."""
-    qpos, layout = plant.layout.seen(raw), plant.layout
+def _measured(plant: Plant, raw: dict[str, np.ndarray]) -> np.ndarray:
+    """Return what encoders say, (N, K + 1, nq), along paths of the simulated model."""
+    qpos = plant.layout.seen(raw["qpos"])
+    qvel = plant.layout.seen_speed(raw["qvel"]) if "qvel" in raw else np.empty((*qpos.shape[:2], 0))
     for rule in plant.measurements:
-        if isinstance(rule, MotorSide):
-            continue
-        if isinstance(rule, _SamplingDelay):
-            qpos = _late(qpos, rule.value / plant.model.opt.timestep)
-        else:
-            n, k, nq = qpos.shape
-            flat = qpos.reshape(n * k, nq)
-            rule.measure(np.repeat(np.arange(n), k), flat, np.zeros((n * k, layout.qvel.shape[1])))
-            qpos = flat.reshape(n, k, nq)
+        rule.measure_path(plant.model.opt.timestep, qpos, qvel)
     return qpos
-
-
-def _late(qpos: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Return positions (N, K, nq) as they were `delay` (N,) steps before."""
-    steps = np.arange(qpos.shape[1]) - delay[:, None]  # (N, K)
-    steps = np.maximum(steps, 0.0)
-    before = np.minimum(steps.astype(int), qpos.shape[1] - 1)
-    after = np.minimum(before + 1, qpos.shape[1] - 1)
-    rows, share = np.arange(len(qpos))[:, None], (steps - before)[..., None]
-    return qpos[rows, before] * (1 - share) + qpos[rows, after] * share
 
 
 def _step(plant: Plant, ctrl: np.ndarray, power: _Power) -> np.ndarray:

@@ -106,3 +106,31 @@ def test_rows_and_recordings_must_agree() -> None:
     """A plant of one row does not take two recordings."""
     with pytest.raises(TaskError, match="2 recordings for a plant of 1 rows"):
         replay(Plant(motor()), [push([0.0, 0.1], [0.0, 0.0])] * 2)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (),
+        (("command_delay", {}, 0.013),),
+        (("observation_delay", {}, 0.017), ("encoder_offset", {"where": "a"}, 0.02)),
+        (("thermal_derating", {"where": "a"}, 0.5), ("backlash", {"where": "a"}, 0.01)),
+    ],
+    ids=lambda effects: "-".join(effect[0] for effect in effects),
+)
+def test_a_row_does_not_notice_its_neighbours(effects: tuple[tuple[str, dict, float], ...]) -> None:
+    """Alone, or beside longer rows and rows whose servo is switched off: the same to the bit."""
+    xml = SERVO.format(damping=0.1, mass=1.0, actuator="position", gain='kp="5" damping="0.1"')
+    spec, rng = switchable(mujoco.MjSpec.from_string(xml)), np.random.default_rng(0)
+    rows = []
+    for count in (30, 40, 25):
+        time = np.cumsum(rng.uniform(0.004, 0.02, count)) - 0.004
+        ctrl, on = rng.uniform(-1, 1, (count, 1)), rng.uniform(size=(count, 1)) < 0.8
+        start = Recording(time - time[0], ctrl, rng.uniform(-1, 1, 1), rng.uniform(-1, 1, 1))
+        rows.append(start._replace(powered=on if count != 30 else None, held=ctrl[3]))
+    fixed = [(make(name, **where), (value,)) for name, where, value in effects]
+    alone = [replay(Plant(spec, fixed=fixed), [row])[0] for row in rows]
+    beside = replay(Plant(spec, num_rows=3, fixed=fixed), rows)
+    for one, other in zip(alone, beside, strict=True):
+        assert np.array_equal(one, other)
+    assert np.ptp(alone[0]) > 0.1

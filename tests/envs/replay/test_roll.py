@@ -36,6 +36,7 @@ EFFECTS = [
     ("backlash", {"where": "a", "side": "motor"}, 0.03),
     ("backlash", {"where": "a", "side": "link"}, 0.03),
     ("stribeck_friction", {"where": "b"}, 0.08),
+    ("observation_delay", {}, 0.0137),
 ]
 
 
@@ -72,6 +73,18 @@ def test_rolling_is_stepping(effect: tuple[str, dict, float]) -> None:
     """One call of the engine gives the positions that a call for each step gives."""
     ctrl = commands()
     assert roll(plant(effect), ctrl) == pytest.approx(stepped(plant(effect), ctrl), abs=1e-9)
+
+
+@pytest.mark.parametrize("side", ["motor", "link"])
+def test_rolling_is_stepping_for_several_at_once(side: str) -> None:
+    """Also where an encoder is late, has a wrong zero and sits on one side of a spring."""
+    several = [
+        ("observation_delay", {}, 0.0137),
+        ("encoder_offset", {"where": "a"}, 0.05),
+        ("joint_compliance", {"where": "a", "side": side}, 0.1),
+    ]
+    ctrl = commands()
+    assert roll(plant(*several), ctrl) == pytest.approx(stepped(plant(*several), ctrl), abs=1e-9)
 
 
 def test_a_late_encoder_reads_the_past() -> None:
@@ -111,10 +124,30 @@ def test_a_servo_that_is_off_does_not_brake_where_heat_could_weaken_it() -> None
     assert paths[1] == pytest.approx(paths[0], abs=1e-12)
 
 
-def test_a_row_that_diverges_is_told_apart() -> None:
+@pytest.mark.parametrize("more", [(), (("stribeck_friction", {"where": "b"}, 0.01),)])
+def test_a_row_that_diverges_is_told_apart(more: tuple[tuple[str, dict, float], ...]) -> None:
     """Its positions are NaN from where it broke; the others are untouched."""
-    rows = plant(("motor_strength", {"where": "a"}, 1.0))
-    rows.set_params(np.array([1]), np.array([[1e9]]))
-    paths = roll(rows, commands())
-    assert np.isnan(paths[1]).any()
-    assert np.isfinite(paths[[0, 2]]).all()
+    strong = ("motor_strength", {"where": "a"}, 1.0)
+    rows = plant(strong, *more)
+    values = rows.params.copy()
+    values[1, 0] = 1e9
+    rows.set_params(np.arange(ROWS), values)
+    paths, plain = roll(rows, commands()), roll(plant(strong, *more), commands())
+    broke = np.isnan(paths[1]).any(axis=1)
+    assert np.flatnonzero(broke)[0] in range(1, 10)
+    assert broke[np.flatnonzero(broke)[0] :].all()
+    assert np.array_equal(paths[[0, 2]], plain[[0, 2]])
+
+
+def test_a_row_breaks_at_the_same_step_in_one_call_and_in_many() -> None:
+    """However the steps are taken, a simulation that diverges is lost at the same moment."""
+    strong, late = ("motor_strength", {"where": "a"}, 1.0), ("stribeck_friction", {"where": "b"}, 0)
+    moments = []
+    for effects in ([strong], [strong, late]):
+        rows = plant(*effects)
+        values = rows.params.copy()
+        values[:, 0] = [300.0, 1e3, 1e5]
+        rows.set_params(np.arange(ROWS), values)
+        moments.append(np.isnan(roll(rows, commands())).any(axis=2).sum(axis=1))
+    assert moments[0].tolist() == moments[1].tolist()
+    assert moments[0].any()
