@@ -26,7 +26,8 @@ import numpy as np
 from benchmarks import real_logs
 from envs.effects import load_effects
 from hardware.log import Log, read_logs
-from sim2real.diagnosis.data.replay import load_model, measure
+from sim2real.diagnosis.data.recording import load_model
+from sim2real.diagnosis.data.replay import measure
 from sim2real.diagnosis.diagnose import examine, write
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap

@@ -1,7 +1,7 @@
 """Replaying recorded commands in simulation: what the model would have done in the robot's place.
 
     plant = Plant(switchable(spec), effects, num_rows=len(recordings))
-    paths = replay(plant, recordings)            # (T, nq) each, at the recordings' own times
+    paths = replay(plant, recordings)            # (T, nq) each, when positions were read
 
 It is the only replay there is: `run=replay`, every step of a diagnosis, the exam and the plans of
 experiments go through it. Whoever replays recordings again and again does it in parts:
@@ -15,8 +15,8 @@ Contracts:
 * The clock is 0 at the start of a recording. The encoders then say its `qpos`; `held` is the
   command in force until then, which delay lines and goal generators know for all of the past.
 * A command acts at the first physics step not before its time, and holds until the next one does.
-* What the encoders say is known at physics steps and linear in between; it can be read at any
-  moment, joint by joint.
+* What the encoders say is known at physics steps and linear in between. A recording says when each
+  position was read (`read`); before the start there is nothing to read but the start.
 * An actuator that is switched off exerts nothing and does not brake.
 * The same start, commands and effects give the same positions to the bit, in whichever row and
   beside whichever others. Rows may repeat a recording, to try many parameters on it side by side.

@@ -53,17 +53,21 @@ class Motion(NamedTuple):
         bad &= np.arange(self.qpos.shape[1]) <= self.steps[:, None]
         return np.where(bad.any(axis=1), bad.argmax(axis=1) * self.dt, np.inf)
 
-    def read(self, row: int, times: np.ndarray, columns: Sequence[int] | None = None) -> np.ndarray:
-        """Return what a row's encoders say at some moments, (T, M).
+    def at_rows(
+        self, row: int, recording: Recording, columns: Sequence[int] | None = None
+    ) -> np.ndarray:
+        """Return what a row's encoders say when a recording's positions were read, (T, M).
 
         Args:
-            row: of the plant.
-            times: s from the start, (T,) for all joints at once or (T, M) for each.
+            row: of the plant; it replayed that recording.
+            recording: of T rows.
             columns: M places in qpos; None for all.
         """
-        chosen = self.qpos[row] if columns is None else self.qpos[row][:, list(columns)]
-        at = readings(np.reshape(times, (len(times), -1)), self.dt)
-        return interpolate(chosen[None], Readings(at.before[None], at.share[None]))[0][0]
+        path, every = self.qpos[row], range(self.qpos.shape[2])
+        chosen = list(every if columns is None else columns)
+        read = recording.time[:, None] if recording.read is None else recording.read[:, chosen]
+        before, share = readings(read, self.dt)
+        return interpolate(path[None][..., chosen], Readings(before[None], share[None]))[0][0]
 
 
 def readings(times: np.ndarray, dt: float) -> Readings:
@@ -117,36 +121,29 @@ def simulate(
 
 
 def replay(
-    plant: Plant,
-    recordings: Sequence[Recording],
-    moments: Sequence[np.ndarray] | None = None,
-    columns: Sequence[int] | None = None,
+    plant: Plant, recordings: Sequence[Recording], columns: Sequence[int] | None = None
 ) -> list[np.ndarray]:
     """Replay recordings, one in each row of the plant, under the parameters that it has.
 
     Args:
         plant: see `simulate`.
         recordings: N, one for each row.
-        moments: when positions are read, of each recording (T,) or (T, M) [s]; None: when its
-            commands were written.
         columns: M places in qpos that are read; None for all.
 
     Returns:
-        What the encoders would have said, N arrays of (T, M) [m, rad].
+        What the encoders would have said when they were read, N arrays of (T, M) [m, rad].
 
     Raises:
         TaskError: a number of recordings that is not the plant's number of rows.
         DivergedError: the first simulation that broke.
     """
-    moments = [r.time for r in recordings] if moments is None else moments
     dt = plant.model.opt.timestep
-    plans = [schedule(r, dt, float(at.max())) for r, at in zip(recordings, moments, strict=True)]
-    motion = simulate(plant, plans)
+    motion = simulate(plant, [schedule(recording, dt) for recording in recordings])
     lost = motion.lost
     if np.isfinite(lost).any():
         first = int(lost.argmin())
         raise DivergedError(first, float(lost[first]))
-    return [motion.read(row, at, columns) for row, at in enumerate(moments)]
+    return [motion.at_rows(row, one, columns) for row, one in enumerate(recordings)]
 
 
 def _extended(values: np.ndarray, length: int) -> np.ndarray:

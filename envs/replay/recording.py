@@ -26,6 +26,7 @@ class Recording(NamedTuple):
     qvel: np.ndarray  # (nv,) its velocity
     powered: np.ndarray | None = None  # (T, nu) bool: False while a servo was switched off
     held: np.ndarray | None = None  # (nu,) command in force before the start; None: the first one
+    read: np.ndarray | None = None  # (T, nq) s: when each position was read; None: at `time`
 
 
 class Schedule(NamedTuple):
@@ -43,15 +44,10 @@ class Schedule(NamedTuple):
         return len(self.ctrl)
 
 
-def schedule(recording: Recording, dt: float, until: float = 0.0) -> Schedule:
-    """Return what a recording asks for at each physics step.
-
-    Args:
-        recording: the commands and the start.
-        dt: timestep of the simulation [s].
-        until: s from the start: the last reading, where that is after the last command.
-    """
-    steps = int(np.ceil(max(until, recording.time[-1]) / dt - ROUNDING)) + 1
+def schedule(recording: Recording, dt: float) -> Schedule:
+    """Return what a recording asks for at each physics step of `dt` seconds."""
+    last = recording.time[-1] if recording.read is None else recording.read.max()
+    steps = int(np.ceil(max(last, recording.time[-1]) / dt - ROUNDING)) + 1
     clock = np.arange(steps) * dt + ROUNDING
     latest = np.maximum(np.searchsorted(recording.time, clock, side="right") - 1, 0)
     off = np.zeros(steps, np.int64)

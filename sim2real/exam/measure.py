@@ -17,13 +17,7 @@ import numpy as np
 from envs.plant import Fixed, Plant
 from envs.replay import replay, switchable
 from hardware.log import Log
-from sim2real.diagnosis.data.replay import to_recording
-
-
-def stamps(log: Log, joints: Sequence[str]) -> np.ndarray:
-    """Return when each joint was read [s], (T, M); the row's time where the log does not say."""
-    columns = [f"stamp.{joint}" for joint in joints]
-    return np.column_stack([log.columns.get(name, log.time) for name in columns])
+from sim2real.diagnosis.data.recording import to_recording
 
 
 def residuals(log: Log, plant: Plant) -> np.ndarray:
@@ -34,9 +28,8 @@ def residuals(log: Log, plant: Plant) -> np.ndarray:
         plant: the simulations, made of a `switchable` spec.
     """
     model, joints, rows = plant.nominal, log.joints, plant.num_rows
-    read = np.maximum(stamps(log, joints), 0.0)  # (T, M)
     places = [int(model.jnt_qposadr[model.joint(joint).id]) for joint in joints]
-    paths = replay(plant, [to_recording(log, model)] * rows, [read] * rows, places)
+    paths = replay(plant, [to_recording(log, model)] * rows, places)
     measured = np.column_stack([log.column(f"qpos.{joint}") for joint in joints])
     return np.array(paths) - measured
 

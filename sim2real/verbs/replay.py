@@ -16,7 +16,8 @@ from pathlib import Path
 
 from envs.effects.file import load_effects
 from hardware.log import read_logs
-from sim2real.diagnosis.data.replay import Gap, load_model, measure, write
+from sim2real.diagnosis.data.recording import load_model
+from sim2real.diagnosis.data.replay import Gap, measure, write
 from sim2real.runs.errors import Sim2RealError
 
 

@@ -20,9 +20,9 @@ import mujoco
 import numpy as np
 
 from envs.replay import switchable
-from hardware.log import Log, check_names
+from hardware.log import Log
 from sim2real.diagnosis.data.noise_floor import step_of
-from sim2real.diagnosis.data.replay import load_model, with_bus_delay
+from sim2real.diagnosis.data.recording import check_log, load_model, with_bus_delay
 from sim2real.diagnosis.data.windows import Joint, Window, cut, cut_one
 from sim2real.runs.errors import Sim2RealError
 
@@ -65,7 +65,7 @@ class Data:
         """
         specs, models, which = _models(logs, model)
         for log, index in zip(logs, which, strict=True):
-            _check(log, models[index])
+            check_log(log, models[index])
         joints = _joints(logs, [models[i] for i in which])
         _refuse_still(logs, joints)
         windows = cut(logs, which, models, joints)
@@ -132,9 +132,7 @@ def whole_episodes(data: Data) -> Data:
         start = 0
         for part in log.episodes():
             rows = (start, start, start + len(part))
-            windows.append(
-                cut_one(log, number, which, data.models[which], data.joints, rows, start)
-            )
+            windows.append(cut_one(log, number, which, data.models[which], data.joints, rows))
             start += len(part)
     longest = max(len(w.measured) for w in windows)
     mask = _masks(windows, longest)
@@ -177,17 +175,6 @@ def _models(
             specs.append(spec)
         which.append(keys.index(key))
     return specs, [spec.copy().compile() for spec in specs], which
-
-
-def _check(log: Log, model: mujoco.MjModel) -> None:
-    joints = [model.joint(i).name for i in range(model.njnt)]
-    actuators = [model.actuator(i).name for i in range(model.nu)]
-    driven = [
-        joints[model.actuator_trnid[i, 0]]
-        for i, name in enumerate(actuators)
-        if name in log.actuators and model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-    ]
-    check_names(log, joints, actuators, driven)
 
 
 def _joints(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> list[Joint]:

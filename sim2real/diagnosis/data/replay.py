@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,20 +21,22 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from envs.errors import TaskError
-from envs.models import load_spec
 from envs.plant import Fixed, Plant
-from envs.replay import DivergedError, Recording, replay, switchable
-from hardware.log import Log, check_names
+from envs.replay import DivergedError, replay, switchable
+from hardware.log import Log
+from sim2real.diagnosis.data.recording import (
+    check_log,
+    positions,
+    to_recording,
+    with_bus_delay,
+)
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
-LINEAR = 1  # how MuJoCo's delay lines interpolate
 SHOWN = 4  # logs in the picture
-WIDTH = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}  # else 1 position a joint
 
 
 class Gap(NamedTuple):
@@ -55,102 +56,20 @@ class Gap(NamedTuple):
         }
 
 
-def load_model(log: Log, model: str | Path | None) -> mujoco.MjSpec:
-    """Return the MJCF for a log; raises Sim2RealError where there is none or it is not valid."""
-    path = log.model if model is None else Path(model)
-    if path is None:
-        raise Sim2RealError(f"{log.path} names no model; give model=PATH.xml")
-    try:
-        return load_spec(path)
-    except TaskError as error:
-        raise Sim2RealError(f"{log.path}: {error}; give model=PATH") from None
-
-
 def measure(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> Gap:
     """Replay a log's episodes in a model with fixed effects; see the module's text."""
     model = spec.copy().compile()
-    _check(log, model)
-    episodes = list(log.episodes())
-    delayed = with_bus_delay(switchable(spec), log)
-    plant = Plant(delayed, num_rows=len(episodes), fixed=fixed)
-    columns = _positions(log, model)
-    read = [_moments(part, list(columns)) for part in episodes]  # (T, M) s, an episode each
+    check_log(log, model)
+    episodes, columns = list(log.episodes()), positions(log, model)
+    plant = Plant(with_bus_delay(switchable(spec), log), num_rows=len(episodes), fixed=fixed)
     recordings = [to_recording(part, model) for part in episodes]
     try:
-        simulated = replay(plant, recordings, read, list(columns.values()))
+        simulated = replay(plant, recordings, list(columns.values()))
     except DivergedError as error:
         episode = episodes[error.row].episode[0]
         raise Sim2RealError(f"{log.path}, episode {episode}: {error}") from None
     measured = np.column_stack([log.column(f"qpos.{name}") for name in columns])
     return Gap(log, tuple(columns), log.time, measured, np.concatenate(simulated))
-
-
-def with_bus_delay(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
-    """Return a copy of the model whose actuators wait as long as the log's robot's bus does.
-
-    Actuators that have a delay of their own keep it.
-    """
-    delay, spec = log.meta.get("command_delay", 0.0), spec.copy()
-    if isinstance(delay, int | float) and delay > 0:
-        samples = math.ceil(delay / spec.option.timestep) + 2
-        for actuator in spec.actuators:
-            if actuator.delay == 0:
-                actuator.delay, actuator.interp = float(delay), LINEAR
-                actuator.nsample = max(actuator.nsample, samples)
-    return spec
-
-
-def _moments(log: Log, columns: Sequence[str]) -> np.ndarray:
-    """Return when each position of an episode was read, not before its start, (T, M) [s]."""
-    read = [log.columns.get(f"stamp.{name}", log.time) for name in columns]
-    return np.maximum(np.column_stack(read), log.time[0])
-
-
-def to_recording(log: Log, model: mujoco.MjModel) -> Recording:
-    """Return one episode in the order of the model's joints and actuators.
-
-    Joints that were not logged start from the keyframe `home`, else from the model's default;
-    actuators without commands hold the keyframe's, else 0.
-    """
-    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
-    qpos = np.array(model.qpos0 if home is None else model.key_qpos[home])
-    held = np.zeros(model.nu) if home is None else model.key_ctrl[home]
-    qvel, ctrl = np.zeros(model.nv), np.tile(held, (len(log), 1))
-    powered = np.ones((len(log), model.nu), bool)
-    for name, place in _positions(log, model).items():
-        qpos[place] = log.column(f"qpos.{name}")[0]
-    for i in range(model.njnt):
-        if f"qvel.{model.joint(i).name}" in log.columns:
-            qvel[model.jnt_dofadr[i]] = log.column(f"qvel.{model.joint(i).name}")[0]
-    for i in range(model.nu):
-        name = model.actuator(i).name
-        if f"ctrl.{name}" in log.columns:
-            ctrl[:, i] = log.column(f"ctrl.{name}")
-        if f"torque.{name}" in log.columns:
-            powered[:, i] = log.column(f"torque.{name}") > 0
-    return Recording(log.time, ctrl, qpos, qvel, powered)
-
-
-def _check(log: Log, model: mujoco.MjModel) -> None:
-    joints = [model.joint(i).name for i in range(model.njnt)]
-    actuators = [model.actuator(i).name for i in range(model.nu)]
-    driven = [
-        joints[model.actuator_trnid[i, 0]]
-        for i, name in enumerate(actuators)
-        if name in log.actuators and model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-    ]
-    check_names(log, joints, actuators, driven)
-
-
-def _positions(log: Log, model: mujoco.MjModel) -> dict[str, int]:
-    """Return where in qpos each logged position belongs: column name without `qpos.` to address."""
-    places = {}
-    for i in range(model.njnt):
-        name, start = model.joint(i).name, int(model.jnt_qposadr[i])
-        width = WIDTH.get(mujoco.mjtJoint(model.jnt_type[i]), 1)
-        own = [name] if width == 1 else [f"{name}.{k}" for k in range(width)]
-        places |= {n: start + k for k, n in enumerate(own) if f"qpos.{n}" in log.columns}
-    return places
 
 
 def _error(difference: np.ndarray) -> dict[str, float]:

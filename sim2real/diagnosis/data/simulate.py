@@ -79,8 +79,7 @@ class Simulator:
         dt = self.data.models[window.model].opt.timestep
         padding = np.repeat(window.sample[-1:], self._length - len(window.sample), axis=0)
         sample = np.concatenate([window.sample, padding])  # (T, M)
-        plan = schedule(window.recording, dt, float(window.sample.max()))
-        return _Plan(plan, readings(sample, dt))
+        return _Plan(schedule(window.recording, dt), readings(sample, dt))
 
     def run(self, effects: Sequence[Effect], windows: np.ndarray, values: np.ndarray) -> Simulated:
         """Simulate rows.
@@ -131,8 +130,9 @@ class Simulator:
         model = self.data.windows[windows[0]].model
         name = None if weak is None else self.data.models[model].actuator(weak).name
         effects = () if name is None else (make("motor_strength", where=name),)
-        plant = self._plant(effects, model, len(windows))
-        _set(plant, np.full((len(windows), len(effects)), strength))
+        spec, count = self.data.specs[model], len(windows)
+        plant = Plant(spec, effects, count, self.threads, fixed=self.fixed)  # none that is in use
+        _set(plant, np.full((count, len(effects)), strength))
         plans = [self._plans[i].schedule for i in windows]
         motion, simulated = simulate(plant, plans), _actuated(plant)
         bits = np.arange(plant.model.nu)

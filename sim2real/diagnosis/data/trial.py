@@ -18,10 +18,9 @@ from envs.effects import Effect
 from envs.plant import Fixed, Plant
 from envs.replay import Recording, schedule, simulate, switchable
 from hardware.log import Log
-from sim2real.diagnosis.data.replay import to_recording
+from sim2real.diagnosis.data.recording import NEAR, Columns, rows_before, rows_of, to_recording
 
 LARGEST = 2e8  # bytes of positions simulated at once
-NEAR = 2  # rows on either side from which a start velocity is taken
 STIR = 0.02  # rad or m: a command that moves less does not stir its joint
 
 
@@ -32,47 +31,37 @@ class Piece:
     Args:
         number: of the log, in the order given.
         log: these rows alone, their time from 0.
-        speed: of each measured joint at the start, by its name.
+        before: columns of the rows just before; None where the piece starts with its episode, empty
+            where they are not known.
     """
 
     number: int
     log: Log
-    speed: dict[str, float]
+    before: Columns | None = None
 
     def recording(self, model: mujoco.MjModel) -> Recording:
         """Return the piece in the order of a model's joints and actuators."""
-        recording = to_recording(self.log, model)
-        qvel = np.zeros(model.nv)
-        for i in range(model.njnt):
-            name = model.joint(i).name
-            if name in self.speed:
-                qvel[model.jnt_dofadr[i]] = self.speed[name]
-        return recording._replace(qvel=qvel)
+        return to_recording(self.log, model, self.before)
 
     def changed(self, columns: dict[str, np.ndarray]) -> Piece:
         """Return the piece with other columns; start speeds follow the positions."""
-        log = Log({**self.log.columns, **columns}, self.log.meta, self.log.path)
-        return replace(self, log=log, speed=_speeds(log))
+        kept = {n: c for n, c in self.log.columns.items() if not n.startswith("qvel.")}
+        log = Log({**kept, **columns}, self.log.meta, self.log.path)
+        return replace(self, log=log, before={})
 
 
 def piece(log: Log, number: int, first: int, last: int) -> Piece:
     """Return rows `first` to `last` (exclusive) of a log, within one episode."""
-    rows = slice(first, last)
-    columns = {name: values[rows] for name, values in log.columns.items()}
-    columns["time"] = columns["time"] - columns["time"][0]
-    part = Log(columns, log.meta, log.path)
-    return Piece(number, part, _speeds(part))
+    part, before, origin = rows_of(log, first, last), rows_before(log, first), log.time[first]
+    columns = _shifted(part.columns, origin)
+    before = None if before is None else _shifted(before, origin)
+    return Piece(number, Log(columns, log.meta, log.path), before)
 
 
-def _speeds(log: Log) -> dict[str, float]:
-    """The slope of each joint's first rows; a log that starts at rest has 0 nearly."""
-    near = slice(0, 2 * NEAR + 1)
-    time = log.time[near]
-    return {
-        name: float(np.polyfit(time, log.column(f"qpos.{name}")[near], 1)[0])
-        for name in log.joints
-        if f"qpos.{name}" in log.columns
-    }
+def _shifted(columns: Columns, origin: float) -> dict[str, np.ndarray]:
+    """Return columns whose clock is 0 at a moment of the old one."""
+    clocks = {n: c - origin for n, c in columns.items() if n == "time" or n.startswith("stamp.")}
+    return {**columns, **clocks}
 
 
 def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
@@ -126,23 +115,23 @@ def trial(
 
     Args:
         spec: the model.
-        recordings: N of them; their times start at 0.
+        recordings: N of them.
         effects: what may differ from the model.
         values: of the effects' parameters in each row, (N, P).
         fixed: effects that every row has.
 
     Returns:
-        What the encoders would have said at the recordings' times, N arrays (T, nq).
+        What the encoders would have said when they were read, N arrays (T, nq).
     """
     plant_spec, dt = switchable(spec), spec.option.timestep
     plans = [schedule(recording, dt) for recording in recordings]
     width = len(recordings[0].qpos) + recordings[0].ctrl.shape[1]
     size = len(plans) * max(plan.steps for plan in plans) * width * 8  # bytes
     paths: list[np.ndarray] = []
-    for rows in np.array_split(np.arange(len(plans)), int(np.ceil(size / LARGEST))):
-        plant = Plant(plant_spec, effects, len(rows), fixed=fixed)
+    for chunk in np.array_split(np.arange(len(plans)), int(np.ceil(size / LARGEST))):
+        plant = Plant(plant_spec, effects, len(chunk), fixed=fixed)
         if values is not None:
-            plant.set_params(np.arange(len(rows)), values[rows])
-        motion = simulate(plant, [plans[i] for i in rows])
-        paths += [motion.read(k, recordings[i].time) for k, i in enumerate(rows)]
+            plant.set_params(np.arange(len(chunk)), values[chunk])
+        motion = simulate(plant, [plans[i] for i in chunk])
+        paths += [motion.at_rows(k, recordings[i]) for k, i in enumerate(chunk)]
     return paths

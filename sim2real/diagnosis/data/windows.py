@@ -18,7 +18,7 @@ import numpy as np
 from envs.effects.servo import is_joint_servo
 from envs.replay import Recording
 from hardware.log import Log
-from sim2real.diagnosis.data.replay import to_recording
+from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
 from sim2real.runs.errors import Sim2RealError
 
 WARM = 0.4  # s simulated before a window's comparison starts
@@ -91,7 +91,7 @@ def cut(
             rows = (start + warm, start + first, start + last)
             if last - first > 1 and _free(part, first, last):
                 own = which[number]
-                windows.append(cut_one(logs[number], number, own, models[own], joints, rows, start))
+                windows.append(cut_one(logs[number], number, own, models[own], joints, rows))
         start += len(part)
     empty = [n for n in range(len(logs)) if all(window.log != n for window in windows)]
     if empty:
@@ -169,18 +169,11 @@ def cut_one(
     model: mujoco.MjModel,
     joints: Sequence[Joint],
     rows: tuple[int, int, int],
-    episode_start: int,
 ) -> Window:
     """Return the window whose warm-up, comparison and end are at these rows of a log."""
     warm, first, last = rows
-    inside = slice(warm, last)
-    columns = {name: values[inside] for name, values in log.columns.items()}
-    recording = to_recording(Log(columns, log.meta, log.path), model)
     origin = float(log.time[warm])
-    if warm > episode_start:
-        recording = recording._replace(qvel=_velocity(log, model, warm, episode_start, last))
-        recording = recording._replace(held=to_ctrl(log, model, warm - 1))
-    recording = recording._replace(time=recording.time - origin)
+    recording = to_recording(rows_of(log, warm, last), model, rows_before(log, warm))
     scored = slice(first, last)
     stamps = [f"stamp.{joint.name}" for joint in joints]
     sample = np.column_stack(
@@ -215,25 +208,6 @@ def _usable(log: Log, first: int, last: int) -> np.ndarray:
                 good &= (time < moment - 0.03) | (time > moment + KICK)
     free = log.columns.get(BLOCKED, np.zeros(len(log)))[first:last] <= 0
     return free & (good if good.sum() > 1 else np.ones(last - first, bool))
-
-
-def to_ctrl(log: Log, model: mujoco.MjModel, row: int) -> np.ndarray:
-    """Return the commands of one row, (nu,)."""
-    two = {name: values[row : row + 2] for name, values in log.columns.items()}
-    return to_recording(Log(two, log.meta, log.path), model).ctrl[0]
-
-
-def _velocity(log: Log, model: mujoco.MjModel, row: int, start: int, end: int) -> np.ndarray:
-    """Return the joints' velocities at a row: the slope of a line through its neighbours, (nv,)."""
-    near = slice(max(start, row - 2), min(end, row + 3))
-    qvel = np.zeros(model.nv)
-    for i in range(model.njnt):
-        name = model.joint(i).name
-        if int(model.jnt_type[i]) in (2, 3) and f"qpos.{name}" in log.columns:
-            time = log.columns.get(f"stamp.{name}", log.time)[near]
-            values = log.column(f"qpos.{name}")[near]
-            qvel[model.jnt_dofadr[i]] = np.polyfit(time - time.mean(), values, 1)[0]
-    return qvel
 
 
 def _is_driven(model: mujoco.MjModel, qpos: int) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -213,8 +214,9 @@ def rate(joints: tuple[str, ...], factor: float) -> Correction:
         log = piece.log
         rows = max(int(np.searchsorted(log.time * factor, log.time[-1], side="right")), 8)
         columns = {name: values[:rows] for name, values in log.columns.items()}
-        columns["time"] = columns["time"] * factor
-        return Piece(piece.number, Log(columns, log.meta, log.path), piece.speed).changed({})
+        clocks = [name for name in columns if name == "time" or name.startswith("stamp.")]
+        columns |= {name: columns[name] * factor for name in clocks}
+        return replace(piece, log=Log(columns, log.meta, log.path)).changed({})
 
     speed = "too fast" if factor > 1 else "too slowly"
     return Correction(

@@ -30,6 +30,6 @@ def test_readings_after_the_last_command_are_reached() -> None:
     """The schedule goes one step beyond the last moment, so that it can be interpolated."""
     recording = Recording(np.array([0.0, 0.02]), np.ones((2, 1)), np.zeros(1), np.zeros(1))
     assert schedule(recording, DT).steps == 3
-    late = schedule(recording, DT, until=0.051)
+    late = schedule(recording._replace(read=np.array([[0.0], [0.051]])), DT)
     assert late.steps == 7
     assert late.ctrl.tolist() == [[1.0]] * 7

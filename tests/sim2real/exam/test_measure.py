@@ -26,7 +26,7 @@ def test_a_log_of_the_simulation_itself_has_no_gap() -> None:
     read = np.maximum(plain.time - 0.005, 0)
     columns = {"episode": np.zeros(60), "time": plain.time, "ctrl.hinge": plain.ctrl[:, 0]}
     for stamp in (plain.time, read):
-        qpos = replay(Plant(switchable(spec)), [plain], [stamp])[0][:, 0]
+        qpos = replay(Plant(switchable(spec)), [plain._replace(read=stamp[:, None])])[0][:, 0]
         log = Log({**columns, "qpos.hinge": qpos, "stamp.hinge": stamp})
         assert apart(log, spec) == pytest.approx(0, abs=1e-9)
     late = Log({**columns, "qpos.hinge": qpos})

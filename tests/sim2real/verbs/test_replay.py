@@ -16,7 +16,7 @@ from envs.plant import Plant
 from envs.replay import replay
 from hardware.errors import LogError
 from hardware.log import Log, read_log, write_log
-from sim2real.diagnosis.data.replay import to_recording, with_bus_delay
+from sim2real.diagnosis.data.recording import to_recording, with_bus_delay
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs.replay import run
 
@@ -97,7 +97,7 @@ def test_positions_are_compared_when_they_were_read(tmp_path: Path) -> None:
     columns = {name: values[first] for name, values in log.columns.items()}
     recording = to_recording(Log(columns), model.copy().compile())
     read = np.maximum(columns["time"] - late, 0.0)
-    (positions,) = replay(Plant(slow), [recording], [read])
+    (positions,) = replay(Plant(slow), [recording._replace(read=read[:, None])])
     columns["qpos.hinge"] = positions[:, 0]
     columns["stamp.hinge"] = read
     errors = {}

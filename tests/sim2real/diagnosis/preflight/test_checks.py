@@ -12,7 +12,7 @@ import pytest
 
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.data.noise_floor import step_of
-from sim2real.diagnosis.data.replay import load_model
+from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.trial import piece, trial
 from sim2real.diagnosis.preflight.channels import excitation
 from sim2real.diagnosis.preflight.checks import NOTES, noise_floor, preflight

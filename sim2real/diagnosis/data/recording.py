@@ -1,0 +1,166 @@
+"""A log in a model's terms: which model, which columns, and its rows as a recording to replay.
+
+    spec = with_bus_delay(switchable(load_model(log, "arm.xml")), log)
+    recording = to_recording(episode, model)                    # a whole episode
+    recording = to_recording(rows_of(log, 500, 650), model, before=rows_of(log, 498, 500))
+
+A replay may start anywhere in an episode. Positions are those of its first row. At the start of
+an episode speeds are those that were logged, else 0; elsewhere the slope of the positions around
+that row. The command in force before the first row is the row's before it; at
+the start of an episode it is the first one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from envs.errors import TaskError
+from envs.models import load_spec
+from envs.replay import Recording
+from hardware.log import Log, check_names
+from sim2real.runs.errors import Sim2RealError
+
+Columns = Mapping[str, np.ndarray]
+LINEAR = 1  # how MuJoCo's delay lines interpolate
+NEAR = 2  # rows on either side of a start from which its speed is taken
+FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
+WIDTH = {FREE: (7, 6), BALL: (4, 3)}  # numbers in qpos and qvel of a joint; else 1 and 1
+
+
+def load_model(log: Log, model: str | Path | None) -> mujoco.MjSpec:
+    """Return the MJCF for a log; raises Sim2RealError where there is none or it is not valid."""
+    path = log.model if model is None else Path(model)
+    if path is None:
+        raise Sim2RealError(f"{log.path} names no model; give model=PATH.xml")
+    try:
+        return load_spec(path)
+    except TaskError as error:
+        raise Sim2RealError(f"{log.path}: {error}; give model=PATH") from None
+
+
+def with_bus_delay(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
+    """Return a copy of the model whose actuators wait as long as the log's robot's bus does.
+
+    Actuators that have a delay of their own keep it.
+    """
+    delay, spec = log.meta.get("command_delay", 0.0), spec.copy()
+    if isinstance(delay, int | float) and delay > 0:
+        samples = math.ceil(delay / spec.option.timestep) + 2
+        for actuator in spec.actuators:
+            if actuator.delay == 0:
+                actuator.delay, actuator.interp = float(delay), LINEAR
+                actuator.nsample = max(actuator.nsample, samples)
+    return spec
+
+
+def check_log(log: Log, model: mujoco.MjModel) -> None:
+    """Raise LogError if the log names what the model lacks, or lacks a joint that it drives."""
+    joints = [model.joint(i).name for i in range(model.njnt)]
+    actuators = [model.actuator(i).name for i in range(model.nu)]
+    driven = [
+        joints[model.actuator_trnid[i, 0]]
+        for i, name in enumerate(actuators)
+        if name in log.actuators and model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+    ]
+    check_names(log, joints, actuators, driven)
+
+
+def rows_of(log: Log, first: int, last: int) -> Log:
+    """Return rows `first` to `last` (exclusive) of a log."""
+    return Log({n: c[first:last] for n, c in log.columns.items()}, log.meta, log.path)
+
+
+def rows_before(log: Log, row: int) -> Columns | None:
+    """Return the columns of the rows just before one; None where it is the first of its episode."""
+    start = int(np.argmax(log.episode == log.episode[row]))
+    near = slice(max(start, row - NEAR), row)
+    return None if row == start else {n: c[near] for n, c in log.columns.items()}
+
+
+def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None) -> Recording:
+    """Return rows of an episode in the order of the model's joints and actuators.
+
+    Joints that were not logged start from the keyframe `home`, else from the model's default;
+    actuators without commands hold the keyframe's, else 0.
+
+    Args:
+        log: the rows.
+        model: their model.
+        before: columns of the rows just before, as `rows_before` returns them; None where these
+            rows are the first of their episode, empty where nothing is known of those before.
+    """
+    qpos, held = _home(model)
+    ctrl, powered = np.tile(held, (len(log), 1)), np.ones((len(log), model.nu), bool)
+    read = np.tile(log.time[:, None], model.nq)
+    for name, place in positions(log, model).items():
+        qpos[place] = log.column(f"qpos.{name}")[0]
+        read[:, place] = _stamps(log.columns, name)
+    for i in range(model.nu):
+        name = model.actuator(i).name
+        if f"ctrl.{name}" in log.columns:
+            ctrl[:, i] = log.column(f"ctrl.{name}")
+            held[i] = before[f"ctrl.{name}"][-1] if before else ctrl[0, i]
+        if f"torque.{name}" in log.columns:
+            powered[:, i] = log.column(f"torque.{name}") > 0
+    qvel, start = _speeds(log, model, before), log.time[0]
+    return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start)
+
+
+def _home(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return pose (nq,) and commands (nu,) of the keyframe `home`, else the model's default."""
+    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
+    if home is None:
+        return model.qpos0.copy(), np.zeros(model.nu)
+    return model.key_qpos[home].copy(), model.key_ctrl[home].copy()
+
+
+def positions(log: Log, model: mujoco.MjModel) -> dict[str, int]:
+    """Return where in qpos each logged position belongs: column name without `qpos.` to address."""
+    places = {}
+    for i in range(model.njnt):
+        start = int(model.jnt_qposadr[i])
+        names = _names(model, i, 0)
+        places |= {n: start + k for k, n in enumerate(names) if f"qpos.{n}" in log.columns}
+    return places
+
+
+def _stamps(columns: Columns, name: str) -> np.ndarray:
+    """Return when a position was read, (T,) [s]; `root.3` has the stamps of `root`, if any."""
+    of_joint = columns.get(f"stamp.{name.rpartition('.')[0]}", columns["time"])
+    return columns.get(f"stamp.{name}", of_joint)
+
+
+def _names(model: mujoco.MjModel, joint: int, kind: int) -> list[str]:
+    """Return how columns name the numbers of a joint, in qpos (kind 0) or qvel (1)."""
+    name, width = model.joint(joint).name, WIDTH.get(int(model.jnt_type[joint]))
+    return [name] if width is None else [f"{name}.{k}" for k in range(width[kind])]
+
+
+def _speeds(log: Log, model: mujoco.MjModel, before: Columns | None) -> np.ndarray:
+    """Return the velocity at the first of some rows of an episode, (nv,)."""
+    qvel = np.zeros(model.nv)
+    for i in range(model.njnt):
+        name, own = model.joint(i).name, int(model.jnt_dofadr[i])
+        if before is None and f"qvel.{name}" in log.columns:
+            qvel[own] = log.column(f"qvel.{name}")[0]
+        if (
+            before is not None
+            and int(model.jnt_type[i]) not in WIDTH
+            and f"qpos.{name}" in log.columns
+        ):
+            qvel[own] = _slope(log, name, before)
+    return qvel
+
+
+def _slope(log: Log, name: str, before: Columns) -> float:
+    """Return a joint's velocity at the first row: the slope of a line through its neighbours."""
+    near = [before] if before else []
+    near.append({name: column[: NEAR + 1] for name, column in log.columns.items()})
+    time = np.concatenate([_stamps(part, name) for part in near])
+    values = np.concatenate([part[f"qpos.{name}"] for part in near])
+    return float(np.polyfit(time - time.mean(), values, 1)[0])

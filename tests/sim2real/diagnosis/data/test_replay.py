@@ -1,0 +1,76 @@
+"""The verb's replay and a diagnosis's are one: the same start, commands and effects, to the bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import make
+from envs.plant import Fixed
+from hardware.log import Log
+from sim2real.diagnosis.data.dataset import Data, whole_episodes
+from sim2real.diagnosis.data.recording import load_model
+from sim2real.diagnosis.data.replay import measure
+from sim2real.diagnosis.data.simulate import Simulator
+
+ASSETS = Path("envs/assets")
+ROWS = 60  # of an episode
+EFFECTS = {
+    "nothing": (),
+    "command delay": (("command_delay", {}, 0.013),),
+    "observation delay": (("observation_delay", {}, 0.017),),
+    "heat": (("thermal_derating", {}, 0.5),),
+    "friction, play and a late encoder": (
+        ("stribeck_friction", {}, 0.05),
+        ("backlash", {"side": "link"}, 0.02),
+        ("observation_delay", {}, 0.011),
+    ),
+}
+
+
+def wander(model: mujoco.MjModel, seed: int) -> Log:
+    """Return two episodes of random commands with irregular rows, stamps and torque that goes off.
+
+    What was measured is random, too, and large: a replay looks at its start alone, and the
+    simulator bounds errors by the spread of what was measured.
+    """
+    rng, columns = np.random.default_rng(seed), {}
+    steps = rng.uniform(0.006, 0.03, (2, ROWS))
+    time = np.cumsum(steps, axis=1) - steps[:, :1] + np.array([[0.0], [3.5]])
+    columns["episode"], columns["time"] = np.repeat([0, 1], ROWS), time.ravel()
+    starts = np.arange(2 * ROWS) % ROWS == 0
+    for i in range(model.nu):
+        name, joint = model.actuator(i).name, model.joint(int(model.actuator_trnid[i, 0])).name
+        goals = rng.uniform(-0.4, 0.4, 2 * ROWS // 5).repeat(5)
+        columns[f"ctrl.{name}"] = goals
+        columns[f"qpos.{joint}"] = rng.normal(size=2 * ROWS) * np.where(starts, 0.1, 1.0)
+        columns[f"qvel.{joint}"] = 0.3 * rng.normal(size=2 * ROWS)
+        columns[f"stamp.{joint}"] = columns["time"] - rng.uniform(0.001, 0.004, 2 * ROWS)
+        columns[f"torque.{name}"] = np.repeat(rng.uniform(size=2 * ROWS // 10) < 0.7, 10) * 1.0
+    return Log(columns, {"command_delay": 0.0045})
+
+
+@pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS)
+@pytest.mark.parametrize("robot", ["bench1", "hopper2", "arm6"])
+def test_both_verbs_replay_a_log_alike(
+    robot: str, effects: tuple[tuple[str, dict, float], ...]
+) -> None:
+    """Whole episodes in a diagnosis's simulator are what run=replay makes of the log."""
+    path = ASSETS / f"{robot}.xml"
+    model = mujoco.MjModel.from_xml_path(str(path))
+    joint = model.joint(int(model.actuator_trnid[0, 0])).name
+    places = {"stribeck_friction": joint, "backlash": joint}
+    fixed: list[Fixed] = [
+        (make(name, where=places.get(name), **more), (value,)) for name, more, value in effects
+    ]
+    log = wander(model, seed=len(effects))
+    gap = measure(log, load_model(log, path), fixed)
+    data = whole_episodes(Data.of([log], path))
+    found = Simulator(data, fixed).run((), np.arange(2), np.zeros((2, 0)))
+    columns = [gap.joints.index(joint.name) for joint in data.joints]
+    apart = (gap.simulated - gap.measured)[:, columns].reshape(2, ROWS, -1)
+    assert np.array_equal(found.error, np.where(data.mask[..., None], apart, 0.0))
+    assert np.ptp(gap.simulated[:, columns], axis=0).min() > 0.05
