@@ -1,4 +1,4 @@
-# make run, make test, make bench, make bench-long, make lint: each sets up first what it needs, once.
+# make run, test, test-long, bench, bench-long, lint, docs: each sets up first what it needs, once.
 # Needs Python 3.11 or newer (make PYTHON=...), make and a C compiler.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
@@ -8,13 +8,16 @@ TORCH := $(shell sed -n 's/^torch==/torch==/p' constraints.txt)
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test bench bench-long lint setup graphics clean
+.PHONY: run test test-long docs bench bench-long lint setup graphics clean
 
 run: setup
 	$(BIN)/python -m sim2real +experiment=esmaml
 
 test: setup
 	$(BIN)/python -m pytest
+
+test-long: setup
+	$(BIN)/python -m pytest -m slow
 
 bench: $(VENV)/.bench graphics
 	$(BIN)/python -m benchmarks
@@ -25,6 +28,9 @@ bench-long: $(VENV)/.bench graphics
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/pyright
+
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
 
 setup: $(VENV)/.installed graphics
 
@@ -41,6 +47,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/.bench: $(VENV)/.installed
 	$(PIP) --editable '.[dev,bench]'
+	@touch $@
+
+$(VENV)/.docs: $(VENV)/.installed
+	$(PIP) --editable '.[dev,docs]'
 	@touch $@
 
 # Rendering off screen needs EGL or OSMesa from the system; everything else works without.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from hardware.formats import bam, csv_file, lerobot, mapped, messages, parquet, 
 Columns = tuple[dict[str, np.ndarray], dict[str, Any]]  # values (T,) by column, and metadata
 
 
-class Format(NamedTuple):
+@dataclass(frozen=True)
+class Format:
     """A kind of file or folder that holds a log.
 
     Args:
