@@ -9,6 +9,7 @@ The keys are explained where they are set, in `conf/robot/*.yaml`. Hydra reads t
 
 from __future__ import annotations
 
+import os
 import types
 import typing
 from collections.abc import Mapping
@@ -149,14 +150,19 @@ class Robot:
 def load_robot(name_or_path: str | Path) -> Robot:
     """Read a robot's YAML: a name of conf/robot, or a path.
 
+    Names are looked up in the folder `robot` of the one that SIM2REAL_CONFIG_DIR names, too.
+
     Raises:
         RobotError: there is no such robot, or its file is wrong; the message says file and key.
     """
     path = Path(name_or_path)
+    own = os.environ.get("SIM2REAL_CONFIG_DIR")
+    places = [ROBOTS, *([Path(own) / "robot"] if own else [])]
+    files = {file.stem: file for place in places for file in place.glob("*.yaml")}
     if path.suffix not in (".yaml", ".yml"):
-        path = ROBOTS / f"{name_or_path}.yaml"
+        path = files.get(str(name_or_path), ROBOTS / f"{name_or_path}.yaml")
     if not path.is_file():
-        known = sorted(file.stem for file in ROBOTS.glob("*.yaml"))
+        known = sorted(files)
         hint = did_you_mean(str(name_or_path), known)
         raise RobotError(f"there is no robot {str(name_or_path)!r}{hint}; known: {listed(known)}")
     try:

@@ -27,7 +27,20 @@ PASSED_ON = (
     "--shell-completion",
     "-sc",
 )
-OWN_FOLDER = ("--config-dir", "-cd", "--config-path", "-cp", "--config-name", "-cn")
+EXTRAS = {  # packages that only some verbs need, and the extra that brings them
+    "torch": "train",
+    "torchrl": "train",
+    "tensordict": "train",
+    "hydra_plugins.hydra_joblib_launcher": "train",
+    "imageio_ffmpeg": "film",
+    "PIL": "film",
+    "pyarrow": "data",
+    "h5py": "data",
+    "zarr": "data",
+    "mcap": "ros",
+    "rosbags": "ros",
+}
+OTHER_ROOT = ("--config-path", "-cp", "--config-name", "-cn")
 
 
 class Refused(BaseException):
@@ -38,14 +51,14 @@ def main() -> None:
     """Run the command line."""
     for name in THREADS:  # the physics has a thread on each core: more would wait for each other
         os.environ.setdefault(name, "1")
-    if not sys.argv[1:] or {"--help", "-h"} & set(sys.argv[1:]):
-        with suppress(BrokenPipeError):  # the reader, such as `head`, has seen enough
-            print(overview(), flush=True)
-        return
     if "--version" in sys.argv[1:]:
         print(f"sim2real {metadata.version('sim2real')}")
         return
     try:
+        if not sys.argv[1:] or {"--help", "-h"} & set(sys.argv[1:]):
+            with suppress(BrokenPipeError):  # the reader, such as `head`, has seen enough
+                print(overview(sys.argv[1:]), flush=True)
+            return
         sys.argv[1:] = precheck(readable(sys.argv[1:]))
         launch()
     except KeyboardInterrupt as stop:
@@ -65,12 +78,16 @@ def readable(arguments: list[str]) -> list[str]:
     Raises:
         ConfigError: a package of the same name that hides ours; see also `as_overrides`.
     """
+    from sim2real.config import extensions
     from sim2real.config.arguments import as_overrides, shadowing
     from sim2real.config.targets import ConfigError
 
+    extensions.use(extensions.of_arguments(arguments))
     if other := shadowing():
         raise ConfigError(f"another package hides one of sim2real's: {other}; rename or remove it")
-    return as_overrides(arguments)
+    own = extensions.folder()
+    searched = [] if own is None else ["--config-dir", str(own)]
+    return searched + as_overrides(extensions.without_option(arguments))
 
 
 def precheck(arguments: list[str]) -> list[str]:
@@ -82,16 +99,18 @@ def precheck(arguments: list[str]) -> list[str]:
     Raises:
         ConfigError: the first mistake.
     """
+    own = arguments[:2] if arguments[:1] == ["--config-dir"] else []
+    arguments = arguments[len(own) :]
     options = [a for a in arguments if a.startswith("-")]
-    if {a.split("=")[0] for a in options} & set(PASSED_ON + OWN_FOLDER):
-        return arguments
+    if {a.split("=")[0] for a in options} & set(PASSED_ON + OTHER_ROOT):
+        return own + arguments
     from sim2real.config.compose import compose, sweep_jobs, with_checkpoint
 
     given = [a for a in arguments if not a.startswith("-")]
     sweep = {"--multirun", "-m"} & set(options)
     for overrides in sweep_jobs(given) if sweep else [given]:
         compose(overrides)
-    return options + with_checkpoint(given)
+    return own + options + with_checkpoint(given)
 
 
 def launch() -> None:
@@ -115,7 +134,10 @@ def job(config: Any) -> None:
     Raises:
         Refused: for a mistake of the user.
     """
+    from sim2real.config import extensions
+
     try:
+        extensions.use(extensions.of_arguments([]))  # in another process of a sweep
         _run(config)
     except Exception as error:
         sentence = None if os.environ.get(WANTED) == "1" else explained(error)
@@ -158,6 +180,9 @@ def explained(error: Exception) -> str | None:
 
     from sim2real.config.compose import explain
 
+    if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
+        extra = EXTRAS[error.name]
+        return f"this needs {error.name}; install it with: pip install 'sim2real[{extra}]'"
     if isinstance(error, HydraException | OmegaConfBaseException):
         return str(explain(error, [a for a in sys.argv[1:] if not a.startswith("-")]))
     return str(error) if isinstance(error, ValueError) and _raised_here(error) else None
@@ -178,10 +203,12 @@ def _say(sentence: str, status: int) -> int:
     return status
 
 
-def overview() -> str:
-    """Return the help: experiments and groups, one line each."""
+def overview(arguments: list[str]) -> str:
+    """Return the help: experiments and groups, those of a user's folder included, a line each."""
+    from sim2real.config import extensions
     from sim2real.config.catalogue import lines
 
+    extensions.use(extensions.of_arguments(arguments))
     return "\n".join(lines())
 
 

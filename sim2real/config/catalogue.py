@@ -7,6 +7,8 @@ from pathlib import Path
 
 import yaml
 
+from sim2real.config import signatures
+
 CONF = Path(__file__).resolve().parents[2] / "conf"
 EXPERIMENT = "experiment"
 _INTRODUCTION = """\
@@ -33,7 +35,13 @@ def groups() -> list[str]:
 
 def options(group: str) -> list[str]:
     """Return the choices of a group; [] if there is no such group."""
-    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+    return sorted(files(group))
+
+
+def files(group: str) -> dict[str, Path]:
+    """Return the choices of a group and their files, a user's own (`--config-dir`) among them."""
+    places = [CONF, *filter(None, [signatures.OWN.get("")])]
+    return {path.stem: path for place in places for path in (place / group).glob("*.yaml")}
 
 
 def summary(path: Path) -> str:
@@ -50,8 +58,8 @@ def lines() -> Iterator[str]:
     yield _INTRODUCTION
     for group in groups():
         yield f"\n{'+' if group == EXPERIMENT else ''}{group}="
-        for option in options(group):
-            yield f"  {option:<18} {summary(CONF / group / f'{option}.yaml')}".rstrip()
+        for option, path in sorted(files(group).items()):
+            yield f"  {option:<18} {summary(path)}".rstrip()
     yield "\nother keys (config.yaml says more):"
     for key, comment in keys(CONF / "config.yaml"):
         yield f"  {key:<18} {comment}"

@@ -25,7 +25,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from envs.errors import did_you_mean
-from sim2real.config import signatures
+from sim2real.config import extensions, signatures
+from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import CONF, EXPERIMENT, options
 from sim2real.config.targets import ConfigError, build, check, locate
 from sim2real.runs.files import write_text
@@ -111,8 +112,10 @@ def compose(overrides: list[str]) -> dict[str, Any]:
 
 
 def _compose(overrides: list[str]) -> DictConfig:
+    own = extensions.folder()
+    path = [] if own is None else [f"hydra.searchpath=[{path_value(f'file://{own}')}]"]
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return hydra_compose("config", overrides)
+        return hydra_compose("config", [*overrides, *path])
 
 
 def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str, Any]:
@@ -216,9 +219,10 @@ def prepare(tree: dict[str, Any], out: Path) -> tuple[Any, dict[str, Any]]:
         out: the run's folder.
 
     Raises:
-        ConfigError: a device that is not there.
+        ConfigError: a device that is not there, or a module of the user's that fails.
         ValueError: a value that a constructor refuses.
     """
+    extensions.load()
     arguments = {key: build(tree[key], key) for key in _keys(_verb(tree))}
     if "device" in arguments:
         arguments["device"] = device(tree["device"])

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 PACKAGES = ("sim2real", "envs", "hardware")
+FOREIGN = ("torch", "torchrl", "tensordict")
+OWN: dict[str, Path] = {}  # a user's modules, and under "" the folder they are in
 _ROOT = Path(__file__).resolve().parents[2]
 _SCALARS = {"int": int, "float": (int, float), "str": str, "bool": bool, "Path": str}
 _WORDS = {
@@ -108,9 +110,9 @@ def names(module: str) -> list[str]:
 @cache
 def _load(name: str) -> Module | None:
     parts = name.split(".")
-    if parts[0] not in PACKAGES or not all(part.isidentifier() for part in parts):
+    if parts[0] not in (*PACKAGES, *OWN) or not all(part.isidentifier() for part in parts):
         return None
-    place = _ROOT.joinpath(*parts)
+    place = OWN.get(parts[0], _ROOT).joinpath(*parts)
     for path in (place / "__init__.py", place.with_suffix(".py")):
         if path.is_file():
             return Module(name, path, tuple(ast.parse(path.read_text(encoding="utf-8")).body))
@@ -159,9 +161,27 @@ def _of_class(node: ast.ClassDef, module: Module) -> Signature:
     return Signature(node.name, arguments, is_open, is_class=True)
 
 
+def forget() -> None:
+    """Read sources anew: other modules are in reach."""
+    find.cache_clear()
+    _load.cache_clear()
+
+
 def _base(base: ast.expr, module: Module) -> Signature | None:
+    if isinstance(base, ast.Name) and _is_foreign(base.id, module):
+        return Signature(base.id, {}, open=True, is_class=True)  # its source is not read
     found = _definition(module.name, base.id) if isinstance(base, ast.Name) else None
     return _of_class(*found) if found and isinstance(found[0], ast.ClassDef) else None  # type: ignore[arg-type]
+
+
+def _is_foreign(name: str, module: Module) -> bool:
+    """Return whether a module imports a name from TorchRL, torch or tensordict."""
+    return any(
+        bound == name
+        and isinstance(node, ast.ImportFrom)
+        and (node.module or "").split(".")[0] in FOREIGN
+        for bound, node in _bindings(module)
+    )
 
 
 def _is_dataclass(node: ast.ClassDef) -> bool:

@@ -95,10 +95,11 @@ def _signature(target: Any, where: str) -> signatures.Signature | None:
     package = target.split(".")[0] if isinstance(target, str) else ""
     if package in FOREIGN:
         return None
-    if package not in signatures.PACKAGES:
-        allowed = ", ".join([*signatures.PACKAGES, *FOREIGN])
+    if package not in (*signatures.PACKAGES, *filter(None, signatures.OWN)):
+        allowed = ", ".join([*signatures.PACKAGES, *filter(None, signatures.OWN), *FOREIGN])
         raise ConfigError(
-            f"{where}._target_={target!r} is not allowed; it must be a class of {allowed}"
+            f"{where}._target_={target!r} is not allowed; it must be a class of {allowed}, or of a "
+            "module in the folder that --config-dir names"
         )
     signature = signatures.find(target)
     if signature is None:
