@@ -26,7 +26,7 @@ from benchmarks import real_logs
 from envs.effects import load_effects
 from hardware.log import Log, read_log
 from sim2real.diagnosis.data.noise_floor import noise_floor
-from sim2real.diagnosis.diagnose import examine, write
+from sim2real.diagnosis.diagnose import run_diagnosis, write
 from sim2real.exam.inject import ARM, told
 from sim2real.exam.measure import apart
 from sim2real.runs.figures import COLOURS, figure
@@ -60,7 +60,7 @@ def diagnose(data: Path, out: Path) -> None:
     def tell(text: str, share: float) -> None:
         print(f"{100 * share:3.0f} %  {text}", file=sys.stderr, flush=True)
 
-    write(examine(logs_of(data, FIT, model), model, None, (), 0, tell), out / "diagnosis")
+    write(run_diagnosis(logs_of(data, FIT, model), model, None, (), 0, tell), out / "diagnosis")
 
 
 def replayed(data: Path, out: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -28,7 +28,7 @@ from envs.effects import load_effects
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure
-from sim2real.diagnosis.diagnose import examine, write
+from sim2real.diagnosis.diagnose import run_diagnosis, write
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap
 from sim2real.runs.tables import Table
@@ -57,7 +57,7 @@ def diagnose(logs: Sequence[Log], out: Path, name: str) -> None:
     def tell(text: str, share: float) -> None:
         print(f"{name}: {100 * share:3.0f} %  {text}", file=sys.stderr, flush=True)
 
-    write(examine(logs, None, None, (), 0, tell), out)
+    write(run_diagnosis(logs, None, None, (), 0, tell), out)
 
 
 def error(log: Log, effects: Path | None = None) -> float:

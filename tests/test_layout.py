@@ -34,7 +34,15 @@ KNOWS = {  # each room of sim2real/, and the other rooms that it may import
         "loops",
     },
 }
-FLOORS = ("schema", "data", "preflight", "attribution", "report", "diagnose")  # of diagnosis/
+FLOORS = (
+    "settings",
+    "schema",
+    "data",
+    "preflight",
+    "attribution",
+    "report",
+    "diagnose",
+)  # of diagnosis/
 
 
 def sources(*folders: str) -> list[Path]:

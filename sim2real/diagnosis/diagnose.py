@@ -38,20 +38,22 @@ from sim2real.diagnosis.attribution.fit import Fit, Problem, columns
 from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
 from sim2real.diagnosis.attribution.next_experiment import Member, next_experiment
 from sim2real.diagnosis.attribution.numerics import is_numerics, null_test
-from sim2real.diagnosis.attribution.torque_on import instead
+from sim2real.diagnosis.attribution.torque_on import refit_torque_on
 from sim2real.diagnosis.data.dataset import Data, whole_episodes
-from sim2real.diagnosis.data.noise_floor import noise_floor
+from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.preflight.checks import preflight
 from sim2real.diagnosis.preflight.obstruction import mark_blocked
 from sim2real.diagnosis.report.html import write_html
 from sim2real.diagnosis.report.model_file import write as write_model
 from sim2real.diagnosis.schema import Evidence, Report, Trace
+from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
 Progress = Callable[[str, float], None]  # what is being tried, and the share of the work done
 EVERY = 5.0  # s between lines of progress
+WEIGHING, TELLING = 0.9, 0.95  # shares of the work that are done then
 
 
 class Diagnosis(NamedTuple):
@@ -72,6 +74,7 @@ def diagnose(
     exclude: Sequence[str] = (),
     seed: int = 0,
     progress: Progress | None = None,
+    settings: Settings = DEFAULT,
 ) -> Report:
     """Locate a gap, name what causes it, and say how much is left once it is added.
 
@@ -81,7 +84,8 @@ def diagnose(
         effects: an effects.yaml of what is known already; put into the model first.
         exclude: names of effects that are left out of the candidates.
         seed: of the bootstrap.
-        progress: told what is being tried and the share of the work that is done.
+        progress: called with what is being tried and the share of the work that is done.
+        settings: every number that steers the answer, by stage.
 
     Returns:
         The report; `report.evidence` holds what its pictures show.
@@ -92,45 +96,47 @@ def diagnose(
         LogError: a log that is damaged, or names what the model lacks.
         EffectError: an effects file that is wrong, or an effect that the robot cannot have.
     """
-    return examine(_read(logs), model, effects, exclude, seed, progress).report
+    return run_diagnosis(_read(logs), model, effects, exclude, seed, progress, settings).report
 
 
-def examine(
+def run_diagnosis(
     logs: Sequence[Log],
     model: str | Path | None,
     effects: str | Path | None,
     exclude: Sequence[str],
     seed: int,
     progress: Progress | None,
+    settings: Settings = DEFAULT,
 ) -> Diagnosis:
     """Diagnose; the arguments are those of `diagnose`, logs in memory."""
-    start, tell = time.monotonic(), _forward(progress or (lambda text, share: None))
+    start, on_progress = time.monotonic(), _forward(progress or (lambda text, share: None))
     check_names(exclude)
     fixed = [] if effects is None else load_effects(effects)
     rng = np.random.default_rng(seed)
-    tell("looking at the logs", 0.0)
-    logs, held = mark_blocked(logs)
-    data = Data.of(logs, model)
+    on_progress("looking at the logs", 0.0)
+    logs, held = mark_blocked(logs, settings.obstruction)
+    data = Data.of(logs, model, settings)
     specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
-    findings = [*held, *preflight(logs, specs)]
+    findings = [*held, *preflight(logs, specs, settings)]
     floors = _floors(data)
     floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
     problem = Problem(data, Simulator(data, fixed))
     _refuse_lost(problem)
-    search = Search(problem, candidates(data, exclude, fixed), floor, rng, tell)
-    null = null_test(logs, specs, fixed)
+    search = Search(problem, candidates(data, exclude, fixed), floor, rng, on_progress)
+    null = null_test(logs, specs, fixed, settings.numerics)
     made = _search(search, data, floors, rng)
-    tell("telling what was found", 0.95)
+    on_progress("telling what was found", TELLING)
     causes = _causes(made.fit)
     words = dict(null.words) or {"timestep": "ok"}
     for cause, told in zip(causes, made.report.causes, strict=True):
-        artefact = is_numerics(logs, specs, [cause], null, fixed)
+        artefact = is_numerics(logs, specs, [cause], null, fixed, settings.numerics)
         if artefact is not None:
             words[f"{told.effect} at {told.where or 'the robot'}"] = artefact
     evidence = Evidence(
-        _traces(data, made.fit, fixed, floors), made.ladder, made.candidates, made.bands
+        _traces(data, made.fit, fixed, floors), made.ladder, made.singles, made.bands
     )
-    evidence = replace(evidence, inputs=_inputs(data, model, seed, exclude))
+    inputs = _inputs(data, model, seed, exclude)
+    evidence = replace(evidence, inputs=inputs, settings=tuple(rows(settings)))
     report = replace(
         made.report,
         preflight=(*findings, *made.report.preflight),
@@ -139,17 +145,17 @@ def examine(
         seconds=time.monotonic() - start,
         evidence=evidence,
     )
-    tell("done", 1.0)
+    on_progress("done", 1.0)
     return Diagnosis(report, causes, data.specs[0], _intervals(made), tuple(fixed))
 
 
 def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
     if is_no_gap(search.before, search.floor, data, stands_out(search.base, data, floors)):
         return nothing(search, floors)
-    found = instead(search, search.run())
+    found = refit_torque_on(search, search.run())
     if is_spread(search, found):
         found = by_family(search, found)
-    search.tell("weighing what was found", 0.9)
+    search.on_progress("weighing what was found", WEIGHING)
     return conclude(search, found, floors, rng)
 
 
@@ -199,12 +205,12 @@ def _forward(progress: Progress) -> Progress:
     """Return progress whose share never falls: what is left to try is known only as it is tried."""
     furthest = 0.0
 
-    def tell(text: str, share: float) -> None:
+    def on_progress(text: str, share: float) -> None:
         nonlocal furthest
         furthest = max(furthest, share)
         progress(text, furthest)
 
-    return tell
+    return on_progress
 
 
 def _read(logs: str | Path | Iterable[str | Path | Log]) -> list[Log]:
@@ -222,8 +228,8 @@ def _model_of(data: Data, number: int) -> int:
 
 def _floors(data: Data) -> np.ndarray:
     """Return the noise floor of each joint [rad or m], (M,)."""
-    found = noise_floor(data.logs)
-    return np.array([max(found.get(j.name, 0.0), j.count / np.sqrt(12)) for j in data.joints])
+    found = noise_floor(data.logs, data.settings)
+    return np.array([max(found.get(j.name, 0.0), rounding(j.count)) for j in data.joints])
 
 
 def _refuse_lost(problem: Problem) -> None:
@@ -266,7 +272,9 @@ def _plan(
     floor = {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)}
     rng = np.random.default_rng(seed)
     try:
-        return next_experiment(members, data.specs[0], floor, rng=rng, fixed=fixed).text
+        limits = data.settings.experiment
+        plan = next_experiment(members, data.specs[0], floor, rng=rng, fixed=fixed, settings=limits)
+        return plan.text
     except Sim2RealError as error:
         log_.info("no next experiment: %s", error)
         return None

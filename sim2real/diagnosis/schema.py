@@ -21,6 +21,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from sim2real.diagnosis.settings import Row
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
@@ -170,7 +171,7 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class SingleFit:
     """One effect fitted alone: its value and the share of the closable gap that it closes."""
 
     effect: str
@@ -201,16 +202,18 @@ class Evidence:
     Args:
         traces: every joint of every episode, replayed whole.
         ladder: before, after each effect that was added, all together; the last one is the floor.
-        candidates: every effect fitted alone, best first.
+        singles: every effect fitted alone, best first.
         bands: joint by joint, low frequencies first.
         inputs: names of logs and models, seed, versions, how the data was divided.
+        settings: every number that steered the answer.
     """
 
     traces: tuple[Trace, ...] = ()
     ladder: tuple[Rung, ...] = ()
-    candidates: tuple[Candidate, ...] = ()
+    singles: tuple[SingleFit, ...] = ()
     bands: tuple[Band, ...] = ()
     inputs: Mapping[str, Any] = field(default_factory=dict)
+    settings: tuple[Row, ...] = ()
 
 
 @dataclass(frozen=True)

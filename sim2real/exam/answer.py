@@ -75,11 +75,11 @@ def answer(logs: Path, folder: Path) -> None:
 def _diagnose(logs: Path, folder: Path) -> None:
     from envs.effects import write_effects
     from hardware.log import read_logs
-    from sim2real.diagnosis.diagnose import examine
+    from sim2real.diagnosis.diagnose import run_diagnosis
 
     task = json.loads((logs / TASK).read_text(encoding="utf-8"))
     known = logs / task["effects"] if task["effects"] else None
-    answer = examine(read_logs(logs), None, known, tuple(task["exclude"]), task["seed"], None)
+    answer = run_diagnosis(read_logs(logs), None, known, tuple(task["exclude"]), task["seed"], None)
     write_effects(folder / EFFECTS, answer.found)
     answer.report.write(folder / REPORT)
 

@@ -38,7 +38,7 @@ from hardware.safety import Guard
 from hardware.stand import home_pose, hung
 from sim2real.deployment import deploy
 from sim2real.deployment.trained import Trained, take
-from sim2real.diagnosis.diagnose import examine, write
+from sim2real.diagnosis.diagnose import run_diagnosis, write
 from sim2real.diagnosis.report import words
 from sim2real.learning.training import train
 from sim2real.runs.checkpoint import FOLDER, find
@@ -134,7 +134,7 @@ def diagnosed(
                     write_log(stand / f"{name}.csv", record(hand, plan))
             finally:
                 driver.close()
-        found = examine(read_logs(stand), None, None, (), seed, None)
+        found = run_diagnosis(read_logs(stand), None, None, (), seed, None)
         log_.info("%s", words.sentence(found.report))
         write(found, answer)
     return answer / EFFECTS

@@ -26,7 +26,7 @@ import numpy as np
 from envs.randomization import Tasks
 from envs.rows import Rows
 from hardware.log import write_log
-from sim2real.diagnosis.diagnose import examine, write
+from sim2real.diagnosis.diagnose import run_diagnosis, write
 from sim2real.diagnosis.report import words
 from sim2real.diagnosis.schema import Report
 from sim2real.evaluation.evaluate import find_runs
@@ -110,7 +110,7 @@ def run(
     model = write_text(out / "source.xml", named(source.task.spec()).to_xml())
     log = replace(log, meta={**log.meta, "model": str(model.resolve())})
     log = replace(log, path=write_log(out / "log.csv", log))
-    found = examine([cut(log, PIECE)], model, None, (), seed, None)
+    found = run_diagnosis([cut(log, PIECE)], model, None, (), seed, None)
     write(found, out)
     log_.info("%s", words.sentence(found.report))
     if module is not None:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hardware.log import read_logs
-from sim2real.diagnosis.diagnose import ProgressLines, examine, write
+from sim2real.diagnosis.diagnose import ProgressLines, run_diagnosis, write
 from sim2real.diagnosis.schema import Report
 from sim2real.runs.errors import Sim2RealError
 
@@ -51,7 +51,7 @@ def run(
     """
     if not log:
         raise Sim2RealError("diagnose needs a recording; give log=PATH")
-    found = examine(read_logs(log), model, effects, exclude, seed, ProgressLines())
+    found = run_diagnosis(read_logs(log), model, effects, exclude, seed, ProgressLines())
     write(found, Path(out))
     gap = found.report.gap
     names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in found.report.causes)

@@ -19,30 +19,16 @@ import numpy as np
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.cogging import with_ripples
 from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, columns, refine
-from sim2real.diagnosis.attribution.pairwise import couples
+from sim2real.diagnosis.attribution.pairwise import pairs
 from sim2real.diagnosis.attribution.screen import Guess, Response, Screening, screen
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.score import Blocks
+from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE
 
-MOST = 4  # effects in all
-SCREENED, RACED, FITTED = 9.0, 15.0, 40.0  # s of windows that screening, race and fit look at
-SHOWN = 0.5  # of the squared error of the windows that show it best: enough to stay with others
-FINAL, STEPS = 90.0, 4  # s of windows, and steps, of the last fit
-RACE = ((10, 0), (6, 1), (4, 1))  # how many candidates run, and for how many steps
-SETTLED = 6  # steps at most of a winner's fit, which ends once a step gains little
-SPREAD = (1.0, 0.55, 1.7)  # starts of a fit, as multiples of the guess
-PROMISE, LATER = 0.03, 0.1  # least share of the squared error that screening must promise
-SHARE = 0.03  # a joint with less of the gap is not suspected
-WORTH = 0.04  # least share of the first gap that a further effect closes
-ENOUGH = 0.25  # of the floor: least fall of the gap that counts
-ALONE = 0.93  # share of the gap from which one effect is thought to be alone
-COUPLES = (8, 4, 3, 1)  # couples that are fitted, in steps and on more windows
-CLOSE = 0.05  # share of what a cause closes within which another one is as good
-ALIKE = 3  # members of an equivalence set, the cause included
+ENOUGH = DEFAULT.search.worth_floors
+PAIRING, STARTED, CAUSE, ENDING = 0.3, 0.1, 0.25, 0.9  # shares of the work, for the progress
 
-MANY = 0.9  # share of the windows that count fully, however large their error
-
-Tell = Callable[[str, float], None]
+OnProgress = Callable[[str, float], None]
 
 
 class Contender(NamedTuple):
@@ -88,7 +74,7 @@ class Search:
         options: the candidates.
         floor: noise floor, in the units of errors.
         rng: for the bootstrap.
-        tell: told what is tried, and the share of the work done.
+        on_progress: called with what is tried, and the share of the work done.
     """
 
     def __init__(
@@ -97,29 +83,36 @@ class Search:
         options: Sequence[Candidate],
         floor: float,
         rng: np.random.Generator,
-        tell: Tell,
+        on_progress: OnProgress,
     ) -> None:
-        self.problem, self.options, self.floor, self.tell = problem, list(options), floor, tell
+        self.problem, self.options, self.floor = problem, list(options), floor
+        self.on_progress = self.tell = on_progress
+        self.settings = limits = problem.data.settings.search
         self.none = Fit((), np.zeros((FOLDS, 0)), np.zeros(FOLDS))
         self.base = problem.held_out((), self.none.values)
         weight = tempered(problem.data, self.base)
-        self.fitting = problem.subset(lively(problem.data, self.base, FITTED))
-        self.settling = problem.subset(lively(problem.data, self.base, FINAL))
-        self.racing = problem.subset(lively(problem.data, self.base, RACED), weight)
-        self.screening = problem.subset(lively(problem.data, self.base, SCREENED), weight)
+
+        def liveliest(seconds: float) -> np.ndarray:
+            return lively(problem.data, self.base, seconds)
+
+        self.fitting = problem.subset(liveliest(limits.fitting_s))
+        self.settling = problem.subset(liveliest(limits.final_s))
+        self.racing = problem.subset(liveliest(limits.racing_s), weight)
+        self.screening = problem.subset(liveliest(limits.screening_s), weight)
         self.blocks = Blocks(problem.data, problem.windows, rng)
         self.before = self.blocks.rms(self.base)
         counts = np.array([joint.count / joint.scale for joint in problem.data.joints])
-        self.least = max(1.3 * floor, float(np.sqrt(np.mean(counts**2))))  # nothing is left then
+        rounded = float(np.sqrt(np.mean(counts**2)))
+        self.least = max(limits.done_floors * floor, rounded)  # nothing is left then
         self.first = Screening([], [], self.base, self.base)
         self.responses: list[Response] = []  # of each candidate, as last screened
 
     def run(self) -> Found:
         """Search."""
         found = Found(self.none, self.base)
-        while len(found.fit.members) < MOST:
+        while len(found.fit.members) < self.settings.causes_max:
             if len(found.fit.members) == 1:
-                self.couple(found)
+                self.pair(found)
             contenders = self.race(found.fit, found.error, found)
             best = contenders[0] if contenders else None
             if best is None or not self.joins(best, found):
@@ -147,27 +140,26 @@ class Search:
         values = found.fit.values
         between = np.repeat(found.fit.mean[None], FOLDS, axis=0)
         starts = np.stack([values, values[::-1], between])
-        fit = refine(self.settling, found.fit.members, starts, STEPS)
+        fit = refine(self.settling, found.fit.members, starts, self.settings.final_rounds)
         error = self.problem.held_out(fit.members, fit.values)
         if self.blocks.rms(error) < self.blocks.rms(found.error):
             found.fit, found.error = fit, error
 
-    def couple(self, found: Found) -> None:
+    def pair(self, found: Found) -> None:
         """Put two effects in the place of the first, if they do far better together.
 
         Not where the first one alone closes the gap.
         """
         alone = self.blocks.rms(found.error)
-        if alone <= self.least or self.closed(alone) > ALONE:
+        if alone <= self.least or self.closed(alone) > self.settings.alone:
             return
-        first = self.first
-        ranked = couples(self.screening, first.base, first.drift, first.responses)[: COUPLES[0]]
+        first, (most, *fewer) = self.first, self.settings.pairs
         fits = []
-        for couple in ranked:
-            self.tell(f"fitting {' and '.join(m.label for m in couple.members)}", 0.3)
-            fits.append(refine(self.screening, couple.members, couple.start[None], 1))
+        for pair in pairs(self.screening, first.base, first.drift, first.responses)[:most]:
+            self.on_progress(f"fitting {' and '.join(m.label for m in pair.members)}", PAIRING)
+            fits.append(refine(self.screening, pair.members, pair.start[None], 1))
         stages = (self.screening, self.racing, self.fitting)
-        for count, problem in zip(COUPLES[1:], stages, strict=True):
+        for count, problem in zip(fewer, stages, strict=True):
             fits = sorted(fits, key=lambda fit: float(fit.cost.sum()))[:count]
             fits = [refine(problem, fit.members, fit.values[None], 1) for fit in fits]
         if not fits:
@@ -182,12 +174,13 @@ class Search:
 
     def closed(self, gap: float) -> float:
         """Return the share of the closable gap that is closed where this gap remains."""
-        return (self.before - gap) / max(self.before - self.floor, 1e-12)
+        return (self.before - gap) / max(self.before - self.floor, TINY_SQUARE)
 
     def joins(self, best: Contender, found: Found) -> bool:
         """Return whether an effect's held-out gain is sure, and large enough to matter."""
         fall = self.blocks.rms(found.error) - self.blocks.rms(best.error)
-        least = max(ENOUGH * self.floor, WORTH * (self.before - self.floor))
+        limits, room = self.settings, self.before - self.floor
+        least = max(limits.worth_floors * self.floor, limits.worth * room)
         return fall > least and self.blocks.gain(found.error, best.error)[0] > 0
 
     def race(
@@ -195,16 +188,16 @@ class Search:
         fit: Fit,
         error: np.ndarray,
         found: Found | None = None,
-        instead: Candidate | None = None,
+        replacing: Candidate | None = None,
     ) -> list[Contender]:
         """Return the best candidates to add to a fit, the best on held-out windows first.
 
-        With `instead` only those that could take its place.
+        With `replacing` only those that could take its place.
         """
         options = self.suspects(fit, error)
-        if instead is not None:
-            options = [option for option in options if meets(option, instead)]
-        self.tell(f"screening {len(options)} effects", self._share(fit))
+        if replacing is not None:
+            options = [option for option in options if meets(option, replacing)]
+        self.on_progress(f"screening {len(options)} effects", self._share(fit))
         looked, racing = self.stages(error)
         screening = screen(looked, fit, options, self.responses if looked is self.screening else ())
         if looked is self.screening:
@@ -215,13 +208,13 @@ class Search:
         if found is not None and not fit.members:
             found.guesses = guesses
             self.first = screening
-        runners = self.promising(guesses, fit)[: RACE[0][0]]
+        runners = self.promising(guesses, fit)[: self.settings.race[0][0]]
         fits = {}
-        for count, rounds in RACE:
+        for count, rounds in self.settings.race:
             runners = runners[:count]
             problem = racing if rounds else looked
             for guess in runners:
-                self.tell(f"fitting {guess.candidate.label}", self._share(fit))
+                self.on_progress(f"fitting {guess.candidate.label}", self._share(fit))
                 key = guess.candidate.label
                 fits[key] = self.add(problem, fit, guess, fits.get(key), rounds)
             runners.sort(key=lambda guess: float(fits[guess.candidate.label].cost.sum()))
@@ -239,22 +232,24 @@ class Search:
         """
         data = self.problem.data
         size = data.window_squares(error)
-        worst = lively(data, error, SCREENED)
-        if size[self.screening.windows].mean() >= SHOWN * size[worst].mean():
+        worst = lively(data, error, self.settings.screening_s)
+        if size[self.screening.windows].mean() >= self.settings.shown * size[worst].mean():
             return self.screening, self.racing
         weight = tempered(data, error)
-        both = np.union1d(self.screening.windows, lively(data, error, RACED))
+        both = np.union1d(self.screening.windows, lively(data, error, self.settings.racing_s))
         return self.problem.subset(worst, weight), self.problem.subset(both, weight)
 
     def promising(self, guesses: Sequence[Guess], fit: Fit) -> list[Guess]:
         """Return the guesses that would matter if they held what they promise."""
-        least = PROMISE if not fit.members else LATER
+        limits = self.settings
+        least = limits.promise_later if fit.members else limits.promise_first
         return [guess for guess in guesses if guess.gain > least]
 
     def polish(self, best: Contender) -> Contender:
         """Return the winner fitted on more windows, from where it is and from further scalars."""
-        starts = np.concatenate([best.fit.values[None], beside(best)])
-        fit = refine(self.fitting, best.fit.members, starts, SETTLED)
+        further = beside(best, self.settings.spread)
+        starts = np.concatenate([best.fit.values[None], further])
+        fit = refine(self.fitting, best.fit.members, starts, self.settings.settled_rounds)
         return self.judge(best.candidate, fit)
 
     def add(self, problem: Problem, fit: Fit, guess: Guess, before: Fit | None, rounds: int) -> Fit:
@@ -265,7 +260,7 @@ class Search:
             return refine(problem, members, before.values[None], rounds)
         starts = [
             np.concatenate([guess.known, np.tile(candidate.towards(guess.start, s), (FOLDS, 1))], 1)
-            for s in SPREAD
+            for s in self.settings.spread
         ]
         return refine(problem, members, np.array(starts), rounds)
 
@@ -279,9 +274,8 @@ class Search:
         square = self.problem.data.mean_squares(error)
         excess = np.maximum(square - self.floor**2, 0.0)
         names = [joint.name for joint in self.problem.data.joints]
-        guilty = {
-            n for n, e in zip(names, excess, strict=True) if e > SHARE * max(excess.sum(), 1e-18)
-        }
+        least = self.settings.suspect * max(excess.sum(), TINY_SQUARE)
+        guilty = {name for name, e in zip(names, excess, strict=True) if e > least}
         found = [
             option
             for option in self.options
@@ -296,11 +290,11 @@ class Search:
     def look_back(self, found: Found) -> None:
         """Take each member out: let another one take its place if it does better, or none."""
         for member in sorted(found.fit.members, key=lambda m: found.fit.members.index(m)):
-            if len(found.fit.members) < 2:
+            if len(found.fit.members) <= 1:
                 return
             rest = self.without(found.fit, member)
             error = self.problem.held_out(rest.members, rest.values)
-            others = self.race(rest, error, instead=member)
+            others = self.race(rest, error, replacing=member)
             others = [other for other in others if other.candidate.label != member.label]
             contenders = [Contender(member, found.fit, found.error), *others]  # it has settled
             contenders.sort(key=lambda c: self.blocks.rms(c.error))
@@ -325,10 +319,10 @@ class Search:
             size = len(m.neutral)
             keep += [] if m is member else list(range(place, place + size))
             place += size
-        return refine(self.fitting, members, fit.values[:, keep][None], 2)
+        return refine(self.fitting, members, fit.values[:, keep][None], self.settings.rest_rounds)
 
     def _share(self, fit: Fit) -> float:
-        return min(0.1 + 0.25 * len(fit.members), 0.9)
+        return min(STARTED + CAUSE * len(fit.members), ENDING)
 
 
 def meets(one: Candidate, other: Candidate) -> bool:
@@ -337,7 +331,7 @@ def meets(one: Candidate, other: Candidate) -> bool:
     return everywhere or not set(one.shown).isdisjoint(other.shown)
 
 
-def beside(best: Contender) -> np.ndarray:
+def beside(best: Contender, spread: Sequence[float]) -> np.ndarray:
     """Return the values of a fit with its newest member's further scalars as probed, (K, 2, P).
 
     Steps along a slope do not get from one of them to another: where it swings freely, a joint that
@@ -348,7 +342,7 @@ def beside(best: Contender) -> np.ndarray:
     size = len(option.neutral) - len(option.effect.free)
     found = []
     for further in np.unique(option.probes[:, size:], axis=0) if option.effect.free else ():
-        for scale in SPREAD:
+        for scale in spread:
             values = best.fit.values.copy()
             values[:, own] = [option.towards(row, scale) for row in values[:, own]]
             values[:, own.start + size : own.stop] = further
@@ -362,8 +356,8 @@ def tempered(data: Data, error: np.ndarray) -> np.ndarray:
     A joint that swings freely in the model and sticks on the robot would outweigh everything else.
     """
     own = np.sqrt(data.window_squares(error))
-    limit = float(np.quantile(own, MANY, method="lower"))
-    return np.minimum(1.0, max(limit, 1e-12) / np.maximum(own, 1e-12))
+    limit = float(np.quantile(own, data.settings.search.heavy, method="lower"))
+    return np.minimum(1.0, max(limit, TINY_SQUARE) / np.maximum(own, TINY_SQUARE))
 
 
 def lively(data: Data, error: np.ndarray, seconds: float) -> np.ndarray:
@@ -385,7 +379,7 @@ def lively(data: Data, error: np.ndarray, seconds: float) -> np.ndarray:
             break
         for group in groups:
             worst, line = group[np.argsort(-weight[group])], group[np.argsort(speed[group])]
-            spread = np.roll(line[::-1], 7 * rank)
-            pick = worst if rank % 2 == 0 else spread
+            spread = np.roll(line[::-1], data.settings.search.stride * rank)
+            pick = worst if rank % len((worst, spread)) == 0 else spread
             chosen += [int(i) for i in pick if i not in chosen][:1]
     return np.sort(np.array(chosen))

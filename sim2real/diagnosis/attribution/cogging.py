@@ -17,13 +17,6 @@ import numpy as np
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.data.dataset import Data
 
-COUNTS = range(4, 33)  # ripples in a turn
-BEST = 3  # counts that are looked at
-SIZES = (1.0, 2.5)  # times the amplitude that the error shows: in motion it shows too little
-SLOW = 0.7  # rad/s (or m/s): faster rows say little
-TURNED = 0.8  # rad (or m): a joint that turned less shows no more than a slope
-LEAST = 0.1  # N·m/rad: the stiffness of a servo whose model does not say
-
 
 def with_ripples(candidate: Candidate, data: Data, error: np.ndarray) -> Candidate:
     """Return a ripple's candidate whose probes are the counts, sizes and phases in the error.
@@ -34,13 +27,16 @@ def with_ripples(candidate: Candidate, data: Data, error: np.ndarray) -> Candida
         error: simulated minus measured, (W, T, M), over the joints' scale.
     """
     joint = next(i for i, j in enumerate(data.joints) if j.name == candidate.joint)
+    limits = data.settings.cogging
     inside = data.mask & _slow(data, joint)
     q, rest = data.measured[..., joint][inside], error[..., joint][inside] * data.scale[joint]
-    if len(q) < 50:
+    if len(q) < limits.rows_min:
         return candidate
     found = []
-    smooth = q[:, None] ** np.arange(4 if np.ptp(q) > TURNED else 1)
-    for count in COUNTS:
+    order = limits.trend_order if np.ptp(q) > limits.turned else 0
+    smooth = q[:, None] ** np.arange(order + 1)
+    fewest, most = limits.counts
+    for count in range(fewest, most + 1):
         table = np.column_stack([smooth, np.sin(count * q), np.cos(count * q)])
         weights, *_ = np.linalg.lstsq(table, rest)
         left = float(((rest - table @ weights) ** 2).sum())
@@ -49,8 +45,8 @@ def with_ripples(candidate: Candidate, data: Data, error: np.ndarray) -> Candida
     stiff = _stiffness(candidate, data)
     probes = [
         (size * stiff * abs(wave), float(count), float(np.angle(wave)))
-        for _, count, wave in found[:BEST]
-        for size in SIZES
+        for _, count, wave in found[: limits.counts_probed]
+        for size in limits.sizes
     ]
     return replace(candidate, probes=np.clip(probes, candidate.low, candidate.high))
 
@@ -59,18 +55,18 @@ def _slow(data: Data, joint: int) -> np.ndarray:
     """Return the rows at which a joint is slow and its servo on, (W, T)."""
     found = np.zeros(data.mask.shape, bool)
     for row, window in zip(found, data.windows, strict=True):
-        if window.off < 0.05 and len(window.sample) > 1:
+        if window.off < data.settings.cogging.off_share and len(window.sample) > 1:
             speed = np.gradient(window.measured[:, joint], window.sample[:, joint])
-            row[: len(speed)] = np.abs(speed) < SLOW
+            row[: len(speed)] = np.abs(speed) < data.settings.cogging.slow
     return found
 
 
 def _stiffness(candidate: Candidate, data: Data) -> float:
     """Return the stiffness of the servo at a candidate's joint [N·m/rad]."""
-    model = data.models[0]
+    model, least = data.models[0], data.settings.cogging.stiffness_min
     place = model.joint(candidate.joint).id
     for i in range(model.nactuator):
         if int(model.actuator_trnid[i, 0]) == place:
             gear = float(model.actuator_gear[i, 0])
-            return max(float(-model.actuator_biasprm[i, 1]) * gear * gear, LEAST)
-    return LEAST
+            return max(float(-model.actuator_biasprm[i, 1]) * gear * gear, least)
+    return least

@@ -2,9 +2,9 @@
 
     report = conclude(search, found, floors, rng)
 
-Verdicts: `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if
-what is left is within twice the floor, or nine tenths are closed; `partly_explained` from three
-tenths with a lower bound above zero; else `unexplained`.
+Verdicts, with the limits of `settings.Verdict`: `no_gap` if the gap is within twice the noise floor
+or two encoder counts; `explained` if what is left is within twice the floor, or nine tenths are
+closed; `partly_explained` from three tenths with a lower bound above zero; else `unexplained`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.attribute import ALIKE, CLOSE, ENOUGH, Contender, Found, Search
-from sim2real.diagnosis.attribution.candidates import FREE
-from sim2real.diagnosis.attribution.candidates import Candidate as Option
+from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
+from sim2real.diagnosis.attribution.candidates import FREE, Candidate
 from sim2real.diagnosis.attribution.fit import Fit, columns
 from sim2real.diagnosis.attribution.locate import bands, locate
 from sim2real.diagnosis.attribution.quantify import (
@@ -31,21 +30,19 @@ from sim2real.diagnosis.attribution.residual import describe
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.schema import (
     Band,
-    Candidate,
     Cause,
     Equivalent,
     Finding,
     GapNumbers,
     Report,
     Rung,
+    SingleFit,
     Unexplained,
     Verdict,
     Where,
 )
+from sim2real.diagnosis.settings import TINY_SQUARE
 
-ALONE, COUNTS = 3.0, 1.5  # floors, and encoder counts, from which a joint stands out
-EXPLAINED, PARTLY = 0.9, 0.3
-FEW = 5  # causes of which every subset is fitted anew
 Set = frozenset[int]
 
 
@@ -56,16 +53,16 @@ class Conclusion:
     report: Report
     fit: Fit
     ladder: tuple[Rung, ...]
-    candidates: tuple[Candidate, ...]
+    singles: tuple[SingleFit, ...]
     bands: tuple[Band, ...]
     intervals: np.ndarray  # (P, 2)
     alike: tuple[tuple[str, Fit], ...] = ()  # labels and fits that the data cannot tell apart
 
 
 def resolution(data: Data) -> float:
-    """Return two encoder counts, in the units of errors."""
+    """Return what encoder counts hide of a gap, in the units of errors."""
     counts = np.array([joint.count / joint.scale for joint in data.joints])
-    return float(2 * np.sqrt(np.mean(counts**2)))
+    return float(data.settings.verdict.no_gap_counts * np.sqrt(np.mean(counts**2)))
 
 
 def stands_out(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
@@ -76,14 +73,16 @@ def stands_out(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
         data: the windows.
         floors: noise floor of each joint [rad or m], (M,).
     """
-    counts = np.array([joint.count for joint in data.joints])
-    least = np.maximum(ALONE * floors, COUNTS * counts)
+    counts, limits = np.array([joint.count for joint in data.joints]), data.settings.verdict
+    least = np.maximum(limits.joint_floors * floors, limits.joint_counts * counts)
     return bool((np.sqrt(data.mean_squares(error)) * data.scale > least).any())
 
 
 def is_no_gap(before: float, floor: float, data: Data, alone: bool) -> bool:
     """Return whether a gap is within what noise and rounding make; `alone`: see `stands_out`."""
-    return not alone and before <= max(2 * floor, resolution(data))
+    return not alone and before <= max(
+        data.settings.verdict.no_gap_floors * floor, resolution(data)
+    )
 
 
 def verdict_of(
@@ -108,9 +107,10 @@ def verdict_of(
     """
     if is_no_gap(before, floor, data, alone[0]):
         return "no_gap"
-    if (after <= 2 * floor and not alone[1]) or closed >= EXPLAINED:
+    limits = data.settings.verdict
+    if (after <= limits.no_gap_floors * floor and not alone[1]) or closed >= limits.explained:
         return "explained"
-    return "partly_explained" if closed >= PARTLY and low > 0 else "unexplained"
+    return "partly_explained" if closed >= limits.partly and low > 0 else "unexplained"
 
 
 def nothing(search: Search, floors: np.ndarray) -> Conclusion:
@@ -137,6 +137,7 @@ def conclude(
         rng: for the intervals.
     """
     data, blocks, floor = search.problem.data, search.blocks, search.floor
+    limits = data.settings.causes
     subsets, shares = _weighed(search, found)
     order = [int(i) for i in np.argsort(-shares)]
     fit = without(found.fit, order)
@@ -144,7 +145,8 @@ def conclude(
     closed, ci = blocks.closed(search.base, found.error, floor)
     every = frozenset(range(_count(found)))
     rests = np.array([blocks.rms(subsets[every - {number}]) for number in order])
-    left = after / np.sqrt(np.maximum(rests**2 - after**2, 1e-6 * after**2 + 1e-18))
+    least = limits.left_min * after**2 + TINY_SQUARE
+    left = after / np.sqrt(np.maximum(rests**2 - after**2, least))
     spans = intervals(search.problem, fit, left, rng) if order else np.zeros((0, 2))
     causes, findings, alike = [], [], ()
     for place, number in enumerate(order):
@@ -153,9 +155,9 @@ def conclude(
         cause, crowd = _cause(search, found, member, rest, float(shares[number]), closed)
         own = columns(fit.members)[place]
         causes.append(_valued(cause, member, fit.mean[own], spans[own]))
-        findings += [_crowded(cause, crowd)] if len(crowd) >= ALIKE else []
+        findings += [_crowded(cause, crowd)] if len(crowd) >= limits.equivalents_max else []
         if cause.equivalent and not alike:
-            others = [(c.candidate.label, c.fit) for c in crowd[: ALIKE - 1]]
+            others = [(c.candidate.label, c.fit) for c in crowd[: limits.equivalents_max - 1]]
             alike = ((member.label, found.fit), *others)
     text = describe(data, found.error, floor)
     alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
@@ -186,8 +188,8 @@ def _weighed(search: Search, found: Found) -> tuple[dict[Set, np.ndarray], np.nd
     Of few causes every subset is fitted anew, and the shares are Shapley's. Of many only the others
     are looked at without each, and the shares are as large as these falls, in proportion.
     """
-    blocks, room = search.blocks, max(search.before - search.floor, 1e-12)
-    if _count(found) <= FEW:
+    blocks, room = search.blocks, max(search.before - search.floor, TINY_SQUARE)
+    if _count(found) <= search.problem.data.settings.causes.subsets_max:
         subsets = coalitions(search.problem, search.racing, found.fit, found.error)
         gaps = {subset: blocks.rms(error) for subset, error in subsets.items()}
         worth = {s: min((search.before - gap) / room, 1.0) for s, gap in gaps.items()}
@@ -197,7 +199,7 @@ def _weighed(search: Search, found: Found) -> tuple[dict[Set, np.ndarray], np.nd
     falls = np.array([blocks.rms(subsets[frozenset(every) - {i}]) - after for i in every])
     falls = np.maximum(falls, 0.0)
     closed = min((search.before - after) / room, 1.0)
-    return subsets, closed * falls / max(falls.sum(), 1e-12)
+    return subsets, closed * falls / max(falls.sum(), TINY_SQUARE)
 
 
 def _count(found: Found) -> int:
@@ -205,7 +207,7 @@ def _count(found: Found) -> int:
 
 
 def _cause(
-    search: Search, found: Found, member: Option, rest: np.ndarray, share: float, closed: float
+    search: Search, found: Found, member: Candidate, rest: np.ndarray, share: float, closed: float
 ) -> tuple[Cause, list[Contender]]:
     """Return a cause without its value, and those that the data cannot tell from it."""
     rivals = found.rivals.get(member.label, [])
@@ -216,7 +218,8 @@ def _cause(
         place = (contender.candidate.name, contender.candidate.place)
         if place != (member.name, member.place):
             names[place] = None
-    alike = tuple(Equivalent(*name) for name in list(names)[: ALIKE - 1])
+    most = search.problem.data.settings.causes.equivalents_max
+    alike = tuple(Equivalent(*name) for name in list(names)[: most - 1])
     wrong = found.seen is not None  # it was named although it fails elsewhere
     wrong = wrong or contradicted(search.problem.data, search.blocks, rest, found.error)
     form = "contradicted" if wrong else "holds"
@@ -240,7 +243,7 @@ def _cause(
     return cause, crowd
 
 
-def _valued(cause: Cause, member: Option, values: np.ndarray, spans: np.ndarray) -> Cause:
+def _valued(cause: Cause, member: Candidate, values: np.ndarray, spans: np.ndarray) -> Cause:
     """Return the cause with its fitted values (P,) and their intervals (P, 2)."""
     free = {e.name for e in member.effect.extras if e.name in member.effect.free}
     own = [e.name for e in member.effect.extras if e.name in free]
@@ -255,27 +258,28 @@ def _valued(cause: Cause, member: Option, values: np.ndarray, spans: np.ndarray)
 
 
 def _equals(
-    search: Search, member: Option, rivals: list[Contender], rest: np.ndarray, full: np.ndarray
+    search: Search, member: Candidate, rivals: list[Contender], rest: np.ndarray, full: np.ndarray
 ) -> list[Contender]:
     """Return the rivals that do as well as a member on held-out windows, the best first."""
-    blocks = search.blocks
+    blocks, limits = search.blocks, search.problem.data.settings.causes
     own = next((c.error for c in rivals if c.candidate.label == member.label), full)
     best, worth = blocks.rms(own), max(blocks.rms(rest) - blocks.rms(own), 0.0)
-    near = max(CLOSE * worth, min(ENOUGH * search.floor, 0.2 * worth))
+    floors = search.settings.worth_floors * search.floor
+    near = max(limits.equal_share * worth, min(floors, limits.equal_worth * worth))
     found = []
     for contender in rivals:
         if contender.candidate.label == member.label:
             continue
         low, _ = blocks.gain(contender.error, own)
         behind = blocks.rms(contender.error) - best
-        if behind < near or (low <= 0 and behind < 0.25 * worth):
+        if behind < near or (low <= 0 and behind < limits.equal_unsure * worth):
             found.append(contender)
     return found
 
 
 def _confidence(
     search: Search,
-    member: Option,
+    member: Candidate,
     crowd: list[Contender],
     rivals: list[Contender],
     rest: np.ndarray,
@@ -286,7 +290,7 @@ def _confidence(
     How often it wins when blocks are drawn again, less where the next rival is close behind or
     much of the gap stays.
     """
-    blocks = search.blocks
+    blocks, limits = search.blocks, search.problem.data.settings.causes
     good = {member.label, *(c.candidate.label for c in crowd)}
     others = [c for c in rivals if c.candidate.label not in good]
     own = [c for c in rivals if c.candidate.label in good]
@@ -298,9 +302,12 @@ def _confidence(
         wins = float(np.mean(best < next_best))
         worth = blocks.rms(rest) - min(blocks.rms(c.error) for c in own)
         gap = min(blocks.rms(c.error) for c in others) - min(blocks.rms(c.error) for c in own)
-        margin = gap / max(worth, 1e-12)
-    sure = 0.98 * wins * (1 - 0.4 * np.exp(-max(margin, 0.0) / 0.1))
-    return float(np.clip(sure * (0.4 + 0.6 * np.clip(closed, 0, 1)), 0.01, 0.99))
+        margin = gap / max(worth, TINY_SQUARE)
+    near = np.exp(-max(margin, 0.0) / limits.rival_margin)
+    sure = limits.sure_max * wins * (1 - limits.rival_doubt * near)
+    doubt = limits.open_doubt
+    sure *= (1 - doubt) + doubt * np.clip(closed, 0, 1)
+    return float(np.clip(sure, limits.confidence_min, limits.confidence_max))
 
 
 def _crowded(cause: Cause, crowd: list[Contender]) -> Finding:
@@ -328,8 +335,9 @@ def _where(
     which = [next(w.model for w in data.windows if w.log == n) for n in range(len(data.logs))]
     models = [data.models[index] for index in which]
     rng = np.random.default_rng(0)
-    table = locate(gaps, floor, models, later, rng=rng, scale=scale)
-    return table.where, bands(gaps, floor, later)
+    settings = data.settings
+    table = locate(gaps, floor, models, later, rng=rng, scale=scale, settings=settings)
+    return table.where, bands(gaps, floor, later, settings.locating)
 
 
 def _ladder(
@@ -340,14 +348,14 @@ def _ladder(
     steps = [
         (found.fit.members[order[size - 1]].label, subsets[frozenset(order[:size])])
         for size in range(1, len(order) + 1)
-        if len(order) <= FEW
+        if len(order) <= search.problem.data.settings.causes.subsets_max
     ]
     for label, error in steps or found.steps:
         rungs.append(Rung(f"+ {label}", search.blocks.rms(error), search.blocks.interval(error)))
     return (*rungs, Rung("noise floor", search.floor, (search.floor, search.floor)))
 
 
-def _singles(search: Search, found: Found) -> tuple[Candidate, ...]:
+def _singles(search: Search, found: Found) -> tuple[SingleFit, ...]:
     """Return every candidate alone: fitted where it was, else as screening predicts."""
     fitted = {c.candidate.label: c for c in found.singles}
     rows = []
@@ -359,11 +367,11 @@ def _singles(search: Search, found: Found) -> tuple[Candidate, ...]:
             value = float(contender.fit.mean[0])
         else:
             closed = (1 - np.sqrt(max(1 - guess.gain, 0.0))) if guess.gain > 0 else 0.0
-            closed = float(closed * search.before / max(search.before - search.floor, 1e-12))
+            closed = float(closed * search.before / max(search.before - search.floor, TINY_SQUARE))
             ci, value = (0.0, min(closed, 1.0)), float(guess.start[0])
         value = min(value, FREE)
         rows.append(
-            Candidate(
+            SingleFit(
                 option.name,
                 option.place,
                 option.effect.side,

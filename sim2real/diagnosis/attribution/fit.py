@@ -20,13 +20,9 @@ from sim2real.diagnosis.attribution.bounds import Bounds
 from sim2real.diagnosis.attribution.candidates import FREE, Candidate
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Fitting
 
 FOLDS = 2
-CLOCK = 1e-3  # s: the least that stamps may be off, where a row has one for all its readings
-STAMPED = 0.5  # of a simulation step: what clocks may be off where every reading has its own
-DAMPING = (0.0, 0.3, 3.0)  # of the trial steps of a round, in units of the curvature
-NUDGE = 0.06  # of a typical change: the step of a finite difference
-GOOD = 0.01  # relative improvement below which a fit has settled
 
 
 class Problem:
@@ -47,6 +43,7 @@ class Problem:
         weight: np.ndarray | None = None,
     ) -> None:
         self.data, self.simulator = data, simulator
+        self.settings = data.settings.fitting
         self.windows = np.arange(len(data.windows)) if chosen is None else np.sort(chosen)
         self.fold = data.fold[self.windows]
         self.weight = None if weight is None else weight[self.windows]
@@ -78,7 +75,7 @@ class Problem:
         along = (slope * slope).sum(axis=(-2, -1))
         found = [
             -across[..., self.fold == f].sum(-1)
-            / np.maximum(along[..., self.fold == f].sum(-1), 1e-12)
+            / np.maximum(along[..., self.fold == f].sum(-1), TINY_SQUARE)
             for f in range(FOLDS)
         ]
         return np.clip(np.stack(found, axis=-1), -self.clock, self.clock)
@@ -117,7 +114,8 @@ def _clock(data: Data) -> float:
     step = max(model.opt.timestep for model in data.models)
     stamps = [f"stamp.{joint.name}" for joint in data.joints]
     known = all(stamp in log.columns for log in data.logs for stamp in stamps)
-    return STAMPED * step if known else max(CLOCK, step)
+    limits = data.settings.fitting
+    return limits.stamped_steps * step if known else max(limits.clock_s, step)
 
 
 @dataclass(frozen=True)
@@ -141,7 +139,10 @@ def columns(members: Sequence[Candidate]) -> list[slice]:
 
 
 def refine(
-    problem: Problem, members: Sequence[Candidate], starts: np.ndarray, rounds: int = 3
+    problem: Problem,
+    members: Sequence[Candidate],
+    starts: np.ndarray,
+    rounds: int = DEFAULT.fitting.rounds,
 ) -> Fit:
     """Fit the members' values by damped Gauss-Newton steps from the best of several starts.
 
@@ -161,7 +162,7 @@ def refine(
     for _ in range(rounds):
         before = state.cost.copy()
         _round(problem, members, bounds, state)
-        if (state.cost > (1 - GOOD) * before).all():
+        if (state.cost > (1 - problem.settings.settled) * before).all():
             break
     return Fit(members, state.values, state.cost)
 
@@ -197,11 +198,13 @@ class _Pick:
                 self.error[own], self.slope[own] = error[best][own], slope[best][own]
 
 
-def nudges(members: Sequence[Candidate], values: np.ndarray) -> np.ndarray:
+def nudges(
+    members: Sequence[Candidate], values: np.ndarray, settings: Fitting = DEFAULT.fitting
+) -> np.ndarray:
     """Return a step of each parameter for finite differences, (2, P), towards where it may go."""
     bounds = Bounds(members)
     size = np.abs(np.where(bounds.neutral >= FREE, values, values - bounds.neutral))
-    step = NUDGE * np.maximum(size, 0.3 * bounds.step)
+    step = settings.difference * np.maximum(size, settings.difference_min * bounds.step)
     return np.where(values + step > bounds.high, -step, step)
 
 
@@ -209,7 +212,7 @@ def sensitivities(
     problem: Problem, members: Sequence[Candidate], values: np.ndarray, error: np.ndarray
 ) -> np.ndarray:
     """Return how the errors change with each parameter at values (2, P), (P, W, T, M)."""
-    step = nudges(members, values)
+    step = nudges(members, values, problem.settings)
     size = values.shape[1]
     points = np.repeat(values[None], size, axis=0)
     points[np.arange(size), :, np.arange(size)] += step.T
@@ -220,13 +223,14 @@ def sensitivities(
 def _round(problem: Problem, members: tuple[Candidate, ...], bounds: Bounds, state: _Pick) -> None:
     """Take one step in each fold, the best of several dampings."""
     change = sensitivities(problem, members, state.values, state.error)  # (P, W, T, M)
-    trials = np.repeat(state.values[None], len(DAMPING), axis=0)
+    settings = problem.settings
+    trials = np.repeat(state.values[None], len(settings.dampings), axis=0)
     for f in range(FOLDS):
         own = problem.fold == f
         drift = state.slope[own].ravel()
         flat = change[:, own].reshape(len(change), -1)
         error = state.error[own].ravel()
-        along = max(float(drift @ drift), 1e-12)
+        along = max(float(drift @ drift), TINY_SQUARE)
         shift = -(error @ drift) / along
         if abs(shift) < problem.clock:  # the clock is free to follow
             flat = flat - (flat @ drift / along)[:, None] * drift
@@ -234,9 +238,9 @@ def _round(problem: Problem, members: tuple[Candidate, ...], bounds: Bounds, sta
         else:
             error = error + np.sign(shift) * problem.clock * drift
         curve, down = flat @ flat.T, flat @ error
-        size = np.diag(curve) + 1e-12 * max(np.trace(curve), 1e-12)
-        for k, damping in enumerate(DAMPING):
-            matrix = curve + np.diag((damping + 1e-6) * size)
+        size = np.diag(curve) + settings.ridge * max(np.trace(curve), TINY_SQUARE)
+        for k, damping in enumerate(settings.dampings):
+            matrix = curve + np.diag((damping + settings.damping_min) * size)
             trials[k, f] -= np.linalg.solve(matrix, down)
     trials = bounds.clip(trials)
     error, slope = problem.errors(members, trials)

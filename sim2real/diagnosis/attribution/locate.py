@@ -4,8 +4,6 @@
     table.where                     # for the report: joints, the largest share first
     table.cells                     # every kind of moment of every joint, for pictures
     bands(gaps, floor)              # the same by frequency
-    holds(gaps, models)             # error of holds that were approached from either side
-    horizons(logs, specs)           # error after k rows from measured starts
 
 A share is a part of a joint's squared error. A kind of moment is named where its share is larger
 than its part of the time, by more than a block bootstrap leaves to chance.
@@ -20,21 +18,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from envs.plant import Fixed
 from hardware.log import Log
-from sim2real.diagnosis.data.regimes import driver_of, held, regimes
+from sim2real.diagnosis.data.regimes import regimes
 from sim2real.diagnosis.data.replay import Gap
-from sim2real.diagnosis.data.trial import Piece, piece, trial
 from sim2real.diagnosis.schema import Band, Regime, Where
-
-BLOCK = 1.0  # s: errors further apart count as independent
-DRAWS = 400  # of the bootstrap
-LEVEL = 0.9  # of its intervals
-LIFT = 1.2  # times its part of the time, that a share has to be for a word
-MOST = 4  # kinds of moments named a joint
-EDGES = (0.0, 0.5, 2.0, 5.0, 15.0)  # Hz
-STEPS = (1, 5, 20, 100)  # rows
-STARTS = 40  # from which a horizon is measured
+from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Locating, Regimes, Settings
 
 
 class Cell(NamedTuple):
@@ -58,24 +46,6 @@ class Table(NamedTuple):
     cells: tuple[Cell, ...]
 
 
-class Hysteresis(NamedTuple):
-    """How far a joint's holds are apart that were approached from above and from below."""
-
-    joint: str
-    measured: float  # rad or m
-    simulated: float
-    holds: int
-
-
-class Horizon(NamedTuple):
-    """The RMS error of a joint some rows after a measured start."""
-
-    joint: str
-    rows: int
-    seconds: float
-    error: float
-
-
 def locate(
     gaps: Sequence[Gap],
     floor: Mapping[str, float],
@@ -84,6 +54,7 @@ def locate(
     *,
     rng: np.random.Generator,
     scale: Mapping[str, float] | None = None,
+    settings: Settings = DEFAULT,
 ) -> Table:
     """Share the gap out.
 
@@ -94,6 +65,7 @@ def locate(
         after: each log with its replay in the corrected model.
         rng: for the bootstrap.
         scale: what a joint's error is divided by, where rad and m have to meet; 1 if not given.
+        settings: those of `locating`, `regimes`, `dataset` and `bootstrap` are used.
     """
     joints = list(dict.fromkeys(joint for gap in gaps for joint in gap.joints))
     old = {joint: _errors(gaps, joint) for joint in joints}
@@ -107,14 +79,14 @@ def locate(
     cells: list[Cell] = []
     for joint in joints:
         later = new.get(joint)
-        cells += _cells(gaps, models, joint, old[joint], later if later is not None else None, rng)
+        cells += _cells(gaps, models, joint, old[joint], later, rng, settings)
     where = [
         Where(
             joint,
             power[joint] / total if total > 0 else 0.0,
             _rms(old[joint]),
             _rms(new[joint]) if joint in new else None,
-            _named([cell for cell in cells if cell.joint == joint]),
+            _named([cell for cell in cells if cell.joint == joint], settings.locating),
         )
         for joint in joints
     ]
@@ -122,7 +94,10 @@ def locate(
 
 
 def bands(
-    gaps: Sequence[Gap], floor: Mapping[str, float], after: Sequence[Gap] = ()
+    gaps: Sequence[Gap],
+    floor: Mapping[str, float],
+    after: Sequence[Gap] = (),
+    settings: Locating = DEFAULT.locating,
 ) -> tuple[Band, ...]:
     """Return the gap by joint and band of frequencies, as far as the rows can tell.
 
@@ -130,12 +105,14 @@ def bands(
         gaps: each log with its replay in the model as given.
         floor: white noise of each joint.
         after: each log with its replay in the corrected model; as before if none.
+        settings: the edges of the bands.
     """
     found = []
     for joint in dict.fromkeys(joint for gap in gaps for joint in gap.joints):
-        old, nyquist = _spectrum(gaps, joint)
-        new = _spectrum(after, joint)[0] if after else old
-        for k, (low, high) in enumerate(pairwise(EDGES)):
+        edges = settings.edges_hz
+        old, nyquist = _spectrum(gaps, joint, edges)
+        new = _spectrum(after, joint, edges)[0] if after else old
+        for k, (low, high) in enumerate(pairwise(edges)):
             if low < nyquist:
                 part = (min(high, nyquist) - low) / nyquist
                 noise = floor.get(joint, 0.0) * float(np.sqrt(part))
@@ -143,75 +120,6 @@ def bands(
                 sizes = (float(np.sqrt(s[k])) for s in (old, new))
                 found.append(Band(joint, low, top, *sizes, floor=noise))
     return tuple(found)
-
-
-def holds(gaps: Sequence[Gap], models: Sequence[mujoco.MjModel] = ()) -> list[Hysteresis]:
-    """Return how far holds from above and from below are apart, of joints held from both sides."""
-    found = []
-    for joint in dict.fromkeys(joint for gap in gaps for joint in gap.joints):
-        rows = [end for gap, model in _with(gaps, models) for end in _hold_ends(gap, model, joint)]
-        up, down = ([r for r in rows if r[0] == side] for side in (1, -1))
-        if len(up) >= 2 and len(down) >= 2:
-            measured, simulated = (
-                float(np.mean([r[k] for r in down]) - np.mean([r[k] for r in up])) for k in (1, 2)
-            )
-            found.append(Hysteresis(joint, measured, simulated, len(rows)))
-    return found
-
-
-def horizons(
-    logs: Sequence[Log],
-    specs: Sequence[mujoco.MjSpec],
-    fixed: Sequence[Fixed] = (),
-    steps: Sequence[int] = STEPS,
-) -> list[Horizon]:
-    """Return errors some rows after starts from what was measured: fast effects show at once.
-
-    Args:
-        logs: the logs.
-        specs: the model of each.
-        fixed: effects that are in the model.
-        steps: after how many rows.
-    """
-    starts = _starts(logs, max(steps) + 1)
-    errors: dict[tuple[str, int], list[float]] = {}
-    time: dict[int, list[float]] = {}
-    for spec in {id(spec): spec for spec in specs}.values():
-        own = [one for one in starts if specs[one.number] is spec]
-        if not own:
-            continue
-        model = spec.copy().compile()
-        paths = trial(spec, [one.recording(model) for one in own], fixed=fixed)
-        for one, path in zip(own, paths, strict=True):
-            for k in (k for k in steps if k < len(one.log)):
-                time.setdefault(k, []).append(float(one.log.time[k]))
-                for i in range(model.njnt):
-                    name = model.joint(i).name
-                    if f"qpos.{name}" in one.log.columns:
-                        error = path[k, model.jnt_qposadr[i]] - one.log.column(f"qpos.{name}")[k]
-                        errors.setdefault((name, k), []).append(float(error))
-    return [
-        Horizon(joint, k, float(np.mean(time[k])), _rms(np.array(values)))
-        for (joint, k), values in sorted(errors.items())
-    ]
-
-
-def _starts(logs: Sequence[Log], rows: int) -> list[Piece]:
-    """Pieces of so many rows, spread over all episodes."""
-    places = []
-    for number, log in enumerate(logs):
-        start = 0
-        for part in log.episodes():
-            last = len(part) - rows
-            places += [(number, start + k) for k in range(0, max(last, 0) + 1, rows)]
-            start += len(part)
-    chosen = np.unique(np.linspace(0, len(places) - 1, min(STARTS, len(places))).astype(int))
-    found = []
-    for number, first in (places[i] for i in chosen):
-        log = logs[number]
-        same = np.flatnonzero(log.episode == log.episode[first])
-        found.append(piece(log, number, first, min(first + rows, int(same[-1]) + 1)))
-    return found
 
 
 def _with(
@@ -241,6 +149,7 @@ def _cells(
     old: np.ndarray,
     new: np.ndarray | None,
     rng: np.random.Generator,
+    settings: Settings,
 ) -> Iterator[Cell]:
     """The kinds of moments of one joint."""
     kinds: dict[tuple[str, str], list[np.ndarray]] = {}
@@ -250,34 +159,35 @@ def _cells(
         return
     for number, (gap, model) in enumerate(own):
         log = gap.log
-        for kind in _kinds(log, model, joint):
+        for kind in _kinds(log, model, joint, settings.regimes):
             rows = kinds.setdefault((kind[0], kind[1]), [np.zeros(n, bool) for n in sizes])
             rows[number] = kind[2]
         new_block = np.diff(log.episode, prepend=log.episode[0]) != 0
-        new_block |= np.diff(np.floor(log.time / BLOCK), prepend=0) != 0
+        new_block |= np.diff(np.floor(log.time / settings.dataset.block_s), prepend=0) != 0
         blocks.append(count + np.cumsum(new_block))
         count = int(blocks[-1][-1]) + 1
     block = np.concatenate(blocks)
     power = np.bincount(block, old**2, count)
-    weights = rng.multinomial(count, np.full(count, 1 / count), DRAWS)  # (D, blocks)
-    whole = np.maximum(weights @ power, 1e-300)
+    limits = settings.bootstrap
+    weights = rng.multinomial(count, np.full(count, 1 / count), limits.draws)  # (D, blocks)
+    whole = np.maximum(weights @ power, TINY_SQUARE)
     for (group, name), parts in kinds.items():
         rows = np.concatenate(parts)
         if not rows.any():
             continue
         shares = weights @ np.bincount(block[rows], old[rows] ** 2, count) / whole
-        low, high = np.quantile(shares, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-        share = float(np.sum(old[rows] ** 2) / max(np.sum(old**2), 1e-300))
+        low, high = np.quantile(shares, [limits.tail, 1 - limits.tail])
+        share = float(np.sum(old[rows] ** 2) / max(np.sum(old**2), TINY_SQUARE))
         later = None if new is None or len(new) != len(old) else _rms(new[rows])
         time = float(rows.mean())
         yield Cell(joint, group, name, share, float(low), float(high), time, _rms(old[rows]), later)
 
 
 def _kinds(
-    log: Log, model: mujoco.MjModel | None, joint: str
+    log: Log, model: mujoco.MjModel | None, joint: str, settings: Regimes
 ) -> Iterator[tuple[str, str, np.ndarray]]:
     """The kinds of moments of a log, its episodes and itself among them."""
-    yield from regimes(log, model, joint)
+    yield from regimes(log, model, joint, settings)
     name = log.path.stem if log.path else "the log"
     numbers = np.unique(log.episode)
     for number in numbers:
@@ -285,20 +195,20 @@ def _kinds(
         yield "episode", label, log.episode == number
 
 
-def _named(cells: Sequence[Cell]) -> tuple[Regime, ...]:
+def _named(cells: Sequence[Cell], settings: Locating) -> tuple[Regime, ...]:
     """The kinds of moments that hold more than their part, the best of each group."""
     best: dict[str, Cell] = {}
     for cell in cells:
-        more = cell.low > LIFT * cell.time and cell.share > 0.2
+        more = cell.low > settings.lift * cell.time and cell.share > settings.share_min
         if more and (cell.group not in best or cell.share > best[cell.group].share):
             best[cell.group] = cell
-    chosen = sorted(best.values(), key=lambda c: -(c.share - c.time))[:MOST]
-    return tuple(Regime(cell.name, cell.share) for cell in chosen)
+    chosen = sorted(best.values(), key=lambda c: -(c.share - c.time))
+    return tuple(Regime(cell.name, cell.share) for cell in chosen[: settings.named_max])
 
 
-def _spectrum(gaps: Sequence[Gap], joint: str) -> tuple[np.ndarray, float]:
+def _spectrum(gaps: Sequence[Gap], joint: str, edges: Sequence[float]) -> tuple[np.ndarray, float]:
     """Mean squared error in each band, (bands,), and the highest frequency that rows show."""
-    power, rows, nyquist = np.zeros(len(EDGES) - 1), 0, np.inf
+    power, rows, nyquist = np.zeros(len(edges) - 1), 0, np.inf
     for gap in (g for g in gaps if joint in g.joints):
         column = gap.joints.index(joint)
         error = gap.simulated[:, column] - gap.measured[:, column]
@@ -310,25 +220,7 @@ def _spectrum(gaps: Sequence[Gap], joint: str) -> tuple[np.ndarray, float]:
             line = np.abs(np.fft.rfft(np.interp(clock, time, values))) ** 2 / len(clock) ** 2
             line[1:] *= 2
             rates = np.fft.rfftfreq(len(clock), dt)
-            bins = np.clip(np.searchsorted(EDGES, rates, side="right") - 1, 0, len(power) - 1)
+            bins = np.clip(np.searchsorted(edges, rates, side="right") - 1, 0, len(power) - 1)
             power += len(clock) * np.bincount(bins, line, len(power))
-            rows, nyquist = rows + len(clock), min(nyquist, 0.5 / dt)
-    return power / max(rows, 1), min(nyquist, EDGES[-1])
-
-
-def _hold_ends(
-    gap: Gap, model: mujoco.MjModel | None, joint: str
-) -> Iterator[tuple[int, float, float]]:
-    """At the end of each hold: from which side it came, measured and simulated error."""
-    actuator = driver_of(gap.log, model, joint) if joint in gap.joints else None
-    if actuator is None:
-        return
-    column, still = gap.joints.index(joint), held(gap.log, actuator)
-    ctrl = gap.log.column(f"ctrl.{actuator}")
-    ends = np.flatnonzero(still & ~np.append(still[1:], False))
-    for end in ends:
-        before = np.flatnonzero(np.abs(ctrl[:end] - ctrl[end]) > 1e-2)
-        if before.size and gap.log.episode[before[-1]] == gap.log.episode[end]:
-            side = 1 if ctrl[before[-1]] < ctrl[end] else -1
-            errors = (p[end, column] - ctrl[end] for p in (gap.measured, gap.simulated))
-            yield side, *errors
+            rows, nyquist = rows + len(clock), min(nyquist, 1 / (2 * dt))
+    return power / max(rows, 1), min(nyquist, edges[-1])

@@ -23,14 +23,8 @@ from envs.effects.friction import STIFF_SOLIMP
 from envs.plant import Fixed
 from hardware.log import Log
 from sim2real.diagnosis.data.trial import Piece, choose, trial
-
-SECONDS, PIECES = 5.0, 4  # of a replay, and how many
-CHANGES = 0.1  # of the gap: a smaller change is none
-TINY = 0.005  # of the motion: nobody minds less
-GONE = 0.25  # of an effect's gain that has to be left for it to be physics
-INERTIA = 5e-4  # kg m^2: of the smallest servos, XL-320 1.1e-3
-LEAST = 0.03  # rad or m: a joint that moves less counts as moving this much
-WORST = 5.0  # of a joint's motion: larger errors count as this
+from sim2real.diagnosis.settings import DEFAULT
+from sim2real.diagnosis.settings import Numerics as Limits
 
 
 class NullTest(NamedTuple):
@@ -55,7 +49,10 @@ class NullTest(NamedTuple):
 
 
 def null_test(
-    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], fixed: Sequence[Fixed] = ()
+    logs: Sequence[Log],
+    specs: Sequence[mujoco.MjSpec],
+    fixed: Sequence[Fixed] = (),
+    settings: Limits = DEFAULT.numerics,
 ) -> NullTest:
     """Replay pieces of logs in models with better numerics.
 
@@ -63,29 +60,32 @@ def null_test(
         logs: the logs.
         specs: the model of each.
         fixed: effects that are in the model already.
+        settings: the changes, and which of their results count.
     """
-    pieces = choose(logs, SECONDS, PIECES)
+    pieces = choose(logs, settings.piece_s, settings.pieces)
     if not pieces:
         return NullTest(0.0, {}, {}, {})
-    gap, nominal = _replayed(pieces, specs, fixed)
+    gap, nominal = _replayed(pieces, specs, fixed, settings)
     gaps, moved, words = {}, {}, {}
-    for name, (_, what) in VARIANTS.items():
+    for name in VARIANTS:
         if all(not _applies(name, specs[one.number]) for one in pieces):
             continue
-        changed = [better(spec, (name,)) for spec in specs]
-        gaps[name], paths = _replayed(pieces, changed, fixed)
-        moved[name] = _distance(pieces, specs, nominal, paths)
-        words[name] = _words(what, gap, gaps[name], moved[name])
+        changed = [better(spec, (name,), settings) for spec in specs]
+        gaps[name], paths = _replayed(pieces, changed, fixed, settings)
+        moved[name] = _distance(pieces, specs, nominal, paths, settings)
+        words[name] = _words(_told(name, settings), gap, gaps[name], moved[name], settings)
         if name == "armature" and (words["timestep"] == "ok" or gaps[name] > gap):
             words[name] = "ok"  # inertia is physics, unless the step is too long without it
     return NullTest(gap, gaps, moved, words)
 
 
-def better(spec: mujoco.MjSpec, names: Sequence[str]) -> mujoco.MjSpec:
+def better(
+    spec: mujoco.MjSpec, names: Sequence[str], settings: Limits = DEFAULT.numerics
+) -> mujoco.MjSpec:
     """Return a copy of a model with these changes of `null_test`."""
     copy = spec.copy()
     for name in names:
-        VARIANTS[name][0](copy)
+        VARIANTS[name][0](copy, settings)
     return copy
 
 
@@ -95,6 +95,7 @@ def is_numerics(
     cause: Sequence[Fixed],
     test: NullTest,
     fixed: Sequence[Fixed] = (),
+    settings: Limits = DEFAULT.numerics,
 ) -> str | None:
     """Say whether what an effect gains vanishes in models with better numerics.
 
@@ -105,22 +106,23 @@ def is_numerics(
         test: of the same logs and models, with the same `fixed`: what a stiff model hides shows
             once its gain is right.
         fixed: effects that are in the model besides.
+        settings: those of the test.
 
     Returns:
         A sentence, or None where the gain stays.
     """
     if not test.needed:
         return None
-    pieces = choose(logs, SECONDS, PIECES)
-    clean = [better(spec, test.needed) for spec in specs]
+    pieces = choose(logs, settings.piece_s, settings.pieces)
+    clean = [better(spec, test.needed, settings) for spec in specs]
     given, mended = (
-        [_replayed(pieces, models, combined(fixed, more))[0] for more in ((), cause)]
+        [_replayed(pieces, models, combined(fixed, more), settings)[0] for more in ((), cause)]
         for models in (specs, clean)
     )
     gain, left = given[0] - given[1], mended[0] - mended[1]
-    if gain <= 0 or left >= GONE * gain or mended[0] > given[0]:
+    if gain <= 0 or left >= settings.gain_left * gain or mended[0] > given[0]:
         return None
-    changes = " and ".join(VARIANTS[name][1] for name in test.needed)
+    changes = " and ".join(_told(name, settings) for name in test.needed)
     return (
         f"It closes {gain / given[0]:.0%} of the gap in the model as given, and "
         f"{max(left, 0.0) / mended[0]:.0%} with {changes}: this is the simulator's numerics, "
@@ -128,10 +130,15 @@ def is_numerics(
     )
 
 
-def _words(what: str, gap: float, changed: float, moved: float) -> str:
-    if moved < max(CHANGES * gap, TINY) or (abs(changed - gap) < CHANGES * gap and moved < gap):
+def _told(name: str, settings: Limits) -> str:
+    return VARIANTS[name][1].format(armature=settings.armature)
+
+
+def _words(what: str, gap: float, changed: float, moved: float, settings: Limits) -> str:
+    least = settings.change * gap
+    if moved < max(least, settings.change_min) or (abs(changed - gap) < least and moved < gap):
         return "ok"
-    if gap < TINY:
+    if gap < settings.change_min:
         return f"with {what} the replay moves by {moved:.3g} of the motion: put that into the model"
     less = "smaller" if changed < gap else "larger"
     return (
@@ -141,7 +148,10 @@ def _words(what: str, gap: float, changed: float, moved: float) -> str:
 
 
 def _replayed(
-    pieces: Sequence[Piece], specs: Sequence[mujoco.MjSpec], fixed: Sequence[Fixed]
+    pieces: Sequence[Piece],
+    specs: Sequence[mujoco.MjSpec],
+    fixed: Sequence[Fixed],
+    settings: Limits,
 ) -> tuple[float, list[np.ndarray]]:
     """The gap of all pieces, and what was simulated."""
     paths, sizes = [], []
@@ -151,7 +161,7 @@ def _replayed(
         paths.append(trial(spec, [one.recording(model)], fixed=fixed)[0])
         for joint, place in _joints(one, model):
             measured = one.log.column(f"qpos.{joint}")
-            sizes.append(_size(paths[-1][:, place] - measured, measured))
+            sizes.append(_size(paths[-1][:, place] - measured, measured, settings))
     return float(np.sqrt(np.mean(np.square(sizes)))) if sizes else 0.0, paths
 
 
@@ -160,19 +170,21 @@ def _distance(
     specs: Sequence[mujoco.MjSpec],
     one: Sequence[np.ndarray],
     other: Sequence[np.ndarray],
+    settings: Limits,
 ) -> float:
     """How far two sets of replays are apart, of the joints' motion."""
     sizes = []
     for cut, before, after in zip(pieces, one, other, strict=True):
         model = specs[cut.number].copy().compile()
         for joint, place in _joints(cut, model):
-            sizes.append(_size(after[:, place] - before[:, place], cut.log.column(f"qpos.{joint}")))
+            measured = cut.log.column(f"qpos.{joint}")
+            sizes.append(_size(after[:, place] - before[:, place], measured, settings))
     return float(np.sqrt(np.mean(np.square(sizes)))) if sizes else 0.0
 
 
-def _size(error: np.ndarray, measured: np.ndarray) -> float:
-    size = float(np.sqrt(np.mean(error**2)) / max(measured.std(), LEAST))
-    return min(size, WORST) if np.isfinite(size) else WORST
+def _size(error: np.ndarray, measured: np.ndarray, settings: Limits) -> float:
+    size = float(np.sqrt(np.mean(error**2)) / max(measured.std(), settings.motion_min))
+    return min(size, settings.error_max) if np.isfinite(size) else settings.error_max
 
 
 def _joints(one: Piece, model: mujoco.MjModel) -> list[tuple[str, int]]:
@@ -195,7 +207,7 @@ def _scalars(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:
     return [joint for joint in spec.joints if joint.type in kinds]
 
 
-def _half_step(spec: mujoco.MjSpec) -> None:
+def _half_step(spec: mujoco.MjSpec, _: Limits) -> None:
     spec.option.timestep /= 2
     for actuator in spec.actuators:
         if actuator.delay > 0:
@@ -203,26 +215,27 @@ def _half_step(spec: mujoco.MjSpec) -> None:
             actuator.nsample = max(actuator.nsample, needed)
 
 
-def _tight(spec: mujoco.MjSpec) -> None:
-    option = spec.option
-    option.tolerance, option.ls_tolerance = min(option.tolerance, 1e-12), 1e-6
-    option.iterations, option.ls_iterations = 4 * option.iterations, 4 * option.ls_iterations
+def _tight(spec: mujoco.MjSpec, settings: Limits) -> None:
+    option, more = spec.option, settings.iterations
+    option.tolerance = min(option.tolerance, settings.tolerance)
+    option.ls_tolerance = settings.line_tolerance
+    option.iterations, option.ls_iterations = more * option.iterations, more * option.ls_iterations
 
 
-def _stiff(spec: mujoco.MjSpec) -> None:
+def _stiff(spec: mujoco.MjSpec, _: Limits) -> None:
     for joint in spec.joints:
         joint.solimp_friction = np.array(STIFF_SOLIMP)
 
 
-def _inertia(spec: mujoco.MjSpec) -> None:
+def _inertia(spec: mujoco.MjSpec, settings: Limits) -> None:
     for joint in _scalars(spec):
         if joint.armature == 0:
-            joint.armature = INERTIA
+            joint.armature = settings.armature
 
 
-VARIANTS: dict[str, tuple[Callable[[mujoco.MjSpec], None], str]] = {
+VARIANTS: dict[str, tuple[Callable[[mujoco.MjSpec, Limits], None], str]] = {
     "timestep": (_half_step, "half the timestep"),
     "solver": (_tight, "a tighter solver"),
     "friction": (_stiff, 'solimpfriction="0.9999 0.9999 0.001"'),
-    "armature": (_inertia, f"an armature of {INERTIA:g} kg m^2 on joints without any"),
+    "armature": (_inertia, "an armature of {armature:g} kg m^2 on joints without any"),
 }

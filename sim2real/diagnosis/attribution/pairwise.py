@@ -1,6 +1,6 @@
-"""Two effects at once: which couple of screened responses would undo the error together.
+"""Two effects at once: which pair of screened responses would undo the error together.
 
-    for couple in couples(problem, base, drift, responses)[:4]: ...
+    for pair in pairs(problem, base, drift, responses)[:4]: ...
 
 Adding effects one by one fails where two that act against each other have one look-alike: a servo
 that is too soft and rubs looks like one whose friction grows with its load.
@@ -16,11 +16,10 @@ import numpy as np
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import FOLDS, Problem
 from sim2real.diagnosis.attribution.screen import Response
+from sim2real.diagnosis.settings import TINY_SQUARE, Screening
 
-LIMITS = (0.3, 3.0)  # how far a response may be scaled
 
-
-class Couple(NamedTuple):
+class Pair(NamedTuple):
     """Two candidates, where a fit of both starts, and the share of the squared error they undo."""
 
     members: tuple[Candidate, Candidate]
@@ -28,10 +27,10 @@ class Couple(NamedTuple):
     gain: float
 
 
-def couples(
+def pairs(
     problem: Problem, base: np.ndarray, drift: np.ndarray, responses: Sequence[Response]
-) -> list[Couple]:
-    """Return the couples of different candidates, the most promising first.
+) -> list[Pair]:
+    """Return the pairs of different candidates, the most promising first.
 
     Args:
         problem: on the screened windows.
@@ -39,8 +38,9 @@ def couples(
         drift: their change with the clock, (W, T, M).
         responses: how each probe changes the simulation.
     """
-    if len(responses) < 2:
+    if not responses:
         return []
+    limits = problem.data.settings.screening
     gram, across, whole = _products(problem, base, drift, responses)
     names = [(r.candidate.name, r.candidate.effect.where) for r in responses]
     numbers = np.array([names.index(name) for name in names])
@@ -48,21 +48,21 @@ def couples(
     left = np.zeros(len(i))
     scales = np.zeros((FOLDS, 2, len(i)))
     for f in range(FOLDS):
-        scales[f] = _solve(gram[f], across[f], i, j)
+        scales[f] = _solve(gram[f], across[f], i, j, limits)
         a, b = scales[f]
         g = 1 - f
         left += whole[g] + 2 * (a * across[g, i] + b * across[g, j])
         left += a * a * gram[g, i, i] + b * b * gram[g, j, j] + 2 * a * b * gram[g, i, j]
-    gains = 1 - left / max(whole.sum(), 1e-18)
-    found: dict[tuple[int, int], Couple] = {}
-    for k in np.argsort(-gains)[:400].tolist():
+    gains = 1 - left / max(whole.sum(), TINY_SQUARE)
+    found: dict[tuple[int, int], Pair] = {}
+    for k in np.argsort(-gains)[: limits.pairs_ranked].tolist():
         one, two = responses[int(i[k])], responses[int(j[k])]
         key = (int(numbers[i[k]]), int(numbers[j[k]]))
         if key not in found:
             mean = scales[:, :, k].mean(axis=0)
-            pair = zip((one, two), mean, strict=True)
-            start = np.concatenate([r.candidate.towards(r.probe, float(c)) for r, c in pair])
-            found[key] = Couple((one.candidate, two.candidate), start, float(gains[k]))
+            both = zip((one, two), mean, strict=True)
+            start = np.concatenate([r.candidate.towards(r.probe, float(c)) for r, c in both])
+            found[key] = Pair((one.candidate, two.candidate), start, float(gains[k]))
     return list(found.values())
 
 
@@ -77,7 +77,7 @@ def _products(
         own = problem.fold == f
         flat = np.stack([r.change[own].ravel() for r in responses])
         error, along = base[own].ravel(), drift[own].ravel()
-        unit = along / max(float(np.linalg.norm(along)), 1e-12)
+        unit = along / max(float(np.linalg.norm(along)), TINY_SQUARE)
         flat = flat - (flat @ unit)[:, None] * unit
         error = error - (error @ unit) * unit
         gram.append(flat @ flat.T)
@@ -86,12 +86,15 @@ def _products(
     return np.array(gram), np.array(across), np.array(whole)
 
 
-def _solve(gram: np.ndarray, across: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+def _solve(
+    gram: np.ndarray, across: np.ndarray, i: np.ndarray, j: np.ndarray, limits: Screening
+) -> np.ndarray:
     """Return the scales (2, pairs) that undo most, within limits."""
-    low, high = LIMITS
+    low, high = limits.pair_scale
+    floor = limits.pair_ridge_floor
     aa, bb, ab = gram[i, i], gram[j, j], gram[i, j]
-    determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb + 1e-30)
+    determinant = np.maximum(aa * bb - ab**2, limits.pair_ridge * aa * bb + floor)
     first = np.clip((-across[i] * bb + across[j] * ab) / determinant, low, high)
-    second = np.clip(-(across[j] + first * ab) / np.maximum(bb, 1e-30), low, high)
-    first = np.clip(-(across[i] + second * ab) / np.maximum(aa, 1e-30), low, high)
+    second = np.clip(-(across[j] + first * ab) / np.maximum(bb, floor), low, high)
+    first = np.clip(-(across[i] + second * ab) / np.maximum(aa, floor), low, high)
     return np.stack([first, second])

@@ -15,7 +15,6 @@ import numpy as np
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import FREE
 from sim2real.diagnosis.attribution.fit import (
-    CLOCK,
     FOLDS,
     Fit,
     Problem,
@@ -26,9 +25,8 @@ from sim2real.diagnosis.attribution.fit import (
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.data.score import Blocks
+from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Causes
 
-LEFT, LEAST = 0.3, 0.005  # half-width of an interval by what is left of a gap, and the least
-FACTOR = 0.01  # the least for factors, of the factor
 DELAYS = ("command_delay", "observation_delay")
 Set = frozenset[int]
 
@@ -59,7 +57,8 @@ def coalitions(
         for kept in combinations(range(count), size):
             part = without(fit, kept)
             if size:
-                part = refine(racing, part.members, part.values[None], 2)
+                rounds = problem.data.settings.causes.subset_rounds
+                part = refine(racing, part.members, part.values[None], rounds)
             found[frozenset(kept)] = problem.held_out(part.members, part.values)
     return found
 
@@ -105,6 +104,7 @@ def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Gener
         left: what is left of the gap over what each of them closes, (n,).
         rng: for the bootstrap.
     """
+    limits, tail = problem.data.settings.causes, problem.data.settings.bootstrap.tail
     error, slope = problem.errors(fit.members, fit.values[None])
     shift = problem.shift(error[0], slope[0])[problem.fold]
     timed = error[0] + shift[:, None, None] * slope[0]
@@ -120,32 +120,36 @@ def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Gener
         down = _summed(np.einsum("prm,rm->rp", flat, residual), numbers[own], blocks.count)
         matrix = np.tensordot(blocks.draws, curve, 1)  # (D, P, P)
         size = np.trace(matrix, axis1=1, axis2=2)[:, None, None]
-        matrix = matrix + (1e-9 * size + 1e-30) * np.eye(flat.shape[0])
+        matrix = matrix + (limits.ridge * size + limits.ridge_floor) * np.eye(flat.shape[0])
         right = np.tensordot(blocks.draws, down, 1)[..., None]
         drawn.append(fit.values[f] - np.linalg.solve(matrix, right)[..., 0])  # (D, P)
     both = np.mean(drawn, axis=0)
-    spread = (np.quantile(both, 0.95, axis=0) - np.quantile(both, 0.05, axis=0)) / 2
+    first, last = np.quantile(both, (tail, 1 - tail), axis=0)
+    spread = (last - first) / 2
     apart = np.abs(fit.values[0] - fit.values[1])
-    half = np.maximum.reduce([spread, apart, _doubt(fit, left), _resolution(problem, fit)])
+    half = np.maximum.reduce([spread, apart, _doubt(fit, left, limits), _resolution(problem, fit)])
     low = np.concatenate([m.low for m in fit.members])
     high = np.concatenate([m.high for m in fit.members])
     return np.stack([np.clip(fit.mean - half, low, high), np.clip(fit.mean + half, low, high)], 1)
 
 
-def _doubt(fit: Fit, left: np.ndarray) -> np.ndarray:
+def _doubt(fit: Fit, left: np.ndarray, limits: Causes = DEFAULT.causes) -> np.ndarray:
     """Return what an error that is left may have done to each parameter, (P,).
 
-    Where something unknown is left, it may act like a part of a cause: `LEFT` of it held
-    nine of ten truths in the development cases of docs/blindcheck.md. Of a
-    factor below 1 it is a part of the logarithm, so that no interval reaches 0 for it alone.
+    Where something unknown is left, `doubt` of it may act like a part of a cause. Of a factor below
+    1 it is a part of the logarithm, so that no interval reaches 0 for it alone.
     """
     neutral = np.concatenate([m.neutral for m in fit.members])
-    share = np.repeat(np.maximum(LEFT * left, LEAST), [len(m.neutral) for m in fit.members])
+    share = np.repeat(
+        np.maximum(limits.doubt * left, limits.doubt_min), [len(m.neutral) for m in fit.members]
+    )
     scaled = np.concatenate([[m.effect.how == "scale"] * len(m.neutral) for m in fit.members])
     size = np.abs(np.where(neutral > FREE, fit.mean, fit.mean - neutral))
-    factor = np.where(scaled, np.maximum(fit.mean, 1e-12), 1.0)
+    factor = np.where(scaled, np.maximum(fit.mean, TINY_SQUARE), 1.0)
     folded = np.minimum(size, factor * np.abs(np.log(factor)))
-    return np.where(scaled, np.maximum(share * folded, FACTOR * factor), share * size)
+    return np.where(
+        scaled, np.maximum(share * folded, limits.factor_doubt_min * factor), share * size
+    )
 
 
 def _resolution(problem: Problem, fit: Fit) -> np.ndarray:
@@ -156,7 +160,7 @@ def _resolution(problem: Problem, fit: Fit) -> np.ndarray:
     count = max((joint.count for joint in problem.data.joints), default=0.0)
     found = []
     for member in fit.members:
-        finest = max(problem.clock, CLOCK) if member.name in DELAYS else 0.0
+        finest = max(problem.clock, problem.settings.clock_s) if member.name in DELAYS else 0.0
         finest = count if member.effect.unit == "rad" else finest
         found += [finest] * len(member.neutral)
     return np.array(found)
@@ -205,25 +209,21 @@ def contradicted(data: Data, blocks: Blocks, rest: np.ndarray, full: np.ndarray)
         scale = blocks.sizes.sum()
         if size > 0:
             gains.append((low * scale / size, high * scale / size))
-    helps = any(low > 0.1 for low, _ in gains)
-    harms = any(high < -0.25 for _, high in gains)
+    limits = data.settings.causes
+    helps = any(low > limits.helps for low, _ in gains)
+    harms = any(high < -limits.harms for _, high in gains)
     return helps and harms
 
 
 def regions(data: Data) -> list[np.ndarray]:
     """Return groups of windows, (W,) bool each: calm, lively, without torque, each settings."""
+    limits = data.settings.causes
     lively = np.array([w.lively for w in data.windows])
-    off = np.array([w.off for w in data.windows]) > 0.05
+    off = np.array([w.off for w in data.windows]) > limits.off_share
     middle = np.median(lively)
     found = [~off & (lively <= middle), ~off & (lively > middle), off]
     settings = [str(log.settings) for log in data.logs]
     for one in dict.fromkeys(settings):
         if settings.count(one) < len(settings):
             found.append(np.array([settings[w.log] == one for w in data.windows]))
-    return [region for region in found if region.sum() >= 2]
-
-
-def cosine(first: np.ndarray, other: np.ndarray) -> float:
-    """Return the largest cosine between the spaces that two sets of changes (P, ...) span."""
-    a, b = (np.linalg.qr(part.reshape(len(part), -1).T)[0] for part in (first, other))
-    return float(np.linalg.svd(a.T @ b, compute_uv=False).max(initial=0.0))
+    return [region for region in found if region.sum() >= limits.part_windows_min]

@@ -14,13 +14,12 @@ import numpy as np
 from sim2real.diagnosis.attribution.fit import FOLDS
 from sim2real.diagnosis.data.dataset import Data, Window
 
-SURE = 0.03  # share of the squared residue below which a free-form model found nothing
-RIDGE = 1e-3
+CUBE = 3
 
 
 def ceiling(data: Data, error: np.ndarray) -> float:
     """Return the share of the squared error (W, T, M) that a free-form model removes, held out."""
-    left, whole = 0.0, float((error**2).sum())
+    left, whole, limits = 0.0, float((error**2).sum()), data.settings.residual
     if whole <= 0:
         return 0.0
     features = [_features(data, window) for window in data.windows]
@@ -32,7 +31,7 @@ def ceiling(data: Data, error: np.ndarray) -> float:
         curve[f] += rows.T @ rows
         across[f] += rows.T @ error[index, : len(own)][own]
     models = [
-        np.linalg.solve(c + RIDGE * np.trace(c) / size * np.eye(size), a)
+        np.linalg.solve(c + limits.ridge * np.trace(c) / size * np.eye(size), a)
         for c, a in zip(curve, across, strict=True)
     ]
     for index, (window, table) in enumerate(zip(data.windows, features, strict=True)):
@@ -44,20 +43,24 @@ def ceiling(data: Data, error: np.ndarray) -> float:
 
 def _features(data: Data, window: Window) -> np.ndarray:
     """Return smooth functions of what the robot was told and did, (T, F), each about 1 in size."""
-    time = window.sample[:, 0]
+    time, limits = window.sample[:, 0], data.settings.residual
     columns = [np.ones(len(time))]
     for j, joint in enumerate(data.joints):
-        q = window.measured[:, j] / max(joint.spread, 1e-9)
-        speed = np.gradient(q, time) / 3.0 if len(time) > 1 else np.zeros_like(q)
-        push = np.gradient(speed, time) / 10.0 if len(time) > 1 else np.zeros_like(q)
-        sign = np.tanh(5.0 * speed)
-        columns += [q, q**2, q**3, np.sin(3 * q), speed, speed * np.abs(speed), sign, push]
+        q = window.measured[:, j] / max(joint.spread, limits.spread_min)
+        speed = _slope(q, time) / limits.speed
+        push = _slope(speed, time) / limits.acceleration
+        sign, wave = np.tanh(limits.sign * speed), np.sin(limits.wave * q)
+        columns += [q, q**2, q**CUBE, wave, speed, speed * np.abs(speed), sign, push]
         columns += [sign * np.abs(q), sign * np.abs(push)]
-    return np.clip(np.column_stack(columns), -10, 10)
+    return np.clip(np.column_stack(columns), -limits.feature_max, limits.feature_max)
+
+
+def _slope(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    return np.gradient(values, time) if len(time) > 1 else np.zeros_like(values)
 
 
 def describe(data: Data, error: np.ndarray, floor: float) -> str:
-    """Return what is left in a sentence; "none" where it is not above twice the floor.
+    """Return what is left in a sentence; "none" where it is within `noise_floors` of the floor.
 
     Args:
         data: the windows.
@@ -65,7 +68,8 @@ def describe(data: Data, error: np.ndarray, floor: float) -> str:
         floor: noise floor, in the units of errors.
     """
     count = max(data.mask.sum() * error.shape[2], 1)
-    if np.sqrt((error**2).sum() / count) <= 2 * floor:
+    limits = data.settings.residual
+    if np.sqrt((error**2).sum() / count) <= limits.noise_floors * floor:
         return "none"
     square = (error**2).sum(axis=(0, 1))
     worst = int(square.argmax())
@@ -75,7 +79,7 @@ def describe(data: Data, error: np.ndarray, floor: float) -> str:
     caught = ceiling(data, error)
     free = (
         f"a free-form model of commands and motion would catch {caught:.0%} of its square"
-        if caught > SURE
+        if caught > limits.found
         else "no free-form model of commands and motion catches any of it"
     )
     return f"{place}, {_tempo(data, error[..., worst])}, {_moment(data, error, worst)}; {free}"
@@ -89,27 +93,28 @@ def _tempo(data: Data, error: np.ndarray) -> str:
         total += float((own**2).sum())
         still += float(len(own) * own.mean() ** 2)
         rough += float((np.diff(own) ** 2).sum())
-    if still > 0.6 * total:
+    if still > data.settings.residual.constant * total:
         return "constant over seconds"
-    return "fast" if rough > 0.3 * total else "slow"
+    return "fast" if rough > data.settings.residual.fast * total else "slow"
 
 
 def _moment(data: Data, error: np.ndarray, joint: int) -> str:
     """Return when the errors of a joint are largest."""
     moving, resting, off = [], [], []
+    limits = data.settings.residual
     for index, window in enumerate(data.windows):
         q = window.measured[:, joint]
-        speed = np.abs(np.gradient(q, window.sample[:, joint])) if len(q) > 1 else np.zeros_like(q)
+        speed = np.abs(_slope(q, window.sample[:, joint]))
         own = error[index, : len(q), joint] ** 2
-        limit = 0.3 * max(data.joints[joint].spread, 1e-9)
+        limit = limits.moving * max(data.joints[joint].spread, limits.spread_min)
         moving.append(own[window.usable & (speed > limit)])
         resting.append(own[window.usable & (speed <= limit)])
-        if window.off > 0.05:
+        if window.off > limits.off_share:
             off.append(own[window.usable])
     means = {
         "in motion": np.concatenate(moving),
         "at rest": np.concatenate(resting),
         "without torque": np.concatenate([np.zeros(0), *off]),
     }
-    found = {name: float(v.mean()) for name, v in means.items() if v.size > 5}
+    found = {name: float(v.mean()) for name, v in means.items() if v.size > limits.rows_min}
     return f"largest {max(found, key=lambda name: found[name])}" if found else "anywhere"

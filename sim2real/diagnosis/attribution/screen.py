@@ -17,10 +17,7 @@ import numpy as np
 
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, columns, sensitivities
-
-SHY = 1e-3  # of a square: keeps changes that look alike from cancelling
-LIKELY = 40  # options that are probed in full beside what is known
-NEAR, FAR = (0.4, 2.2), (0.05, 6.0)  # how far a probe's response may be scaled, between and beyond
+from sim2real.diagnosis.settings import TINY_SQUARE
 
 
 class Guess(NamedTuple):
@@ -67,7 +64,7 @@ def screen(
         found: the effects that are known already.
         options: what may be added to them.
         before: how options changed a simulation with less or other effects known, on the same
-            windows. Beside known effects, of many options only the `LIKELY` are probed in full:
+            windows. Beside known effects, of many options only `probed_max` are probed in full:
             those that would promise most if they changed this simulation as they changed that
             one, or, where nothing is known of them, as their middle probes do.
     """
@@ -76,7 +73,7 @@ def screen(
     result = Screening([], [], base, drift)
     known = sensitivities(problem, found.members, found.values, base) if found.members else ()
     free = np.array([drift, *known])
-    if found.members and len(options) > LIKELY:
+    if found.members and len(options) > problem.data.settings.screening.probed_max:
         options = _likely(problem, found, options, before, result, free)
     _probe(problem, found, options, free, result)
     result.guesses.sort(key=lambda guess: -guess.gain)
@@ -109,7 +106,9 @@ def _likely(
     strangers = [_middle(option) for option in options if option.label not in gains]
     _probe(problem, found, strangers, free, glance)
     gains |= {guess.candidate.label: guess.gain for guess in glance.guesses}
-    kept = sorted(gains, key=lambda label: -gains[label])[:LIKELY]
+    kept = sorted(gains, key=lambda label: -gains[label])[
+        : problem.data.settings.screening.probed_max
+    ]
     now.responses.extend(r for r in glance.responses if r.candidate.label not in kept)
     return [option for option in options if option.label in kept]
 
@@ -187,22 +186,24 @@ def _guess(
         base: of what is known already, (W, T, M).
         free: the changes that may go with it, of the clock and of each known value, (F, W, T, M).
     """
+    limits = problem.data.settings.screening
     before = _squares(problem, _timed(problem, base, free[0]))
     best: Guess | None = None
     own = len(option.neutral) - len(option.effect.free)  # its size, not a phase or the like
     sizes = np.abs(option.probes - option.neutral)[:, :own].sum(axis=1)
     for k, probe in enumerate(option.probes):
         change = error[k] - base
-        if (change**2).sum() < 1e-6 * max(before.sum(), 1e-12):
+        if (change**2).sum() < limits.change_min * max(before.sum(), TINY_SQUARE):
             continue
-        low = FAR[0] if sizes[k] == sizes.min() else NEAR[0]
-        high = FAR[1] if sizes[k] == sizes.max() else NEAR[1]
+        beyond, between = limits.scale_beyond, limits.scale_between
+        low = beyond[0] if sizes[k] == sizes.min() else between[0]
+        high = beyond[1] if sizes[k] == sizes.max() else between[1]
         scales = _scales(problem, base, np.array([change, *free]), (low, high))  # (2, 1 + F)
         other = scales[::-1][problem.fold]  # (W, 1 + F)
         moved = np.array([change, *free[1:]])
         predicted = base + np.einsum("wf,fwtm->wtm", np.delete(other, 1, axis=1), moved)
         left = _timed(problem, predicted, free[0])
-        gain = 1.0 - _squares(problem, left).sum() / max(before.sum(), 1e-18)
+        gain = 1.0 - _squares(problem, left).sum() / max(before.sum(), TINY_SQUARE)
         if best is None or gain > best.gain:
             start = option.towards(probe, float(scales[:, 0].mean()))
             best = Guess(option, start, float(gain), left, found.values + scales[:, 2:])
@@ -216,12 +217,13 @@ def _scales(
 
     The first one's scale stays within bounds, the second one's, the clock's, within a step.
     """
+    limits = problem.data.settings.screening
     found = np.zeros((FOLDS, len(changes)))
     for f in range(FOLDS):
         own = problem.fold == f
         flat, rest = changes[:, own].reshape(len(changes), -1), base[own].ravel()
         curve, down = flat @ flat.T, -flat @ rest
-        curve += np.diag(SHY * np.diag(curve) + 1e-15)
+        curve += np.diag(limits.ridge * np.diag(curve) + limits.ridge_floor)
         held: list[int] = []
         for number, (low, high) in ((1, (-problem.clock, problem.clock)), (0, bounds)):
             found[f] = _solve(curve, down, found[f], held)

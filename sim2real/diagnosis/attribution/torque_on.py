@@ -1,6 +1,6 @@
 """What the rows with torque say alone: a cause whose law is wrong for a joint that swings freely.
 
-    found = instead(search, search.run())
+    found = refit_torque_on(search, search.run())
 
 A cause may have the right name and a law that fails without torque: friction that follows the
 motor's load is gone when the motor is off, where another law of the same name still rubs. Judged on
@@ -19,42 +19,38 @@ from sim2real.diagnosis.attribution.fit import Problem
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.windows import Window
-
-CLOSED = 0.6  # least share of the gap under torque that one cause must close
-EXPLAINED = 0.9  # share of the whole gap from which nothing else is looked for
-HARM = 2.0  # times the squared error without torque: less is no contradiction
-SIMPLER = 1.25  # how much worse than several causes one alone may be, under torque
-FEWEST = 4  # windows, of each kind
+from sim2real.diagnosis.settings import TINY_SQUARE
 
 
-def instead(search: Search, found: Found) -> Found:
+def refit_torque_on(search: Search, found: Found) -> Found:
     """Return the one cause that explains the rows with torque and fails without, or what was found.
 
     Args:
         search: of all rows, after its run.
         found: what it found.
     """
-    after = search.blocks.rms(found.error)
-    if after <= 2 * search.floor or search.closed(after) >= EXPLAINED:
-        return found
     data = search.problem.data
+    limits, after = data.settings.torque_on, search.blocks.rms(found.error)
+    done = after <= limits.explained_floors * search.floor
+    if done or search.closed(after) >= limits.explained:
+        return found
     on = with_torque(data)  # (W, T)
     off = data.mask & ~on
     chosen = np.flatnonzero(on.sum(axis=1) > 1)
-    if not off.any() or len(chosen) < FEWEST:
+    if not off.any() or len(chosen) < limits.windows_min:
         return found
     own = _search(search, on, chosen)
     contenders = own.race(own.none, own.base)
-    if not contenders or own.closed(own.blocks.rms(contenders[0].error)) < CLOSED:
+    if not contenders or own.closed(own.blocks.rms(contenders[0].error)) < limits.closed:
         return found
     best = own.polish(contenders[0])
     least = own.blocks.rms(np.where(on[..., None], found.error, 0.0)[chosen])
-    room = SIMPLER if len(found.fit.members) > 1 else 1.0
+    room = limits.simpler if len(found.fit.members) > 1 else 1.0
     known = {(m.name, m.place) for m in found.fit.members}
     whole = search.problem.held_out(best.fit.members, best.fit.values)
-    harm = (whole[off] ** 2).sum() / max((search.base[off] ** 2).sum(), 1e-18)
+    harm = (whole[off] ** 2).sum() / max((search.base[off] ** 2).sum(), TINY_SQUARE)
     same = len(known) == 1 and (best.candidate.name, best.candidate.place) in known
-    if same or harm < HARM or own.blocks.rms(best.error) > room * least:
+    if same or harm < limits.harm or own.blocks.rms(best.error) > room * least:
         return found
     rivals = [Contender(c.candidate, c.fit, _placed(c.error, data, chosen)) for c in contenders]
     label = best.candidate.label

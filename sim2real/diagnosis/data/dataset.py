@@ -22,12 +22,11 @@ import numpy as np
 from envs.replay import switchable
 from hardware.log import Log
 from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.recording import check_log, load_model, with_bus_delay
 from sim2real.diagnosis.data.windows import Joint, Window, cut, cut_one
+from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 from sim2real.runs.errors import Sim2RealError
-
-BLOCK = 1.0  # s: errors further apart than this are taken as independent
-STILL = 3.0  # encoder counts, or 1e-4 of a turn: a joint that moved less than this did not move
 
 
 @dataclass(frozen=True)
@@ -43,6 +42,7 @@ class Data:
         fold: 0 or 1 for each window, (W,).
         mask: which rows are compared, (W, T).
         measured: (W, T, M).
+        settings: of this and all later stages.
     """
 
     logs: tuple[Log, ...]
@@ -53,10 +53,18 @@ class Data:
     fold: np.ndarray
     mask: np.ndarray
     measured: np.ndarray
+    settings: Settings = DEFAULT
 
     @staticmethod
-    def of(logs: Sequence[Log], model: str | Path | None = None) -> Data:
+    def of(
+        logs: Sequence[Log], model: str | Path | None = None, settings: Settings = DEFAULT
+    ) -> Data:
         """Cut logs into windows.
+
+        Args:
+            logs: of one robot.
+            model: an MJCF for all of them; None takes the one that each log names.
+            settings: of this and all later stages.
 
         Raises:
             Sim2RealError: no model, a log whose joints never move, or logs without a joint in
@@ -66,8 +74,8 @@ class Data:
         specs, models, which = _models(logs, model)
         for log, index in zip(logs, which, strict=True):
             check_log(log, models[index])
-        joints = _joints(logs, [models[i] for i in which])
-        _refuse_still(logs, joints)
+        joints = _joints(logs, [models[i] for i in which], settings)
+        _refuse_still(logs, joints, settings)
         windows = cut(logs, which, models, joints)
         longest = max(len(w.measured) for w in windows)
         mask = _masks(windows, longest)
@@ -78,9 +86,10 @@ class Data:
             tuple(models),
             tuple(joints),
             tuple(windows),
-            _folds(windows),
+            _folds(windows, settings),
             mask,
             measured,
+            settings,
         )
 
     @property
@@ -99,8 +108,8 @@ class Data:
         found, count = np.full(self.mask.shape, -1), 0
         for index, window in enumerate(self.windows):
             time = window.sample[:, 0] - window.sample[0, 0]
-            pieces = max(1, round(time[-1] / BLOCK)) if len(time) > 1 else 1
-            own = np.minimum((time / max(time[-1], 1e-9) * pieces).astype(int), pieces - 1)
+            pieces = max(1, round(time[-1] / self.settings.dataset.block_s)) if len(time) > 1 else 1
+            own = np.minimum((time / max(time[-1], TINY) * pieces).astype(int), pieces - 1)
             found[index, : len(own)] = np.where(window.usable, count + own, -1)
             count += pieces
         return found
@@ -177,30 +186,35 @@ def _models(
     return specs, [spec.copy().compile() for spec in specs], which
 
 
-def _joints(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> list[Joint]:
+def _joints(
+    logs: Sequence[Log], models: Sequence[mujoco.MjModel], settings: Settings
+) -> list[Joint]:
     """Return the hinges and slides that every log and model has."""
     found = []
     for i in range(models[0].njnt):
-        name, kind = models[0].joint(i).name, int(models[0].jnt_type[i])
+        name = models[0].joint(i).name
         column = f"qpos.{name}"
-        if kind not in (2, 3) or not all(column in log.columns for log in logs):
+        if not is_scalar(models[0], i) or not all(column in log.columns for log in logs):
             continue
         if any(name not in [m.joint(k).name for k in range(m.njnt)] for m in models):
             continue
         values = np.concatenate([log.column(column) for log in logs])
-        unit = "rad" if kind == int(mujoco.mjtJoint.mjJNT_HINGE) else "m"
+        unit = "rad" if models[0].jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "m"
         spread = float(values.std())
         place = int(models[0].jnt_qposadr[i])
-        found.append(Joint(name, place, unit, step_of(values), spread, 1.0))
+        step = step_of(values, settings.encoder)
+        found.append(Joint(name, place, unit, step, spread, 1.0))
     if not found:
         raise Sim2RealError("the logs have no hinge or slide in common that their models have too")
     if len({joint.unit for joint in found}) > 1:
-        found = [joint._replace(scale=max(joint.spread, 1e-6)) for joint in found]
+        least = settings.dataset.scale_min
+        found = [joint._replace(scale=max(joint.spread, least)) for joint in found]
     return found
 
 
-def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint]) -> None:
-    still = [j.name for j in joints if j.spread < STILL * max(j.count, 1e-4)]
+def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint], settings: Settings) -> None:
+    counts, least = settings.dataset.still_counts, settings.dataset.count_min
+    still = [j.name for j in joints if j.spread < counts * max(j.count, least)]
     if len(still) == len(joints):
         names = ", ".join(still)
         place = logs[0].path or "the log"
@@ -210,13 +224,13 @@ def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint]) -> None:
         )
 
 
-def _folds(windows: Sequence[Window]) -> np.ndarray:
+def _folds(windows: Sequence[Window], settings: Settings = DEFAULT) -> np.ndarray:
     """Return 0 or 1 for each window: like with like, in the order 0 1 1 0.
 
     Those without torque are dealt by themselves, so that of two of them each fold gets one.
     """
     episodes = list(dict.fromkeys((w.log, w.episode) for w in windows))
-    whole = len(episodes) >= 4
+    whole = len(episodes) >= settings.dataset.whole_episodes_min
     groups = episodes if whole else list(range(len(windows)))
     key = [(w.log, w.episode) if whole else i for i, w in enumerate(windows)]
 
@@ -225,10 +239,10 @@ def _folds(windows: Sequence[Window]) -> np.ndarray:
             np.mean([getattr(w, trait) for w, k in zip(windows, key, strict=True) if k == group])
         )
 
-    side = {}
+    side, off = {}, settings.dataset.off_share
     for free in (False, True):
-        own = [group for group in groups if (mean(group, "off") > 0.02) == free]
+        own = [group for group in groups if (mean(group, "off") > off) == free]
         turns = (1, 0, 0, 1) if free else (0, 1, 1, 0)
         for place, group in enumerate(sorted(own, key=lambda group: mean(group, "lively"))):
-            side[group] = turns[place % 4]
+            side[group] = turns[place % len(turns)]
     return np.array([side[k] for k in key])

@@ -14,77 +14,85 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from math import comb
 
 import numpy as np
 
 from hardware.log import Log
+from sim2real.diagnosis.settings import DEFAULT, TINY, Encoder, NoiseFloor, Settings
 
-HISTORY = 1.0  # s of commands that must agree
-TICKS = 20  # at which they are compared in that time
-EVERY = 0.1  # s between the moments that are looked at
-SAME = 2e-3  # rad or m: commands this near count as the same
-MOVED = 0.02  # rad or m: a command that moves less in that time holds still
-FEWEST = 20  # repeats below which scatter is not trusted
-FOURTH = 70  # variances in a fourth difference: 1 + 16 + 36 + 16 + 1
-APART = 5.0, 3.0  # times the middle scatter, and counts, beyond which moments are not repeats
-SLOW = 0.3  # share of the rows that count as slow
+ORDER = 4  # of the differences that a cubic leaves
+UNIFORM = 12  # 1/12 is the variance of an error that is uniform within one count
 
 
-def noise_floor(logs: Sequence[Log]) -> dict[str, float]:
-    """Return the noise of a single run by joint [rad or m], root mean square."""
+def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, float]:
+    """Return the noise of a single run by joint [rad or m], root mean square.
+
+    Args:
+        logs: of one robot.
+        settings: those of `encoder` and `noise_floor` are used.
+    """
     names = list(dict.fromkeys(name for log in logs for name in _positions(log)))
-    own = {name: _rest(logs, name) for name in names}
-    return own | {name: max(scatter, own[name]) for name, scatter in _repeats(logs, names).items()}
+    own = {name: _rest(logs, name, settings) for name in names}
+    repeats = _repeats(logs, names, settings)
+    return own | {name: max(scatter, own[name]) for name, scatter in repeats.items()}
 
 
-def step_of(values: np.ndarray) -> float:
+def step_of(values: np.ndarray, settings: Encoder = DEFAULT.encoder) -> float:
     """Return the step between two readings of an encoder, 0 if they are not rounded."""
     steps = np.diff(np.unique(values))
-    steps = steps[steps > 1e-6]
-    if len(steps) < 5:
+    steps = steps[steps > settings.same]
+    if len(steps) < settings.steps_min:
         return 0.0
-    step = float(np.median(steps[steps < 1.5 * steps.min()]))
-    near = steps[steps < 50 * step]
-    whole = np.abs(near / step - np.round(near / step)) < 0.02
-    return step if whole.mean() > 0.95 else 0.0
+    step = float(np.median(steps[steps < settings.one_count * steps.min()]))
+    near = steps[steps < settings.tested_counts * step]
+    whole = np.abs(near / step - np.round(near / step)) < settings.whole_error
+    return step if whole.mean() > settings.whole_share else 0.0
+
+
+def rounding(step: float) -> float:
+    """Return the root mean square error of rounding to steps of this size."""
+    return float(step / np.sqrt(UNIFORM))
 
 
 def _positions(log: Log) -> list[str]:
     return [name for name in log.joints if f"qpos.{name}" in log.columns]
 
 
-def _rest(logs: Sequence[Log], joint: str) -> float:
+def _rest(logs: Sequence[Log], joint: str, settings: Settings) -> float:
     """What a cubic through neighbouring rows leaves of a slow joint's position, or a count's."""
     parts = [
         part.column(f"qpos.{joint}")
         for log in logs
         if f"qpos.{joint}" in log.columns
         for part in log.episodes()
-        if len(part) >= 5
+        if len(part) > ORDER
     ]
     if not parts:
         return 0.0
-    step = step_of(np.concatenate(parts))
-    rests = np.concatenate([np.diff(q, 4) for q in parts])
-    moves = np.concatenate([np.abs(q[4:] - q[:-4]) for q in parts])
-    slow = rests[moves <= np.quantile(moves, SLOW)]
-    noise = np.sqrt(np.mean(slow**2) / FOURTH) if slow.size else 0.0
-    return float(max(noise, step / np.sqrt(12)))
+    step = step_of(np.concatenate(parts), settings.encoder)
+    rests = np.concatenate([np.diff(q, ORDER) for q in parts])
+    moves = np.concatenate([np.abs(q[ORDER:] - q[:-ORDER]) for q in parts])
+    slow = rests[moves <= np.quantile(moves, settings.noise_floor.slow_share)]
+    variances = comb(2 * ORDER, ORDER)  # of a reading, in that of its difference
+    noise = np.sqrt(np.mean(slow**2) / variances) if slow.size else 0.0
+    return float(max(noise, rounding(step)))
 
 
-def _repeats(logs: Sequence[Log], names: Sequence[str]) -> dict[str, float]:
+def _repeats(logs: Sequence[Log], names: Sequence[str], settings: Settings) -> dict[str, float]:
     """The scatter of each joint over moments whose commands agree for a second before."""
+    limits = settings.noise_floor
     groups: dict[tuple[str, bytes], list[tuple[int, float, np.ndarray]]] = {}
     number = 0
     for log in logs:
-        settings = json.dumps(log.settings, sort_keys=True)
+        registers = json.dumps(log.settings, sort_keys=True)
         for part in log.episodes():
             number += 1
-            for when, key, q in _moments(part, names):
-                groups.setdefault((settings, key), []).append((number, when, q))
+            for when, key, q in _moments(part, names, limits):
+                groups.setdefault((registers, key), []).append((number, when, q))
     squares, freedom = [], []
     for moments in groups.values():
-        values = np.array(_apart(moments))  # (n, M)
+        values = np.array(_apart(moments, limits.history_s))  # (n, M)
         if len(values) > 1:
             squares.append(((values - values.mean(axis=0)) ** 2).sum(axis=0))
             freedom.append(len(values) - 1)
@@ -95,32 +103,37 @@ def _repeats(logs: Sequence[Log], names: Sequence[str]) -> dict[str, float]:
         scatter = np.sqrt(own / number)
         if not scatter.size:
             continue
-        far = max(APART[0] * float(np.median(scatter)), APART[1] * _count(logs, name))
+        counts = limits.outlier_counts * _count(logs, name, settings.encoder)
+        far = max(limits.outlier_scatter * float(np.median(scatter)), counts)
         near = scatter <= far
-        if number[near].sum() >= FEWEST:
+        if number[near].sum() >= limits.repeats_min:
             found[name] = float(np.sqrt(own[near].sum() / number[near].sum()))
     return found
 
 
-def _count(logs: Sequence[Log], joint: str) -> float:
+def _count(logs: Sequence[Log], joint: str, settings: Encoder) -> float:
     """Return the step between two readings of a joint, 0 if they are not rounded."""
     column = f"qpos.{joint}"
-    return step_of(np.concatenate([log.column(column) for log in logs if column in log.columns]))
+    values = [log.column(column) for log in logs if column in log.columns]
+    return step_of(np.concatenate(values), settings)
 
 
-def _moments(part: Log, names: Sequence[str]) -> list[tuple[float, bytes, np.ndarray]]:
+def _moments(
+    part: Log, names: Sequence[str], settings: NoiseFloor
+) -> list[tuple[float, bytes, np.ndarray]]:
     """Moments of an episode: when, the commands of the second before as a key, and positions."""
     ctrl = np.column_stack([part.column(f"ctrl.{name}") for name in part.actuators])
     on = [part.columns.get(f"torque.{name}", np.ones(len(part))) for name in part.actuators]
     ctrl = np.column_stack([ctrl, *on])
-    whole = [np.arange(np.ceil((part.time[0] + HISTORY) / EVERY) * EVERY, part.time[-1], EVERY)]
+    history, every = settings.history_s, settings.every_s
     found = []
-    for when in whole[0]:
-        ticks = np.linspace(when - HISTORY, when, TICKS)
-        rows = np.maximum(np.searchsorted(part.time, ticks + 1e-9, side="right") - 1, 0)
-        key = np.round(ctrl[rows] / SAME).astype(np.int64).tobytes()
+    for when in np.arange(np.ceil((part.time[0] + history) / every) * every, part.time[-1], every):
+        ticks = np.linspace(when - history, when, settings.compared_moments)
+        rows = np.maximum(np.searchsorted(part.time, ticks + TINY, side="right") - 1, 0)
+        key = np.round(ctrl[rows] / settings.same_command).astype(np.int64).tobytes()
         row = int(rows[-1])
-        moved = {n: np.ptp(c) > MOVED for n, c in zip(part.actuators, ctrl[rows].T, strict=False)}
+        sent = zip(part.actuators, ctrl[rows].T, strict=False)
+        moved = {name: np.ptp(values) > settings.moved for name, values in sent}
         q = [
             part.column(f"qpos.{name}")[row] if moved.get(name, any(moved.values())) else np.nan
             for name in names
@@ -129,10 +142,10 @@ def _moments(part: Log, names: Sequence[str]) -> list[tuple[float, bytes, np.nda
     return found
 
 
-def _apart(moments: Sequence[tuple[int, float, np.ndarray]]) -> list[np.ndarray]:
-    """Of moments that lie within a second of each other, keep the first."""
+def _apart(moments: Sequence[tuple[int, float, np.ndarray]], history: float) -> list[np.ndarray]:
+    """Of moments that lie within the history [s] of each other, keep the first."""
     kept: list[tuple[int, float, np.ndarray]] = []
     for moment in moments:
-        if not kept or moment[0] != kept[-1][0] or moment[1] - kept[-1][1] > HISTORY:
+        if not kept or moment[0] != kept[-1][0] or moment[1] - kept[-1][1] > history:
             kept.append(moment)
     return [q for *_, q in kept]

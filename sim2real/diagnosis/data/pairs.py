@@ -9,14 +9,19 @@ import mujoco
 from hardware.log import Log
 
 Pairs = list[tuple[Log, mujoco.MjModel]]
+SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+SHOWN = 3  # logs that a sentence names
+
+
+def is_scalar(model: mujoco.MjModel, joint: int) -> bool:
+    """Return whether a joint, by its number, is a hinge or a slide."""
+    return int(model.jnt_type[joint]) in SCALAR
 
 
 def joints_of(pairs: Pairs) -> list[str]:
     """The hinges and slides that are logged, in the first model's order."""
     logged = {name for log, _ in pairs for name in log.joints}
-    names = [
-        m.joint(i).name for _, m in pairs for i in range(m.njnt) if int(m.jnt_type[i]) in (2, 3)
-    ]
+    names = [m.joint(i).name for _, m in pairs for i in range(m.njnt) if is_scalar(m, i)]
     return [name for name in dict.fromkeys(names) if name in logged]
 
 
@@ -47,5 +52,5 @@ def which(found: Sequence[tuple], pairs: Pairs) -> str:
     """Say which logs, where it is not all of them."""
     if len(found) == len(pairs):
         return "" if len(pairs) == 1 else " in every log"
-    names = ", ".join(name_of(item[0]) for item in found[:3])
-    return f" in {len(found)} of {len(pairs)} logs ({names}{', …' if len(found) > 3 else ''})"
+    names = ", ".join(name_of(item[0]) for item in found[:SHOWN])
+    return f" in {len(found)} of {len(pairs)} logs ({names}{', …' if len(found) > SHOWN else ''})"

@@ -12,9 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim2real.diagnosis.data.dataset import Data
-
-DRAWS = 400
-ENDS = (0.05, 0.95)  # of a 90 % interval
+from sim2real.diagnosis.settings import TINY
 
 
 class Blocks:
@@ -33,7 +31,9 @@ class Blocks:
         self.numbers = compact  # (rows,)
         self.count = int(compact.max()) + 1
         self.sizes = np.bincount(compact, minlength=self.count) * len(data.joints)
-        self.draws = rng.multinomial(self.count, np.full(self.count, 1 / self.count), DRAWS)
+        draws, tail = data.settings.bootstrap.draws, data.settings.bootstrap.tail
+        self.draws = rng.multinomial(self.count, np.full(self.count, 1 / self.count), draws)
+        self._tails = tail, 1 - tail
 
     def squares(self, error: np.ndarray) -> np.ndarray:
         """Return the summed square error of each block, (B,), of errors (W, T, M)."""
@@ -50,25 +50,24 @@ class Blocks:
 
     def interval(self, error: np.ndarray) -> tuple[float, float]:
         """Return the 90 % interval of the root mean square."""
-        return ends(self.drawn(error))
+        return self._ends(self.drawn(error))
 
     def gain(self, before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
         """Return the 90 % interval of the fall of the mean square error, paired."""
         fall = self.squares(before) - self.squares(after)
-        return ends(self.draws @ fall / (self.draws @ self.sizes))
+        return self._ends(self.draws @ fall / (self.draws @ self.sizes))
 
     def closed(
         self, before: np.ndarray, after: np.ndarray, floor: float
     ) -> tuple[float, tuple[float, float]]:
         """Return the share of the closable gap that is closed, and its 90 % interval."""
         first, last = self.drawn(before), self.drawn(after)
-        drawn = (first - last) / np.maximum(first - floor, 1e-12)
-        value = (self.rms(before) - self.rms(after)) / max(self.rms(before) - floor, 1e-12)
-        low, high = ends(np.minimum(drawn, 1.0))
+        drawn = (first - last) / np.maximum(first - floor, TINY)
+        value = (self.rms(before) - self.rms(after)) / max(self.rms(before) - floor, TINY)
+        low, high = self._ends(np.minimum(drawn, 1.0))
         return min(value, 1.0), (low, high)
 
-
-def ends(values: np.ndarray) -> tuple[float, float]:
-    """Return the ends of the 90 % interval of drawn values (D,)."""
-    low, high = np.quantile(values, ENDS)
-    return float(low), float(high)
+    def _ends(self, values: np.ndarray) -> tuple[float, float]:
+        """Return the ends of the interval of drawn values (D,)."""
+        low, high = np.quantile(values, self._tails)
+        return float(low), float(high)

@@ -20,51 +20,46 @@ from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of, name_of, u
 from sim2real.diagnosis.data.windows import reversals
 from sim2real.diagnosis.preflight.servo_signals import check_duties, check_speeds
 from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import DEFAULT, Channels, Settings
 
 NOTES = frozenset({"quantization", "noise", "velocity_filter", "unsigned"})
-JITTER, LONG, MANY = 0.25, 2.5, 0.005  # of the median interval; times it; share of rows
-STILL = {"rad": 0.05, "m": 0.005}  # a joint that moves less in all logs says nothing
-FEW = 4  # reversals that friction and play need
-HELD = 0.3  # share of rows at the limit of force above which gains cannot be seen
+MILLI = 1e-3
+Check = Callable[[Pairs, Settings], Iterator[Finding]]
 
 
-def check_channels(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> list[Finding]:
+def check_channels(
+    logs: Sequence[Log], models: Sequence[mujoco.MjModel], settings: Settings = DEFAULT
+) -> list[Finding]:
     """Return what the channels of logs contradict.
 
     Args:
         logs: the logs.
         models: the model of each.
+        settings: those of `channels`, `servo` and `encoder` are used.
     """
     pairs = list(zip(logs, models, strict=True))
-    checks: list[Callable[[Pairs], Iterator[Finding]]] = [
-        _rate,
-        _loss,
-        _excitation,
-        check_duties,
-        check_speeds,
-        _limits,
-        _resolution,
-        _unsigned,
-    ]
-    return [finding for check in checks for finding in check(pairs)]
+    return [finding for check in CHECKS for finding in check(pairs, settings)]
 
 
-def _rate(pairs: Pairs) -> Iterator[Finding]:
+def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Irregular stamps, gaps, and a rate other than the metadata say."""
+    limits = settings.channels
     uneven, gaps, wrong, unit = [], [], [], []
     for log, _ in pairs:
         steps = np.concatenate([np.diff(part.time) for part in log.episodes()])
         middle = float(np.median(steps))
-        if middle > 0.5 or middle < 1e-4:
-            factor = 1e-3 if middle > 0.5 else 1e3
+        if middle > limits.slowest_s or middle < limits.fastest_s:
+            factor = MILLI if middle > limits.slowest_s else 1 / MILLI
             unit.append((log, middle, factor))
             continue
-        if np.percentile(np.abs(steps - middle), 95) > JITTER * middle:
-            uneven.append((log, f"{1e3 * middle:.3g} ms ± {1e3 * steps.std():.2g} ms"))
-        if np.mean(steps > LONG * middle) > 0:
-            gaps.append((log, f"{int(np.sum(steps > LONG * middle))} of up to {steps.max():.3g} s"))
+        usual = np.percentile(np.abs(steps - middle), limits.jitter_percentile)
+        if usual > limits.jitter * middle:
+            uneven.append((log, f"{middle / MILLI:.3g} ms ± {steps.std() / MILLI:.2g} ms"))
+        long = steps > limits.gap * middle
+        if long.any():
+            gaps.append((log, f"{int(long.sum())} of up to {steps.max():.3g} s"))
         said = log.meta.get("rate")
-        if isinstance(said, int | float) and abs(middle * said - 1) > 0.1:
+        if isinstance(said, int | float) and abs(middle * said - 1) > limits.rate_error:
             wrong.append((log, middle * said, said))
     if unit:
         _, middle, factor = unit[0]
@@ -101,8 +96,9 @@ def _rate(pairs: Pairs) -> Iterator[Finding]:
         )
 
 
-def _loss(pairs: Pairs) -> Iterator[Finding]:
+def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Readings that were lost, or said twice while the joint moved."""
+    limits = settings.channels
     for joint in joints_of(pairs):
         lost = rows = 0
         for log, _ in pairs:
@@ -111,15 +107,16 @@ def _loss(pairs: Pairs) -> Iterator[Finding]:
                 continue
             for part in log.episodes():
                 q = part.column(column)
-                step = max(step_of(log.column(column)), 1e-6)
-                if len(q) < 4:
+                step = max(step_of(log.column(column), settings.encoder), limits.count_min)
+                if len(q) <= len(("before", "same", "after")):
                     continue
                 same = q[1:-2] == q[2:-1]
                 before, after = q[1:-2] - q[:-3], q[3:] - q[2:-1]
-                moving = np.minimum(np.abs(before), np.abs(after)) > 3 * step
+                moved = np.minimum(np.abs(before), np.abs(after))
+                moving = moved > limits.repeat_counts * step
                 lost += int(np.sum(same & moving & (before * after > 0)))
                 rows += len(q)
-        if rows and lost / rows > MANY:
+        if rows and lost / rows > limits.lost_share:
             yield Finding(
                 "packet_loss",
                 joint,
@@ -129,7 +126,7 @@ def _loss(pairs: Pairs) -> Iterator[Finding]:
             )
     for log, _ in pairs:
         fresh = log.columns.get("flag.fresh")
-        if fresh is not None and np.mean(fresh <= 0) > MANY:
+        if fresh is not None and np.mean(fresh <= 0) > limits.lost_share:
             share = float(np.mean(fresh <= 0))
             yield Finding(
                 "packet_loss",
@@ -139,18 +136,20 @@ def _loss(pairs: Pairs) -> Iterator[Finding]:
             )
 
 
-def _excitation(pairs: Pairs) -> Iterator[Finding]:
+def _excitation(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Joints that never moved enough, or never turned back."""
-    for joint, (moved, turns) in excitation(pairs).items():
+    limits = settings.channels
+    still = {"rad": limits.still_rad, "m": limits.still_m}
+    for joint, (moved, turns) in excitation(pairs, limits).items():
         unit = unit_of(pairs, joint)
-        if moved < STILL[unit]:
+        if moved < still[unit]:
             yield Finding(
                 "excitation",
                 joint,
                 f"{joint} moved by {moved:.3g} {unit} in all logs: nothing can be said about it.",
                 "Record motions of this joint: run=record motions=[ramp,chirp,steps].",
             )
-        elif turns < FEW:
+        elif turns < limits.reversals_min:
             yield Finding(
                 "reversals",
                 joint,
@@ -159,7 +158,7 @@ def _excitation(pairs: Pairs) -> Iterator[Finding]:
             )
 
 
-def excitation(pairs: Pairs) -> dict[str, tuple[float, int]]:
+def excitation(pairs: Pairs, settings: Channels = DEFAULT.channels) -> dict[str, tuple[float, int]]:
     """Return by joint how far it moved [rad or m] and how often it turned back."""
     found = {}
     for joint in joints_of(pairs):
@@ -170,12 +169,14 @@ def excitation(pairs: Pairs) -> dict[str, tuple[float, int]]:
             for part in log.episodes()
         ]
         moved = max(float(np.ptp(q)) for q in parts)
-        found[joint] = moved, sum(reversals(q, 0.1 * moved) for q in parts)
+        size = settings.reversal_size * moved
+        found[joint] = moved, sum(reversals(q, size) for q in parts)
     return found
 
 
-def _limits(pairs: Pairs) -> Iterator[Finding]:
+def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Commands that the model clamps, and rows at its limit of force."""
+    limits = settings.channels
     for name in dict.fromkeys(name for log, _ in pairs for name in log.actuators):
         outside, held, rows = 0, 0, 0
         reach = (0.0, 0.0)
@@ -187,10 +188,10 @@ def _limits(pairs: Pairs) -> Iterator[Finding]:
             rows += len(ctrl)
             if model.actuator_ctrllimited[index]:
                 low, high = reach = tuple(model.actuator_ctrlrange[index])
-                slack = 0.01 * (high - low)
+                slack = limits.outside_slack * (high - low)
                 outside += int(np.sum((ctrl < low - slack) | (ctrl > high + slack)))
             held += int(np.sum(_saturated(log, model, index)))
-        if rows and outside / rows > 0.01:
+        if rows and outside / rows > limits.outside_share:
             yield Finding(
                 "ctrlrange",
                 name,
@@ -198,7 +199,7 @@ def _limits(pairs: Pairs) -> Iterator[Finding]:
                 f"[{reach[0]:.3g}, {reach[1]:.3g}], and the engine clamps them.",
                 "Widen the range, or look at the command's unit and zero.",
             )
-        if rows and held / rows > HELD:
+        if rows and held / rows > limits.saturated_share:
             yield Finding(
                 "saturation",
                 name,
@@ -222,11 +223,11 @@ def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
     return on & (force >= model.actuator_forcerange[index, 1])
 
 
-def _resolution(pairs: Pairs) -> Iterator[Finding]:
+def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """The encoder's steps."""
     for joint in joints_of(pairs):
         values = [log.column(f"qpos.{joint}") for log, _ in pairs if f"qpos.{joint}" in log.columns]
-        step = step_of(np.concatenate(values))
+        step = step_of(np.concatenate(values), settings.encoder)
         if step > 0:
             unit = unit_of(pairs, joint)
             turn = f", {2 * np.pi / step:.0f} to a turn" if unit == "rad" else ""
@@ -238,7 +239,7 @@ def _resolution(pairs: Pairs) -> Iterator[Finding]:
             )
 
 
-def _unsigned(pairs: Pairs) -> Iterator[Finding]:
+def _unsigned(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Currents that are never negative although the joints go both ways."""
     names = [n for log, _ in pairs for n in log.columns if "current" in n.split("_")[0]]
     positive = [
@@ -255,3 +256,15 @@ def _unsigned(pairs: Pairs) -> Iterator[Finding]:
             "magnitudes without a direction.",
             "Nothing to mend; they cannot serve as torques.",
         )
+
+
+CHECKS: tuple[Check, ...] = (
+    _rate,
+    _loss,
+    _excitation,
+    check_duties,
+    check_speeds,
+    _limits,
+    _resolution,
+    _unsigned,
+)

@@ -16,26 +16,30 @@ import mujoco
 import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.data.noise_floor import noise_floor, step_of
+from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
 from sim2real.diagnosis.preflight.channels import NOTES, check_channels
 from sim2real.diagnosis.preflight.clocks import check_clocks
 from sim2real.diagnosis.preflight.lag import check_lag
-from sim2real.diagnosis.preflight.log_errors import find_mistakes
+from sim2real.diagnosis.preflight.log_errors import find_log_errors
 from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import DEFAULT, Settings
 
 __all__ = ["NOTES", "noise_floor", "preflight"]
-ORDER = ("sign", "swap", "degrees", "scale", "zero", "rate", "control_law", "excitation")
-LOUD = 1.5  # times the rounding of a count
-GRAVE = ORDER[:4]  # what makes other checks of the same joint meaningless
+GRAVE = ("sign", "swap", "degrees", "scale")  # makes other checks of the same joint meaningless
+WRONG = (*GRAVE, "zero", "rate")  # no lag is measured in a log with these
+ORDER = (*WRONG, "control_law", "excitation")
 FOLLOWS = ("degrees", "scale", "zero", "control_law", "speed", "ctrlrange", "saturation")
 
 
-def preflight(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[Finding]:
+def preflight(
+    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: Settings = DEFAULT
+) -> list[Finding]:
     """Check logs and the models they belong to, the gravest finding first.
 
     Args:
         logs: the logs.
         specs: the model of each log; the same object where logs share one.
+        settings: of the checks.
 
     Returns:
         The findings; none where nothing is worth a word.
@@ -45,20 +49,22 @@ def preflight(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[Findi
     """
     made = {id(spec): spec.copy().compile() for spec in specs}
     models = [made[id(spec)] for spec in specs]
-    found = [*check_channels(logs, models), *check_clocks(logs), *find_mistakes(logs, specs)]
-    if not any(finding.check in ORDER[:6] for finding in found):
-        found += check_lag(logs, specs)
+    found = [*check_channels(logs, models, settings), *check_clocks(logs, settings.clocks)]
+    found += find_log_errors(logs, specs, settings.log_errors)
+    if not any(finding.check in WRONG for finding in found):
+        found += check_lag(logs, specs, settings.lag)
     if not any(finding.check == "rate" for finding in found):
-        found += _noise(logs)
+        found += _noise(logs, settings)
     return sorted(_causes(_merged(found), _turned(models)), key=_rank)
 
 
-def _noise(logs: Sequence[Log]) -> list[Finding]:
+def _noise(logs: Sequence[Log], settings: Settings) -> list[Finding]:
     """Joints whose readings scatter by more than their counts."""
-    found = []
-    for joint, floor in noise_floor(logs).items():
+    found, limits = [], settings.checks
+    for joint, floor in noise_floor(logs, settings).items():
         values = [log.column(f"qpos.{joint}") for log in logs if f"qpos.{joint}" in log.columns]
-        if floor > LOUD * max(step_of(np.concatenate(values)) / np.sqrt(12), 1e-5):
+        least = rounding(step_of(np.concatenate(values), settings.encoder))
+        if floor > limits.noise * max(least, limits.rounding_min):
             found.append(
                 Finding(
                     "noise",

@@ -11,7 +11,6 @@ a minute. What is late against the *commands* is a delay, which the diagnosis it
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,29 +19,10 @@ from scipy.signal import lfilter
 
 from hardware.log import Log
 from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import DEFAULT, Clocks
 
-
-@dataclass(frozen=True)
-class ClockLimits:
-    """When a clock is worth a word.
-
-    Args:
-        offset: least offset between position and speed that is named [s]; below it logs of the
-            emulator's own speed registers scatter.
-        sigmas: standard errors that an offset or a drift must exceed.
-        better: residual of a shifted speed over that of a filtered one (RMS) below which it is a
-            shift: a filter delays slow motion just as much, and fits fast motion better.
-        drift: least drift that is named [ppm]: a crystal's tolerance is 20 to 50.
-        seconds: least length of a log whose drift is looked for [s]: 200 ppm are then 4 ms.
-        reach: offsets that are looked for, either way [s].
-    """
-
-    offset: float = 2e-3
-    sigmas: float = 4.0
-    better: float = 0.9
-    drift: float = 50.0
-    seconds: float = 20.0
-    reach: float = 0.25
+MILLI, PPM = 1e-3, 1e-6
+SMALLEST = 1e-12  # s: between readings that carry the same stamp
 
 
 class Shift(NamedTuple):
@@ -53,17 +33,16 @@ class Shift(NamedTuple):
     residual: float  # rad or m, RMS
 
 
-def check_clocks(logs: Sequence[Log], limits: ClockLimits | None = None) -> list[Finding]:
+def check_clocks(logs: Sequence[Log], settings: Clocks = DEFAULT.clocks) -> list[Finding]:
     """Return what the clocks of logs contradict.
 
     Args:
         logs: the logs.
-        limits: when a clock is worth a word.
+        settings: when a clock is worth a finding.
     """
-    limits = limits or ClockLimits()
     found = [*_nominal(logs)]
     for joint in dict.fromkeys(joint for log in logs for joint in log.joints):
-        found += [*_late(logs, joint, limits), *_drifting(logs, joint, limits)]
+        found += [*_late(logs, joint, settings), *_drifting(logs, joint, settings)]
     return found
 
 
@@ -79,39 +58,39 @@ def _nominal(logs: Sequence[Log]) -> Iterator[Finding]:
         )
 
 
-def _late(logs: Sequence[Log], joint: str, limits: ClockLimits) -> Iterator[Finding]:
+def _late(logs: Sequence[Log], joint: str, limits: Clocks) -> Iterator[Finding]:
     parts = [p for log in logs if f"qvel.{joint}" in log.columns for p in log.episodes()]
-    shift = speed_shift(parts, joint, limits.reach)
+    shift = speed_shift(parts, joint, limits)
     if shift is None:
         return
-    sure = abs(shift.seconds) > max(limits.offset, limits.sigmas * shift.error)
-    if sure and shift.residual < limits.better * filtered_residual(parts, joint, limits.reach):
+    sure = abs(shift.seconds) > max(limits.offset_s, limits.sigmas * shift.error)
+    if sure and shift.residual < limits.better * filtered_residual(parts, joint, limits):
         side = "later" if shift.seconds > 0 else "earlier"
         yield Finding(
             "clock",
             joint,
-            f"The speed of {joint} is {1e3 * abs(shift.seconds):.1f} ms "
-            f"(± {1e3 * 2 * shift.error:.1f}) {side} than its position.",
+            f"The speed of {joint} is {abs(shift.seconds) / MILLI:.1f} ms "
+            f"(± {2 * shift.error / MILLI:.1f}) {side} than its position.",
             "Stamp both channels on one clock, or give the speed its own stamps; until then the "
             "speed is no evidence.",
         )
 
 
-def _drifting(logs: Sequence[Log], joint: str, limits: ClockLimits) -> Iterator[Finding]:
+def _drifting(logs: Sequence[Log], joint: str, limits: Clocks) -> Iterator[Finding]:
     for log in logs:
         drift = stamp_drift(log, joint)
-        if drift is None or log.time.max() < limits.seconds:
+        if drift is None or log.time.max() < limits.log_s:
             continue
         ppm, error = drift
-        if abs(ppm) > max(limits.drift, limits.sigmas * error):
+        ahead = PPM * abs(ppm) * log.time.max()
+        if abs(ppm) > max(limits.drift_ppm, limits.sigmas * error):
             side = "fast" if ppm > 0 else "slow"
             yield Finding(
                 "clock",
                 joint,
                 f"The clock that stamps {joint} runs {abs(ppm):.0f} ppm (± {2 * error:.0f}) {side} "
-                f"against the commands': {1e3 * 1e-6 * abs(ppm) * log.time.max():.1f} ms over the "
-                "log.",
-                f"Divide its stamps by {1 + 1e-6 * ppm:.6f}, or log both on one clock.",
+                f"against the commands': {ahead / MILLI:.1f} ms over the log.",
+                f"Divide its stamps by {1 + PPM * ppm:.6f}, or log both on one clock.",
             )
             return
 
@@ -133,36 +112,40 @@ def stamp_drift(log: Log, joint: str) -> tuple[float, float] | None:
     slope = float(time @ late / (time @ time))
     scatter = late - slope * time
     error = float(np.sqrt(scatter @ scatter / max(len(time) - 2, 1) / (time @ time)))
-    return 1e6 * slope, 1e6 * error
+    return slope / PPM, error / PPM
 
 
-def speed_shift(parts: Sequence[Log], joint: str, reach: float) -> Shift | None:
+def speed_shift(
+    parts: Sequence[Log], joint: str, settings: Clocks = DEFAULT.clocks
+) -> Shift | None:
     """Return how late a joint's speed is against its position, by Gauss-Newton on the delay.
 
     Args:
         parts: episodes that have `qvel.<joint>`.
         joint: which.
-        reach: the largest delay that is looked for [s].
+        settings: the largest delay that is looked for, and the steps towards it.
 
     Returns:
         None where the speed says nothing: too few rows, or a joint that hardly moved.
     """
-    parts = [part for part in parts if len(part) > 20 and np.ptp(part.column(f"qpos.{joint}")) > 0]
+    least, reach = settings.rows_min, settings.reach_s
+    moves = [np.ptp(part.column(f"qpos.{joint}")) > 0 for part in parts]
+    parts = [p for p, moved in zip(parts, moves, strict=True) if len(p) > least and moved]
     delay, made = 0.0, None
-    for _ in range(8):
-        found = _regression(parts, joint, delay)
+    for _ in range(settings.steps_max):
+        found = _regression(parts, joint, delay, settings)
         if found is None:
             return None
         step, made = found
         delay = float(np.clip(delay + step, -reach, reach))
-        if abs(step) < 1e-7:
+        if abs(step) < settings.settled_s:
             break
     assert made is not None
     return Shift(delay, made[0], made[1])
 
 
 def _regression(
-    parts: Sequence[Log], joint: str, delay: float
+    parts: Sequence[Log], joint: str, delay: float, settings: Clocks
 ) -> tuple[float, tuple[float, float]] | None:
     """Return the step of the delay [s], and its standard error and the residual, RMS."""
     columns, position = [], []
@@ -175,24 +158,24 @@ def _regression(
         columns.append(rows - rows.mean(axis=0))
         place = part.column(f"qpos.{joint}")[inside]
         position.append(place - place.mean())
-    if not columns or sum(map(len, columns)) < 20:
+    if not columns or sum(map(len, columns)) < settings.rows_min:
         return None
     table, wanted = np.concatenate(columns), np.concatenate(position)
     if np.linalg.matrix_rank(table) < table.shape[1]:
         return None
     weights, *_ = np.linalg.lstsq(table, wanted, rcond=None)
     left = wanted - table @ weights
-    spread = float(left @ left) / max(len(wanted) - 3, 1)
+    spread = float(left @ left) / max(len(wanted) - len(weights), 1)
     error = np.sqrt(spread * np.linalg.inv(table.T @ table)[1, 1])
-    gain = weights[0] if abs(weights[0]) > 0.1 else 1.0
+    gain = weights[0] if abs(weights[0]) > settings.gain_min else 1.0
     return float(weights[1] / gain), (float(error / abs(gain)), float(np.sqrt(spread)))
 
 
-def filtered_residual(parts: Sequence[Log], joint: str, reach: float) -> float:
+def filtered_residual(parts: Sequence[Log], joint: str, settings: Clocks = DEFAULT.clocks) -> float:
     """Return what is left of the position where the speed is a filter's output, RMS.
 
     A first-order filter and a mean over the last moments (a Dynamixel's speed register) are tried,
-    of time constants up to `reach` [s]. The position goes through the same filter, so that both are
+    of time constants up to `reach_s`. The position goes through the same filter, so that both are
     late alike.
     """
     tables, places, steps = [], [], []
@@ -204,7 +187,7 @@ def filtered_residual(parts: Sequence[Log], joint: str, reach: float) -> float:
         steps.append(float(np.median(np.diff(time))))
     table = np.concatenate(tables)
     best = np.inf
-    for constant in np.geomspace(1e-3, reach, 25):
+    for constant in np.geomspace(settings.fastest_s, settings.reach_s, settings.filters):
         for late in (_first_order, _mean_of_last):
             made = [late(x - x[0], step / constant) for x, step in zip(places, steps, strict=True)]
             wanted = np.concatenate([x - x.mean() for x in made])
@@ -231,5 +214,5 @@ def _mean_of_last(x: np.ndarray, ratio: float) -> np.ndarray:
 def _measured(part: Log, joint: str) -> tuple[np.ndarray, np.ndarray]:
     """Return when a joint was read (T,), increasing, and its speeds (T,)."""
     stamps = part.columns.get(f"stamp.{joint}", part.time)
-    later = np.maximum.accumulate(stamps + 1e-12 * np.arange(len(stamps)))
+    later = np.maximum.accumulate(stamps + SMALLEST * np.arange(len(stamps)))
     return later, part.column(f"qvel.{joint}")

@@ -12,10 +12,14 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.trial import Piece
+from sim2real.diagnosis.settings import TINY, LogErrors
 
 DEGREE = np.pi / 180
-SHIFT = 0.05  # rad or m: a zero further off than this is looked at in any case
-ZEROS = (-np.pi, -np.pi / 2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, np.pi / 2)
+KINDS = {  # what may be wrong together, and its name
+    ("qpos",): "positions",
+    ("ctrl",): "commands",
+    ("qpos", "ctrl"): "positions and commands",
+}
 
 Change = Callable[[Piece], Piece]
 
@@ -38,6 +42,7 @@ class Case(NamedTuple):
     specs: list[mujoco.MjSpec]  # of each piece
     models: list[mujoco.MjModel]
     drives: dict[str, str]  # joint to actuator
+    settings: LogErrors
 
 
 def simple(case: Case, suspects: Sequence[str]) -> Iterator[Correction]:
@@ -54,7 +59,7 @@ def others(case: Case, suspects: Sequence[str]) -> Iterator[Correction]:
     for pair in combinations(suspects, 2):
         yield from _swaps(case, pair)
     for joint in suspects:
-        for value in ZEROS:
+        for value in case.settings.zeros:
             yield zero_of_both(case, joint, value)
 
 
@@ -97,13 +102,7 @@ def _signs(case: Case, joint: str) -> Iterator[Correction]:
 def _degrees(case: Case, joints: tuple[str, ...], where: str | None) -> Iterator[Correction]:
     """Factors of pi/180 or 180/pi, where the numbers are of such a size."""
     whose = where or "all joints"
-    kinds: tuple[tuple[str, ...], ...] = (("qpos",), ("ctrl",), ("qpos", "ctrl"))
-    words = {
-        ("qpos",): "positions",
-        ("ctrl",): "commands",
-        ("qpos", "ctrl"): "positions and commands",
-    }
-    for own in kinds:
+    for own, what in KINDS.items():
         size = max(
             float(np.abs(piece.log.columns[column]).max())
             for piece in case.pieces
@@ -111,15 +110,15 @@ def _degrees(case: Case, joints: tuple[str, ...], where: str | None) -> Iterator
             if column in piece.log.columns
         )
         for factor, found, holds in (
-            (DEGREE, "in degrees", size > 2 * np.pi),
-            (1 / DEGREE, "divided by 57.3 once too often", size < 0.1),
+            (DEGREE, "in degrees", size > case.settings.degrees_min),
+            (1 / DEGREE, "divided by 57.3 once too often", size < case.settings.rad_twice_max),
         ):
             if holds:
                 yield Correction(
                     "degrees",
                     joints,
                     where,
-                    f"The {words[own]} of {whose} look as if they were {found}, not in rad",
+                    f"The {what} of {whose} look as if they were {found}, not in rad",
                     f"Multiply them by {'pi/180' if factor < 1 else '180/pi'}.",
                     _scaled(case, joints, own, factor),
                 )
@@ -127,12 +126,7 @@ def _degrees(case: Case, joints: tuple[str, ...], where: str | None) -> Iterator
 
 def _swaps(case: Case, pair: tuple[str, str]) -> Iterator[Correction]:
     one, other = pair
-    words = {
-        ("qpos",): "positions",
-        ("ctrl",): "commands",
-        ("qpos", "ctrl"): "positions and commands",
-    }
-    for kinds, what in words.items():
+    for kinds, what in KINDS.items():
         if len(kinds) == 1 and not _crossed(case, pair):
             continue
 
@@ -164,7 +158,7 @@ def _crossed(case: Case, pair: tuple[str, str]) -> bool:
     signals = np.concatenate([np.column_stack([p.log.columns[n] for n in names]) for p in pieces])
     if signals.std(axis=0).min() == 0:
         return False
-    match = np.corrcoef(signals.T)[:2, 2:]
+    match = np.corrcoef(signals.T)[: len(pair), len(pair) :]
     return bool(match[0, 1] + match[1, 0] > match[0, 0] + match[1, 1])
 
 
@@ -189,7 +183,7 @@ def zero_of_both(case: Case, joint: str, value: float) -> Correction:
 def shifts(case: Case, now: dict[str, float], offsets: dict[str, float]) -> Iterator[Correction]:
     """Joints whose readings alone are off by a constant."""
     for joint, value in offsets.items():
-        if abs(value) < SHIFT or now[joint] < 1e-9:
+        if abs(value) < case.settings.zero_min or now[joint] < TINY:
             continue
 
         def change(piece: Piece, joint: str = joint, value: float = value) -> Piece:
@@ -207,12 +201,13 @@ def shifts(case: Case, now: dict[str, float], offsets: dict[str, float]) -> Iter
         )
 
 
-def rate(joints: tuple[str, ...], factor: float) -> Correction:
+def rate(case: Case, factor: float) -> Correction:
     """Stamps that run too fast or too slow."""
+    least = case.settings.rate_rows_min
 
     def change(piece: Piece) -> Piece:
         log = piece.log
-        rows = max(int(np.searchsorted(log.time * factor, log.time[-1], side="right")), 8)
+        rows = max(int(np.searchsorted(log.time * factor, log.time[-1], side="right")), least)
         columns = {name: values[:rows] for name, values in log.columns.items()}
         clocks = [name for name in columns if name == "time" or name.startswith("stamp.")]
         columns |= {name: columns[name] * factor for name in clocks}
@@ -221,7 +216,7 @@ def rate(joints: tuple[str, ...], factor: float) -> Correction:
     speed = "too fast" if factor > 1 else "too slowly"
     return Correction(
         "rate",
-        joints,
+        tuple(case.drives),
         None,
         f"Time in the log seems to run {speed}, by {factor:.3g}",
         f"Multiply `time` by {factor:.3g}, or look at the rate that the log was made with.",

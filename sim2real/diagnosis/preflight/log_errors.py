@@ -1,6 +1,6 @@
-"""The commonest mistakes of all, each tried by replaying the model under its correction.
+"""The most common errors in logs, each tried by replaying the model under its correction.
 
-    findings = find_mistakes(logs, specs)
+    findings = find_log_errors(logs, specs)
 
 Swapped joints, a flipped sign, a wrong zero, degrees for radians, a wrong rate. A correction is
 named where it takes most of a joint's error away and no ordinary physical effect does: gains,
@@ -18,9 +18,9 @@ from envs.effects import Effect, make
 from envs.errors import EnvsError
 from envs.params import ParamSpace
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.trial import Piece, choose, trial
 from sim2real.diagnosis.preflight.corrections import (
-    ZEROS,
     Case,
     Change,
     Correction,
@@ -31,56 +31,48 @@ from sim2real.diagnosis.preflight.corrections import (
     zero_of_both,
 )
 from sim2real.diagnosis.schema import Finding
-
-SECONDS, PIECES = 4.0, 4  # of a replay, and how many
-SUSPECT = 0.3  # of a joint's own motion: an error that a mistake could have made
-LATE = 0.1  # the same for a wrong rate, which slow motions hide
-CLOSED, BEATS = 0.4, 0.6  # of the error as it is, and of the best physical effect's
-PROMISING = 0.8  # of the error: values around one that leaves more are not looked at
-MOST = 0.7  # of the joints have to move nearer under another rate
-SURE = 0.25  # the first of these where the error is no SUSPECT
-LEAST = 0.03  # rad or m: a joint that moves less counts as moving this much
-SENSE = 0.7  # of a joint's motion: a correction that leaves more has not put it right
-WORST = 5.0  # of a joint's motion: larger errors count as this
-RATES = (0.1, 0.2, 0.25, 1 / 3, 0.5, 2 / 3, 0.8, 1.25, 1.5, 2.0, 3.0, 4.0, 5.0, 10.0)
+from sim2real.diagnosis.settings import DEFAULT, LogErrors
 
 
-def find_mistakes(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[Finding]:
-    """Return the mistakes that explain much of the gap, and that physics does not.
+def find_log_errors(
+    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: LogErrors = DEFAULT.log_errors
+) -> list[Finding]:
+    """Return the errors in logs that explain much of the gap, and that physics does not.
 
     Args:
         logs: the logs.
         specs: the model of each.
+        settings: what is tried, and what convinces.
     """
-    case = _case(logs, specs)
+    case = _case(logs, specs, settings)
     if not case.pieces or not case.drives:
         return []
     now, offsets = _nominal(case)
-    suspects = [joint for joint, error in now.items() if error > SUSPECT]
+    suspects = [joint for joint, error in now.items() if error > settings.suspect]
     stages = [[*simple(case, suspects), *shifts(case, now, offsets)], [*others(case, suspects)]]
-    if any(error > LATE for error in now.values()):
-        stages[1] += [rate(tuple(case.drives), factor) for factor in RATES]
+    if any(error > settings.rate_suspect for error in now.values()):
+        stages[1] += [rate(case, factor) for factor in settings.rates]
     judge = _Judge(case, now)
     for tried in filter(None, stages):
-        judge.hear(tried)
+        judge.evaluate(tried)
         if judge.found and set(suspects) <= judge.taken:
             break
     if stages[1] and not judge.found:
-        judge.hear(_finer(case, suspects, judge))
+        judge.evaluate(_finer(case, suspects, judge))
     return judge.found
 
 
-def _case(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> Case:
+def _case(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: LogErrors) -> Case:
     models: dict[int, mujoco.MjModel] = {}
     for spec in specs:
         if id(spec) not in models:
             models[id(spec)] = spec.copy().compile()
-    pieces = choose(logs, SECONDS, PIECES)
+    pieces = choose(logs, settings.piece_s, settings.pieces)
     own = [specs[piece.number] for piece in pieces]
     drives = {}
     for log, spec in zip(logs, specs, strict=True):
         drives |= _drives(models[id(spec)], log)
-    return Case(pieces, own, [models[id(spec)] for spec in own], drives)
+    return Case(pieces, own, [models[id(spec)] for spec in own], drives, settings)
 
 
 def _drives(model: mujoco.MjModel, log: Log) -> dict[str, str]:
@@ -89,7 +81,7 @@ def _drives(model: mujoco.MjModel, log: Log) -> dict[str, str]:
     for i in range(model.nu):
         joint = int(model.actuator_trnid[i, 0])
         of_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-        if of_joint and int(model.jnt_type[joint]) in (2, 3):
+        if of_joint and is_scalar(model, joint):
             name, actuator = model.joint(joint).name, model.actuator(i).name
             if f"qpos.{name}" in log.columns and actuator in log.actuators:
                 found[name] = actuator
@@ -115,8 +107,9 @@ def _relative(case: Case, runs: Sequence[tuple[Piece, np.ndarray]]) -> list[floa
             sizes.append(0.0)
             continue
         measured, error = (np.concatenate(both) for both in zip(*pairs, strict=True))
-        size = float(np.sqrt(np.mean(error**2)) / max(measured.std(), LEAST))
-        sizes.append(min(size, WORST) if np.isfinite(size) else WORST)
+        size = float(np.sqrt(np.mean(error**2)) / max(measured.std(), case.settings.motion_min))
+        worst = case.settings.error_max
+        sizes.append(min(size, worst) if np.isfinite(size) else worst)
     return sizes
 
 
@@ -152,25 +145,26 @@ def _physics(case: Case) -> np.ndarray:
     """The smallest error of each joint under ordinary effects of several sizes."""
     runs = []
     for piece, spec, model in zip(case.pieces, case.specs, case.models, strict=True):
-        effects, values = _panel(model)
+        effects, values = _panel(model, case.settings)
         rows = [piece.recording(model)] * len(values)
         runs.append([(piece, path) for path in trial(spec, rows, effects, values)])
     sizes = [_relative(case, list(row)) for row in zip(*runs, strict=False)]
     return np.min(sizes, axis=0)
 
 
-def _panel(model: mujoco.MjModel) -> tuple[list[Effect], np.ndarray]:
+def _panel(model: mujoco.MjModel, settings: LogErrors) -> tuple[list[Effect], np.ndarray]:
     """Ordinary effects, and rows of values in which one of them is at work."""
     limits = model.actuator_forcerange[:, 1][model.actuator_forcelimited.astype(bool)]
     force = float(np.median(limits)) if limits.size else 1.0
+    tilt = settings.tilt
     wanted = {
-        "position_gain": [(0.03,), (0.1,), (0.25,), (0.5,), (2.0,), (4.0,)],
-        "command_delay": [(0.02,), (0.05,), (0.1,)],
-        "coulomb_friction": [(0.05 * force,), (0.2 * force,), (0.5 * force,)],
-        "viscous_friction": [(0.05 * force,), (0.2 * force,), (force,)],
-        "profile_velocity": [(0.5,), (2.0,)],
-        "profile_acceleration": [(2.0,), (4.0,), (6.0,), (10.0,), (30.0,)],
-        "gravity_tilt": [(-0.4, 0.0), (0.4, 0.0), (0.0, -0.4), (0.0, 0.4)],
+        "position_gain": [(gain,) for gain in settings.gains],
+        "command_delay": [(delay,) for delay in settings.delays_s],
+        "coulomb_friction": [(share * force,) for share in settings.dry_friction],
+        "viscous_friction": [(share * force,) for share in settings.viscous_friction],
+        "profile_velocity": [(limit,) for limit in settings.speed_limits],
+        "profile_acceleration": [(limit,) for limit in settings.acceleration_limits],
+        "gravity_tilt": [(-tilt, 0.0), (tilt, 0.0), (0.0, -tilt), (0.0, tilt)],
     }
     effects: list[Effect] = []
     for name in wanted:
@@ -209,7 +203,7 @@ class _Judge:
         self._before = np.array(list(now.values()))
         self._rivals: np.ndarray | None = None
 
-    def hear(self, tried: Sequence[Correction]) -> None:
+    def evaluate(self, tried: Sequence[Correction]) -> None:
         """Try corrections, the one that gains most first, at most one for each joint."""
         if not tried:
             return
@@ -222,18 +216,19 @@ class _Judge:
                 self.found.append(self._finding(tried[k], errors[k]))
 
     def _holds(self, correction: Correction, after: np.ndarray) -> bool:
-        before, own = self._before, self._own(correction)
+        before, own, limits = self._before, self._own(correction), self._case.settings
         old, new = self._size(before, own), self._size(after, own)
         rest = np.delete(np.arange(len(before)), own)
-        if np.any(after[rest] > 1.2 * before[rest] + 0.1):
+        if np.any(after[rest] > limits.harm_factor * before[rest] + limits.harm_slack):
             return False  # it harms the others
         if correction.check == "rate":
-            moved = before > LATE / 3
-            if np.mean(after[moved] < BEATS * before[moved]) < MOST:
+            moved = before > limits.rate_joint
+            if np.mean(after[moved] < limits.beats * before[moved]) < limits.rate_joints:
                 return False  # a clock is the same for all joints
-        if new >= min((CLOSED if old > SUSPECT else SURE) * old, SENSE):
+        closed = limits.closed if old > limits.suspect else limits.closed_small
+        if new >= min(closed * old, limits.left_max):
             return False
-        return new < BEATS * self._size(self._physics(), own)
+        return new < limits.beats * self._size(self._physics(), own)
 
     def best(self, check: str, where: str | None, values: Sequence[float]) -> float | None:
         """Return the value of the best correction of a kind that was tried, if it does any good.
@@ -247,7 +242,8 @@ class _Judge:
         own = self._own(self.tried[rows[0]])
         sizes = [self._size(self.errors[k], own) for k in rows]
         k = int(np.argmin(sizes))
-        return values[k] if sizes[k] < PROMISING * self._size(self._before, own) else None
+        most = self._case.settings.promising * self._size(self._before, own)
+        return values[k] if sizes[k] < most else None
 
     def _physics(self) -> np.ndarray:
         if self._rivals is None:
@@ -275,11 +271,12 @@ class _Judge:
 def _finer(case: Case, suspects: Sequence[str], judge: _Judge) -> list[Correction]:
     """Values between those that were tried, around the best rate and the best zero of a joint."""
     found: list[Correction] = []
-    middle = judge.best("rate", None, RATES)
+    middle = judge.best("rate", None, case.settings.rates)
     if middle is not None:
-        found += [rate(tuple(case.drives), middle * f) for f in (0.85, 0.9, 0.95, 1.05, 1.1, 1.15)]
+        found += [rate(case, middle * factor) for factor in case.settings.finer_rates]
     for joint in suspects:
-        middle = judge.best("zero", joint, ZEROS)
+        middle = judge.best("zero", joint, case.settings.zeros)
         if middle is not None:
-            found += [zero_of_both(case, joint, middle * f) for f in (0.6, 0.75, 0.88, 1.12, 1.3)]
+            finer = case.settings.finer_zeros
+            found += [zero_of_both(case, joint, middle * factor) for factor in finer]
     return found

@@ -19,31 +19,29 @@ import numpy as np
 from hardware.log import Log
 from sim2real.diagnosis.data.windows import BLOCKED
 from sim2real.diagnosis.schema import Finding
-
-REST, STILL = 0.1, 0.003  # s on either side within which a resting joint moves less [rad, m]
-USUAL = 0.9  # quantile of a joint's rests that counts as usual
-CURRENT, ERROR = 3.0, 1.6  # times the usual that something else is needed for
-NEAR = 0.5  # s before and after that are left out as well
-FEW = 50  # rows at rest below which nothing is usual
-SHORTEST = 0.2  # s in a log: less is a spike
+from sim2real.diagnosis.settings import DEFAULT
+from sim2real.diagnosis.settings import Obstruction as Limits
 
 
-def mark_blocked(logs: Sequence[Log]) -> tuple[list[Log], list[Finding]]:
+def mark_blocked(
+    logs: Sequence[Log], settings: Limits = DEFAULT.obstruction
+) -> tuple[list[Log], list[Finding]]:
     """Return the logs with blocked rows flagged, and what was found.
 
     Rows that a log flags itself stay flagged. Logs without currents come back as they are.
 
     Args:
         logs: of one robot.
+        settings: what counts as held.
     """
     flags = [np.array(log.columns.get(BLOCKED, np.zeros(len(log)))) > 0 for log in logs]
     findings = []
     for joint in dict.fromkeys(name for log in logs for name in log.actuators):
-        held = _held(logs, joint)
+        held = _held(logs, joint, settings)
         if any(rows.any() for rows in held):
-            findings.append(_finding(logs, joint, held))
+            findings.append(_finding(logs, joint, held, settings))
             flags = [
-                flag | _widened(log, rows)
+                flag | _widened(log, rows, settings.margin_s)
                 for flag, log, rows in zip(flags, logs, held, strict=True)
             ]
     marked = [
@@ -53,7 +51,7 @@ def mark_blocked(logs: Sequence[Log]) -> tuple[list[Log], list[Finding]]:
     return marked, findings
 
 
-def _held(logs: Sequence[Log], joint: str) -> list[np.ndarray]:
+def _held(logs: Sequence[Log], joint: str, settings: Limits) -> list[np.ndarray]:
     """Return the rows of each log in which a joint is held by something else, (T,) bool."""
     none = [np.zeros(len(log), bool) for log in logs]
     seen = [(log, _current(log, joint)) for log in logs]
@@ -61,21 +59,22 @@ def _held(logs: Sequence[Log], joint: str) -> list[np.ndarray]:
     if len(known) < len(logs):
         return none
     errors = [np.abs(log.column(f"ctrl.{joint}") - log.column(f"qpos.{joint}")) for log in logs]
-    rests = [_resting(log, joint) for log in logs]
+    rests = [_resting(log, joint, settings) for log in logs]
     every = np.concatenate(rests)
-    if every.sum() < FEW:
+    if every.sum() < settings.rests_min:
         return none
     usual = [
-        float(np.quantile(np.concatenate(parts)[every], USUAL))
+        float(np.quantile(np.concatenate(parts)[every], settings.usual))
         for parts in ([c for _, c in known], errors)
     ]
     if min(usual) <= 0:
         return none
     held = [
-        rest & (current > CURRENT * usual[0]) & (error > ERROR * usual[1])
+        rest & (current > settings.current * usual[0]) & (error > settings.error * usual[1])
         for rest, (_, current), error in zip(rests, known, errors, strict=True)
     ]
-    long = [_seconds(log, rows) >= SHORTEST for log, rows in zip(logs, held, strict=True)]
+    least = settings.shortest_s
+    long = [_seconds(log, rows) >= least for log, rows in zip(logs, held, strict=True)]
     return [rows & enough for rows, enough in zip(held, long, strict=True)]
 
 
@@ -87,24 +86,25 @@ def _current(log: Log, joint: str) -> np.ndarray | None:
     return None
 
 
-def _resting(log: Log, joint: str) -> np.ndarray:
+def _resting(log: Log, joint: str, settings: Limits) -> np.ndarray:
     """Return in which rows a joint stands still with its torque on, (T,) bool."""
     found = []
     for part in log.episodes():
         time, position = part.time, part.column(f"qpos.{joint}")
-        first, last = (np.searchsorted(time, time + side) for side in (-REST, REST))
+        sides = (-settings.rest_s, settings.rest_s)
+        first, last = (np.searchsorted(time, time + side) for side in sides)
         spans = zip(first, np.minimum(last, len(time) - 1) + 1, strict=True)
-        found.append(np.array([np.ptp(position[a:b]) < STILL for a, b in spans]))
+        found.append(np.array([np.ptp(position[a:b]) < settings.still for a, b in spans]))
     on = log.columns.get(f"torque.{joint}", np.ones(len(log))) > 0
     return np.concatenate(found) & on
 
 
-def _widened(log: Log, rows: np.ndarray) -> np.ndarray:
-    """Return rows with those shortly before and after, (T,) bool."""
+def _widened(log: Log, rows: np.ndarray, margin: float) -> np.ndarray:
+    """Return rows with those within a margin [s] of them, (T,) bool."""
     wide = np.zeros(len(log), bool)
     same = log.episode
     for moment, episode in zip(log.time[rows], same[rows], strict=True):
-        wide |= (np.abs(log.time - moment) <= NEAR) & (same == episode)
+        wide |= (np.abs(log.time - moment) <= margin) & (same == episode)
     return wide
 
 
@@ -113,7 +113,9 @@ def _seconds(log: Log, rows: np.ndarray) -> float:
     return float(rows.sum() * np.median(np.diff(log.time)))
 
 
-def _finding(logs: Sequence[Log], joint: str, held: Sequence[np.ndarray]) -> Finding:
+def _finding(
+    logs: Sequence[Log], joint: str, held: Sequence[np.ndarray], settings: Limits
+) -> Finding:
     log, rows = max(zip(logs, held, strict=True), key=lambda pair: int(pair[1].sum()))
     row = int(np.flatnonzero(rows)[0])
     short = abs(float(log.column(f"ctrl.{joint}")[row] - log.column(f"qpos.{joint}")[row]))
@@ -122,8 +124,9 @@ def _finding(logs: Sequence[Log], joint: str, held: Sequence[np.ndarray]) -> Fin
     return Finding(
         "blocked",
         joint,
-        f"{joint} stands still {short:.2g} short of its goal, with more than {CURRENT:g} times the "
-        f"current of its other rests, for {seconds:.1f} s in all, first at {log.time[row]:.1f} s "
+        f"{joint} stands still {short:.2g} short of its goal, with more than "
+        f"{settings.current:g} times the current of its other rests, for {seconds:.1f} s in all, "
+        f"first at {log.time[row]:.1f} s "
         f"of {name}: something is in its way.",
         "These moments are left out. Look at what the robot touches there; a log may flag such "
         f"rows itself, in a column {BLOCKED}.",

@@ -14,16 +14,13 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of
 from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Servo, Settings
 
-OFF = 0.03  # rad between the zeros of commands and readings that is worth a word
-LOOSE = 0.03  # of the duty's variance: a law that leaves more is none
-DELAYS = np.arange(0.0, 0.1, 0.004)  # s from a command to its effect that are tried
-FULL_PWM = 885.0  # of Dynamixel X servos, e-manual "PWM Limit"
-TURN = 4096 / (2 * np.pi)  # counts a rad
 DEGREES = 180 / np.pi
 
 
@@ -35,14 +32,16 @@ class Law(NamedTuple):
     share: float  # of its variance that this explains
 
 
-def check_speeds(pairs: Pairs) -> Iterator[Finding]:
+def check_speeds(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding]:
     """Speed registers against the slope of the positions."""
-    laws = speed_laws(pairs)
+    limits = settings.servo
+    laws = speed_laws(pairs, limits)
     ratios = {joint: law.scale for joint, law in laws.items()}
-    wrong = {joint: a for joint, a in ratios.items() if not 0.85 < a < 1.18}
+    wrong = {joint: a for joint, a in ratios.items() if not _within(a, limits.speed_ratio)}
     common = float(np.median(list(ratios.values()))) if ratios else 1.0
-    whole = len(wrong) == len(ratios) > 0 and np.ptp(list(ratios.values())) < 0.15 * abs(common)
-    if whole and common > 0 and not _is_degrees(common):
+    alike = np.ptp([*ratios.values(), common]) < limits.common_spread * abs(common)
+    whole = len(wrong) == len(ratios) > 0 and alike
+    if whole and common > 0 and not _is_degrees(common, limits):
         yield Finding(
             "rate",
             None,
@@ -53,9 +52,9 @@ def check_speeds(pairs: Pairs) -> Iterator[Finding]:
         )
         return
     for joint, scale in wrong.items():
-        yield _speed_finding(joint, scale)
+        yield _speed_finding(joint, scale, limits)
     for joint, law in laws.items():
-        if joint not in wrong and law.lag > 0.005:
+        if joint not in wrong and law.lag > limits.lag_s:
             yield Finding(
                 "velocity_filter",
                 joint,
@@ -64,12 +63,17 @@ def check_speeds(pairs: Pairs) -> Iterator[Finding]:
             )
 
 
-def _is_degrees(scale: float) -> bool:
-    return any(0.85 < abs(scale) * factor < 1.18 for factor in (DEGREES, 1 / DEGREES))
+def _within(value: float, ends: tuple[float, float]) -> bool:
+    return ends[0] < value < ends[1]
 
 
-def _speed_finding(joint: str, scale: float) -> Finding:
-    if _is_degrees(scale):
+def _is_degrees(scale: float, settings: Servo) -> bool:
+    size = abs(scale)
+    return any(_within(size * f, settings.speed_ratio) for f in (DEGREES, 1 / DEGREES))
+
+
+def _speed_finding(joint: str, scale: float, settings: Servo) -> Finding:
+    if _is_degrees(scale, settings):
         which, other = ("qpos", "qvel") if abs(scale) < 1 else ("qvel", "qpos")
         return Finding(
             "degrees",
@@ -78,7 +82,7 @@ def _speed_finding(joint: str, scale: float) -> Finding:
             f"{scale:.3g}.",
             f"Multiply `{which}.{joint}` by pi/180 (and look at its command).",
         )
-    if 0.85 < -scale < 1.18:
+    if _within(-scale, settings.speed_ratio):
         return Finding(
             "speed",
             joint,
@@ -94,7 +98,7 @@ def _speed_finding(joint: str, scale: float) -> Finding:
     )
 
 
-def speed_laws(pairs: Pairs) -> dict[str, Law]:
+def speed_laws(pairs: Pairs, settings: Servo = DEFAULT.servo) -> dict[str, Law]:
     """Return how the speed register of each joint follows d(position)/dt, where it does."""
     found = {}
     for joint in joints_of(pairs):
@@ -104,52 +108,54 @@ def speed_laws(pairs: Pairs) -> dict[str, Law]:
             if not all(name in log.columns for name in names):
                 continue
             for part in log.episodes():
-                if len(part) > 20:
-                    q, v, dt = _uniform(part, *names)
+                if len(part) > settings.speed_rows_min:
+                    q, v, dt = _uniform(part, *names, settings)
                     slopes.append(np.gradient(q, dt))
                     speeds.append(v)
                     steps.append(dt)
-        if slopes and (law := _follow(slopes, speeds, steps)).share > 0.8:
-            found[joint] = law
+        if slopes:
+            law = _follow(slopes, speeds, steps, settings)
+            if law.share > settings.speed_share:
+                found[joint] = law
     return found
 
 
-def _uniform(part: Log, position: str, speed: str) -> tuple[np.ndarray, np.ndarray, float]:
-    """Both channels on an even clock, smoothed over 60 ms alike, and its step."""
+def _uniform(
+    part: Log, position: str, speed: str, settings: Servo
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Both channels on an even clock, averaged over the same window, and its step."""
     dt = float(np.median(np.diff(part.time)))
     clock = np.arange(part.time[0], part.time[-1], dt)
-    stamps = part.columns.get(f"stamp.{position[5:]}", part.time)
-    width = max(3, round(0.06 / dt)) | 1
+    stamps = part.columns.get(f"stamp.{position.removeprefix('qpos.')}", part.time)
+    width = max(settings.smoothing_rows_min, round(settings.smoothing_s / dt)) | 1
     return (
-        _smooth(np.interp(clock, stamps, part.column(position)), width),
-        _smooth(np.interp(clock, stamps, part.column(speed)), width),
+        uniform_filter1d(np.interp(clock, stamps, part.column(position)), width, mode="nearest"),
+        uniform_filter1d(np.interp(clock, stamps, part.column(speed)), width, mode="nearest"),
         dt,
     )
 
 
-def _smooth(values: np.ndarray, width: int) -> np.ndarray:
-    padded = np.pad(values, width // 2, mode="edge")
-    return np.convolve(padded, np.ones(width) / width, mode="valid")
-
-
 def _follow(
-    slopes: Sequence[np.ndarray], speeds: Sequence[np.ndarray], steps: Sequence[float]
+    slopes: Sequence[np.ndarray],
+    speeds: Sequence[np.ndarray],
+    steps: Sequence[float],
+    settings: Servo,
 ) -> Law:
-    """Fit speed = scale * slope(t - lag), over lags up to 0.1 s."""
+    """Fit speed = scale * slope(t - lag)."""
     best = Law(1.0, 0.0, -np.inf)
     total = sum(float(np.sum(v**2)) for v in speeds)
     if total == 0:
         return best
-    for lag in np.arange(-0.01, 0.1, 0.0025):
+    for lag in np.arange(*settings.lags_s):
         late = [
             np.interp(np.arange(len(s)) - lag / dt, np.arange(len(s)), s)
             for s, dt in zip(slopes, steps, strict=True)
         ]
         power = sum(float(np.sum(s**2)) for s in late)
         shared = sum(float(s @ v) for s, v in zip(late, speeds, strict=True))
-        share = shared**2 / max(power * total, 1e-30)
+        share = shared**2 / max(power * total, TINY_SQUARE)
         if share > best.share:
-            best = Law(shared / max(power, 1e-30), float(lag), share)
+            best = Law(shared / max(power, TINY_SQUARE), float(lag), share)
     return best
 
 
@@ -161,21 +167,22 @@ class DutyLaw(NamedTuple):
     zero: float  # rad that the positions read more than the commands mean
 
 
-def check_duties(pairs: Pairs) -> Iterator[Finding]:
+def check_duties(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding]:
     """PWM against command and position, by the gain and the force range of the model."""
+    limits = settings.servo
     for name in dict.fromkeys(name for log, _ in pairs for name in log.actuators):
-        known = [(log, m, law) for log, m in pairs if (law := duty_law(log, m, name)) is not None]
+        laws = [(log, model, duty_law(log, model, name, limits)) for log, model in pairs]
+        known = [(log, model, law) for log, model, law in laws if law is not None]
         if not known:
             continue
-        laws = np.array([law for *_, law in known])  # (logs, 3)
-        command, position, zero = np.median(laws, axis=0).tolist()
+        command, position, zero = np.median([law for *_, law in known], axis=0).tolist()
         joint = known[0][1].joint(int(known[0][1].actuator(name).trnid[0])).name
         mismatch = -position / command
         if command < 0 or position > 0:
             yield _law_sign(name, joint, command, position)
-        elif not 0.8 < mismatch < 1.25:
-            yield _law_scale(name, joint, mismatch)
-        elif abs(zero) > OFF:
+        elif not _within(mismatch, limits.unit_ratio):
+            yield _law_scale(name, joint, mismatch, limits)
+        elif abs(zero) > limits.zero:
             yield Finding(
                 "zero",
                 joint,
@@ -185,26 +192,27 @@ def check_duties(pairs: Pairs) -> Iterator[Finding]:
                 f"{zero:.3f} with servo = 0.",
             )
         else:
-            yield from _law_gain(name, known)
+            yield from _law_gain(name, known, limits)
 
 
 def _law_sign(name: str, joint: str, command: float, position: float) -> Finding:
     flipped = [f"`ctrl.{name}`"] if command < 0 else []
     flipped += [f"`qpos.{joint}`"] if position > 0 else []
-    verb = "count" if len(flipped) == 2 else "counts"
+    both = command < 0 < position
+    verb = "count" if both else "counts"
     text = f"The servo's duty says that {' and '.join(flipped)} {verb} against the servo's torque"
-    if len(flipped) == 2:
+    if both:
         text += " (or that the logged duty has another sign)"
     fix = f"Negate {' and '.join(flipped)}, or correct the servo's `sign`."
     return Finding("sign", joint, f"{text}.", fix)
 
 
-def _law_scale(name: str, joint: str, mismatch: float) -> Finding:
+def _law_scale(name: str, joint: str, mismatch: float, settings: Servo) -> Finding:
     text = (
         f"A rad of `qpos.{joint}` changes the duty of {name} {mismatch:.3g} times as much as a rad "
         "of its command"
     )
-    if _is_degrees(mismatch):
+    if _is_degrees(mismatch, settings):
         column = f"qpos.{joint}" if mismatch < 1 else f"ctrl.{name}"
         return Finding(
             "degrees",
@@ -216,11 +224,13 @@ def _law_scale(name: str, joint: str, mismatch: float) -> Finding:
     return Finding("scale", joint, f"{text}: they have different units.", fix)
 
 
-def _law_gain(name: str, known: Sequence[tuple[Log, mujoco.MjModel, DutyLaw]]) -> Iterator[Finding]:
+def _law_gain(
+    name: str, known: Sequence[tuple[Log, mujoco.MjModel, DutyLaw]], settings: Servo
+) -> Iterator[Finding]:
     """A gain that is not the model's."""
     rows = [(log, law, slope) for log, m, law in known if (slope := model_slope(m, name))]
     ratios = [law.command / slope for _, law, slope in rows]
-    if not ratios or 0.9 < np.median(ratios) < 1.1:
+    if not ratios or _within(float(np.median(ratios)), settings.gain_ratio):
         return
     ratio, (log, law, slope) = float(np.median(ratios)), rows[len(rows) // 2]
     text = (
@@ -230,13 +240,15 @@ def _law_gain(name: str, known: Sequence[tuple[Log, mujoco.MjModel, DutyLaw]]) -
     text += f" ({len(ratios)} logs, {min(ratios):.2f} to {max(ratios):.2f})."
     gain = log.settings.get(name, {}).get("position_p_gain")
     if gain:
-        divisor = gain * TURN / FULL_PWM / law.command
+        divisor = gain * settings.turn_counts / settings.full_pwm / law.command
         text += f" A P gain register of {gain:g} then means a divisor of about {divisor:.0f}."
     fix = f"Multiply the model's kp by {ratio:.2f} (effect position_gain)."
     yield Finding("control_law", name, text, fix)
 
 
-def duty_law(log: Log, model: mujoco.MjModel, actuator: str) -> DutyLaw | None:
+def duty_law(
+    log: Log, model: mujoco.MjModel, actuator: str, settings: Servo = DEFAULT.servo
+) -> DutyLaw | None:
     """Return how the duty of a servo follows its command and its position.
 
     None where no duty is logged, or it follows neither.
@@ -251,21 +263,22 @@ def duty_law(log: Log, model: mujoco.MjModel, actuator: str) -> DutyLaw | None:
     if found is None or f"qpos.{joint}" not in log.columns:
         return None
     duty = log.column(found)
-    duty = duty / (FULL_PWM if np.abs(duty).max() > 1.5 else 1.0)
+    duty = duty / (settings.full_pwm if np.abs(duty).max() > settings.duty_share_max else 1.0)
     on = log.columns.get(f"torque.{actuator}", np.ones(len(log))) > 0
-    free = on & np.roll(on, 1) & (np.abs(duty) < 0.9)
+    free = on & np.roll(on, 1) & (np.abs(duty) < settings.saturated_duty)
     y, q = duty[free], log.column(f"qpos.{joint}")[free]
     fits = []
-    for lag in DELAYS:
+    for lag in np.arange(0.0, *settings.delays_s):
         sent = _held(log, actuator, lag)[free]
-        if len(y) >= 50 and min(sent.std(), q.std()) > 0.01:
+        moves = min(sent.std(), q.std()) > settings.motion_min
+        if len(y) >= settings.duty_rows_min and moves:
             table = np.column_stack([sent, q, np.ones(len(y))])
             law = np.linalg.lstsq(table, y, rcond=None)[0]
             fits.append((float(np.sum((y - table @ law) ** 2)), law))
     if not fits:
         return None
     rest, (command, position, constant) = min(fits, key=lambda fit: fit[0])
-    if rest > LOOSE * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
+    if rest > settings.law_residual * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
         return None
     return DutyLaw(float(command), float(position), float(-constant / position))
 

@@ -23,6 +23,14 @@ WIDTH, HEIGHT, MARGIN, LABEL = 620.0, 330.0, 26.0, 150.0  # units; labels stand 
 AZIMUTH, ELEVATION = np.radians(20.0), np.radians(12.0)  # of the view, from straight ahead
 LEAST = 0.005  # share below which a joint has no label
 NAMED = 8  # joints that are named at most
+RIM = 24  # points on the outline of a cylinder's end
+DISC, DISC_GROWTH = 5, 9  # radius of a joint with no share, and what the whole gap adds, units
+THINNEST, EDGE = 1.5, 1.6  # width of a limb, and what its edge adds, units
+END, LEAD = 8.0, 110.0  # a label's distance from the side, and length before its line, units
+ROW = 20  # between labels, units
+SMALLEST = 1e-6  # m: a robot is drawn as if it were at least so large
+PALE, DARK, BEND = 0.15, 0.85, 0.7  # tint of no share, what the whole gap adds, and the exponent
+TINT_DIGITS = 3
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
 PLANES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
@@ -93,10 +101,10 @@ def _corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Return points on the outline of a geom in its own frame, (n, 3)."""
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
-        turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        turn = np.linspace(0, 2 * np.pi, RIM, endpoint=False)
         rim = model.geom_size[geom, 0] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         long = float(model.geom_size[geom, 1])
-        return np.concatenate([np.column_stack([rim, np.full(24, z)]) for z in (-long, long)])
+        return np.concatenate([np.column_stack([rim, np.full(RIM, z)]) for z in (-long, long)])
     return middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
 
 
@@ -112,7 +120,7 @@ def _fit(shapes: Sequence[_Shape], joints: Sequence[np.ndarray]) -> tuple[_Place
     low = np.min([*(s.points.min(axis=0) - s.radius for s in shapes), *joints], axis=0)
     high = np.max([*(s.points.max(axis=0) + s.radius for s in shapes), *joints], axis=0)
     room = np.array([WIDTH - 2 * LABEL, HEIGHT - 2 * MARGIN])
-    scale = float((room / np.maximum(high - low, 1e-6)).min())
+    scale = float((room / np.maximum(high - low, SMALLEST)).min())
     return _Place((low + high) / 2, scale), scale
 
 
@@ -128,11 +136,11 @@ class _Place:
 
 def _draw(shape: _Shape, place: _Place, scale: float) -> Markup:
     points = "L".join(f"{x:.1f} {y:.1f}" for x, y in place(shape.points))
-    width = max(2 * shape.radius * scale, 1.5)
+    width = max(2 * shape.radius * scale, THINNEST)
     if shape.radius == 0:
         return Markup('<path class="part" d="M{}Z"/>').format(points)
     line = Markup('<path class="{}" stroke-width="{:.1f}" d="M{}{}"/>')
-    edge = line.format("edge", width + 1.6, points, "Z" if len(shape.points) == 1 else "")
+    edge = line.format("edge", width + EDGE, points, "Z" if len(shape.points) == 1 else "")
     return edge + line.format("limb", width, points, "Z" if len(shape.points) == 1 else "")
 
 
@@ -140,15 +148,15 @@ def _marks(marks: Mapping[str, np.ndarray], shares: Mapping[str, float]) -> Iter
     """Yield a disc at each joint, and names at both sides for those with the largest shares."""
     for name in sorted(marks, key=lambda n: shares[n]):
         x, y = marks[name]
-        radius, tint = 5 + 9 * np.sqrt(max(shares[name], 0.0)), _tint(shares[name])
+        radius, tint = DISC + DISC_GROWTH * np.sqrt(max(shares[name], 0.0)), _tint(shares[name])
         disc = Markup('<circle class="joint" cx="{:.1f}" cy="{:.1f}" r="{:.1f}" {}/>')
         yield disc.format(x, y, radius, Markup('style="--tint: {}"').format(tint))
     told = sorted((n for n in marks if shares[n] >= LEAST), key=lambda n: -shares[n])[:NAMED]
     for side, names in _sides(marks, told):
         for name, row in zip(names, _rows([float(marks[n][1]) for n in names]), strict=True):
             x, y = marks[name]
-            end = 8.0 if side == "start" else WIDTH - 8.0
-            near = end + (LABEL - 40) * (1 if side == "start" else -1)
+            end = END if side == "start" else WIDTH - END
+            near = end + LEAD * (1 if side == "start" else -1)
             lead = Markup('<path class="lead" d="M{:.1f} {:.1f}L{:.1f} {:.1f}"/>')
             yield lead.format(near, row, x, y)
             label = Markup(
@@ -172,10 +180,10 @@ def _rows(wanted: list[float]) -> list[float]:
     """Return heights near those wanted that keep labels apart."""
     rows: list[float] = []
     for y in wanted:
-        rows.append(max(y, rows[-1] + 20 if rows else MARGIN))
+        rows.append(max(y, rows[-1] + ROW if rows else MARGIN))
     over = max(0.0, (rows[-1] - (HEIGHT - MARGIN)) if rows else 0.0)
     return [row - over for row in rows]
 
 
 def _tint(share: float) -> float:
-    return round(0.15 + 0.85 * min(max(share, 0.0), 1.0) ** 0.7, 3)
+    return round(PALE + DARK * min(max(share, 0.0), 1.0) ** BEND, TINT_DIGITS)

@@ -10,9 +10,7 @@ files are escaped.
 from __future__ import annotations
 
 import math
-import os
-import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +21,9 @@ from markupsafe import Markup
 
 from envs.effects import EFFECTS
 from sim2real.diagnosis.preflight.channels import NOTES
-from sim2real.diagnosis.report import figure, svg, words
-from sim2real.diagnosis.schema import Candidate, Cause, Report, Trace, Where
+from sim2real.diagnosis.report import figure, made, svg, words
+from sim2real.diagnosis.schema import Cause, Report, SingleFit, Trace, Where
+from sim2real.diagnosis.settings import TINY
 from sim2real.runs.files import write_text
 
 PAGE = Path(__file__).parent / "page"
@@ -32,6 +31,11 @@ SECONDS = 3.0  # of a window of a recording
 JOINTS = 3  # that get windows of their own
 SHOWN = 8  # candidates before the rest is folded
 LONGEST, BUDGET = 20_000, 100_000  # rows that a reader can browse, of a recording and in all
+DIGITS, FLOOR_DIGITS, TIME_DIGITS, TINT_DIGITS = 4, 6, 3, 3  # after the point
+SPARE = 1.05  # length of a scale, of the largest value on it
+DARKEST, BEND = 0.8, 0.8  # tint of the whole gap, and the exponent of a share's
+START, SPAN = 0.04, 0.92  # of a line: where the typical values begin, and their length
+STEPPED = ("before", "after", "floor")  # rungs beside the steps
 
 
 def write_html(path: str | Path, report: Report) -> Path:
@@ -83,23 +87,24 @@ def view(report: Report) -> dict[str, Any]:
         "fitted": any(not trace.held_out.all() for trace in evidence.traces),
         "recordings": _recordings(evidence.traces),
         "traces": len(evidence.traces),
-        "candidates": _candidates(evidence.candidates),
+        "singles": _singles(evidence.singles),
         "shown": SHOWN,
         "bands": _bands(report),
-        "inputs": _flat(evidence.inputs),
+        "inputs": made.flat(evidence.inputs),
+        "settings": [made.setting(row) for row in evidence.settings],
         "numerics": words.numerics(report.numerics),
-        "command": _command(evidence.inputs),
-        "replayed": " ".join(_sources(evidence.inputs)),
-        "names": ", ".join(_names(evidence.inputs)) or "recordings",
+        "command": made.command(evidence.inputs),
+        "replayed": " ".join(made.sources(evidence.inputs)),
+        "names": ", ".join(made.names(evidence.inputs)) or "recordings",
     }
 
 
 def _ladder(report: Report) -> list[dict[str, Any]]:
     """Return the rungs, each with its picture on one scale from 0."""
     rungs, gap = report.evidence.ladder, report.gap
-    most = 1.05 * max([r.ci[1] for r in rungs] + [r.gap for r in rungs] + [1e-12])
-    kinds = ["before", *["step"] * (len(rungs) - 3), "after", "floor"]
-    if len(rungs) < 3:
+    most = SPARE * max([r.ci[1] for r in rungs] + [r.gap for r in rungs] + [TINY])
+    kinds = ["before", *["step"] * (len(rungs) - len(STEPPED)), "after", "floor"]
+    if len(rungs) < len(STEPPED):
         kinds = ["before", "floor"]
     floor = gap.noise_floor / most
     return [
@@ -163,7 +168,11 @@ def _cell(share: float | None) -> dict[str, Any]:
 
 def _shaded(share: float) -> dict[str, Any]:
     """Return a share as text and as a tint, never so dark that the text is hard to read."""
-    return {"text": words.percent(share), "tint": round(0.8 * min(max(share, 0.0), 1.0) ** 0.8, 3)}
+    return {"text": words.percent(share), "tint": _tint(share)}
+
+
+def _tint(share: float) -> float:
+    return round(DARKEST * min(max(share, 0.0), 1.0) ** BEND, TINT_DIGITS)
 
 
 def _cause(number: int, cause: Cause) -> dict[str, Any]:
@@ -187,7 +196,7 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
         "picture": _typical(cause, low, high) if effect else "",
         "closed": svg.fill(cause.closed, "after"),
         "share": words.percent(min(cause.closed, 1.0)),
-        "extra": "; ".join(f"{k.replace('_', ' ')}: {_number(v)}" for k, v in extra.items()),
+        "extra": "; ".join(f"{k.replace('_', ' ')}: {made.number(v)}" for k, v in extra.items()),
         "equivalent": [words.name(e.effect, e.where) for e in cause.equivalent],
     }
 
@@ -197,14 +206,8 @@ def _typical(cause: Cause, low: float, high: float) -> Markup:
     start = min(low, cause.value_ci[0])
     length = max(high, cause.value_ci[1]) - start or 1.0
     values = np.array([*cause.value_ci, cause.value, low, high])
-    first, last, dot, *ticks = map(float, 0.04 + 0.92 * (values - start) / length)
+    first, last, dot, *ticks = map(float, START + SPAN * (values - start) / length)
     return svg.track(first, last, [(dot, "after")], ticks=ticks)
-
-
-def _number(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return ", ".join(map(_number, value))
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _windows(report: Report) -> list[dict[str, Any]]:
@@ -282,23 +285,23 @@ def _recordings(traces: Sequence[Trace]) -> list[dict[str, Any]]:
 def _relative(trace: Trace) -> float:
     """Return the error of the model as given in units of the joint's own motion."""
     error = float(np.sqrt(np.mean((trace.nominal - trace.measured) ** 2)))
-    return error / max(float(trace.measured.std()), 1e-9)
+    return error / max(float(trace.measured.std()), TINY)
 
 
 def _recording(trace: Trace, stride: int) -> dict[str, Any]:
     part = slice(None, None, stride)
-    lines = {k: np.round(getattr(trace, k)[part], 4).tolist() for k in svg.lines(trace)}
+    lines = {k: np.round(getattr(trace, k)[part], DIGITS).tolist() for k in svg.lines(trace)}
     return {
         "label": f"{trace.joint} – {trace.log}, episode {trace.episode}",
         "unit": trace.unit,
-        "floor": round(float(trace.floor), 6),
-        "time": np.round(trace.time[part], 3).tolist(),
+        "floor": round(float(trace.floor), FLOOR_DIGITS),
+        "time": np.round(trace.time[part], TIME_DIGITS).tolist(),
         "held": trace.held_out[part].astype(int).tolist(),
         **lines,
     }
 
 
-def _candidates(candidates: Sequence[Candidate]) -> list[dict[str, Any]]:
+def _singles(singles: Sequence[SingleFit]) -> list[dict[str, Any]]:
     return [
         {
             "name": words.name(c.effect, c.where, c.side),
@@ -307,7 +310,7 @@ def _candidates(candidates: Sequence[Candidate]) -> list[dict[str, Any]]:
             "ci": f"{words.percent(c.ci[0])} to {words.percent(c.ci[1])}",
             "picture": svg.track(c.ci[0], c.ci[1], [(c.closed, "after")]),
         }
-        for c in candidates
+        for c in singles
     ]
 
 
@@ -316,10 +319,10 @@ def _bands(report: Report) -> list[dict[str, Any]]:
     bands, units = report.evidence.bands, _units(report)
     most = {b.joint: 0.0 for b in bands}
     for band in bands:
-        most[band.joint] = max(most[band.joint], band.before, band.after, 1e-12)
+        most[band.joint] = max(most[band.joint], band.before, band.after, TINY)
     rows = []
     for band in bands:
-        scale = 1.05 * most[band.joint]
+        scale = SPARE * most[band.joint]
         dots = [(band.after / scale, "after"), (band.before / scale, "before")]
         rows.append(
             {
@@ -335,47 +338,3 @@ def _bands(report: Report) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def _flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
-    """Return a tree of names and values as lines of a list."""
-    lines = []
-    for key, value in tree.items():
-        title = f"{head}{str(key).replace('_', ' ')}"
-        if isinstance(value, Mapping):
-            lines += _flat(value, f"{title}: ")
-        elif isinstance(value, list | tuple):
-            lines.append((title, _number(value) or "none"))
-        else:
-            lines.append((title, "none" if value is None else _number(value)))
-    return lines
-
-
-def _names(inputs: Mapping[str, Any]) -> list[str]:
-    logs = inputs.get("logs", [])
-    return [Path(str(log)).name for log in ([logs] if isinstance(logs, str) else logs)]
-
-
-def _command(inputs: Mapping[str, Any]) -> str:
-    """Return the command line that makes this report again."""
-    if "command" in inputs:
-        return str(inputs["command"])
-    seed = [f"seed={inputs['seed']}"] if inputs.get("seed") else []
-    return " ".join(["python -m sim2real run=diagnose", *_sources(inputs), *seed])
-
-
-def _sources(inputs: Mapping[str, Any]) -> list[str]:
-    """Return log=... and model=..., quoted for a shell."""
-    logs = inputs.get("logs", [])
-    logs = [logs] if isinstance(logs, str) else list(map(str, logs))
-    logs = [_short(log) for log in logs]
-    log = logs[0] if len(logs) == 1 else f"[{','.join(logs)}]"
-    models = sorted({_short(str(m)) for m in inputs.get("models", [])})
-    parts = [f"log={log}", *([f"model={models[0]}"] if len(models) == 1 else [])]
-    return [shlex.quote(part) for part in parts]
-
-
-def _short(path: str) -> str:
-    """Return a path without detours, from here where it lies below."""
-    whole, here = os.path.abspath(path), os.getcwd()
-    return os.path.relpath(whole, here) if whole.startswith(here + os.sep) else whole

@@ -17,9 +17,20 @@ import numpy as np
 from markupsafe import Markup
 
 from sim2real.diagnosis.schema import Trace
+from sim2real.diagnosis.settings import TINY
 
 WIDTH, TOP, MAIN, GAP, ERROR, LEFT, BOTTOM = 330, 6, 118, 14, 56, 52, 22  # of a window, units
+EDGE = 6  # right of a window, units
 POINTS = 700  # of a line, at most
+FULL = 0.6  # of the most held-out rows in any piece, that a piece must hold to be shown
+MILLI = 1e-3
+SPARE, BANDS = 1.08, 2.5  # height of the error plot: of the largest error, and in noise floors
+ROOM = 0.05  # above and below the positions, of their range
+TICKS, FEW_TICKS, TALL = 4, 3, 100  # numbers on an axis; on one that is less tall, units
+EVEN = 0.401  # of an axis about 0: the least step that puts one number on either side
+ROUND = (1, 2, 5, 10)  # steps between numbers, of a power of ten
+NUMBER, UNIT, TIME, LAST = 5, 11, 14, 9  # distances of numbers and of the last one, units
+LEAST = 1e-6  # rad or m: room above and below positions that do not change
 LINES = ("measured", "nominal", "corrected")  # drawn in this order
 
 
@@ -38,7 +49,7 @@ def spans(trace: Trace, seconds: float) -> list[Span]:
     starts = np.arange(time[0], time[-1] - seconds, seconds / 2)
     every = [Span(float(s), float(s + seconds)) for s in starts]
     counts = [int(trace.held_out[rows(trace, span)].sum()) for span in every]
-    return [s for s, n in zip(every, counts, strict=True) if n > 0 and n >= 0.6 * max(counts)]
+    return [s for s, n in zip(every, counts, strict=True) if n > 0 and n >= FULL * max(counts)]
 
 
 def rows(trace: Trace, span: Span) -> np.ndarray:
@@ -69,14 +80,14 @@ def window(trace: Trace, span: Span, title: str) -> Markup:
     stride = max(1, math.ceil(inside.sum() / POINTS))
     index = np.flatnonzero(inside)[::stride]
     time, floor = trace.time[index], trace.floor
-    scale = 1e3 if trace.unit in ("rad", "m") else 1.0
+    scale = 1 / MILLI if trace.unit in ("rad", "m") else 1.0
     names = lines(trace)
     values = {line: getattr(trace, line)[index] for line in names}
     errors = {line: scale * (values[line] - values["measured"]) for line in names[1:]}
-    x = _Axis(span.start, span.end, LEFT, WIDTH - 6)
+    x = _Axis(span.start, span.end, LEFT, WIDTH - EDGE)
     upper = _Axis(*_limits([*values.values()]), TOP + MAIN, TOP)
     most = max(float(np.abs(e).max()) for e in errors.values())
-    most = 1.08 * max(most, 2.5 * floor * scale, 1e-9)
+    most = SPARE * max(most, BANDS * floor * scale, TINY)
     base = TOP + MAIN + GAP
     lower = _Axis(-most, most, base + ERROR, base)
     parts = [_fitted(trace, index, x, base + ERROR)]
@@ -97,7 +108,7 @@ class _Axis:
     """A linear map from values to coordinates, and round numbers on it."""
 
     def __init__(self, low: float, high: float, start: float, end: float) -> None:
-        self.low, self.high, self.start, self.end = low, max(high, low + 1e-12), start, end
+        self.low, self.high, self.start, self.end = low, max(high, low + TINY), start, end
 
     def __call__(self, values: np.ndarray | float) -> np.ndarray:
         share = (np.asarray(values) - self.low) / (self.high - self.low)
@@ -106,37 +117,39 @@ class _Axis:
     def ticks(self, count: int) -> Iterator[tuple[float, str]]:
         """Yield round numbers within the axis and their text; one on each side about 0."""
         even = self.low == -self.high
-        step = _round_step(0.401 * self.high if even else (self.high - self.low) / count)
-        digits = max(0, -math.floor(math.log10(step) + 1e-9))
-        first = math.ceil(self.low / step - 1e-9)
-        for k in range(first, math.floor(self.high / step + 1e-9) + 1):
+        step = _round_step(EVEN * self.high if even else (self.high - self.low) / count)
+        digits = max(0, -math.floor(math.log10(step) + TINY))
+        first = math.ceil(self.low / step - TINY)
+        for k in range(first, math.floor(self.high / step + TINY) + 1):
             yield k * step, f"{k * step:.{digits}f}".replace("-", "−")
 
 
 def _round_step(rough: float) -> float:
-    power = 10.0 ** math.floor(math.log10(rough))
-    return next(m * power for m in (1, 2, 5, 10) if m * power >= rough * (1 - 1e-9))
+    power = float(ROUND[-1]) ** math.floor(math.log10(rough))
+    return next(m * power for m in ROUND if m * power >= rough * (1 - TINY))
 
 
 def _limits(values: Sequence[np.ndarray]) -> tuple[float, float]:
     low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
-    room = max(0.05 * (high - low), 1e-6)
+    room = max(ROOM * (high - low), LEAST)
     return low - room, high + room
 
 
 def _frame(x: _Axis, y: _Axis, labels: bool) -> Markup:
     """Draw grid lines and numbers; those of time below the lower plot only."""
     out = []
-    for value, text in y.ticks(4 if y.start - y.end > 100 else 3):
+    for value, text in y.ticks(TICKS if y.start - y.end > TALL else FEW_TICKS):
         at = float(y(value))
         out.append(Markup('<path class="grid" d="M{} {:.1f}H{}"/>').format(x.start, at, x.end))
-        out.append(Markup('<text class="n" x="{}" y="{:.1f}">{}</text>').format(LEFT - 5, at, text))
-    for value, text in x.ticks(4):
+        out.append(
+            Markup('<text class="n" x="{}" y="{:.1f}">{}</text>').format(LEFT - NUMBER, at, text)
+        )
+    for value, text in x.ticks(TICKS):
         at = float(x(value))
         out.append(Markup('<path class="grid" d="M{:.1f} {}V{}"/>').format(at, y.start, y.end))
         if labels:
-            low = y.start + 14
-            at = min(at, x.end - 9)
+            low = y.start + TIME
+            at = min(at, x.end - LAST)
             out.append(
                 Markup('<text class="t" x="{:.1f}" y="{}">{} s</text>').format(at, low, text)
             )
@@ -169,8 +182,8 @@ def _points(x: np.ndarray, y: np.ndarray) -> str:
 
 
 def _upright(y: float, text: str) -> Markup:
-    upright = Markup('<text class="u" transform="translate(11 {:.1f}) rotate(-90)">{}</text>')
-    return upright.format(y, text)
+    upright = Markup('<text class="u" transform="translate({} {:.1f}) rotate(-90)">{}</text>')
+    return upright.format(UNIT, y, text)
 
 
 def _svg(width: float, height: float, title: str, parts: Sequence[Markup]) -> Markup:
@@ -218,4 +231,4 @@ def fill(share: float, kind: str) -> Markup:
 
 
 def _part(share: float) -> str:
-    return f"{100 * min(max(share, 0.0), 1.0):.2f}%"
+    return f"{min(max(share, 0.0), 1.0):.2%}"

@@ -22,7 +22,7 @@ from hardware.log import Log, write_log
 from hardware.record import record
 from hardware.safety import Guard, StopLimits
 from sim2real.diagnosis import diagnose as verb
-from sim2real.diagnosis.diagnose import Diagnosis, diagnose, examine
+from sim2real.diagnosis.diagnose import Diagnosis, diagnose, run_diagnosis
 from sim2real.diagnosis.schema import Report
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import diagnose as command
@@ -55,7 +55,7 @@ def found(effect: str, value: float, excluded: tuple[str, ...] = EXCLUDED) -> Di
     """Diagnose a log that hides one effect; a few costly candidates are left out to save time."""
     log = make_log({"effect": effect, "where": "hinge", "value": value})
     SHARES.clear()
-    return examine([log], None, None, excluded, 0, lambda text, share: SHARES.append(share))
+    return run_diagnosis([log], None, None, excluded, 0, lambda text, share: SHARES.append(share))
 
 
 def test_a_hidden_effect_is_named_with_its_value() -> None:
@@ -80,7 +80,7 @@ def test_the_evidence_shows_what_the_report_says() -> None:
     evidence = report.evidence
     assert evidence.ladder[0].gap == pytest.approx(report.gap.before)
     assert evidence.ladder[-2].gap == pytest.approx(report.gap.after, rel=1e-6)
-    assert evidence.candidates[0].effect == "coulomb_friction"
+    assert evidence.singles[0].effect == "coulomb_friction"
     trace = evidence.traces[0]
     errors = [np.std(path - trace.measured) for path in (trace.nominal, trace.corrected)]
     assert errors[1] < 0.3 * errors[0]
@@ -149,7 +149,7 @@ def test_more_of_a_known_effect_is_found(tmp_path: Path) -> None:
     """A gain known to be 0.8 that is 0.5 is found to be 0.63 of that, and the file says 0.5."""
     write_effects(tmp_path / "known.yaml", [(make("position_gain", where="hinge"), (0.8,))])
     log = make_log({"effect": "position_gain", "where": "hinge", "value": 0.5})
-    found = examine([log], None, tmp_path / "known.yaml", EXCLUDED, 0, None)
+    found = run_diagnosis([log], None, tmp_path / "known.yaml", EXCLUDED, 0, None)
     (cause,) = [c for c in found.report.causes if c.effect == "position_gain"]
     assert cause.value == pytest.approx(0.5 / 0.8, rel=0.05)
     verb.write(found, tmp_path)

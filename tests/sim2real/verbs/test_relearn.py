@@ -28,7 +28,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
     given: dict[str, list[Any]] = {"diagnosed": [], "trained": []}
     real = relearn.train
 
-    def examine(logs: list, *settings: Any) -> SimpleNamespace:
+    def run_diagnosis(logs: list, *settings: Any) -> SimpleNamespace:
         given["diagnosed"].append(logs)
         return SimpleNamespace(report=None)
 
@@ -41,7 +41,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
         given["trained"].append(settings["effects"])
         return real(**settings)
 
-    monkeypatch.setattr(relearn, "examine", examine)
+    monkeypatch.setattr(relearn, "run_diagnosis", run_diagnosis)
     monkeypatch.setattr(relearn, "write", write)
     monkeypatch.setattr(words, "sentence", lambda report: "found")
     monkeypatch.setattr(relearn, "train", trained)

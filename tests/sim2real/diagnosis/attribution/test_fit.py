@@ -8,7 +8,7 @@ import pytest
 from sim2real.diagnosis.attribution.attribute import tempered
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.attribution.fit import Fit, Problem, refine
-from sim2real.diagnosis.attribution.pairwise import couples
+from sim2real.diagnosis.attribution.pairwise import pairs
 from sim2real.diagnosis.attribution.quantify import coalitions, intervals, shapley
 from sim2real.diagnosis.attribution.screen import screen
 from sim2real.diagnosis.data.score import Blocks
@@ -50,7 +50,7 @@ def test_the_vocabulary_is_complete_and_excludable(problem: Problem) -> None:
 def test_two_effects_are_found_together(problem: Problem, options: list[Candidate]) -> None:
     """Screening ranks the true couple first, and its fit has the true values."""
     screening = screen(problem, NOTHING, options)
-    best = couples(problem, screening.base, screening.drift, screening.responses)[0]
+    best = pairs(problem, screening.base, screening.drift, screening.responses)[0]
     assert {m.label for m in best.members} == {"coulomb_friction.a", "position_gain.b"}
     fit = refine(problem, best.members, best.start[None], 4)
     found = dict(zip([m.label for m in fit.members], fit.mean, strict=True))

@@ -10,7 +10,7 @@ import pytest
 
 from envs.effects import make
 from hardware.log import Log
-from sim2real.diagnosis.attribution.locate import Table, bands, holds, horizons, locate
+from sim2real.diagnosis.attribution.locate import Table, bands, locate
 from sim2real.diagnosis.data.regimes import regimes
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.data.trial import piece, trial
@@ -71,9 +71,6 @@ def test_the_joint_with_the_friction_has_the_gap_and_it_lies_in_the_holds() -> N
     assert sum(c.share for c in table.cells if (c.joint, c.group) == ("elbow", "speed")) == (
         pytest.approx(1)
     )
-    (elbow,) = [h for h in holds([gap], [spec.compile()]) if h.joint == "elbow"]
-    assert abs(elbow.measured) > 0.02
-    assert abs(elbow.simulated) < 0.005
 
 
 @pytest.mark.parametrize("name", ["fast", "high position", "reversal", "last third of the time"])
@@ -119,14 +116,6 @@ def test_bands_hold_the_whole_gap_where_it_is() -> None:
     assert (top.low, top.high) == (2.0, 5.0)
     whole = np.sqrt(sum(band.before**2 for band in own))
     assert whole == pytest.approx(0.01 / np.sqrt(2), rel=0.02)
-
-
-def test_horizons_grow_for_a_slow_cause() -> None:
-    """From measured starts a friction that is missing shows little after a row, more after 20."""
-    gap, spec = gap_of(effects=((make("viscous_friction", where="elbow"), [0.5]),))
-    found = {(h.joint, h.rows): h.error for h in horizons([gap.log], [spec])}
-    assert 5 * found["elbow", 1] < found["elbow", 20]
-    assert {rows for _, rows in found} == {1, 5, 20, 100}
 
 
 def test_a_free_base_is_placed_too() -> None:

@@ -14,10 +14,10 @@ from envs.plant import Fixed
 from hardware.config import load_robot
 from hardware.excite import Kind
 from sim2real.deployment.record import drive
+from sim2real.diagnosis.attribution.experiment_menu import menu
 from sim2real.diagnosis.attribution.next_experiment import (
     Experiment,
     Member,
-    menu,
     next_experiment,
     stand_in,
 )

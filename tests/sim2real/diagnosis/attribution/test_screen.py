@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.attribution import screen as module
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.fit import Fit, Problem, refine
 from sim2real.diagnosis.attribution.screen import screen
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.settings import DEFAULT, Screening
 from tests.sim2real.diagnosis import arm, motors
 
 TRUTH = (("position_gain", {"where": "b"}, 0.5), ("coulomb_friction", {"where": "a"}, 0.15))
 
 
-def test_beside_what_is_known_only_the_likely_are_simulated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def _probing(data: Data, most: int) -> Data:
+    """Return data whose settings probe so many candidates in full."""
+    return replace(data, settings=replace(DEFAULT, screening=Screening(probed_max=most)))
+
+
+def test_beside_what_is_known_only_the_likely_are_simulated(tmp_path: Path) -> None:
     """The first screening says which; the second effect is the best of them, with the same gain."""
-    data = arm.data_of(arm.make_log(*TRUTH), tmp_path)
+    data = _probing(arm.data_of(arm.make_log(*TRUTH), tmp_path), 1000)
     problem, options = Problem(data, Simulator(data, threads=1)), candidates(data)
     first = screen(problem, Fit((), np.zeros((2, 0)), np.zeros(2)), options)
     assert first.guesses[0].candidate.label == "position_gain.b"
     known = next(option for option in options if option.label == "position_gain.b")
     fit = Fit((known,), np.full((2, 1), 0.5), np.zeros(2))
     rest = [option for option in options if option is not known]
-    monkeypatch.setattr(module, "LIKELY", len(rest))
     full = screen(problem, fit, rest).guesses
-    monkeypatch.setattr(module, "LIKELY", 10)
+    problem = Problem(_probing(data, 10), problem.simulator)
     few = screen(problem, fit, rest, first.responses).guesses
     assert few[0].candidate.label == full[0].candidate.label == "coulomb_friction.a"
     assert few[0].gain == pytest.approx(full[0].gain, rel=1e-9)

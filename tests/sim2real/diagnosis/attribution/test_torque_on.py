@@ -12,7 +12,7 @@ from hardware.log import Log
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.attribution.fit import Problem
-from sim2real.diagnosis.attribution.torque_on import instead, with_torque
+from sim2real.diagnosis.attribution.torque_on import refit_torque_on, with_torque
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from tests.sim2real.diagnosis import arm
@@ -48,14 +48,14 @@ def test_a_law_that_fails_without_torque_is_named_and_contradicted() -> None:
     options = [_with_one_law(c) for c in candidates(data) if c.label in labels]
     problem, rng = Problem(data, Simulator(data, threads=1)), np.random.default_rng(0)
     search = Search(problem, options, 1e-3, rng, lambda text, share: None)
-    found = instead(search, Found(search.none, search.base))
+    found = refit_torque_on(search, Found(search.none, search.base))
     (member,) = found.fit.members
     assert member.label == labels[0]
     assert 0.2 < found.fit.mean[0] < 0.4  # of motor's and some external torque, 0.4 of motor's
     off = data.mask & ~with_torque(data)
     assert (found.error[off] ** 2).sum() > 2 * (search.base[off] ** 2).sum()
     assert found.on(found.error)[off].sum() == 0
-    fitted = instead(search, Found(found.fit, 0.1 * search.base))
+    fitted = refit_torque_on(search, Found(found.fit, 0.1 * search.base))
     assert fitted.seen is None  # what explains everything stays
 
 

@@ -48,7 +48,7 @@ def log(late: float = 0.0, ppm: float = 0.0, filtered: float = 0.0, seed: int = 
 @pytest.mark.parametrize("late", [-0.05, -0.01, 0.03, 0.05])
 def test_an_offset_between_channels_is_found_to_a_millisecond(late: float) -> None:
     """Counts and a coarse speed register do not hide it."""
-    shift = speed_shift([log(late)], "hinge", 0.25)
+    shift = speed_shift([log(late)], "hinge")
     assert shift is not None
     assert shift.seconds == pytest.approx(late, abs=1e-3)
     (finding,) = check_clocks([log(late)])

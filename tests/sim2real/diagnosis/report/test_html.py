@@ -16,7 +16,6 @@ import pytest
 from sim2real.diagnosis.report.html import render, write_html
 from sim2real.diagnosis.schema import (
     Band,
-    Candidate,
     Cause,
     Equivalent,
     Evidence,
@@ -25,6 +24,7 @@ from sim2real.diagnosis.schema import (
     Regime,
     Report,
     Rung,
+    SingleFit,
     Trace,
     Unexplained,
     Where,
@@ -62,8 +62,8 @@ def report() -> Report:
             Rung("+ command_delay", 0.005, (0.004, 0.006)),
             Rung("noise floor", 0.002, (0.002, 0.002)),
         ),
-        candidates=tuple(
-            Candidate("armature", f"joint{k}", None, 0.01, "kg·m²", 0.5 - 0.06 * k, (-0.1, 0.6))
+        singles=tuple(
+            SingleFit("armature", f"joint{k}", None, 0.01, "kg·m²", 0.5 - 0.06 * k, (-0.1, 0.6))
             for k in range(10)
         ),
         bands=(Band("elbow", 0.0, 1.0, 0.06, 0.004, 0.001),),

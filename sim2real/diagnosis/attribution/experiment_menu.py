@@ -1,0 +1,175 @@
+"""The motions that a robot can be asked for, and what may be changed about it first.
+
+for item in menu(spec):
+item.name, item.motions, item.by_hand
+if item.change is not None:
+item.change(spec)               # the same to a model
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from envs.effects.inertia import far_end
+from envs.effects.servo import is_joint_servo
+from envs.errors import EnvsError
+from hardware.config import Robot
+from hardware.excite import Kind
+from sim2real.diagnosis.settings import DEFAULT
+from sim2real.diagnosis.settings import Experiment as Limits
+
+GRAM = 1e-3  # kg
+
+
+class Item(NamedTuple):
+    """A motion of the menu.
+
+    Args:
+        name: what it is, as a person says it.
+        motions: kinds of `hardware.excite`.
+        setup: seconds that it takes besides the motion, to change something by hand.
+        by_hand: what to change first; None for nothing.
+        change: the same, done to a model.
+        override: the same for the command line of `record`; None where a hand has to do it.
+    """
+
+    name: str
+    motions: tuple[Kind, ...]
+    setup: float = 0.0
+    by_hand: str | None = None
+    change: Callable[[mujoco.MjSpec], None] | None = None
+    override: Callable[[Robot], str] | None = None
+
+
+def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Item]:
+    """Return the motions that a robot can be asked for; what its model cannot show is left out."""
+    found = [
+        Item("swings with the torque off", ("swing",)),
+        Item("slow ramps with reversals", ("ramp",)),
+        Item("steps", ("steps",)),
+        Item("a chirp", ("chirp",)),
+        Item("a multisine", ("multisine",)),
+        Item("holds, approached from both sides", ("hold",)),
+    ]
+    gain = Item(
+        "steps and holds at half the P gain",
+        ("steps", "hold"),
+        settings.gain_s,
+        "halve the P gain",
+        _scaled_gain(settings.gain),
+        lambda robot: f"robot.registers.position_p_gain={_lower_gain(robot, settings)}",
+    )
+    supply = Item(
+        f"steps and a chirp at {settings.supply:.0%} of the supply",
+        ("steps", "chirp"),
+        60.0,
+        f"lower the supply's voltage to {settings.supply:.0%}",
+        _scaled_supply(settings.supply),
+    )
+    mass, degrees = _spare_mass(spec, settings), np.rad2deg(settings.tilt)
+    load = Item(
+        f"ramps and steps with {mass / GRAM:.0f} g at the end",
+        ("ramp", "steps"),
+        60.0,
+        f"fix {mass / GRAM:.0f} g to the end of the last link",
+        _loaded(mass, settings.load_radius),
+    )
+    tilt = Item(
+        f"ramps and holds with the base tilted by {degrees:.0f} degrees",
+        ("ramp", "hold"),
+        60.0,
+        f"tilt the base by {degrees:.0f} degrees about its y axis",
+        _tilted(settings.tilt),
+    )
+    return [*found, gain, supply, *([load] if mass > 0 else []), tilt]
+
+
+def _lower_gain(robot: Robot, settings: Limits) -> int:
+    usual = settings.gain_register
+    gains = [robot.registers_of(servo).get("position_p_gain", usual) for servo in robot.servos]
+    return max(1, round(settings.gain * float(np.median(gains))))
+
+
+def _servos(spec: mujoco.MjSpec) -> list[int]:
+    model = spec.copy().compile()
+    return [i for i in range(model.nu) if is_joint_servo(model, i)]
+
+
+def _scaled_gain(factor: float) -> Callable[[mujoco.MjSpec], None]:
+    """Scale the position gains; what brakes stays."""
+
+    def change(spec: mujoco.MjSpec) -> None:
+        for i in _servos(spec):
+            gain, bias = (
+                np.array(p) for p in (spec.actuators[i].gainprm, spec.actuators[i].biasprm)
+            )
+            gain[0], bias[1] = factor * gain[0], factor * bias[1]
+            spec.actuators[i].gainprm, spec.actuators[i].biasprm = gain, bias
+
+    return change
+
+
+def _scaled_supply(factor: float) -> Callable[[mujoco.MjSpec], None]:
+    """Scale gain and largest torque: both go with the voltage, back-EMF does not."""
+
+    def change(spec: mujoco.MjSpec) -> None:
+        _scaled_gain(factor)(spec)
+        for i in _servos(spec):
+            spec.actuators[i].forcerange = factor * np.array(spec.actuators[i].forcerange)
+
+    return change
+
+
+def _last_body(spec: mujoco.MjSpec) -> int:
+    """The moving body furthest down the tree."""
+    model = spec.copy().compile()
+    return model.nbody - 1
+
+
+def _spare_mass(spec: mujoco.MjSpec, settings: Limits) -> float:
+    """A load worth noticing [kg], rounded to one digit; 0 where it is not clear where to put it."""
+    model = spec.copy().compile()
+    try:
+        far_end(model, _last_body(spec))
+    except EnvsError:
+        return 0.0
+    joints = {int(b) for b in model.jnt_bodyid}
+    moving = sum(float(model.body_mass[b]) for b in range(model.nbody) if _moves(model, b, joints))
+    return float(f"{settings.load * moving:.1g}")
+
+
+def _moves(model: mujoco.MjModel, body: int, joints: set[int]) -> bool:
+    while body:
+        if body in joints:
+            return True
+        body = int(model.body_parentid[body])
+    return False
+
+
+def _loaded(mass: float, radius: float) -> Callable[[mujoco.MjSpec], None]:
+    """Put a ball at the far end of the last body."""
+
+    def change(spec: mujoco.MjSpec) -> None:
+        index = _last_body(spec)
+        model = spec.copy().compile()
+        place = far_end(model, index)
+        body = spec.body(model.body(index).name) if model.body(index).name else spec.bodies[index]
+        load = body.add_body(pos=place)
+        load.add_geom(size=[radius, 0, 0], mass=mass, contype=0, conaffinity=0)
+
+    return change
+
+
+def _tilted(angle: float) -> Callable[[mujoco.MjSpec], None]:
+    """Tilt the base about its y axis: gravity turns the other way."""
+
+    def change(spec: mujoco.MjSpec) -> None:
+        x, y, z = spec.option.gravity
+        c, s = np.cos(angle), np.sin(angle)
+        spec.option.gravity = np.array([c * x + s * z, y, c * z - s * x])
+
+    return change

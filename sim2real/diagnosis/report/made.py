@@ -1,0 +1,75 @@
+"""What a report says of how it was made: its inputs, its settings, the command that repeats it."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sim2real.diagnosis.settings import Row
+
+
+def number(value: Any) -> str:
+    """Return a number, or a list of them, with four digits."""
+    if isinstance(value, list | tuple):
+        return ", ".join(map(number, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def setting(row: Row) -> dict[str, str]:
+    """Return a setting as the table shows it: words for names, no unit where there is none."""
+    return {
+        "stage": row.stage.replace("_", " "),
+        "name": row.name.replace("_", " "),
+        "value": number(row.value),
+        "unit": "" if row.unit == "1" else row.unit,
+        "meaning": row.meaning,
+        "origin": row.origin,
+    }
+
+
+def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
+    """Return a tree of names and values as lines of a list."""
+    lines = []
+    for key, value in tree.items():
+        title = f"{head}{str(key).replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            lines += flat(value, f"{title}: ")
+        elif isinstance(value, list | tuple):
+            lines.append((title, number(value) or "none"))
+        else:
+            lines.append((title, "none" if value is None else number(value)))
+    return lines
+
+
+def names(inputs: Mapping[str, Any]) -> list[str]:
+    """Return the names of the logs' files."""
+    logs = inputs.get("logs", [])
+    return [Path(str(log)).name for log in ([logs] if isinstance(logs, str) else logs)]
+
+
+def command(inputs: Mapping[str, Any]) -> str:
+    """Return the command line that makes this report again."""
+    if "command" in inputs:
+        return str(inputs["command"])
+    seed = [f"seed={inputs['seed']}"] if inputs.get("seed") else []
+    return " ".join(["python -m sim2real run=diagnose", *sources(inputs), *seed])
+
+
+def sources(inputs: Mapping[str, Any]) -> list[str]:
+    """Return log=... and model=..., quoted for a shell."""
+    logs = inputs.get("logs", [])
+    logs = [logs] if isinstance(logs, str) else list(map(str, logs))
+    logs = [_short(log) for log in logs]
+    log = logs[0] if len(logs) == 1 else f"[{','.join(logs)}]"
+    models = sorted({_short(str(m)) for m in inputs.get("models", [])})
+    parts = [f"log={log}", *([f"model={models[0]}"] if len(models) == 1 else [])]
+    return [shlex.quote(part) for part in parts]
+
+
+def _short(path: str) -> str:
+    """Return a path without detours, from here where it lies below."""
+    whole, here = os.path.abspath(path), os.getcwd()
+    return os.path.relpath(whole, here) if whole.startswith(here + os.sep) else whole

@@ -1,0 +1,102 @@
+"""Every number that steers a diagnosis, by stage, with unit, meaning and origin.
+
+    from dataclasses import replace
+    from sim2real.diagnosis.settings import DEFAULT, Search
+    diagnose("logs/", "arm.xml", settings=replace(DEFAULT, search=Search(causes_max=2)))
+
+A report lists all of them in "How this was made".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from sim2real.diagnosis.settings.attribution import (
+    Causes,
+    Cogging,
+    Experiment,
+    Fitting,
+    Locating,
+    Numerics,
+    Residual,
+    Screening,
+    Search,
+    TorqueOn,
+    Verdict,
+)
+from sim2real.diagnosis.settings.base import TINY, TINY_SQUARE, Row, rows, setting
+from sim2real.diagnosis.settings.data import Bootstrap, Dataset, Encoder, NoiseFloor, Regimes
+from sim2real.diagnosis.settings.preflight import (
+    Channels,
+    Checks,
+    Clocks,
+    Lag,
+    LogErrors,
+    Obstruction,
+    Servo,
+)
+
+__all__ = [
+    "DEFAULT",
+    "TINY",
+    "TINY_SQUARE",
+    "Bootstrap",
+    "Causes",
+    "Channels",
+    "Checks",
+    "Clocks",
+    "Cogging",
+    "Dataset",
+    "Encoder",
+    "Experiment",
+    "Fitting",
+    "Lag",
+    "Locating",
+    "LogErrors",
+    "NoiseFloor",
+    "Numerics",
+    "Obstruction",
+    "Regimes",
+    "Residual",
+    "Row",
+    "Screening",
+    "Search",
+    "Servo",
+    "Settings",
+    "TorqueOn",
+    "Verdict",
+    "rows",
+    "setting",
+]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The settings of all stages, in the order in which a log passes them."""
+
+    obstruction: Obstruction = field(default_factory=Obstruction)
+    encoder: Encoder = field(default_factory=Encoder)
+    noise_floor: NoiseFloor = field(default_factory=NoiseFloor)
+    dataset: Dataset = field(default_factory=Dataset)
+    regimes: Regimes = field(default_factory=Regimes)
+    bootstrap: Bootstrap = field(default_factory=Bootstrap)
+    channels: Channels = field(default_factory=Channels)
+    servo: Servo = field(default_factory=Servo)
+    clocks: Clocks = field(default_factory=Clocks)
+    log_errors: LogErrors = field(default_factory=LogErrors)
+    lag: Lag = field(default_factory=Lag)
+    checks: Checks = field(default_factory=Checks)
+    numerics: Numerics = field(default_factory=Numerics)
+    fitting: Fitting = field(default_factory=Fitting)
+    screening: Screening = field(default_factory=Screening)
+    cogging: Cogging = field(default_factory=Cogging)
+    search: Search = field(default_factory=Search)
+    torque_on: TorqueOn = field(default_factory=TorqueOn)
+    verdict: Verdict = field(default_factory=Verdict)
+    causes: Causes = field(default_factory=Causes)
+    locating: Locating = field(default_factory=Locating)
+    residual: Residual = field(default_factory=Residual)
+    experiment: Experiment = field(default_factory=Experiment)
+
+
+DEFAULT = Settings()

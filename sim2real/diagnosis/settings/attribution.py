@@ -1,0 +1,291 @@
+"""Settings of `diagnosis/attribution`: the search for causes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting
+
+ROUNDING = "derived: keeps a singular system solvable, far below what data say"
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """The damped Gauss-Newton steps of every fit."""
+
+    clock_s: float = setting(
+        1e-3, "s", "error of stamps where a row has one for all readings", DEVELOPED
+    )
+    stamped_steps: float = setting(
+        0.5,
+        "1",
+        "clock's error in simulation steps where each reading has its own stamp",
+        "derived: a command acts from the next step on, half a step late on average",
+    )
+    dampings: tuple[float, ...] = setting(
+        (0.0, 0.3, 3.0), "1", "dampings tried in a step, of the curvature", DEVELOPED
+    )
+    difference: float = setting(0.06, "1", "finite difference, of a typical change", DEVELOPED)
+    difference_min: float = setting(
+        0.3, "1", "least size a difference is taken of, of a typical change", DEVELOPED
+    )
+    settled: float = setting(0.01, "1", "relative gain below which a fit has settled", COST)
+    rounds: int = setting(3, "1", "steps of a fit unless its caller says otherwise", COST)
+    ridge: float = setting(1e-12, "1", "added to the curvature, of its trace", ROUNDING)
+    damping_min: float = setting(1e-6, "1", "added to each damping", ROUNDING)
+
+
+@dataclass(frozen=True)
+class Screening:
+    """The first look at every candidate."""
+
+    ridge: float = setting(
+        1e-3, "1", "added to a change's square, so that look-alikes do not cancel", DEVELOPED
+    )
+    ridge_floor: float = setting(1e-15, "1", "added besides", ROUNDING)
+    probed_max: int = setting(40, "1", "candidates probed in full beside known effects", COST)
+    scale_between: tuple[float, float] = setting(
+        (0.4, 2.2), "1", "scaling of a response that has neighbours", DEVELOPED
+    )
+    scale_beyond: tuple[float, float] = setting(
+        (0.05, 6.0), "1", "scaling of the smallest and the largest response", DEVELOPED
+    )
+    change_min: float = setting(
+        1e-6, "1", "response, of the squared error, below which nothing changes", ROUNDING
+    )
+    pair_scale: tuple[float, float] = setting(
+        (0.3, 3.0), "1", "scaling of a response in a pair", DEVELOPED
+    )
+    pair_ridge: float = setting(1e-9, "1", "least determinant of a pair, relative", ROUNDING)
+    pair_ridge_floor: float = setting(1e-30, "1", "least determinant of a pair", ROUNDING)
+    pairs_ranked: int = setting(400, "1", "pairs of responses kept in the ranking", COST)
+
+
+@dataclass(frozen=True)
+class Search:
+    """The forward and backward search."""
+
+    causes_max: int = setting(4, "1", "causes in all", DEVELOPED)
+    screening_s: float = setting(9.0, "s", "windows that screening uses", COST)
+    racing_s: float = setting(15.0, "s", "windows that the race uses", COST)
+    fitting_s: float = setting(40.0, "s", "windows that a winner is fitted to", COST)
+    final_s: float = setting(90.0, "s", "windows of the last fit", COST)
+    final_rounds: int = setting(4, "1", "steps of the last fit", COST)
+    rest_rounds: int = setting(2, "1", "steps of a fit without one cause", COST)
+    shown: float = setting(
+        0.5, "1", "squared error, of the windows that show it best, to keep the others", DEVELOPED
+    )
+    race: tuple[tuple[int, int], ...] = setting(
+        ((10, 0), (6, 1), (4, 1)), "1", "candidates of each round of the race, and steps", COST
+    )
+    settled_rounds: int = setting(6, "1", "steps of a winner's fit at most", COST)
+    spread: tuple[float, ...] = setting(
+        (1.0, 0.55, 1.7), "1", "starts of a fit, as multiples of the guess", DEVELOPED
+    )
+    promise_first: float = setting(
+        0.03, "1", "share of the squared error that screening must promise, first cause", DEVELOPED
+    )
+    promise_later: float = setting(0.1, "1", "the same for further causes", DEVELOPED)
+    suspect: float = setting(
+        0.03, "1", "share of the gap below which a joint is not suspected", DEVELOPED
+    )
+    worth: float = setting(0.04, "1", "share of the first gap that a cause must close", DEVELOPED)
+    worth_floors: float = setting(0.25, "1", "fall of the gap that counts, in floors", DEVELOPED)
+    alone: float = setting(
+        0.93, "1", "share of the gap from which one effect is taken to be alone", DEVELOPED
+    )
+    pairs: tuple[int, ...] = setting(
+        (8, 4, 3, 1), "1", "pairs fitted on more and more windows", COST
+    )
+    done_floors: float = setting(1.3, "1", "gap in floors at which the search ends", DEVELOPED)
+    heavy: float = setting(
+        0.9, "1", "share of the windows that count fully, however large their error", DEVELOPED
+    )
+    stride: int = setting(
+        7, "1", "shift from which windows are spread", "derived: any number without common factors"
+    )
+
+
+@dataclass(frozen=True)
+class Cogging:
+    """Ripples that the error shows."""
+
+    counts: tuple[int, int] = setting((4, 32), "1", "ripples in a turn: fewest and most", JUDGED)
+    counts_probed: int = setting(3, "1", "counts probed by simulation", COST)
+    sizes: tuple[float, ...] = setting(
+        (1.0, 2.5), "1", "probed amplitudes, of the one in the error", DEVELOPED
+    )
+    slow: float = setting(0.7, "rad/s", "faster rows tell little", DEVELOPED)
+    turned: float = setting(0.8, "rad", "a joint that turned less shows only a mean", DEVELOPED)
+    trend_order: int = setting(3, "1", "degree of the polynomial beside a ripple", DEVELOPED)
+    stiffness_min: float = setting(0.1, "N·m/rad", "least stiffness of a servo", JUDGED)
+    rows_min: int = setting(50, "1", "rows needed", JUDGED)
+    off_share: float = setting(0.05, "1", "windows without torque for longer are left out", JUDGED)
+
+
+@dataclass(frozen=True)
+class TorqueOn:
+    """When rows with torque are searched by themselves."""
+
+    closed: float = setting(0.6, "1", "share of the gap under torque to be closed", DEVELOPED)
+    explained: float = setting(0.9, "1", "share of the gap from which it is not tried", DEVELOPED)
+    explained_floors: float = setting(2.0, "1", "gap in floors at which it is not tried", DEVELOPED)
+    harm: float = setting(
+        2.0, "1", "squared error without torque that contradicts, of that before", DEVELOPED
+    )
+    simpler: float = setting(
+        1.25, "1", "how much worse one cause may be than several, under torque", DEVELOPED
+    )
+    windows_min: int = setting(4, "1", "windows needed with torque", JUDGED)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """When a gap is one, and when it is explained."""
+
+    no_gap_floors: float = setting(2.0, "1", "noise floors within which there is no gap", DEVELOPED)
+    no_gap_counts: float = setting(2.0, "1", "encoder counts within which there is none", JUDGED)
+    joint_floors: float = setting(3.0, "1", "floors from which one joint stands out", DEVELOPED)
+    joint_counts: float = setting(1.5, "1", "counts from which one joint stands out", DEVELOPED)
+    explained: float = setting(0.9, "1", "closed share from which it is explained", JUDGED)
+    partly: float = setting(0.3, "1", "closed share from which it is partly explained", JUDGED)
+
+
+@dataclass(frozen=True)
+class Causes:
+    """Shares, equivalents, confidence and intervals of causes."""
+
+    subsets_max: int = setting(5, "1", "causes of which every subset is fitted", COST)
+    subset_rounds: int = setting(2, "1", "steps of a subset's fit", COST)
+    equal_share: float = setting(
+        0.05, "1", "a rival this close, of what the cause closes, is equivalent", DEVELOPED
+    )
+    equal_worth: float = setting(
+        0.2, "1", "the same limit where the floor is larger, of what the cause closes", DEVELOPED
+    )
+    equal_unsure: float = setting(
+        0.25, "1", "the same where the bootstrap cannot tell which is better", DEVELOPED
+    )
+    equivalents_max: int = setting(
+        3, "1", "members of an equivalence set, the cause included", "the exam's rule"
+    )
+    sure_max: float = setting(0.98, "1", "confidence of a cause that always wins", DEVELOPED)
+    rival_doubt: float = setting(0.4, "1", "confidence lost to a rival next to it", DEVELOPED)
+    rival_margin: float = setting(
+        0.1, "1", "distance over which that falls to 1/e, of what is closed", DEVELOPED
+    )
+    open_doubt: float = setting(0.6, "1", "confidence lost where nothing is closed", DEVELOPED)
+    confidence_min: float = setting(0.01, "1", "least confidence", JUDGED)
+    confidence_max: float = setting(0.99, "1", "largest confidence", JUDGED)
+    left_min: float = setting(
+        1e-6, "1", "least square that a cause closes, of what is left", ROUNDING
+    )
+    doubt: float = setting(
+        0.3,
+        "1",
+        "part of what is left that may act like a cause, half-width of its interval",
+        "held nine of ten truths in the development cases of docs/blindcheck.md, seed 2026",
+    )
+    doubt_min: float = setting(0.005, "1", "least relative half-width", DEVELOPED)
+    factor_doubt_min: float = setting(0.01, "1", "least half-width of factors", DEVELOPED)
+    ridge: float = setting(1e-9, "1", "added to the curvature, of its trace", ROUNDING)
+    ridge_floor: float = setting(1e-30, "1", "added besides", ROUNDING)
+    off_share: float = setting(0.05, "1", "windows without torque for longer are a part", JUDGED)
+    part_windows_min: int = setting(2, "1", "windows of a part", JUDGED)
+    helps: float = setting(0.1, "1", "gain in a part that surely helps", DEVELOPED)
+    harms: float = setting(0.25, "1", "loss in a part that surely harms", DEVELOPED)
+
+
+@dataclass(frozen=True)
+class Locating:
+    """Where the gap lies."""
+
+    lift: float = setting(
+        1.2, "1", "share of the error, of its share of the time, that is worth naming", JUDGED
+    )
+    share_min: float = setting(0.2, "1", "share of the error worth naming", JUDGED)
+    named_max: int = setting(4, "1", "kinds of moments named a joint", JUDGED)
+    edges_hz: tuple[float, ...] = setting(
+        (0.0, 0.5, 2.0, 5.0, 15.0), "Hz", "edges of the frequency bands", JUDGED
+    )
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What the rest looks like."""
+
+    found: float = setting(
+        0.03, "1", "share of the squared rest that a free-form model must catch", JUDGED
+    )
+    ridge: float = setting(1e-3, "1", "ridge of the free-form model, of its mean variance", JUDGED)
+    spread_min: float = setting(1e-9, "rad", "least spread of a joint's motion", ROUNDING)
+    speed: float = setting(3.0, "1/s", "speed that counts as 1, of the motion's spread", JUDGED)
+    acceleration: float = setting(10.0, "1/s", "acceleration that counts as 1, of speeds", JUDGED)
+    sign: float = setting(5.0, "1", "steepness of the sign of a speed", JUDGED)
+    wave: float = setting(3.0, "1", "frequency of the sine of a position, of its spread", JUDGED)
+    feature_max: float = setting(10.0, "1", "larger features count as this", JUDGED)
+    noise_floors: float = setting(2.0, "1", "floors within which the rest is noise", JUDGED)
+    constant: float = setting(0.6, "1", "share of a window's mean that is constant", JUDGED)
+    fast: float = setting(0.3, "1", "share of squared differences that is fast", JUDGED)
+    moving: float = setting(0.3, "1/s", "speed in motion, of the motion's spread", JUDGED)
+    off_share: float = setting(0.05, "1", "windows without torque for longer", JUDGED)
+    rows_min: int = setting(5, "1", "rows that a mean needs", JUDGED)
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """When a gap or a cause is the simulator's own doing."""
+
+    piece_s: float = setting(5.0, "s", "length of a replayed piece", COST)
+    pieces: int = setting(4, "1", "pieces replayed", COST)
+    change: float = setting(0.1, "1", "change, of the gap, that is one", DEVELOPED)
+    change_min: float = setting(0.005, "1", "change, of the motion, that matters", DEVELOPED)
+    gain_left: float = setting(
+        0.25, "1", "share of an effect's gain that must stay for it to be physics", DEVELOPED
+    )
+    armature: float = setting(
+        5e-4,
+        "kg·m²",
+        "armature of joints without any",
+        "below the smallest servo's (XL-320: 1.1e-3)",
+    )
+    motion_min: float = setting(0.03, "rad", "a joint that moves less counts as this", JUDGED)
+    error_max: float = setting(5.0, "1", "larger errors count as this, of the motion", JUDGED)
+    tolerance: float = setting(1e-12, "1", "the tighter solver's tolerance", JUDGED)
+    line_tolerance: float = setting(1e-6, "1", "the same of its line search", JUDGED)
+    iterations: int = setting(4, "1", "the tighter solver's iterations, of the model's", JUDGED)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The next recording."""
+
+    motion_s: float = setting(8.0, "s", "length of a motion", JUDGED)
+    size: float = setting(0.6, "1", "part of the way to the limits", JUDGED)
+    count: float = setting(
+        2 * math.pi / 4096, "rad", "encoder count where no floor is known", "12 bits a turn"
+    )
+    apart_min: float = setting(2.0, "1", "noise floors that tell explanations apart", JUDGED)
+    fall_s: float = setting(2.0, "s", "time without torque in which a robot may fall", JUDGED)
+    fallen: float = setting(0.5, "rad", "motion from which it has fallen over", JUDGED)
+    reach: float = setting(1.0, "rad", "range of an actuator without limits", JUDGED)
+    fastest: float = setting(8.0, "rad/s", "speed of a servo whose model does not say", JUDGED)
+    rate_hz: float = setting(50.0, "1/s", "rate of a robot known by its model alone", JUDGED)
+    servo: str = setting("xl330-m288", "", "servo of a robot known by its model alone", JUDGED)
+    zero_count: int = setting(2048, "1", "its middle position", "Dynamixel X e-manual")
+    baud: int = setting(1_000_000, "1/s", "its bus", JUDGED)
+    answer_s: float = setting(0.001, "s", "its bus's time to answer", JUDGED)
+    margin: float = setting(0.1, "rad", "its distance from the limits", JUDGED)
+    supply_v: float = setting(5.0, "V", "its supply", "XL330 e-manual")
+    edge: float = setting(0.05, "1", "part of the range too close to a limit to start from", JUDGED)
+    gain: float = setting(0.5, "1", "factor of the P gain", JUDGED)
+    gain_register: int = setting(
+        800, "1", "P gain register unless the robot says", "Dynamixel default"
+    )
+    gain_s: float = setting(5.0, "s", "time to change a register", JUDGED)
+    hand_s: float = setting(60.0, "s", "time to change something by hand", JUDGED)
+    supply: float = setting(0.85, "1", "factor of the supply's voltage", JUDGED)
+    load: float = setting(0.3, "1", "added mass, of what moves", JUDGED)
+    load_radius: float = setting(0.005, "m", "radius of the ball that stands for it", JUDGED)
+    tilt: float = setting(math.pi / 6, "rad", "tilt of the base", JUDGED)

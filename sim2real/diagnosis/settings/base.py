@@ -1,0 +1,59 @@
+"""How a setting is declared, and how all of them are listed.
+
+    @dataclass(frozen=True)
+    class Lag:
+        window_s: float = setting(3.0, "s", "length of a window", JUDGED)
+
+    for row in rows(Settings()): row.stage, row.name, row.value, row.unit, row.meaning, row.origin
+
+A setting is a number that an answer depends on. Its name says what it limits and in which unit; its
+origin says where the value comes from. "rad" stands for rad at hinges and m at slides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import field, fields
+from typing import Any, NamedTuple
+
+# Origins that many settings share.
+DEVELOPED = (
+    "set by hand during development, with the cases of exam seeds 2026 and 2027 at hand"
+    " (docs/blindcheck.md); not studied one by one"
+)
+JUDGED = "judgement; not studied"
+COST = "computing time: a finer value changes the answer little and costs more"
+TINY = 1e-9  # rad, m, s or a share: keeps quotients finite and is far below anything measured
+TINY_SQUARE = TINY**2
+
+
+class Row(NamedTuple):
+    """One setting, as the report's table shows it."""
+
+    stage: str
+    name: str
+    value: Any
+    unit: str
+    meaning: str
+    origin: str
+
+
+def setting(default: Any, unit: str, meaning: str, origin: str) -> Any:
+    """Return a field of a settings class.
+
+    Args:
+        default: its value.
+        unit: SI; "1" for a share, factor or count.
+        meaning: what it limits, as a phrase.
+        origin: where the value comes from: derived, a reference, or the cases it was tuned on.
+    """
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "origin": origin})
+
+
+def rows(settings: Any) -> Iterator[Row]:
+    """Yield every setting of every stage, in the order of the classes."""
+    for stage in fields(settings):
+        group = getattr(settings, stage.name)
+        for one in fields(group):
+            about = (one.metadata[key] for key in ("unit", "meaning", "origin"))
+            yield Row(stage.name, one.name, getattr(group, one.name), *about)

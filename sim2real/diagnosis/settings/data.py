@@ -1,0 +1,85 @@
+"""Settings of `diagnosis/data`: noise, windows, kinds of moments, the bootstrap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """When readings count as rounded to steps."""
+
+    same: float = setting(1e-6, "rad", "readings closer than this are equal", JUDGED)
+    steps_min: int = setting(5, "1", "distinct steps needed to infer a rounding", JUDGED)
+    one_count: float = setting(
+        1.5, "1", "steps up to this multiple of the smallest are one count", "derived: below 2"
+    )
+    tested_counts: float = setting(50.0, "1", "longer steps are not tested", JUDGED)
+    whole_error: float = setting(0.02, "1", "distance from a whole number of counts", JUDGED)
+    whole_share: float = setting(0.95, "1", "share of steps that must be whole counts", JUDGED)
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """When commands repeat, and which scatter of repeats is noise."""
+
+    history_s: float = setting(1.0, "s", "commands that must agree before a moment", DEVELOPED)
+    compared_moments: int = setting(20, "1", "moments of the history compared", COST)
+    every_s: float = setting(0.1, "s", "interval between moments looked at", COST)
+    same_command: float = setting(2e-3, "rad", "commands this close are equal", DEVELOPED)
+    moved: float = setting(0.02, "rad", "a command that moves less holds still", DEVELOPED)
+    repeats_min: int = setting(20, "1", "repeats below which scatter is not trusted", DEVELOPED)
+    outlier_scatter: float = setting(
+        5.0, "1", "multiple of the median scatter beyond which moments are no repeats", DEVELOPED
+    )
+    outlier_counts: float = setting(
+        3.0, "1", "encoder counts beyond which moments are no repeats", DEVELOPED
+    )
+    slow_share: float = setting(0.3, "1", "share of the rows that count as slow", DEVELOPED)
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Blocks, folds, and which joints moved."""
+
+    block_s: float = setting(1.0, "s", "errors further apart count as independent", DEVELOPED)
+    still_counts: float = setting(
+        3.0, "1", "encoder counts below which a joint did not move", JUDGED
+    )
+    count_min: float = setting(1e-4, "rad", "an encoder count is taken as at least this", JUDGED)
+    scale_min: float = setting(
+        1e-6, "rad", "least spread that errors of mixed robots are divided by", JUDGED
+    )
+    whole_episodes_min: int = setting(
+        4, "1", "episodes from which folds share no episode", "derived: two of each kind a fold"
+    )
+    off_share: float = setting(
+        0.02, "1", "share of the time without torque that makes a group of its own", JUDGED
+    )
+
+
+@dataclass(frozen=True)
+class Regimes:
+    """Kinds of moments."""
+
+    rest_speed: float = setting(0.05, "rad/s", "slower joints are at rest", JUDGED)
+    reversal_before_s: float = setting(0.05, "s", "part of a reversal before the turn", JUDGED)
+    reversal_after_s: float = setting(0.3, "s", "part of a reversal after the turn", JUDGED)
+    still_command: float = setting(2e-3, "rad", "a held command moves less", JUDGED)
+    held_s: float = setting(0.5, "s", "time from which a still command is held", JUDGED)
+    smoothing_s: float = setting(0.06, "s", "window that speeds are averaged over", JUDGED)
+    goal_error: float = setting(0.01, "rad", "a joint this close is at its goal", JUDGED)
+    load_min: float = setting(1e-6, "N·m", "robots with less gravity load have no loads", JUDGED)
+    load_none: float = setting(0.1, "1", "share of the largest load that is no load", JUDGED)
+    rare: float = setting(0.98, "1", "quantile rarely exceeded; half of it parts the rest", JUDGED)
+    poses_max: int = setting(2000, "1", "poses in which gravity is computed", COST)
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """The block bootstrap of all intervals."""
+
+    draws: int = setting(400, "1", "resamples", COST)
+    tail: float = setting(0.05, "1", "probability below and above an interval", "convention: 90 %")

@@ -1,0 +1,216 @@
+"""Settings of `diagnosis/preflight`: when a log contradicts itself or its model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting
+
+THOUSAND = "derived: rows this far apart point to milliseconds, not seconds"
+
+
+@dataclass(frozen=True)
+class Channels:
+    """What a log's channels must agree on."""
+
+    jitter: float = setting(0.25, "1", "deviation of an interval, of the median one", JUDGED)
+    jitter_percentile: float = setting(95.0, "%", "intervals that must deviate less", JUDGED)
+    gap: float = setting(2.5, "1", "an interval this multiple of the median is a gap", JUDGED)
+    lost_share: float = setting(0.005, "1", "share of lost readings worth a finding", JUDGED)
+    repeat_counts: float = setting(
+        3.0, "1", "encoder counts that a joint moves around a repeated reading", JUDGED
+    )
+    count_min: float = setting(1e-6, "rad", "an encoder count is taken as at least this", JUDGED)
+    slowest_s: float = setting(0.5, "s", "longer intervals are in another unit", THOUSAND)
+    fastest_s: float = setting(1e-4, "s", "shorter intervals are in another unit", THOUSAND)
+    rate_error: float = setting(0.1, "1", "disagreement of `rate` and the stamps", JUDGED)
+    still_rad: float = setting(0.05, "rad", "a hinge that moves less tells nothing", JUDGED)
+    still_m: float = setting(0.005, "m", "a slide that moves less tells nothing", JUDGED)
+    reversals_min: int = setting(4, "1", "reversals that friction and play need", JUDGED)
+    reversal_size: float = setting(0.1, "1", "least size of a reversal, of the motion", JUDGED)
+    outside_share: float = setting(0.01, "1", "share of commands outside ctrlrange", JUDGED)
+    outside_slack: float = setting(0.01, "1", "slack around ctrlrange, of its width", JUDGED)
+    saturated_share: float = setting(
+        0.3, "1", "share of rows at the force limit above which gains do not show", DEVELOPED
+    )
+
+
+@dataclass(frozen=True)
+class Servo:
+    """What speed and duty registers must agree with."""
+
+    zero: float = setting(0.03, "rad", "offset of commands and readings worth a finding", JUDGED)
+    law_residual: float = setting(
+        0.03, "1", "share of the duty's variance that a law may leave", DEVELOPED
+    )
+    delays_s: tuple[float, float] = setting(
+        (0.1, 0.004), "s", "largest delay of a command tried, and the step", JUDGED
+    )
+    full_pwm: float = setting(
+        885.0, "1", "duty register at full", "Dynamixel X e-manual, PWM Limit"
+    )
+    turn_counts: float = setting(
+        4096 / (2 * math.pi), "1/rad", "encoder counts", "Dynamixel X e-manual: 4096 a turn"
+    )
+    speed_ratio: tuple[float, float] = setting(
+        (0.85, 1.18), "1", "ratios of speed register and slope that agree", JUDGED
+    )
+    common_spread: float = setting(
+        0.15, "1", "spread of the joints' ratios that is one common rate", JUDGED
+    )
+    lag_s: float = setting(0.005, "s", "lag of the speed register worth a finding", JUDGED)
+    lags_s: tuple[float, float, float] = setting(
+        (-0.01, 0.1, 0.0025), "s", "lags tried: first, last, step", JUDGED
+    )
+    speed_share: float = setting(
+        0.8, "1", "share of the speed's power that the slope must explain", JUDGED
+    )
+    speed_rows_min: int = setting(20, "1", "rows of an episode below which no speed law", JUDGED)
+    smoothing_s: float = setting(0.06, "s", "window that both channels are averaged over", JUDGED)
+    smoothing_rows_min: int = setting(3, "1", "least rows of that window", JUDGED)
+    unit_ratio: tuple[float, float] = setting(
+        (0.8, 1.25), "1", "ratios of position and command gain that agree", JUDGED
+    )
+    gain_ratio: tuple[float, float] = setting(
+        (0.9, 1.1), "1", "ratios of real and model gain that agree", JUDGED
+    )
+    duty_share_max: float = setting(
+        1.5, "1", "larger duties are in register units", "derived: a share of full is at most 1"
+    )
+    saturated_duty: float = setting(0.9, "1", "duties from here on are saturated", JUDGED)
+    duty_rows_min: int = setting(50, "1", "rows below which no duty law", JUDGED)
+    motion_min: float = setting(0.01, "rad", "standard deviation that a duty law needs", JUDGED)
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """When clocks contradict each other."""
+
+    offset_s: float = setting(
+        2e-3,
+        "s",
+        "offset of position and speed",
+        "below it logs of the emulator's registers scatter",
+    )
+    sigmas: float = setting(4.0, "1", "standard errors that an offset must exceed", JUDGED)
+    better: float = setting(
+        0.9,
+        "1",
+        "residual of a shifted speed, of that of a filtered one, below which it is a shift",
+        DEVELOPED,
+    )
+    drift_ppm: float = setting(
+        50.0, "ppm", "least drift named", "a reference: a crystal's tolerance is 20 to 50 ppm"
+    )
+    log_s: float = setting(
+        20.0, "s", "length of a log whose drift is examined", "derived: 200 ppm are then 4 ms"
+    )
+    reach_s: float = setting(0.25, "s", "largest offset looked for", JUDGED)
+    rows_min: int = setting(20, "1", "rows below which speeds tell nothing", JUDGED)
+    steps_max: int = setting(8, "1", "Gauss-Newton steps", COST)
+    settled_s: float = setting(1e-7, "s", "step at which they end", COST)
+    gain_min: float = setting(0.1, "1", "smaller gains of the speed are taken as 1", JUDGED)
+    fastest_s: float = setting(1e-3, "s", "shortest time constant of a filter tried", JUDGED)
+    filters: int = setting(25, "1", "time constants tried", COST)
+
+
+@dataclass(frozen=True)
+class LogErrors:
+    """When a correction of the log is named."""
+
+    piece_s: float = setting(4.0, "s", "length of a replayed piece", COST)
+    pieces: int = setting(4, "1", "pieces replayed", COST)
+    suspect: float = setting(
+        0.3, "1", "error that a log error could make, of the motion", DEVELOPED
+    )
+    rate_suspect: float = setting(
+        0.1, "1", "the same for a wrong rate, which slow motion hides", DEVELOPED
+    )
+    rate_joint: float = setting(
+        0.1 / 3, "1", "joints with less error do not judge a rate", DEVELOPED
+    )
+    closed: float = setting(0.4, "1", "share of a suspect error that may stay", DEVELOPED)
+    closed_small: float = setting(0.25, "1", "the same where the error is no suspect", DEVELOPED)
+    beats: float = setting(0.6, "1", "share of the best ordinary effect's error", DEVELOPED)
+    promising: float = setting(0.8, "1", "values that leave more are not refined", DEVELOPED)
+    rate_joints: float = setting(0.7, "1", "share of joints that a rate must mend", DEVELOPED)
+    motion_min: float = setting(0.03, "rad", "a joint that moves less counts as this", JUDGED)
+    left_max: float = setting(0.7, "1", "error that a right correction leaves at most", DEVELOPED)
+    error_max: float = setting(5.0, "1", "larger errors count as this, of the motion", JUDGED)
+    harm_factor: float = setting(1.2, "1", "growth of other joints' errors that is harm", DEVELOPED)
+    harm_slack: float = setting(0.1, "1", "added to it, of the motion", DEVELOPED)
+    rates: tuple[float, ...] = setting(
+        (0.1, 0.2, 0.25, 1 / 3, 0.5, 2 / 3, 0.8, 1.25, 1.5, 2.0, 3.0, 4.0, 5.0, 10.0),
+        "1",
+        "wrong rates tried",
+        JUDGED,
+    )
+    finer_rates: tuple[float, ...] = setting(
+        (0.85, 0.9, 0.95, 1.05, 1.1, 1.15), "1", "factors tried around the best rate", JUDGED
+    )
+    zeros: tuple[float, ...] = setting(
+        (-math.pi, -math.pi / 2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, math.pi / 2),
+        "rad",
+        "wrong zeros tried",
+        JUDGED,
+    )
+    finer_zeros: tuple[float, ...] = setting(
+        (0.6, 0.75, 0.88, 1.12, 1.3), "1", "factors tried around the best zero", JUDGED
+    )
+    zero_min: float = setting(0.05, "rad", "offset from which a zero is tried", JUDGED)
+    degrees_min: float = setting(
+        2 * math.pi, "1", "larger numbers may be degrees", "derived: more than a turn in rad"
+    )
+    rad_twice_max: float = setting(0.1, "1", "smaller numbers may be converted twice", JUDGED)
+    rate_rows_min: int = setting(8, "1", "rows that a piece keeps under another rate", JUDGED)
+    gains: tuple[float, ...] = setting(
+        (0.03, 0.1, 0.25, 0.5, 2.0, 4.0), "1", "rival position gains", JUDGED
+    )
+    delays_s: tuple[float, ...] = setting((0.02, 0.05, 0.1), "s", "rival command delays", JUDGED)
+    dry_friction: tuple[float, ...] = setting(
+        (0.05, 0.2, 0.5), "1", "rival dry friction, of the median force limit", JUDGED
+    )
+    viscous_friction: tuple[float, ...] = setting(
+        (0.05, 0.2, 1.0), "s/rad", "rival viscous friction, of the median force limit", JUDGED
+    )
+    speed_limits: tuple[float, ...] = setting((0.5, 2.0), "rad/s", "rival speed limits", JUDGED)
+    acceleration_limits: tuple[float, ...] = setting(
+        (2.0, 4.0, 6.0, 10.0, 30.0), "rad/s²", "rival acceleration limits", JUDGED
+    )
+    tilt: float = setting(0.4, "rad", "rival tilts of the base, about x and y", JUDGED)
+
+
+@dataclass(frozen=True)
+class Lag:
+    """When the robot's lag jumps within a log."""
+
+    window_s: float = setting(3.0, "s", "length of a window", JUDGED)
+    reach_s: float = setting(0.25, "s", "largest lag looked for", JUDGED)
+    alike: float = setting(0.7, "1", "correlation below which a lag means nothing", JUDGED)
+    speed_min: float = setting(0.1, "rad/s", "RMS speed below which nothing moves", JUDGED)
+    windows_min: int = setting(3, "1", "windows on either side of a jump", JUDGED)
+    jump_s: float = setting(0.008, "s", "distance of the closest lags of both sides", DEVELOPED)
+    episode_s: float = setting(60.0, "s", "part of each episode that is examined", COST)
+
+
+@dataclass(frozen=True)
+class Obstruction:
+    """When something holds a joint."""
+
+    rest_s: float = setting(0.1, "s", "time on either side that a joint rests", DEVELOPED)
+    still: float = setting(0.003, "rad", "a resting joint moves less in it", DEVELOPED)
+    usual: float = setting(0.9, "1", "quantile of a joint's rests that is usual", DEVELOPED)
+    current: float = setting(3.0, "1", "multiple of the usual current", DEVELOPED)
+    error: float = setting(1.6, "1", "multiple of the usual error", DEVELOPED)
+    margin_s: float = setting(0.5, "s", "time left out before and after", DEVELOPED)
+    rests_min: int = setting(50, "1", "rows at rest below which nothing is usual", JUDGED)
+    shortest_s: float = setting(0.2, "s", "less in a whole log is a spike", JUDGED)
+
+
+@dataclass(frozen=True)
+class Checks:
+    """When readings scatter by more than their counts."""
+
+    noise: float = setting(1.5, "1", "multiple of the rounding", JUDGED)
+    rounding_min: float = setting(1e-5, "rad", "a rounding is taken as at least this", JUDGED)
