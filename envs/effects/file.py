@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import os
-import tempfile
+import secrets
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -129,16 +129,12 @@ def write_effects(
         _entry(effect, values, ci) for (effect, values), ci in zip(effects, intervals, strict=True)
     ]
     text = yaml.safe_dump(entries, sort_keys=False, allow_unicode=True)
-    folder = Path(path).resolve().parent
-    handle, temporary = tempfile.mkstemp(dir=folder, prefix=f".{Path(path).name}.")
+    temporary = Path(path).with_name(f".{Path(path).stem}-{secrets.token_hex(8)}.yaml")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.chmod(temporary, 0o644)
+        temporary.write_text(text, encoding="utf-8")
         os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def _entry(effect: Effect, values: Sequence[float], ci: Sequence[float] | None) -> dict[str, Any]:

@@ -28,9 +28,10 @@ from torch import nn
 from envs.tasks.base import Commanded
 from envs.tasks.servo import ServoTask
 from hardware.exported import SCHEMA, TOLERANCE, ExportedPolicy
+from hardware.files import whole_file
 from sim2real.deployment.trained import Trained
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import replacing, write_text
+from sim2real.runs.files import write_text
 
 log = logging.getLogger(__name__)
 PAIRS = 8  # of observation and action, kept in policy.json
@@ -59,9 +60,9 @@ def export(trained: Trained, task: ServoTask, out: Path, rng: np.random.Generato
     compare(ExportedPolicy(facts, arrays)(seen), wanted, "policy.npz")
     compare(evaluate(program.module(), seen), wanted, "policy.pt2")
     out.mkdir(parents=True, exist_ok=True)
-    with replacing(out / "policy.pt2") as temporary:
+    with whole_file(out / "policy.pt2") as temporary:
         torch.export.save(program, temporary)
-    with replacing(out / "policy.npz") as temporary, temporary.open("wb") as file:
+    with whole_file(out / "policy.npz") as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
     digests = {
         name: hashlib.sha256((out / name).read_bytes()).hexdigest()

@@ -19,10 +19,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import torch
 
+from hardware.files import whole_file
 from sim2real.learning.adapt import Adaptation
 from sim2real.learning.population.population import draw_seeds
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import replacing
 
 DEPLOY_STREAM = 4  # which of the seed's streams starts and perturbations are drawn from
 STATE = "state.npz"
@@ -150,7 +150,7 @@ class Deployment:
 
 def save(path: Path, deployment: Deployment) -> None:
     """Write where a deployment is, whole or not at all."""
-    with replacing(path) as temporary, temporary.open("wb") as file:
+    with whole_file(path) as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **deployment.state_dict())
 
 

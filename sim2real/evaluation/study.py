@@ -27,6 +27,7 @@ from sim2real.evaluation.transfer import TransferScores, read
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.metrics import MetricsFile
 from sim2real.runs.run_files import DECISIVE
+from sim2real.runs.tree import flat
 
 PATTERN = "transfer-*.json"
 SAME = 1.1  # ratio up to which two numbers of steps are one budget
@@ -208,7 +209,7 @@ def _runs(file: Path) -> list[Run]:
     folder = file.parent
     try:
         tree = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
-        settings = _flat({key: tree.get(key) for key in DECISIVE if key != "seed"})
+        settings = flat({key: tree.get(key) for key in DECISIVE if key != "seed"})
         expect = dict(tree.get("expect") or {})
     except (OSError, AttributeError, TypeError, ValueError, yaml.YAMLError) as error:
         raise RunsError(
@@ -230,15 +231,6 @@ def _brief(key: str, value: Any) -> str:
     if name == "_target_":
         return f"{place.rpartition('.')[2]}={str(value).rpartition('.')[2]}"
     return "" if value is None or isinstance(value, list | dict) else f"{name}={value}"
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return {"a.b": 1} for {"a": {"b": 1}}."""
-    found: dict[str, Any] = {}
-    for key, value in tree.items():
-        inner = isinstance(value, Mapping)
-        found |= _flat(value, f"{prefix}{key}.") if inner else {f"{prefix}{key}": value}
-    return found
 
 
 def _fixed(settings: Mapping[str, Any]) -> dict[str, Any]:

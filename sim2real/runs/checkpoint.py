@@ -31,6 +31,7 @@ import torch
 from torchrl.checkpoint import Checkpoint, CheckpointAdapter, CheckpointRotation, GlobalRNGState
 
 from sim2real.runs.errors import CheckpointError, DamagedCheckpointError, DiskError
+from sim2real.runs.tree import flat
 
 FOLDER = "checkpoints"
 _NAME = re.compile(r"checkpoint-(\d+)\.torchrl")
@@ -325,22 +326,13 @@ def restore(
 
 def check_expected(path: Path, metadata: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
     """Raise CheckpointError, naming both values, where metadata differ from what is expected."""
-    there, here = _flat(metadata), _flat(json.loads(json.dumps(expected)))
+    there, here = flat(metadata), flat(json.loads(json.dumps(expected)))
     for key, value in here.items():
         if there.get(key) != value:
             raise CheckpointError(
                 f"checkpoint {path} has {key} {there.get(key)}, this run has {key} {value}; "
                 f"give the run the checkpoint's {key.split('.')[0]}, or another checkpoint"
             )
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return {"a.b": 1} for {"a": {"b": 1}}."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        inner = isinstance(value, Mapping)
-        flat |= _flat(value, f"{prefix}{key}.") if inner else {f"{prefix}{key}": value}
-    return flat
 
 
 def _damaged(path: Path, error: Exception) -> DamagedCheckpointError:

@@ -20,8 +20,8 @@ import numpy as np
 from scipy import stats as scipy_stats
 
 from envs.params import Parameter
+from hardware.files import whole_file
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import replacing
 from sim2real.runs.statistics import Interval
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def figure(
         fig = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(fig)
         yield fig, fig.subplots(rows, columns, squeeze=False)
-        with replacing(path) as temporary:
+        with whole_file(path) as temporary:
             fig.savefig(temporary, dpi=DPI)
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.tree import flat
 
 
 class LoggerError(Sim2RealError):
@@ -52,7 +53,7 @@ class Logger(ABC):
         try:
             self._sink = self._make(out, "_".join(out.absolute().parts[-3:]))
             if config:
-                self._sink.log_hparams(_flat(config))
+                self._sink.log_hparams(_plain(config))
         except (
             Exception
         ) as error:  # each service has its own; whichever it is, the remedy is the same
@@ -171,13 +172,7 @@ class Loggers:
             logger.log(metrics, step)
 
 
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return {"a.b": 1} for {"a": {"b": 1}}; what is no number, text or truth becomes text."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            flat |= _flat(value, f"{name}.")
-        else:
-            flat[name] = value if isinstance(value, bool | int | float | str) else str(value)
-    return flat
+def _plain(config: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
+    """Return settings by dotted name; what is no number, text or truth becomes text."""
+    items = flat(config).items()
+    return {k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in items}

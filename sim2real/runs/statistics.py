@@ -61,16 +61,6 @@ def share_above(threshold: float) -> Statistic:
     return lambda values: (np.asarray(values) > threshold).mean(axis=(-2, -1))
 
 
-def mean_and_std(values: np.ndarray) -> tuple[float, float]:
-    """Return mean and sample standard deviation (n - 1) of values (n,).
-
-    Raises:
-        StatsError: fewer than two values have no standard deviation.
-    """
-    values = _table(np.asarray(values, dtype=np.float64).reshape(-1, 1), "a standard deviation")
-    return float(values.mean()), float(values.std(ddof=1))
-
-
 def bootstrap(
     values: np.ndarray,
     statistic: Statistic,

@@ -13,7 +13,6 @@ from sim2real.runs.statistics import (
     difference,
     iqm,
     mean,
-    mean_and_std,
     probability_of_improvement,
     share_above,
     share_closed,
@@ -44,11 +43,6 @@ def test_statistics_reduce_the_last_two_axes() -> None:
     stack = rng().normal(size=(5, 3, 7))
     for statistic in (iqm, mean, share_above(0.1)):
         np.testing.assert_allclose(statistic(stack), [statistic(table) for table in stack])
-
-
-def test_mean_and_std_are_of_a_sample() -> None:
-    """The standard deviation divides by n - 1."""
-    assert mean_and_std(np.array([1.0, 3.0])) == (2.0, pytest.approx(np.sqrt(2)))
 
 
 def test_interval_of_the_mean_agrees_with_the_normal_law() -> None:
@@ -146,8 +140,6 @@ def test_one_run_has_no_interval() -> None:
         bootstrap(one, mean, rng(), draws=10, resample="rows")
     with pytest.raises(StatsError, match="at least 2 runs"):
         difference(two, one, mean, rng(), draws=10)
-    with pytest.raises(StatsError, match="at least 2 runs"):
-        mean_and_std(np.ones(1))
 
 
 def test_wrong_tables_are_refused() -> None:
