@@ -28,16 +28,18 @@ from envs.effects.cogging import Cogging
 from envs.effects.combine import combined
 from envs.effects.command import CommandDelay, PacketLoss, ProfileAcceleration, ProfileVelocity
 from envs.effects.contact import ContactStiffness, GroundFriction
+from envs.effects.drive import ActuatorLag, IntegralAction, TorqueSpeedKnee
 from envs.effects.field import FieldEffect
 from envs.effects.file import load_effects, write_effects
 from envs.effects.friction import (
     Armature,
+    AsymmetricFriction,
     CoulombFriction,
     LoadDependentFriction,
     StribeckFriction,
     ViscousFriction,
 )
-from envs.effects.inertia import CenterOfMass, GravityTilt, LinkMass, Payload
+from envs.effects.inertia import CenterOfMass, GravityTilt, LinkInertia, LinkMass, Payload
 from envs.effects.registry import EFFECTS, make, register
 from envs.effects.sampling import ObservationDelay
 from envs.effects.scale import RobotScale
@@ -53,12 +55,15 @@ from envs.effects.supply import SupplySag, SupplyVoltage, ThermalDerating
 
 for _effect in (
     *(CoulombFriction, ViscousFriction, StribeckFriction, LoadDependentFriction, Cogging, Armature),
+    AsymmetricFriction,
     *(Backlash, JointCompliance),
     *(PositionGain, DerivativeGain, MotorStrength, TorqueLimit, DeadZone),
+    *(TorqueSpeedKnee, ActuatorLag, IntegralAction),
     *(SupplyVoltage, SupplySag, ThermalDerating),
     *(CommandDelay, PacketLoss, ProfileVelocity, ProfileAcceleration),
     *(ObservationDelay, EncoderOffset, SensorNoise, Quantization, VelocityFilter),
     *(LinkMass, CenterOfMass, Payload, GravityTilt, GroundFriction, ContactStiffness),
+    LinkInertia,
     *(Colour, LightLevel, LightDirection, CameraShift, CameraTurn),
 ):
     register(_effect)

@@ -358,3 +358,58 @@ class LoadDependentFriction(Effect):
     def batch(self) -> str:
         """Return the group of rules that are stepped from Python."""
         return RULES
+
+
+class _OneWay(_FrictionRule):
+    """See `AsymmetricFriction`."""
+
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        super().__init__(plant, effect.where, effect)
+        self.applied = plant.applied
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        half = self.value[ids] / 2
+        self.add(ids, np.broadcast_to(np.abs(half), (len(half), len(self.dofs))))
+        rows = np.arange(len(self.value))[ids][:, None]
+        self.applied[rows, self.dofs] -= half
+
+
+class AsymmetricFriction(Effect):
+    """Dry friction in one direction of motion only: against positive speeds where it is positive.
+
+    Friction K + value one way and K the other is friction K + value / 2 both ways and a constant
+    torque -value / 2, at rest as in motion; so it is applied, and so a preloaded spring or a cable
+    that pulls looks the same.
+    """
+
+    name = "asymmetric_friction"
+    place = "joint"
+    unit = "N·m"
+    typical = (-0.1, 0.1)
+    words = "asymmetric Coulomb friction"
+    no_mjcf = "MJCF has no friction that depends on the direction"
+    symptom = "one direction of motion lags or stops short more than the other, in every pose"
+    source = "tau = -(K + v) for w > 0, K for w < 0; Armstrong-Hélouvry 1991; Kelly et al. 2000"
+    experiment = "the same slow ramp there and back in poses without gravity torque"
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Make the joint stick where it had no friction."""
+        stiffen(spec, self.where)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the difference between the directions."""
+        joints(model, self.where)
+        return (self.parameter(),)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the motor's torque, for either direction."""
+        sizes = PARTS[1:] * scale.torque_at(self.where)
+        return np.concatenate([sizes, -sizes])
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+    def bind(self, plant: PlantView) -> SubstepRule:
+        """Apply both parts before each substep."""
+        return _OneWay(plant, self)

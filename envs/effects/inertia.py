@@ -40,6 +40,21 @@ class LinkMass(FieldEffect):
         return np.array([-0.3 * own, 0.3 * own, 0.1 * scale.mass, 0.4 * scale.mass])
 
 
+class LinkInertia(FieldEffect):
+    """The inertia of a body about its centre of mass, as a factor; its mass stays."""
+
+    name = "link_inertia"
+    place = "body"
+    unit = ""
+    hows: ClassVar[tuple[How, ...]] = ("scale",)
+    field = "body_inertia"
+    constants = True
+    typical = (0.5, 2.0)
+    symptom = "turning is harder or easier than mass and lever arm say, while static sag is right"
+    source = "MuJoCo XML reference, body/inertial/diaginertia; J = f J_cm + m r²"
+    experiment = "fast swings of the last link about its own joint, next to slow loaded holds"
+
+
 def far_end(model: mujoco.MjModel, body: int) -> np.ndarray:
     """Return the point of a body where the next one hangs, in its own frame [m], (3,).
 

@@ -243,6 +243,17 @@ class MotorStrength(ActuatorEffect):
         return PLAIN
 
 
+def limited(spec: mujoco.MjSpec, where: str | None) -> None:
+    """Give actuators without a force range one that never acts; None: all of them."""
+    for actuator in spec.actuators:
+        wanted = where is None or actuator.name == where
+        free = actuator.forcerange[0] >= actuator.forcerange[1]
+        free = free or actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_FALSE
+        if wanted and free and actuator.gaintype != mujoco.mjtGain.mjGAIN_SO3:
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            actuator.forcerange = [-UNLIMITED, UNLIMITED]
+
+
 class TorqueLimit(FieldEffect, ActuatorEffect):
     """The largest torque at the joint, in both directions; an actuator without a limit gets one."""
 
@@ -268,13 +279,7 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Switch the limit on: the engine ignores a range that is not."""
-        for actuator in spec.actuators:
-            wanted = self.where is None or actuator.name == self.where
-            free = actuator.forcerange[0] >= actuator.forcerange[1]
-            free = free or actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_FALSE
-            if wanted and free and actuator.gaintype != mujoco.mjtGain.mjGAIN_SO3:
-                actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-                actuator.forcerange = [-UNLIMITED, UNLIMITED]
+        limited(spec, self.where)
 
     def elements(self, model: mujoco.MjModel) -> tuple[np.ndarray]:
         """Return the index of the actuators' ranges."""

@@ -45,6 +45,11 @@ STANDARD = [
     "supply_sag",
     "dead_zone",
     "profile_acceleration",
+    "asymmetric_friction",
+    "torque_speed_knee",
+    "actuator_lag",
+    "integral_action",
+    "link_inertia",
 ]
 
 ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
@@ -135,7 +140,7 @@ def test_a_neutral_effect_is_absent(name, where, how, side, plain) -> None:
 def test_an_effect_acts_and_rows_differ(name, plain) -> None:
     """A typical value changes what is true or measured, in its own row alone."""
     value = 0.15 if name == "torque_limit" else EFFECTS[name].typical[1]
-    if name in ("profile_velocity", "profile_acceleration"):
+    if name in ("profile_velocity", "profile_acceleration", "torque_speed_knee"):
         value = EFFECTS[name].typical[0]
     made = effect(name, where=None if name == "thermal_derating" else PLACES[EFFECTS[name].place])
     neutral = Plant(arm(), [made], 1, 1).space.neutral

@@ -158,3 +158,24 @@ def test_cogging_is_a_torque_of_the_angle(bench, one) -> None:
     two.reset(0.1)
     two.run(0.0, 1)
     assert two.speed[0] == arm.speed[0]
+
+
+def test_asymmetric_friction_brakes_one_way_only(bench, one) -> None:
+    """Both ways it slows down as its friction says: 0.02 + 0.01 one way, 0.01 the other."""
+    for speed, value, torque in ((2.0, 0.02, 0.03), (-2.0, 0.02, 0.01), (-2.0, -0.02, 0.03)):
+        effects = [one("coulomb_friction"), one("asymmetric_friction")]
+        arm = bench(effects, [[0.01, value]], MOTOR)
+        arm.reset(w=speed)
+        for _ in range(40):
+            arm.run(0.0)
+        lost = np.abs(speed) - np.abs(arm.speed)
+        assert lost == pytest.approx([torque / INERTIA * 0.04], rel=0.02)
+
+
+def test_asymmetric_friction_sticks_up_to_another_torque_each_way(bench, one) -> None:
+    """With 0.1 and 0.1 more one way: 0.15 holds one way and moves the other, 0.08 holds both."""
+    effects = [one("coulomb_friction"), one("asymmetric_friction")]
+    for torque, moves in ((0.15, False), (-0.15, True), (0.08, False), (-0.08, False)):
+        arm = bench(effects, [[0.1, 0.1]], MOTOR)
+        arm.reset()
+        assert (abs(arm.hold(torque, 0.5)[0]) > 0.1) == moves

@@ -131,3 +131,28 @@ def test_a_body_without_a_far_end_is_refused() -> None:
     spec = mujoco.MjSpec.from_string(text)
     with pytest.raises(EffectError, match="'ball' has no child, site or geom"):
         Plant(spec, [make("center_of_mass", where="ball")], 1, 1)
+
+
+ROD = """<mujoco><option timestep="0.0005"/><worldbody><body name="rod">
+    <joint name="hinge" axis="0 1 0"/><geom type="capsule" size="0.01" mass="0.3"
+    fromto="0 0 0 0 0 -0.3"/></body></worldbody></mujoco>"""
+
+
+def test_link_inertia_sets_the_period_of_a_pendulum() -> None:
+    """J = f J_cm + m r² about the joint; what gravity pulls stays: T = 2 pi sqrt(J / m g r)."""
+    spec = mujoco.MjSpec.from_string(ROD)
+    model = spec.copy().compile()
+    factors = [0.25, 1.0, 4.0]
+    plant = Plant(spec, [make("link_inertia", where="rod")], 3, 1)
+    plant.set_params(np.arange(3), np.array(factors)[:, None])
+    plant.reset(np.arange(3), np.full((3, 1), 0.05), np.zeros((3, 1)), np.zeros(3, np.uint64))
+    angles = []
+    for _ in range(4000):
+        plant.step(None, np.zeros((3, 0)), 1)
+        angles.append(plant.qpos[:, 0].copy())
+    own, arm, mass = model.body_inertia[1].max(), 0.15, float(model.body_mass[1])
+    for k, factor in enumerate(factors):
+        path = np.array(angles)[:, k]
+        crossing = np.flatnonzero((path[:-1] > 0) & (path[1:] <= 0))[0] * model.opt.timestep
+        period = 2 * np.pi * np.sqrt((factor * own + mass * arm**2) / (mass * 9.81 * arm))
+        assert crossing == pytest.approx(period / 4, rel=5e-3)

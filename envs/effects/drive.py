@@ -1,0 +1,266 @@
+"""Effects inside a motor's drive: what its voltage, its current loop and its integrator do.
+
+Each acts before every physics substep on the law, or on the range, of the actuators that it knows.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import RULES, Bound, Extra, SubstepRule
+from envs.effects.history import arriving
+from envs.effects.places import joint_driven
+from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
+from envs.effects.servo import ActuatorEffect, is_joint_servo, is_linear, limited
+from envs.params import How, Parameter
+
+NO_KNEE = 1e6  # rad/s: a motor whose torque does not fall with its speed
+
+
+class _DriveRule(SubstepRule):
+    """Acts on k actuators at joints with one value a row."""
+
+    def __init__(self, plant: PlantView, index: np.ndarray) -> None:
+        model = plant.model
+        self.plant, self.index = plant, index
+        self.gear = model.actuator_gear[index, 0]  # (k,)
+        joint = model.actuator_trnid[index, 0]
+        self.q, self.v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
+        self.range = plant.live("actuator_forcerange")  # (N, actuators, 2)
+        self.value = np.zeros((plant.num_rows, 1))
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Keep the value of each row."""
+        self.value[ids] = values[:, :1]
+
+    def at(self, ids: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
+        """Return the index of the actuators in the rows ids of a field."""
+        return np.arange(self.plant.num_rows)[ids][:, None], self.index
+
+    def command(self, ids: np.ndarray | slice) -> np.ndarray:
+        """Return what reaches the actuators in the coming substep, (n, k)."""
+        return np.stack([arriving(self.plant, int(i), ids) for i in self.index], axis=1)
+
+    def law(self, ids: np.ndarray | slice) -> np.ndarray:
+        """Return the force that the actuators' laws ask for in the coming substep, (n, k)."""
+        layout, at = self.plant.layout, self.at(ids)
+        bias = self.bias[at]  # (n, k, 10)
+        length = self.gear * layout.raw_qpos[ids][:, self.q]
+        speed = self.gear * layout.raw_qvel[ids][:, self.v]
+        held = bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
+        return self.gain[(*at, 0)] * self.command(ids) + held
+
+
+class _Knee(_DriveRule):
+    """See `TorqueSpeedKnee`."""
+
+    order = 42  # of the range that the supply leaves
+
+    def __init__(self, plant: PlantView, index: np.ndarray, effect: TorqueSpeedKnee) -> None:
+        super().__init__(plant, index)
+        self.effect, self.no_load = effect, np.ones((plant.num_rows, 1))
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        self.no_load[ids, 0] = self.effect.scalar("no_load", values)
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        at = self.at(ids)
+        speed = self.plant.layout.raw_qvel[ids][:, self.v] * np.sign(self.gear)  # (n, k)
+        knee = self.value[ids]
+        left = (self.no_load[ids] * knee - np.abs(speed)) / ((self.no_load[ids] - 1) * knee)
+        left = np.clip(left, 0.0, 1.0)
+        self.range[(*at, 1)] *= np.where(speed > 0, left, 1.0)
+        self.range[(*at, 0)] *= np.where(speed < 0, left, 1.0)
+
+
+class TorqueSpeedKnee(ActuatorEffect):
+    """A torque limit that falls with the speed, from its knee to nothing at the no-load speed.
+
+    Up to the knee the actuator has its whole limit; at `no_load` times the knee it can no longer
+    push in the direction of its motion. Braking is left alone. 1e6 is no knee.
+    """
+
+    name = "torque_speed_knee"
+    unit = "rad/s"
+    hows: ClassVar[tuple[How, ...]] = ("set",)
+    extras = (
+        Extra(
+            "no_load",
+            "",
+            2.0,
+            1.001,
+            1e3,
+            "the no-load speed as a multiple of the knee's",
+            fit=(1.05, 10.0),
+            typical=(1.2, 4.0),
+        ),
+    )
+    typical = (1.0, 20.0)
+    words = "torque-speed knee"
+    no_mjcf = "MJCF has no force range that depends on the speed"
+    symptom = "fast motions under load fall behind, slow ones with the same torque do not"
+    source = "|tau| <= tau_max min(1, (w0 - |w|) / (w0 - wk)): a motor's back-EMF at full voltage"
+    experiment = "the largest steps, up and down, at two supply voltages: the slope has a ceiling"
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether it drives a joint and has a torque limit that could fall."""
+        limit = bool(model.actuator_forcelimited[actuator])
+        return limit and joint_driven(model, actuator) and is_linear(model, actuator)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the knee's speed, and the free extras."""
+        self.actuators(model)
+        knee = self.parameter(low=1e-3, high=NO_KNEE, neutral=NO_KNEE)
+        return (knee, *self.free_parameters())
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return knees below the usual speed and between that and the largest one."""
+        usual, most = scale.speeds(str(self.where))
+        return np.array([(part * usual, 2.0) for part in (0.2, 0.5, 1.0)] + [(0.5 * most, 1.3)])
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+    def bind(self, plant: PlantView) -> Bound:
+        """Narrow the range before each substep."""
+        return _Knee(plant, self.actuators(plant.model), self)
+
+
+class _Lag(_DriveRule):
+    """See `ActuatorLag`."""
+
+    order = 46  # after everything that changes the law or its limit
+
+    def __init__(self, plant: PlantView, index: np.ndarray) -> None:
+        super().__init__(plant, index)
+        self.force = np.zeros((plant.num_rows, len(index)))
+        self.running = np.zeros(plant.num_rows, dtype=bool)
+
+    def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
+        self.running[ids] = False  # the first substep has what the law asks for
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        at = self.at(ids)
+        wanted = np.clip(self.law(ids), self.range[(*at, 0)], self.range[(*at, 1)])
+        kept = np.exp(-self.plant.model.opt.timestep / np.maximum(self.value[ids], 1e-12))
+        kept = np.where(self.running[ids][:, None], kept, 0.0)
+        force = wanted + (self.force[ids] - wanted) * kept
+        self.force[ids], self.running[ids] = force, True
+        self.range[at] = force[..., None]  # both ends: the engine's clamp yields this force
+
+
+class ActuatorLag(ActuatorEffect):
+    """A first-order lag between the torque that the law asks for and the motor's; a time constant.
+
+    Of a current loop with the winding's inductance, or a drive train that winds up. The actuator's
+    own damping, the back-EMF, is not delayed. A command delay shifts everything; a lag rounds it.
+    """
+
+    name = "actuator_lag"
+    unit = "s"
+    typical = (0.0, 0.03)
+    no_mjcf = "MJCF filters an actuator's command, not its torque"
+    symptom = "the torque builds up late: overshoot and ringing where the gains should be damped"
+    source = "T dtau/dt = tau_law - tau; MuJoCo XML reference, dyntype filterexact, on the torque"
+    experiment = "small fast steps at a high gain; log the current if the servo reports it"
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether its force is affine in the command, and acts on a joint."""
+        return is_linear(model, actuator) and joint_driven(model, actuator)
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Switch the force range on, which carries the torque."""
+        limited(spec, self.where)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the time constant."""
+        self.actuators(model)
+        return (self.parameter(low=0.0),)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return time constants from a quick current loop to a slow one."""
+        return np.array([0.003, 0.01, 0.03])
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+    def bind(self, plant: PlantView) -> Bound:
+        """Let each substep's torque follow the law."""
+        return _Lag(plant, self.actuators(plant.model))
+
+
+class _Integral(_DriveRule):
+    """See `IntegralAction`."""
+
+    order = 35  # after a dead zone, before the supply
+
+    def __init__(self, plant: PlantView, index: np.ndarray) -> None:
+        super().__init__(plant, index)
+        self.sum = np.zeros((plant.num_rows, len(index)))  # of the error [rad s]
+
+    def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
+        self.sum[ids] = 0.0
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        at, dt = self.at(ids), self.plant.model.opt.timestep
+        gain, bias = self.gain[(*at, 0)], self.bias[at]
+        length = self.gear * self.plant.layout.raw_qpos[ids][:, self.q]
+        pull = gain * self.command(ids) + bias[..., 0] + bias[..., 1] * length  # (n, k)
+        error = pull / np.where(gain > 0, gain, 1.0)
+        force = self.law(ids) + gain * self.value[ids] * self.sum[ids]
+        low, high = self.range[(*at, 0)], self.range[(*at, 1)]
+        winds = ((force >= high) & (error > 0)) | ((force <= low) & (error < 0))
+        self.sum[ids] += np.where(winds, 0.0, error * dt)
+        self.bias[(*at, 0)] += gain * self.value[ids] * self.sum[ids]
+
+
+class IntegralAction(ActuatorEffect):
+    """The integral term of a position servo: force = kp (e + value ∫ e dt) - kv w.
+
+    The value is the integral gain over the proportional one, 1 / reset time. The sum stands still
+    while the force is at its limit, and is 0 at the start of an episode.
+    """
+
+    name = "integral_action"
+    unit = "1/s"
+    typical = (0.0, 10.0)
+    no_mjcf = "a position actuator has no integral term"
+    symptom = "a hold creeps to its goal within seconds, and a loaded step overshoots"
+    source = "u = kp e + ki ∫ e dt; Dynamixel Position I Gain (82); Åström and Hägglund 1995"
+    experiment = "loaded holds of several seconds, reached from both sides"
+
+    @staticmethod
+    def can(model: mujoco.MjModel, actuator: int) -> bool:
+        """Return whether it is a position servo on a joint."""
+        return is_joint_servo(model, actuator)
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Switch the force range on, which stops the sum."""
+        limited(spec, self.where)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the rate."""
+        self.actuators(model)
+        return (self.parameter(low=0.0),)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return rates from ten seconds to a tenth of one."""
+        return np.array([0.1, 0.5, 2.0, 10.0])
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+    def bind(self, plant: PlantView) -> Bound:
+        """Add the sum to the law before each substep."""
+        return _Integral(plant, self.actuators(plant.model))
