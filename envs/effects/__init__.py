@@ -31,13 +31,11 @@ from envs.effects.contact import ContactStiffness, GroundFriction
 from envs.effects.drive import ActuatorLag, IntegralAction, TorqueSpeedKnee
 from envs.effects.field import FieldEffect
 from envs.effects.file import load_effects, write_effects
-from envs.effects.friction import (
-    Armature,
+from envs.effects.friction import Armature, CoulombFriction, ViscousFriction
+from envs.effects.friction_rules import (
     AsymmetricFriction,
-    CoulombFriction,
     LoadDependentFriction,
     StribeckFriction,
-    ViscousFriction,
 )
 from envs.effects.inertia import CenterOfMass, GravityTilt, LinkInertia, LinkMass, Payload
 from envs.effects.registry import EFFECTS, make, register

@@ -1,0 +1,268 @@
+"""Friction that depends on something: speed, load, direction.
+
+It is written into the engine's own friction loss before each substep, so that a joint sticks
+exactly instead of chattering about zero speed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
+from envs.effects.friction import PARTS, Grip, stiffen
+from envs.effects.places import joint_driven, joints
+from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
+from envs.params import Parameter
+
+
+class _FrictionRule(SubstepRule):
+    """Adds a friction torque of each of k joints to the engine's friction loss."""
+
+    order = 50
+
+    def __init__(self, plant: PlantView, where: str | None, effect: Effect) -> None:
+        self.effect = effect
+        self.joints = joints(plant.model, where)
+        self.dofs = plant.model.jnt_dofadr[self.joints]  # (k,)
+        self.loss = plant.live("dof_frictionloss")  # (N, nv)
+        self.value = np.zeros((plant.num_rows, 1))
+        self.qvel = plant.layout.raw_qvel
+        self.grip = Grip(plant, where)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Keep the coefficient of each row."""
+        self.value[ids] = values[:, :1]
+        self.grip.hold(ids[values[:, 0] != 0])
+
+    def add(self, ids: np.ndarray | slice, torque: np.ndarray) -> None:
+        """Add friction torques (n, k) [N·m] for the coming substep."""
+        if isinstance(ids, slice):
+            self.loss[:, self.dofs] += torque
+        else:
+            self.loss[ids[:, None], self.dofs] += torque
+
+
+class _Stribeck(_FrictionRule):
+    """See `StribeckFriction`."""
+
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        super().__init__(plant, effect.where, effect)
+        self.speed, self.shape = np.ones((plant.num_rows, 1)), np.ones((plant.num_rows, 1))
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        self.speed[ids, 0] = self.effect.scalar("speed", values)
+        self.shape[ids, 0] = self.effect.scalar("shape", values)
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        slowness = np.abs(self.qvel[ids][:, self.dofs]) / self.speed[ids]
+        self.add(ids, self.value[ids] * np.exp(-(slowness ** self.shape[ids])))
+
+
+class StribeckFriction(Effect):
+    """More dry friction near standstill than in motion, by value exp(-|w / speed|^shape)."""
+
+    name = "stribeck_friction"
+    place = "joint"
+    unit = "N·m"
+    extras = (
+        Extra(
+            "speed",
+            "rad/s",
+            0.5,
+            1e-3,
+            np.inf,
+            "the speed at which the excess has fallen to 37 %",
+            fit=(0.05, 3.0),  # what has not fallen at a few rad/s is Coulomb friction
+            typical=(0.1, 2.0),
+        ),
+        Extra("shape", "", 2.0, 0.1, 10.0, "the exponent of its decay: 1 exponential, 2 Gaussian"),
+    )
+    typical = (0.0, 0.15)
+    words = "Stribeck friction"
+    no_mjcf = "MJCF has no friction that depends on the speed"
+    sizes = Sizes("add", "stall", 2e-3, 0.3)
+    symptom = "stick-slip: slow motions go in jumps, fast ones are smooth"
+    source = "Armstrong-Hélouvry 1991; Kcs exp(-|w/ws|^a), as in Rhoban's BAM (arXiv 2410.08650) M2"
+    experiment = "ramps at several slow speeds, one after the other, with reversals"
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Make the joint stick where it had no friction."""
+        stiffen(spec, self.where)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the static excess, and the free extras."""
+        joints(model, self.where)
+        return (self.parameter(low=0.0), *self.free_parameters())
+
+    def bind(self, plant: PlantView) -> SubstepRule:
+        """Write the friction loss before each substep."""
+        return _Stribeck(plant, self)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the motor's torque, each with two speeds."""
+        sizes = PARTS * scale.torque_at(self.where)
+        return np.array(list(itertools.product(sizes, (0.25, 0.8))))
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+    @classmethod
+    def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw a speed."""
+        return {"speed": float(np.exp(rng.uniform(np.log(0.2), np.log(1.0))))}
+
+
+class _LoadDependent(_FrictionRule):
+    """See `LoadDependentFriction`."""
+
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        super().__init__(plant, effect.where, effect)
+        self.motor, self.bias = plant.batch.bind("qfrc_actuator"), plant.batch.bind("qfrc_bias")
+        self.external = np.ones((plant.num_rows, 1))
+        model = plant.model
+        self.driven = np.array([i for i in range(model.nactuator) if joint_driven(model, i)], int)
+        dofs = model.jnt_dofadr[model.actuator_trnid[self.driven, 0]]
+        turns = model.actuator_gear[self.driven, :1] ** 2
+        self.turns = (dofs[:, None] == self.dofs) * turns  # (actuators, k)
+        self.damping = plant.field("actuator_damping")
+        self.running = np.zeros(
+            (plant.num_rows, 1), dtype=bool
+        )  # whether a substep has computed the motor's torque
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        self.external[ids, 0] = self.effect.scalar("external", values)
+
+    def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
+        self.running[ids] = False
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        bias = self.bias[ids][:, self.dofs]  # (n, k)
+        drag = self.damping[ids][:, self.driven] @ self.turns * self.qvel[ids][:, self.dofs]
+        motor = np.where(self.running[ids], self.motor[ids][:, self.dofs] - drag, bias)
+        self.add(ids, self.value[ids] * np.abs(motor + self.external[ids] * bias))
+        self.running[ids] = True
+
+
+class LoadDependentFriction(Effect):
+    """Friction in proportion to what the gear carries: value |tau_motor - external tau_external|.
+
+    The external torque is that of gravity and inertia, minus the engine's bias force; contacts are
+    left out of it. At a hold the motor's and the external torque are opposite, so that the friction
+    is value times twice the gravity torque where `external` is 1. Gears differ in how much a load
+    that drives them back rubs: with 0 only the motor's own torque does. Of that, what the
+    actuator's damping takes, the back-EMF, never gets to the gear. The torques are those of the
+    substep before.
+    """
+
+    name = "load_dependent_friction"
+    place = "joint"
+    unit = ""
+    extras = (
+        Extra(
+            "external",
+            "",
+            1.0,
+            0.0,
+            1.0,
+            "the part of the external torque that rubs",
+            fit=(0.0, 1.0),
+        ),
+    )
+    typical = (0.0, 0.35)
+    no_mjcf = "MJCF has no friction that depends on the load"
+    sizes = Sizes("add", "one", 5e-3, 0.6)
+    symptom = (
+        "friction that grows with the load: wide hysteresis where gravity pulls, little"
+        " where it does not"
+    )
+    source = (
+        "Rhoban's BAM (arXiv 2410.08650) M3: Kl |tau_m - tau_e| added to the Coulomb friction;"
+        " M5: a coefficient for each of the two torques"
+    )
+    experiment = (
+        "slow reversals with two payloads, or through poses with and without gravity torque"
+    )
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Make the joint stick where it had no friction."""
+        stiffen(spec, self.where)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the coefficient, and the free extras."""
+        joints(model, self.where)
+        return (self.parameter(low=0.0, high=1.0), *self.free_parameters())
+
+    def bind(self, plant: PlantView) -> SubstepRule:
+        """Write the friction loss before each substep."""
+        return _LoadDependent(plant, self)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return coefficients, with and without the external torque."""
+        return np.array(list(itertools.product((0.03, 0.12, 0.4), (0.0, 1.0))))
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+
+class _OneWay(_FrictionRule):
+    """See `AsymmetricFriction`."""
+
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        super().__init__(plant, effect.where, effect)
+        self.applied = plant.applied
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        half = self.value[ids] / 2
+        self.add(ids, np.broadcast_to(np.abs(half), (len(half), len(self.dofs))))
+        rows = np.arange(len(self.value))[ids][:, None]
+        self.applied[rows, self.dofs] -= half
+
+
+class AsymmetricFriction(Effect):
+    """Dry friction in one direction of motion only: against positive speeds where it is positive.
+
+    Friction K + value one way and K the other is friction K + value / 2 both ways and a constant
+    torque -value / 2, at rest as in motion; so it is applied, and so a preloaded spring or a cable
+    that pulls looks the same.
+    """
+
+    name = "asymmetric_friction"
+    place = "joint"
+    unit = "N·m"
+    typical = (-0.1, 0.1)
+    words = "asymmetric Coulomb friction"
+    no_mjcf = "MJCF has no friction that depends on the direction"
+    symptom = "one direction of motion lags or stops short more than the other, in every pose"
+    source = "tau = -(K + v) for w > 0, K for w < 0; Armstrong-Hélouvry 1991; Kelly et al. 2000"
+    experiment = "the same slow ramp there and back in poses without gravity torque"
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Make the joint stick where it had no friction."""
+        stiffen(spec, self.where)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the difference between the directions."""
+        joints(model, self.where)
+        return (self.parameter(),)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return parts of the motor's torque, for either direction."""
+        sizes = PARTS[1:] * scale.torque_at(self.where)
+        return np.concatenate([sizes, -sizes])
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES
+
+    def bind(self, plant: PlantView) -> SubstepRule:
+        """Apply both parts before each substep."""
+        return _OneWay(plant, self)
