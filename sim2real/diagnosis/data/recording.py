@@ -2,11 +2,11 @@
 
     spec = with_bus_delay(switchable(load_model(log, "arm.xml")), log)
     recording = to_recording(episode, model)                    # a whole episode
-    recording = to_recording(rows_of(log, 500, 650), model, before=rows_of(log, 498, 500))
+    recording = to_recording(rows_of(log, 500, 650), model, rows_before(log, 500))
 
-A replay may start anywhere in an episode. Positions are those of its first row. At the start of
-an episode speeds are those that were logged, else 0; elsewhere the slope of the positions around
-that row. The command in force before the first row is the row's before it; at
+A replay may start anywhere in an episode. Positions are those of its first row. Speeds are those
+that were logged; where there are none, 0 at the start of an episode, and the slope of the positions
+around its first row elsewhere. The command in force before the first row is the row's before it; at
 the start of an episode it is the first one.
 """
 
@@ -146,9 +146,9 @@ def _speeds(log: Log, model: mujoco.MjModel, before: Columns | None) -> np.ndarr
     qvel = np.zeros(model.nv)
     for i in range(model.njnt):
         name, own = model.joint(i).name, int(model.jnt_dofadr[i])
-        if before is None and f"qvel.{name}" in log.columns:
+        if f"qvel.{name}" in log.columns:
             qvel[own] = log.column(f"qvel.{name}")[0]
-        if (
+        elif (
             before is not None
             and int(model.jnt_type[i]) not in WIDTH
             and f"qpos.{name}" in log.columns

@@ -55,3 +55,12 @@ def test_a_start_in_mid_episode_has_the_slope_of_the_positions(
     assert found == pytest.approx((around[2] - around[0]) * arm.RATE / 2, abs=0.05)
     assert np.abs(found).min() > 0.1
     assert not to_recording(part, model).qvel.any()
+
+def test_a_start_has_the_speeds_that_were_logged(log: Log, model: mujoco.MjModel) -> None:
+    """Anywhere in an episode."""
+    speeds = {f"qvel.{name}": np.linspace(0, k, len(log)) for k, name in ((1.0, "a"), (-2.0, "b"))}
+    told = Log({**log.columns, **speeds})
+    for row in (0, ROW):
+        part = rows_of(told, row, row + 50)
+        found = to_recording(part, model, rows_before(told, row)).qvel
+        assert found.tolist() == [column[row] for column in speeds.values()]
