@@ -29,6 +29,7 @@ from torch import nn
 from envs.rows import Rows
 from envs.simulation import Simulation
 from hardware.log import Log
+from sim2real.diagnosis.data.recording import columns_of
 from sim2real.learning.learner import with_effects
 from sim2real.learning.population.population import draw_seeds
 from sim2real.learning.population.rollout import play
@@ -41,7 +42,6 @@ Act = Callable[[np.ndarray], np.ndarray]  # observations (n, O) to actions (n, A
 PIECE = 0.25  # s between restarts from a recorded state: longer ones diverge by themselves
 PLAYED = 50  # episodes that score a policy in each world
 EFFECTS = "effects.yaml"
-SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 RECORDING, PLAYING, INTERVALS = 1, 2, 3  # streams of randomness that follow from one seed
 
 
@@ -82,7 +82,7 @@ def _note(
 
 
 def _log(robot: Simulation, episodes: list[np.ndarray]) -> Log:
-    """Return episodes (T, nq + nv + nu) as a log; velocities of hinges and slides alone."""
+    """Return episodes (T, nq + nv + nu) as a log."""
     model = robot.plant.nominal
     every = np.concatenate(episodes)
     dt = robot.task.frame_skip * model.opt.timestep
@@ -93,13 +93,9 @@ def _log(robot: Simulation, episodes: list[np.ndarray]) -> Log:
     for i, actuator in enumerate(named(robot.task.spec()).actuators):
         columns[f"ctrl.{actuator.name}"] = every[:, model.nq + model.nv + i]
     for i in range(model.njnt):
-        name, q = model.joint(i).name, int(model.jnt_qposadr[i])
-        if int(model.jnt_type[i]) in SCALAR:
-            columns[f"qpos.{name}"] = every[:, q]
-            columns[f"qvel.{name}"] = every[:, model.nq + model.jnt_dofadr[i]]
-        else:
-            size = int(np.append(model.jnt_qposadr, model.nq)[i + 1]) - q
-            columns |= {f"qpos.{name}.{k}": every[:, q + k] for k in range(size)}
+        first = int(model.jnt_qposadr[i]), model.nq + int(model.jnt_dofadr[i])
+        for kind, start, names in zip(("qpos", "qvel"), first, columns_of(model, i), strict=True):
+            columns |= {f"{kind}.{name}": every[:, start + k] for k, name in enumerate(names)}
     return Log(columns, {"robot": type(robot.task).__name__, "rate": 1 / dt})
 
 

@@ -13,7 +13,7 @@ the start of an episode it is the first one.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -123,8 +123,7 @@ def positions(log: Log, model: mujoco.MjModel) -> dict[str, int]:
     """Return where in qpos each logged position belongs: column name without `qpos.` to address."""
     places = {}
     for i in range(model.njnt):
-        start = int(model.jnt_qposadr[i])
-        names = _names(model, i, 0)
+        start, (names, _) = int(model.jnt_qposadr[i]), columns_of(model, i)
         places |= {n: start + k for k, n in enumerate(names) if f"qpos.{n}" in log.columns}
     return places
 
@@ -135,32 +134,48 @@ def _stamps(columns: Columns, name: str) -> np.ndarray:
     return columns.get(f"stamp.{name}", of_joint)
 
 
-def _names(model: mujoco.MjModel, joint: int, kind: int) -> list[str]:
-    """Return how columns name the numbers of a joint, in qpos (kind 0) or qvel (1)."""
+def columns_of(model: mujoco.MjModel, joint: int) -> tuple[list[str], list[str]]:
+    """Return how columns name the numbers of a joint, without `qpos.` and `qvel.`."""
     name, width = model.joint(joint).name, WIDTH.get(int(model.jnt_type[joint]))
-    return [name] if width is None else [f"{name}.{k}" for k in range(width[kind])]
+    if width is None:
+        return [name], [name]
+    positions, speeds = ([f"{name}.{k}" for k in range(size)] for size in width)
+    return positions, speeds
 
 
 def _speeds(log: Log, model: mujoco.MjModel, before: Columns | None) -> np.ndarray:
     """Return the velocity at the first of some rows of an episode, (nv,)."""
     qvel = np.zeros(model.nv)
     for i in range(model.njnt):
-        name, own = model.joint(i).name, int(model.jnt_dofadr[i])
-        if f"qvel.{name}" in log.columns:
-            qvel[own] = log.column(f"qvel.{name}")[0]
-        elif (
-            before is not None
-            and int(model.jnt_type[i]) not in WIDTH
-            and f"qpos.{name}" in log.columns
-        ):
-            qvel[own] = _slope(log, name, before)
+        positions, speeds = columns_of(model, i)
+        own = slice(int(model.jnt_dofadr[i]), int(model.jnt_dofadr[i]) + len(speeds))
+        if all(f"qvel.{name}" in log.columns for name in speeds):
+            qvel[own] = [log.column(f"qvel.{name}")[0] for name in speeds]
+        elif before is not None and all(f"qpos.{name}" in log.columns for name in positions):
+            qvel[own] = _slopes(log, positions, before)
     return qvel
 
 
-def _slope(log: Log, name: str, before: Columns) -> float:
-    """Return a joint's velocity at the first row: the slope of a line through its neighbours."""
+def _slopes(log: Log, names: Sequence[str], before: Columns) -> np.ndarray:
+    """Return a joint's velocity at the first row: the slope of a line through its neighbours.
+
+    That of a free or ball joint is measured from its orientation in that row, in its own frame.
+    """
     near = [before] if before else []
     near.append({name: column[: NEAR + 1] for name, column in log.columns.items()})
-    time = np.concatenate([_stamps(part, name) for part in near])
-    values = np.concatenate([part[f"qpos.{name}"] for part in near])
-    return float(np.polyfit(time - time.mean(), values, 1)[0])
+    time = np.concatenate([_stamps(part, names[0]) for part in near])
+    values = np.column_stack(
+        [np.concatenate([part[f"qpos.{name}"] for part in near]) for name in names]
+    )  # (rows, width)
+    if len(names) > 1:
+        here = values[len(before.get("time", ()))]
+        turned = [_turn(here[-4:], row[-4:]) for row in values]
+        values = np.column_stack([values[:, :-4], turned])
+    return np.polyfit(time - time.mean(), values, 1)[0]
+
+
+def _turn(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the rotation vector that leads from one quaternion to another, in its frame."""
+    found = np.zeros(3)
+    mujoco.mju_subQuat(found, other, one)
+    return found

@@ -21,6 +21,7 @@ from sim2real.diagnosis.preflight.channels import NOTES, check_channels
 from sim2real.diagnosis.preflight.clocks import check_clocks
 from sim2real.diagnosis.preflight.lag import check_lag
 from sim2real.diagnosis.preflight.log_errors import find_log_errors
+from sim2real.diagnosis.preflight.unlogged import check_unlogged
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Settings
 
@@ -55,6 +56,7 @@ def preflight(
         found += check_lag(logs, specs, settings.lag)
     if not any(finding.check == "rate" for finding in found):
         found += _noise(logs, settings)
+    found += check_unlogged(logs, specs)
     return sorted(_causes(_merged(found), _turned(models)), key=_rank)
 
 

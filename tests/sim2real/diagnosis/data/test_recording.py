@@ -6,10 +6,19 @@ import mujoco
 import numpy as np
 import pytest
 
+from envs.plant import Plant
+from envs.replay import replay, switchable
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
 from tests.sim2real.diagnosis import arm
 
+THROWN = """
+<mujoco><option timestep="0.001"/>
+<worldbody><body pos="0 0 1"><freejoint name="root"/><geom type="box" size=".1 .06 .04" mass="1"/>
+<body pos="0.1 0 0"><joint name="leg" axis="0 1 0" armature="0.001"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.1" size=".01" mass="0.1"/></body></body></worldbody>
+<actuator><position name="leg" joint="leg" kp="2" kv="0.05"/></actuator></mujoco>
+"""
 ROW = 57  # of a start in mid-motion
 
 
@@ -56,6 +65,7 @@ def test_a_start_in_mid_episode_has_the_slope_of_the_positions(
     assert np.abs(found).min() > 0.1
     assert not to_recording(part, model).qvel.any()
 
+
 def test_a_start_has_the_speeds_that_were_logged(log: Log, model: mujoco.MjModel) -> None:
     """Anywhere in an episode."""
     speeds = {f"qvel.{name}": np.linspace(0, k, len(log)) for k, name in ((1.0, "a"), (-2.0, "b"))}
@@ -64,3 +74,49 @@ def test_a_start_has_the_speeds_that_were_logged(log: Log, model: mujoco.MjModel
         part = rows_of(told, row, row + 50)
         found = to_recording(part, model, rows_before(told, row)).qvel
         assert found.tolist() == [column[row] for column in speeds.values()]
+
+
+@pytest.fixture(scope="module")
+def thrown() -> tuple[mujoco.MjModel, Log]:
+    """A body that was thrown and spins, with a leg that a servo moves: 0.6 s at 100 Hz."""
+    model = mujoco.MjSpec.from_string(THROWN).compile()
+    data = mujoco.MjData(model)
+    data.qvel[:6] = [1.0, -0.5, 2.0, 3.0, -2.0, 4.0]
+    names = [f"qpos.root.{k}" for k in range(7)] + ["qpos.leg"]
+    names += [f"qvel.root.{k}" for k in range(6)] + ["qvel.leg"]
+    time, states, ctrl = 0.01 * np.arange(60), [], 0.5 * np.sin(0.2 * np.arange(60))
+    for goal in ctrl:
+        states.append(np.concatenate([data.qpos, data.qvel]))
+        data.ctrl[:] = goal
+        mujoco.mj_step(model, data, 10)
+    columns = {"episode": 0 * time, "time": time, "ctrl.leg": ctrl}
+    return model, Log(columns | dict(zip(names, np.array(states).T, strict=True)))
+
+
+@pytest.mark.parametrize("speeds", ["logged", "slopes"])
+def test_a_base_goes_on_from_where_it_was_in_mid_flight(
+    thrown: tuple[mujoco.MjModel, Log], speeds: str
+) -> None:
+    """Its pose and speed are the log's: a replay from there follows the flight."""
+    model, log = thrown
+    if speeds == "slopes":
+        log = Log({n: c for n, c in log.columns.items() if not n.startswith("qvel.root")})
+    part = rows_of(log, 30, 60)
+    start = to_recording(part, model, rows_before(log, 30))
+    truth = thrown[1]
+    qvel = [truth.column(f"qvel.root.{k}")[30] for k in range(6)]
+    exact = speeds == "logged"
+    assert start.qvel[:6] == pytest.approx(qvel, abs=1e-12 if exact else 0.05)
+    (path,) = replay(Plant(switchable(mujoco.MjSpec.from_string(THROWN))), [start])
+    flown = np.column_stack([log.column(f"qpos.root.{k}")[30:] for k in range(7)])
+    np.testing.assert_allclose(path[:, :7], flown, atol=1e-7 if exact else 0.02)
+    assert np.ptp(flown, axis=0).max() > 0.3
+
+
+def test_a_base_without_a_whole_pose_rests_at_home(thrown: tuple[mujoco.MjModel, Log]) -> None:
+    """What was not logged is the model's: nothing is guessed from a part of it."""
+    model, log = thrown
+    left = {n: c for n, c in log.columns.items() if ".root." not in n}
+    start = to_recording(rows_of(Log(left), 30, 60), model, rows_before(Log(left), 30))
+    assert start.qpos[:7].tolist() == model.qpos0[:7].tolist()
+    assert not start.qvel[:6].any()
