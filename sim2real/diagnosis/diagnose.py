@@ -41,12 +41,13 @@ from sim2real.diagnosis.attribution.numerics import is_numerics, null_test
 from sim2real.diagnosis.attribution.torque_on import refit_torque_on
 from sim2real.diagnosis.data.dataset import Data, whole_episodes
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
+from sim2real.diagnosis.data.replay import measure_all, summary
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.preflight.checks import preflight
 from sim2real.diagnosis.preflight.obstruction import mark_blocked
 from sim2real.diagnosis.report.html import write_html
 from sim2real.diagnosis.report.model_file import write as write_model
-from sim2real.diagnosis.schema import Evidence, Report, Trace
+from sim2real.diagnosis.schema import Evidence, Report, Trace, WholeReplay
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.runs.errors import Sim2RealError
 
@@ -142,11 +143,30 @@ def run_diagnosis(
         preflight=(*findings, *made.report.preflight),
         numerics=words,
         next_experiment=_plan(made, data, fixed, floors, seed),
+        replay=_whole_replay(logs, specs, fixed, causes),
         seconds=time.monotonic() - start,
         evidence=evidence,
     )
     on_progress("done", 1.0)
     return Diagnosis(report, causes, data.specs[0], _intervals(made), tuple(fixed))
+
+
+def _whole_replay(
+    logs: Sequence[Log],
+    specs: Sequence[mujoco.MjSpec],
+    known: Sequence[Fixed],
+    found: Sequence[Fixed],
+) -> WholeReplay:
+    """Return what `run=replay` says of the logs, with what was known and with what was found."""
+
+    def rmse(effects: Sequence[Fixed]) -> float | None:
+        try:
+            return float(summary(measure_all(logs, specs, effects))["rmse"])
+        except Sim2RealError as error:
+            log_.info("no whole replay: %s", error)
+            return None
+
+    return WholeReplay(rmse(known), rmse(combined(known, found)) if found else None)
 
 
 def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:

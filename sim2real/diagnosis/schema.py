@@ -56,6 +56,21 @@ class GapNumbers:
 
 
 @dataclass(frozen=True)
+class WholeReplay:
+    """What `run=replay` says of the same logs: root mean square over all joints and rows.
+
+    Whole episodes from their starts, nothing held out or left out; [rad], of slides [m].
+
+    Args:
+        before: with the model as given; None where it diverges in a whole episode.
+        after: with `effects.yaml`; None where it diverges, or where there are no causes.
+    """
+
+    before: float | None
+    after: float | None
+
+
+@dataclass(frozen=True)
 class Regime:
     """A kind of moment, such as `reversal` or `hold`, and its share of a joint's gap."""
 
@@ -230,6 +245,7 @@ class Report:
         numerics: what the simulator itself was tested for, and "ok" or what was found.
         next_experiment: what to record to tell equivalent causes apart.
         seconds: that it took.
+        replay: what `run=replay` says of the same logs; None in reports of older versions.
         evidence: what the pictures need; not in `report.json`.
     """
 
@@ -242,6 +258,7 @@ class Report:
     numerics: Mapping[str, str] = field(default_factory=lambda: {"timestep": "ok"})
     next_experiment: str | None = None
     seconds: float = 0.0
+    replay: WholeReplay | None = None
     evidence: Evidence = field(default_factory=Evidence, compare=False, repr=False)
 
     def to_json(self) -> dict[str, Any]:
@@ -268,13 +285,15 @@ class Report:
             _make(Where, {**one, "regimes": _each(Regime, one["regimes"])})
             for one in given["where"]
         )
-        parts = {
+        parts: dict[str, Any] = {
             "gap": _make(GapNumbers, given["gap"]),
             "where": where,
             "causes": causes,
             "unexplained": _make(Unexplained, given["unexplained"]),
             "preflight": _each(Finding, given["preflight"]),
         }
+        if given.get("replay") is not None:
+            parts["replay"] = _make(WholeReplay, given["replay"])
         return _make(Report, {**given, **parts})
 
     def write(self, path: str | Path) -> Path:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,6 +37,7 @@ from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
 SHOWN = 4  # logs in the picture
+LARGEST = 2e8  # bytes of positions simulated at once
 
 
 class Gap(NamedTuple):
@@ -58,18 +59,58 @@ class Gap(NamedTuple):
 
 def measure(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> Gap:
     """Replay a log's episodes in a model with fixed effects; see the module's text."""
+    return measure_all([log], [spec], fixed)[0]
+
+
+def measure_all(
+    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], fixed: Sequence[Fixed] = ()
+) -> list[Gap]:
+    """Do the same for many logs, those of one model side by side.
+
+    Args:
+        logs: the logs.
+        specs: the model of each; the same object where logs share one, and a bus delay.
+        fixed: effects that all models have.
+
+    Raises:
+        LogError: a log that names what its model lacks.
+        Sim2RealError: a model that diverges.
+    """
+    found: dict[int, Gap] = {}
+    for spec in {id(spec): spec for spec in specs}.values():
+        own = [number for number, other in enumerate(specs) if other is spec]
+        gaps = _of_one_model([logs[number] for number in own], spec, fixed)
+        found |= dict(zip(own, gaps, strict=True))
+    return [found[number] for number in range(len(logs))]
+
+
+def _of_one_model(
+    logs: Sequence[Log], spec: mujoco.MjSpec, fixed: Sequence[Fixed]
+) -> Iterator[Gap]:
+    """Yield the gaps of logs that share a model, their episodes side by side."""
     model = spec.copy().compile()
-    check_log(log, model)
-    episodes, columns = list(log.episodes()), positions(log, model)
-    plant = Plant(with_bus_delay(switchable(spec), log), num_rows=len(episodes), fixed=fixed)
-    recordings = [to_recording(part, model) for part in episodes]
-    try:
-        simulated = replay(plant, recordings, list(columns.values()))
-    except DivergedError as error:
-        episode = episodes[error.row].episode[0]
-        raise Sim2RealError(f"{log.path}, episode {episode}: {error}") from None
-    measured = np.column_stack([log.column(f"qpos.{name}") for name in columns])
-    return Gap(log, tuple(columns), log.time, measured, np.concatenate(simulated))
+    for log in logs:
+        check_log(log, model)
+    delayed = with_bus_delay(switchable(spec), logs[0])
+    episodes = [(number, part) for number, log in enumerate(logs) for part in log.episodes()]
+    recordings = [to_recording(part, model) for _, part in episodes]
+    longest = max(recording.time[-1] for recording in recordings) / model.opt.timestep
+    pieces = int(np.ceil(len(recordings) * longest * (model.nq + model.nu) * 8 / LARGEST))
+    paths: list[np.ndarray] = []
+    for rows in np.array_split(np.arange(len(recordings)), max(pieces, 1)):
+        plant = Plant(delayed, num_rows=len(rows), fixed=fixed)
+        try:
+            paths += replay(plant, [recordings[row] for row in rows])
+        except DivergedError as error:
+            number, part = episodes[rows[error.row]]
+            place = f"{logs[number].path}, episode {part.episode[0]}"
+            raise Sim2RealError(f"{place}: {error}") from None
+    for number, log in enumerate(logs):
+        columns = positions(log, model)
+        own = [path for (of, _), path in zip(episodes, paths, strict=True) if of == number]
+        measured = np.column_stack([log.column(f"qpos.{name}") for name in columns])
+        simulated = np.concatenate(own)[:, list(columns.values())]
+        yield Gap(log, tuple(columns), log.time, measured, simulated)
 
 
 def _error(difference: np.ndarray) -> dict[str, float]:

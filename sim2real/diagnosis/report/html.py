@@ -79,6 +79,7 @@ def view(report: Report) -> dict[str, Any]:
         "findings": [f for f in report.preflight if f.check not in NOTES],
         "notes": [f for f in report.preflight if f.check in NOTES],
         "ladder": _ladder(report),
+        "replay": _replay(report),
         "robot": _robot(report),
         "regimes": _regimes(report.where),
         "strip": _strip(report),
@@ -97,6 +98,23 @@ def view(report: Report) -> dict[str, Any]:
         "replayed": " ".join(made.sources(evidence.inputs)),
         "names": ", ".join(made.names(evidence.inputs)) or "recordings",
     }
+
+
+def _replay(report: Report) -> str:
+    """Return what `run=replay` says of the logs, before and after."""
+    if report.replay is None:
+        return ""
+
+    def figure_of(error: float | None) -> str:
+        if error is None:
+            return "a simulation that diverges"
+        mixed = report.gap.unit == "spread"
+        return f"{error:.3g} (rad and m)" if mixed else words.quantity(error, report.gap.unit)
+
+    before = f"{figure_of(report.replay.before)} with the model as given"
+    return (
+        f"{before}, {figure_of(report.replay.after)} with effects.yaml" if report.causes else before
+    )
 
 
 def _ladder(report: Report) -> list[dict[str, Any]]:

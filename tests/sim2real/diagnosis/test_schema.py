@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from sim2real.diagnosis.schema import (
     Report,
     Unexplained,
     Where,
+    WholeReplay,
 )
 from sim2real.runs.errors import Sim2RealError
 
@@ -44,6 +46,7 @@ REPORT = Report(
     {"timestep": "ok"},
     "a slow ramp with reversals",
     31.0,
+    WholeReplay(0.031, 0.004),
 )
 KEYS = {
     "schema": None,
@@ -58,6 +61,7 @@ KEYS = {
     "preflight": {"check", "where", "finding", "fix"},
     "numerics": {"timestep"},
     "next_experiment": None,
+    "replay": {"before", "after"},
     "seconds": None,
 }
 
@@ -66,6 +70,12 @@ def test_a_report_survives_its_file(tmp_path: Path) -> None:
     """What is written and read again is the same report."""
     path = REPORT.write(tmp_path / "report.json")
     assert Report.from_json(json.loads(path.read_text(encoding="utf-8"))) == REPORT
+
+
+def test_a_report_of_an_older_version_is_read() -> None:
+    """One without the figures of run=replay has none."""
+    older = {name: part for name, part in REPORT.to_json().items() if name != "replay"}
+    assert Report.from_json(older) == replace(REPORT, replay=None)
 
 
 def test_the_file_has_the_keys_of_schema_1() -> None:

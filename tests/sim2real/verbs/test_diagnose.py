@@ -22,8 +22,11 @@ from hardware.log import Log, write_log
 from hardware.record import record
 from hardware.safety import Guard, StopLimits
 from sim2real.diagnosis import diagnose as verb
+from sim2real.diagnosis.data.recording import load_model
+from sim2real.diagnosis.data.replay import measure, summary
 from sim2real.diagnosis.diagnose import Diagnosis, diagnose, run_diagnosis
-from sim2real.diagnosis.schema import Report
+from sim2real.diagnosis.report.words import quantity
+from sim2real.diagnosis.schema import Report, WholeReplay
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import diagnose as command
 
@@ -120,6 +123,22 @@ def test_the_run_writes_its_files(tmp_path: Path) -> None:
     assert [effect.name for effect, _ in effects] == [c.effect for c in diagnosis.report.causes]
     assert "frictionloss" in (tmp_path / "model.xml").read_text(encoding="utf-8")
     assert (tmp_path / "report.html").stat().st_size > 10_000
+
+
+def test_the_report_says_what_the_verb_replay_says(tmp_path: Path) -> None:
+    """run=replay of the same log, without and with effects.yaml, gives the same figures."""
+    diagnosis = found("coulomb_friction", 0.02)
+    verb.write(diagnosis, tmp_path)
+    log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
+    causes = load_effects(tmp_path / "effects.yaml")
+    without, known = (
+        summary([measure(log, load_model(log, None), fixed)])["rmse"] for fixed in ([], causes)
+    )
+    assert diagnosis.report.replay == WholeReplay(without, known)
+    assert known < 0.5 * without
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"gives {quantity(without, 'rad')} with the model as given" in page
+    assert f"{quantity(known, 'rad')} with effects.yaml" in page
 
 
 def test_a_known_effect_leaves_no_gap(tmp_path: Path) -> None:
