@@ -8,8 +8,8 @@ wire of that speed carries them. Answers that nobody reads are lost, as in a ful
 
 The wall clock paces the bytes to about a millisecond; what needs exact times uses the loopback in
 this process instead. If this process was kept waiting, the robot catches up with the clock in
-slices, between which waiting bytes are read, and after more than a moment at twice the clock's pace
-only: no watchdog trips because the emulator was late.
+slices, between which waiting bytes are read; this time does not count for the servos' watchdogs, so
+that none trips because the emulator was late.
 """
 
 from __future__ import annotations
@@ -34,9 +34,7 @@ from hardware.emulator.world import World
 from hardware.errors import RobotError
 
 IDLE = 0.005  # s between looks at the clock while nobody writes
-SOON = 0.0002  # s between them while the robot is behind the clock
 SLICE = 0.01  # s that the robot goes on at most before waiting bytes are read
-MOMENT = 0.05  # s behind the clock that are caught up at once, less than the robots' watchdogs
 FURTHEST = 2.0  # s that the robot may fall behind; more is left out, which clients notice
 AHEAD = 0.01  # s of wire that are taken at once
 TCGETS2 = 0x802C542A  # Linux: the settings of a terminal, its speed as a number
@@ -133,7 +131,6 @@ class Wire:
         self._world, self._bus = world, Bus(world)
         self._master, self._slave, self._clock = master, slave, clock
         self._start = clock() - world.time
-        self._stepped = world.time
         self._waiting: list[tuple[float, int, bytes]] = []
         self._number = 0
         self._lost = False
@@ -141,8 +138,10 @@ class Wire:
     def step(self) -> None:
         """Wait a moment for bytes, take them and hand answers over; the robot goes on meanwhile."""
         readable = self._wait()
-        now = self._now()
-        moment = self._moment(now)
+        now, before = self._now(), self._world.time
+        moment = min(now, before + SLICE)
+        if moment < now:
+            self._world.excuse(moment - before)
         if readable:
             self._take(moment)
         self._world.advance(moment)
@@ -157,18 +156,12 @@ class Wire:
             self._start += late
         return now - max(late, 0.0)
 
-    def _moment(self, now: float) -> float:
-        """How far the robot goes on in this step [s]."""
-        passed, self._stepped = now - self._stepped, now
-        most = SLICE if now - self._world.time <= MOMENT else min(2 * passed, SLICE)
-        return min(now, self._world.time + most)
-
     def _wait(self) -> bool:
         """Wait for bytes, the next answer, or a moment; say whether there are bytes to take."""
         now = self._now()
         due = self._waiting[0][0] if self._waiting else math.inf
         late = now - self._world.time > SLICE
-        pause = min(max(due - now, 0.0), SOON if late else IDLE)
+        pause = 0.0 if late else min(max(due - now, 0.0), IDLE)
         free = self._bus.free <= now + AHEAD
         return bool(select.select([self._master] if free else [], [], [], pause)[0])
 

@@ -14,7 +14,7 @@ import shutil
 import struct
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import dynamixel_sdk as sdk
@@ -32,6 +32,14 @@ def needs(module: str, remedy: str) -> pytest.MarkDecorator:
     """Leave a test out, before anything is started, where its client is not installed."""
     missing = importlib.util.find_spec(module) is None
     return pytest.mark.skipif(missing, reason=f"{module} is not installed: {remedy}")
+
+
+def until(condition: Callable[[], bool], seconds: float = 20) -> None:
+    """Wait until a condition holds, and fail if it does not for so long [s]."""
+    deadline = time.perf_counter() + seconds
+    while not condition():
+        assert time.perf_counter() < deadline
+        time.sleep(0.05)
 
 
 @pytest.fixture
@@ -106,11 +114,10 @@ def test_the_makers_sdk_reads_and_writes_in_groups(makers):
         assert read() == sdk.COMM_SUCCESS
         found = single.getData(1, 65, 1), single.getData(2, 84, 2), single.getData(3, 116, 4)
         assert found == (1, 0x141, 2348)
-    time.sleep(0.8)
-    assert makers.read(1, 132, 4) == pytest.approx(2048 + 95, abs=15)
+    until(lambda: abs(makers.read(1, 132, 4) - 2143) < 15)
     assert packets.regWriteTxRx(port, 3, 65, 1, [1]) == (sdk.COMM_SUCCESS, 0)
     assert makers.read(3, 65, 1) == 0
-    assert packets.action(port, 3) == sdk.COMM_SUCCESS
+    assert packets.action(port, sdk.BROADCAST_ID) == sdk.COMM_SUCCESS
     assert makers.read(3, 65, 1) == 1
 
 
@@ -154,10 +161,7 @@ def test_the_makers_sdk_in_every_mode(makers):
         makers.write(number, 11, 1, mode)
         makers.write(number, 64, 1, 1)
         makers.write(number, *goal)
-        deadline = time.perf_counter() + 20
-        while not least <= (value := makers.read(number, address, size)) <= most:
-            assert time.perf_counter() < deadline, (mode, value)
-            time.sleep(0.05)
+        until(lambda: least <= makers.read(number, address, size) <= most)  # noqa: B023
 
 
 @needs("rustypot", "pip install -e '.[test]'")
