@@ -29,7 +29,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from envs.effects.base import Bound, CommandRule, Effect, Measurement, SubstepRule
+from envs.effects.base import BoundEffect, CommandRule, Effect, Measurement, SubstepRule
 from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, compile_structure
 from envs.errors import EffectError, TaskError
@@ -127,7 +127,7 @@ class Plant:
         self._rules = [b for b in self._parts if isinstance(b, SubstepRule)]
         self._commands = [b for b in self._parts if isinstance(b, CommandRule)]
         self._measurements = [b for b in self._parts if isinstance(b, Measurement)]
-        starters = [b for b in self._parts if type(b).start is not Bound.start]
+        starters = [b for b in self._parts if type(b).start is not BoundEffect.start]
         self._starters = sorted(
             starters, key=lambda b: not isinstance(b, CommandRule)
         )  # what arrives, then who hears it

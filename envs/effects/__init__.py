@@ -16,7 +16,7 @@ from envs.effects.appearance import (
     LightLevel,
 )
 from envs.effects.base import (
-    Bound,
+    BoundEffect,
     CommandRule,
     Effect,
     Extra,
@@ -68,7 +68,7 @@ for _effect in (
 
 __all__ = [
     "EFFECTS",
-    "Bound",
+    "BoundEffect",
     "CommandRule",
     "Effect",
     "Extra",

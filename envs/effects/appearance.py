@@ -9,7 +9,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Effect
+from envs.effects.base import BoundEffect, Effect
 from envs.effects.inertia import rotations
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
@@ -51,12 +51,12 @@ class Colour(Appearance):
             raise EffectError(f"body {self.where!r} has no geom whose colour could change")
         return geoms
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the colours of each row."""
         return _Paint(plant, self._geoms(plant.model))
 
 
-class _Paint(Bound):
+class _Paint(BoundEffect):
     def __init__(self, plant: PlantView, geoms: np.ndarray) -> None:
         self._rgba, self._geoms = plant.field("geom_rgba"), geoms  # (N, ngeom, 4), (G,)
         model = plant.model
@@ -92,12 +92,12 @@ class LightLevel(Appearance):
         _need(model.nlight, "light")
         return (self.parameter(low=0.0, high=10.0),)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the lights of each row."""
         return _Dimmer(plant)
 
 
-class _Dimmer(Bound):
+class _Dimmer(BoundEffect):
     def __init__(self, plant: PlantView) -> None:
         self._fields = [plant.field(name) for name in ("light_diffuse", "light_ambient")]
 
@@ -120,12 +120,12 @@ class LightDirection(Appearance):
         _need(model.nlight, "light")
         return tuple(self.parameter(axis, low=-np.pi, high=np.pi) for axis in ("x", "y"))
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the lights' directions of each row."""
         return _Beam(plant)
 
 
-class _Beam(Bound):
+class _Beam(BoundEffect):
     def __init__(self, plant: PlantView) -> None:
         self._direction = plant.field("light_dir")  # (N, nlight, 3)
 
@@ -152,12 +152,12 @@ class CameraShift(Appearance):
         _need(model.ncam, "camera")
         return tuple(self.parameter(way) for way in ("right", "up", "back"))
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the cameras' positions of each row."""
         return _Stand(plant)
 
 
-class _Stand(Bound):
+class _Stand(BoundEffect):
     def __init__(self, plant: PlantView) -> None:
         self._position = plant.field("cam_pos")  # (N, ncam, 3)
         self._axes = rotations(plant.model.cam_quat)  # (ncam, 3, 3), columns: right, up, back
@@ -180,12 +180,12 @@ class CameraTurn(Appearance):
         _need(model.ncam, "camera")
         return tuple(self.parameter(way, low=-np.pi, high=np.pi) for way in ("right", "up"))
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the cameras' orientations of each row."""
         return _Aim(plant)
 
 
-class _Aim(Bound):
+class _Aim(BoundEffect):
     def __init__(self, plant: PlantView) -> None:
         self._quat = plant.field("cam_quat")  # (N, ncam, 4)
 

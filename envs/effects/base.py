@@ -85,7 +85,7 @@ class Sizes(NamedTuple):
     high: float
 
 
-class Bound:
+class BoundEffect:
     """An effect connected to one plant, which calls it; each method does nothing by default."""
 
     order: ClassVar[int] = 100  # among the bound effects of its kind, small first
@@ -105,7 +105,7 @@ class Bound:
         """Take note of the commands (n, nu) held from before the episodes in the rows ids."""
 
 
-class CommandRule(Bound, ABC):
+class CommandRule(BoundEffect, ABC):
     """A bound effect that changes what arrives of the command, once a control step."""
 
     @abstractmethod
@@ -113,7 +113,7 @@ class CommandRule(Bound, ABC):
         """Change the commands ctrl (n, nu) of the rows ids in place."""
 
 
-class SubstepRule(Bound, ABC):
+class SubstepRule(BoundEffect, ABC):
     """A bound effect that acts before each physics substep, on all the rows of a call at once.
 
     Rows in which all of its parameters are neutral are left out: what it remembers stands still
@@ -128,7 +128,7 @@ class SubstepRule(Bound, ABC):
         """Act on the rows ids, through the plant's batch (controls, applied forces)."""
 
 
-class Measurement(Bound, ABC):
+class Measurement(BoundEffect, ABC):
     """A bound effect that changes what the robot's sensors say, not what the robot does."""
 
     needs_speed: ClassVar[bool] = False  # whether `measure_path` must be given speeds
@@ -311,7 +311,7 @@ class Effect(ABC):
         """Return the parameters on this model; raises EffectError if it cannot have the effect."""
 
     @abstractmethod
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Connect the effect to a plant."""
 
     @classmethod

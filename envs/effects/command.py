@@ -12,7 +12,7 @@ import numpy as np
 from envs.effects.base import (
     PLAIN,
     RULES,
-    Bound,
+    BoundEffect,
     CommandRule,
     Effect,
     Extra,
@@ -71,7 +71,7 @@ class CommandDelay(Effect):
             raise EffectError("command_delay needs an actuator; this model has none")
         return (self.parameter(low=0.0, high=self.extra["longest"]),)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the actuators' delays."""
         every = np.arange(plant.model.nactuator)
         return FieldBound(plant.field("actuator_delay"), (every,), self.parameters(plant.model)[0])
@@ -211,7 +211,7 @@ class _Targets(CommandRule):
         self._profile.receive(ids, ctrl)
 
 
-class _Limit(Bound):
+class _Limit(BoundEffect):
     """Writes one of the profile's limits for k of its servos."""
 
     def __init__(self, limits: np.ndarray, columns: np.ndarray, scale: np.ndarray) -> None:
@@ -241,7 +241,7 @@ class _ProfileEffect(ActuatorEffect):
         self.actuators(model)
         return (self.parameter(low=1e-6, high=NO_LIMIT, neutral=NO_LIMIT),)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write into the plant's one profile."""
         profile = plant.share("profile", lambda: Profile(plant))
         plant.share("profile targets", lambda: _Targets(profile))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, Bound, Effect
+from envs.effects.base import PLAIN, BoundEffect, Effect
 from envs.effects.field import FieldEffect
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
@@ -152,7 +152,7 @@ class GroundFriction(_ContactEffect, FieldEffect):
             return (replace(parameter, neutral=float(model.geom_friction[both, 0].max())),)
         return (parameter,)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the coefficients of each row."""
         if self.where is None or self.friction_mode == "seed":
             return super().bind(plant)
@@ -161,7 +161,7 @@ class GroundFriction(_ContactEffect, FieldEffect):
         return _Grip(plant, foot, np.array(floor), parameter)
 
 
-class _Grip(Bound):
+class _Grip(BoundEffect):
     """Writes the friction of one geom on the ground, and leaves that of the others as it is."""
 
     def __init__(
@@ -185,7 +185,7 @@ class _Grip(Bound):
         friction[ids, self._foot, 0] = new
 
 
-class _Stiffness(Bound):
+class _Stiffness(BoundEffect):
     """Scales the stiffness of geoms' contacts at their damping ratio."""
 
     def __init__(self, plant: PlantView, geoms: np.ndarray) -> None:
@@ -208,7 +208,7 @@ def stiffened(reference: np.ndarray, factor: np.ndarray) -> np.ndarray:
     return np.where(reference[..., :1] > 0, standard, direct)
 
 
-class _OwnStiffness(Bound):
+class _OwnStiffness(BoundEffect):
     """Scales the stiffness of one geom's contacts, which it then decides alone."""
 
     def __init__(self, plant: PlantView, foot: int, floor: int) -> None:
@@ -276,7 +276,7 @@ class ContactStiffness(_ContactEffect):
         """Return the group of effects that only write model fields."""
         return PLAIN
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the contacts' reference of each row."""
         feet, floor = self._feet(plant.model), self._ground(plant.model)
         if self.where is not None and self._shared(plant.model):

@@ -10,7 +10,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import RULES, Bound, Extra, SubstepRule
+from envs.effects.base import RULES, BoundEffect, Extra, SubstepRule
 from envs.effects.history import arriving
 from envs.effects.places import joint_driven
 from envs.effects.plant_view import PlantView
@@ -129,7 +129,7 @@ class TorqueSpeedKnee(ActuatorEffect):
         """Return the group of rules that are stepped from Python."""
         return RULES
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Narrow the range before each substep."""
         return _Knee(plant, self.actuators(plant.model), self)
 
@@ -194,7 +194,7 @@ class ActuatorLag(ActuatorEffect):
         """Return the group of rules that are stepped from Python."""
         return RULES
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Let each substep's torque follow the law."""
         return _Lag(plant, self.actuators(plant.model))
 
@@ -261,6 +261,6 @@ class IntegralAction(ActuatorEffect):
         """Return the group of rules that are stepped from Python."""
         return RULES
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Add the sum to the law before each substep."""
         return _Integral(plant, self.actuators(plant.model))

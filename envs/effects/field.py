@@ -12,14 +12,14 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, Bound, Effect
+from envs.effects.base import PLAIN, BoundEffect, Effect
 from envs.effects.places import find, joints
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 from envs.params import Parameter
 
 
-class FieldBound(Bound):
+class FieldBound(BoundEffect):
     """Writes k = 1 value a row into the same elements of one model field."""
 
     def __init__(self, field: np.ndarray, elements: tuple[Any, ...], parameter: Parameter) -> None:
@@ -84,7 +84,7 @@ class FieldEffect(Effect):
             return (self.parameter(low=0.0),)
         return (self.parameter(low=self.minimum, neutral=float(nominal.flat[0])),)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Give the field a value per row."""
         (parameter,) = self.parameters(plant.model)
         return FieldBound(plant.field(self.field), self.elements(plant.model), parameter)

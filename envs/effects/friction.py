@@ -10,7 +10,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Sizes
+from envs.effects.base import BoundEffect, Sizes
 from envs.effects.field import FieldBound, FieldEffect
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
@@ -68,7 +68,7 @@ class Grip:
             self._solref[ids[:, None], self._dofs] = self._reference
 
 
-class _Coulomb(Bound):
+class _Coulomb(BoundEffect):
     """See `CoulombFriction`."""
 
     def __init__(self, plant: PlantView, effect: CoulombFriction) -> None:
@@ -109,7 +109,7 @@ class CoulombFriction(FieldEffect):
         """Make the joint stick where it had no friction."""
         stiffen(spec, self.where)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the friction loss, and let it stick where it is not the model's own."""
         return _Coulomb(plant, self)
 

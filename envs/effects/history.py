@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.effects.base import Bound
+from envs.effects.base import BoundEffect
 from envs.effects.plant_view import PlantView
 
 
-class CommandHistory(Bound):
+class CommandHistory(BoundEffect):
     """Fills the delay lines with the command that was held from before the episode."""
 
     def __init__(self, plant: PlantView) -> None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, Bound, Effect, Sizes
+from envs.effects.base import PLAIN, BoundEffect, Effect, Sizes
 from envs.effects.field import FieldEffect
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
@@ -110,7 +110,7 @@ def _tips(model: mujoco.MjModel, geom: int) -> list[np.ndarray]:
     return [pos + along, pos - along]
 
 
-class _Shift(Bound):
+class _Shift(BoundEffect):
     """Moves a centre of mass along a line."""
 
     def __init__(self, plant: PlantView, body: int) -> None:
@@ -152,7 +152,7 @@ class CenterOfMass(Effect):
         far_end(model, find(model, "body", self.where))
         return (self.parameter(),)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the centre of mass of each row."""
         return _Shift(plant, find(plant.model, "body", self.where))
 
@@ -166,7 +166,7 @@ class CenterOfMass(Effect):
         return PLAIN
 
 
-class _Point(Bound):
+class _Point(BoundEffect):
     """Adds a point mass to a body: mass, centre of mass and inertia follow."""
 
     def __init__(self, plant: PlantView, body: int) -> None:
@@ -237,7 +237,7 @@ class Payload(Effect):
         far_end(model, find(model, "body", self.where))
         return (self.parameter(low=0.0),)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the inertial properties of each row."""
         return _Point(plant, find(plant.model, "body", self.where))
 
@@ -250,7 +250,7 @@ class Payload(Effect):
         return PLAIN
 
 
-class _Tilt(Bound):
+class _Tilt(BoundEffect):
     """See `GravityTilt`."""
 
     def __init__(self, plant: PlantView) -> None:
@@ -282,7 +282,7 @@ class GravityTilt(Effect):
         """Return the two angles."""
         return tuple(self.parameter(axis, low=-np.pi / 2, high=np.pi / 2) for axis in ("x", "y"))
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the gravity of each row."""
         return _Tilt(plant)
 

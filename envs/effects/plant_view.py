@@ -1,6 +1,6 @@
 """What an effect sees of the plant that it is bound to; `envs.plant.Plant` is one.
 
-    class Bound:
+    class BoundEffect:
         def __init__(self, plant: PlantView) -> None:
             self.friction = plant.field("dof_frictionloss")     # (N, nv), to be written per row
 

@@ -11,7 +11,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, RULES, Bound, Effect, Sizes, SubstepRule
+from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Sizes, SubstepRule
 from envs.effects.field import FieldBound, FieldEffect
 from envs.effects.history import arriving
 from envs.effects.places import find
@@ -96,7 +96,7 @@ class _Gain(ActuatorEffect):
         self.actuators(model)
         return (self.parameter(low=0.0),)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Scale the law of each row."""
         (parameter,) = self.parameters(plant.model)
         index = self.actuators(plant.model)
@@ -111,7 +111,7 @@ class _Gain(ActuatorEffect):
         return PLAIN
 
 
-class Several(Bound):
+class Several(BoundEffect):
     """Writes the same value into several places."""
 
     def __init__(self, parts: list[FieldBound]) -> None:
@@ -169,7 +169,7 @@ class DerivativeGain(_Gain):
         return servo and bool(model.actuator_biasprm[actuator, 2] < 0)
 
 
-class LawScale(Bound):
+class LawScale(BoundEffect):
     """Scales what an actuator's law yields and the limit on it."""
 
     def __init__(
@@ -228,7 +228,7 @@ class MotorStrength(ActuatorEffect):
         self.actuators(model)
         return (self.parameter(low=0.0),)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Scale gain, bias, limit and damping of each row."""
         return LawScale(
             plant,
@@ -295,7 +295,7 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
             self.parameter(low=0.0, high=max(UNLIMITED, float(joint[0])), neutral=float(joint[0])),
         )
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Write the limit of each row."""
         (parameter,) = self.parameters(plant.model)
         index = self.actuators(plant.model)
@@ -309,7 +309,7 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
         return np.array([0.7, 0.45, 0.25, 0.12, 0.04]) * scale.torque_at(self.where)
 
 
-class _Limit(Bound):
+class _Limit(BoundEffect):
     """Sets both ends of a force range from a torque at the joint."""
 
     def __init__(self, plant: PlantView, index: np.ndarray, parameter: Parameter) -> None:

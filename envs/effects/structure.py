@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import Bound, Effect, Extra, Measurement, Sizes, SubstepRule
+from envs.effects.base import BoundEffect, Effect, Extra, Measurement, Sizes, SubstepRule
 from envs.effects.layout import SERIES
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
@@ -36,7 +36,7 @@ STIFF_LIMIT = (0.99, 0.999, 1e-4, 0.5, 2.0)  # solimp of the play's ends
 STABLE = 0.25  # largest (dt w)² of a spring that the explicit integration carries well
 
 
-class Series(Bound):
+class Series(BoundEffect):
     """A joint in series with a motor's; the plant's layout adds its angle to the motor's."""
 
     order: ClassVar[int] = 20
@@ -156,7 +156,7 @@ class SeriesEffect(Effect):
         joints(model, self.where)
         return (self.parameter(low=0.0), *self.free_parameters())
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Make the added joints part of the plant's layout, and of what the encoder sees."""
         parts = [self.bound(plant, self, int(motor)) for motor in joints(plant.model, self.where)]
         for part in parts:
@@ -185,7 +185,7 @@ class SeriesEffect(Effect):
         return self.no_mjcf
 
 
-class All(Bound):
+class All(BoundEffect):
     """Several series joints with one value."""
 
     def __init__(self, parts: list[Any]) -> None:

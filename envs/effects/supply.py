@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, RULES, Bound, Effect, Extra, Sizes, SubstepRule
+from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
 from envs.effects.places import joint_driven
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -85,7 +85,7 @@ class SupplyVoltage(Effect):
         current = [i for i in linear if i not in voltage]
         return np.array(voltage, dtype=int), np.array(current, dtype=int)
 
-    def bind(self, plant: PlantView) -> Bound:
+    def bind(self, plant: PlantView) -> BoundEffect:
         """Scale the limits, and the laws of the voltage-driven ones."""
         (parameter,) = self.parameters(plant.model)
         voltage, current = self._split(plant.model)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from envs.effects import make
-from envs.effects.base import Bound, Effect, SubstepRule
+from envs.effects.base import BoundEffect, Effect, SubstepRule
 from envs.errors import EffectError, ParameterError, TaskError
 from envs.params import Parameter
 from envs.plant import Plant
@@ -134,7 +134,7 @@ class Push(Effect):
         """Return the torque."""
         return (self.parameter(),)
 
-    def bind(self, plant: Plant) -> Bound:
+    def bind(self, plant: Plant) -> BoundEffect:
         """Push before each substep."""
         return Pushing(plant)
 
