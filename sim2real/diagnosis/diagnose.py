@@ -171,7 +171,7 @@ def _whole_replay(
 
 def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
     if is_no_gap(search.before, search.floor, data, stands_out(search.base, data, floors)):
-        return nothing(search, floors)
+        return nothing(search, floors, rng)
     found = refit_torque_on(search, search.run())
     if is_spread(search, found):
         found = by_family(search, found)

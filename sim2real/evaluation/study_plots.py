@@ -1,6 +1,6 @@
 """Pictures of a report: bars over each sweep of numbers, and learning curves of the others.
 
-pictures = draw(study, "ppo_source", out, draws=2000)
+pictures = draw(study, "ppo_source", out, draws=2000, seed=0)
 pictures[0]                 # ("plots/sweep_udr.png", "udr over width, after 300,000 steps; ...")
 """
 
@@ -26,7 +26,9 @@ DRAWN = (
 CURVES = len(plots.COLOURS)  # lines that one picture can tell apart
 
 
-def draw(study: Study, baseline: str | None, out: Path, draws: int) -> list[tuple[str, str]]:
+def draw(
+    study: Study, baseline: str | None, out: Path, draws: int, seed: int
+) -> list[tuple[str, str]]:
     """Draw every picture that the runs allow.
 
     Args:
@@ -34,6 +36,7 @@ def draw(study: Study, baseline: str | None, out: Path, draws: int) -> list[tupl
         baseline: the experiment that stands beside each sweep.
         out: the report's folder.
         draws: resamples of each interval.
+        seed: of the resamples.
 
     Returns:
         Their paths below `out` and captions.
@@ -44,14 +47,14 @@ def draw(study: Study, baseline: str | None, out: Path, draws: int) -> list[tupl
         keys = list(groups[0].swept)
         values = [next(iter(group.swept.values()), None) for group in groups]
         if len(keys) == 1 and len(groups) > 1 and all(_is_number(value) for value in values):
-            pictures.append(_sweep(study, groups, keys[0], baseline, out, draws))
+            pictures.append(_sweep(study, groups, keys[0], baseline, out, draws, seed))
             barred.add(experiment)
     rest = [group for group in study.groups if group.experiment not in barred and _curves(group)]
     for kind, main in _kinds(rest, baseline).items():
         lines = [line for group in main for line in _lines(group)]
         for part in range(0, len(lines), CURVES):
             some = dict(lines[part : part + CURVES])
-            pictures += _learning(some, f"{kind}{part or ''}", out, draws)
+            pictures += _learning(some, f"{kind}{part or ''}", out, draws, seed)
     for old in drawn(out) - {out / place for place, _ in pictures}:
         old.unlink()  # of fewer runs
     return pictures
@@ -63,9 +66,16 @@ def drawn(folder: Path) -> set[Path]:
 
 
 def _sweep(
-    study: Study, groups: Sequence[Group], key: str, baseline: str | None, out: Path, draws: int
+    study: Study,
+    groups: Sequence[Group],
+    key: str,
+    baseline: str | None,
+    out: Path,
+    draws: int,
+    seed: int,
 ) -> tuple[str, str]:
     """Draw bars over a sweep on each robot, between the baseline and training on that robot."""
+    rng = np.random.default_rng(seed)
     budget = max(set.intersection(*(set(group.runs) for group in groups)), default=None)
     name, place = key.rpartition(".")[2], f"plots/sweep_{groups[0].experiment}.png"
     width = 0.4 * (len(groups) + 2) + 1.0  # inches
@@ -76,7 +86,7 @@ def _sweep(
         for ax, robot in zip(axes[0], study.robots, strict=True):
             bars = _bars(study, groups, baseline, robot, budget)
             for x, (_, values, colour) in enumerate(bars):
-                _bar(ax, x, values, colour, draws)
+                _bar(ax, x, values, colour, draws, rng)
             labels = [label for label, _, _ in bars]
             ax.set_xticks(range(len(bars)), labels, rotation=50, ha="right")
             ax.set_title(f"tested on {robot}")
@@ -109,8 +119,9 @@ def _bars(
     return bars
 
 
-def _bar(ax: Any, x: int, values: np.ndarray, colour: str, draws: int) -> None:
-    rng = np.random.default_rng(0)
+def _bar(
+    ax: Any, x: int, values: np.ndarray, colour: str, draws: int, rng: np.random.Generator
+) -> None:
     middle: Interval | float = float(iqm(values[:, None]))
     if len(values) > 1:
         middle = bootstrap(values[:, None], iqm, rng, draws=draws, resample="rows")
@@ -153,16 +164,16 @@ def _lines(group: Group) -> list[tuple[str, list[Path]]]:
 
 
 def _learning(
-    curves: dict[str, list[Path]], kind: str, out: Path, draws: int
+    curves: dict[str, list[Path]], kind: str, out: Path, draws: int, seed: int
 ) -> list[tuple[str, str]]:
     """Draw the returns during training, and the divergences of the updates where all have them."""
     suffix = f"_{kind}" if kind else ""
     place = f"plots/learning_curves{suffix}.png"
-    plots.learning_curve(curves, out / place, draws=draws)
+    plots.learning_curve(curves, out / place, draws=draws, seed=seed)
     pictures = [(place, "Return during training, mean over runs with 95 % intervals")]
     if kind.startswith("settings") and all(_has(f, KL) for files in curves.values() for f in files):
         place = f"plots/divergence{suffix}.png"
-        plots.learning_curve(curves, out / place, y=KL, draws=draws)
+        plots.learning_curve(curves, out / place, y=KL, draws=draws, seed=seed)
         pictures.append((place, "Divergence of the policy in an update"))
     return pictures
 

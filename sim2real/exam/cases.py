@@ -182,7 +182,8 @@ class Exam:
             return False
         exclude: tuple[str, ...] = ()
         if outline.kind == "excluded":
-            rivals = withheld(robot, hidden.truths[0], read_log(logs / "a_again.csv"), hidden.floor)
+            again = read_log(logs / "a_again.csv")
+            rivals = withheld(robot, hidden.truths[0], again, hidden.floor, outline.seed)
             exclude = (*outline.effects, *rivals)
         if len(exclude) >= len(EFFECTS):
             return False

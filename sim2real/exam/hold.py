@@ -210,10 +210,10 @@ def write(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> None:
     Args:
         marks: of the cases that were answered.
         folder: of the exam.
-        seed: of its draw.
+        seed: of its draw, and of the intervals.
         cases: that the exam has.
     """
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     counts, dropped = matrix.confusion(marks), _dropped(folder)
     parts: dict[str, tuple[str, Table]] = {
         "table": ("Figures", score.summary(marks, rng)),

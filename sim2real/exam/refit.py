@@ -41,7 +41,9 @@ class Fit(NamedTuple):
     left: float  # RMS over joints and rows [rad]
 
 
-def withheld(robot: Robot, truth: Mapping[str, Any], log: Log, floor: float) -> tuple[str, ...]:
+def withheld(
+    robot: Robot, truth: Mapping[str, Any], log: Log, floor: float, seed: int
+) -> tuple[str, ...]:
     """Return the effects that refit a hidden one to within twice the floor.
 
     Args:
@@ -50,13 +52,15 @@ def withheld(robot: Robot, truth: Mapping[str, Any], log: Log, floor: float) -> 
         log: a recording of the robot that hides it; a short one will do, since whatever fits all
             of a robot's motions fits this one.
         floor: what noise leaves [rad].
+        seed: of where fits look.
     """
     spec = mujoco.MjSpec.from_file(str(robot.model))
-    found = []
+    rng, found = np.random.default_rng(seed), []
     for name in EFFECTS:
         if name == truth["effect"]:
             continue
-        tries = (fit(robot, spec, one, log, NEAR * floor) for one in rivals(robot, name, truth))
+        others = rivals(robot, name, truth)
+        tries = (fit(robot, spec, one, log, NEAR * floor, rng) for one in others)
         if any(one is not None and one.left <= NEAR * floor for one in tries):
             found.append(name)
     return tuple(found)
@@ -99,7 +103,14 @@ def _chain(path: Path, body: str) -> set[str | None]:
     return found
 
 
-def fit(robot: Robot, spec: mujoco.MjSpec, effect: Effect, log: Log, enough: float) -> Fit | None:
+def fit(
+    robot: Robot,
+    spec: mujoco.MjSpec,
+    effect: Effect,
+    log: Log,
+    enough: float,
+    rng: np.random.Generator,
+) -> Fit | None:
     """Fit one effect to a log, until it leaves no more than `enough` [rad].
 
     None if the robot cannot have the effect.
@@ -111,7 +122,6 @@ def fit(robot: Robot, spec: mujoco.MjSpec, effect: Effect, log: Log, enough: flo
     joint = effect.where if effect.place in ("joint", "actuator") else None
     unit = scales(robot, joint)[EFFECTS[effect.name].unit]
 
-    rng = np.random.default_rng(0)
     size = plant.space.size
     mean, spread, best = np.zeros(size), np.full(size, np.inf), None
     before = _left(plant, plant.space.points(ROWS), log)[0]

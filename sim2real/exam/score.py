@@ -28,7 +28,7 @@ from scipy import stats
 
 from envs.effects import EFFECTS
 from sim2real.exam.hiding import EFFECTS as HIDDEN
-from sim2real.runs.statistics import Interval
+from sim2real.runs.statistics import Interval, bootstrap
 from sim2real.runs.tables import Table
 
 LARGEST_SET = 3
@@ -268,13 +268,20 @@ def wilson(hits: Iterable[bool]) -> Interval | None:
 
 
 def median(values: Iterable[float], rng: np.random.Generator) -> Interval | None:
-    """Return a median and its 95 % interval by the bootstrap over cases; None of nothing."""
-    found = np.array(list(values), float)
+    """Return a median and its 95 % interval by the bootstrap over cases; None of nothing.
+
+    A single case has no interval but itself.
+    """
+    found = np.array(list(values), float)[:, None]  # (n, 1)
     if not len(found):
         return None
-    draws = np.median(rng.choice(found, (DRAWS, len(found))), axis=1)
-    low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return Interval(float(np.median(found)), float(low), float(high))
+    if len(found) == 1:
+        return Interval(*np.repeat(found, 3).tolist())
+    return bootstrap(found, _middle, rng, draws=DRAWS, resample="rows", level=LEVEL)
+
+
+def _middle(values: np.ndarray) -> np.ndarray:
+    return np.median(values, axis=(-2, -1))
 
 
 def of(marks: Sequence[Mark], name: str) -> list[Any]:

@@ -96,6 +96,7 @@ def learning_curve(
     x: str = "train/frames",
     y: str = "train/return",
     draws: int = 2000,
+    seed: int = 0,
 ) -> None:
     """Draw a metric over environment steps: for each label its runs' mean and 95 % interval.
 
@@ -106,15 +107,17 @@ def learning_curve(
         x: column of the horizontal axis.
         y: column of the vertical axis.
         draws: resamples of the interval.
+        seed: of the resamples.
 
     Raises:
         Sim2RealError: a file without these columns or without a row that has both.
     """
+    rng = np.random.default_rng(seed)
     with figure(path, 1, 1, (6.4, 3.6)) as (_, axes):
         ax = axes[0, 0]
         for colour, (name, files) in zip(cycle(len(runs)), runs.items(), strict=True):
             curves = [read_curve(file, x, y) for file in files]
-            _curve(ax, curves, colour, name, draws)
+            _curve(ax, curves, colour, name, draws, rng)
         finish(ax, _words(x), _words(y))
         ax.xaxis.set_major_formatter(_engineering())
         ax.set_xlim(left=0)
@@ -141,7 +144,14 @@ def read_curve(path: str | Path, x: str, y: str) -> np.ndarray:
     return np.array(points).T
 
 
-def _curve(ax: Axes, curves: Sequence[np.ndarray], colour: str, name: str, draws: int) -> None:
+def _curve(
+    ax: Axes,
+    curves: Sequence[np.ndarray],
+    colour: str,
+    name: str,
+    draws: int,
+    rng: np.random.Generator,
+) -> None:
     """Draw the mean of curves (2, n) where all of them have data, with its interval."""
     start, stop = max(c[0, 0] for c in curves), min(c[0, -1] for c in curves)
     x = np.linspace(start, stop, 200) if len(curves) > 1 else curves[0][0]
@@ -160,7 +170,7 @@ def _curve(ax: Axes, curves: Sequence[np.ndarray], colour: str, name: str, draws
             axis=0,
             n_resamples=draws,
             method="percentile",
-            rng=np.random.default_rng(0),
+            rng=rng,
         ).confidence_interval
         ax.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
 

@@ -58,7 +58,7 @@ def run(
     study = Study(found)
     study.groups.sort(key=lambda group: group.experiment != baseline)  # that one first
     verdicts = [judge(claim, study, seed, DRAWS) for claim in registered(found)]
-    pictures = report_plots.draw(study, baseline, Path(out), DRAWS)
+    pictures = report_plots.draw(study, baseline, Path(out), DRAWS, seed)
     tables = [pair_table(study, *pair, baseline, seed) for pair in robot_pairs(study)]
     write_text(Path(out) / "report.csv", long_table(study, baseline, seed).csv())
     write_text(Path(out) / "returns.csv", returns_csv(study))

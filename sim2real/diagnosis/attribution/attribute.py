@@ -87,6 +87,7 @@ class Search:
     ) -> None:
         self.problem, self.options, self.floor = problem, list(options), floor
         self.on_progress = self.tell = on_progress
+        self.rng = rng
         self.settings = limits = problem.data.settings.search
         self.none = Fit((), np.zeros((FOLDS, 0)), np.zeros(FOLDS))
         self.base = problem.held_out((), self.none.values)

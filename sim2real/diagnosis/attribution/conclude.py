@@ -113,11 +113,11 @@ def verdict_of(
     return "partly_explained" if closed >= limits.partly and low > 0 else "unexplained"
 
 
-def nothing(search: Search, floors: np.ndarray) -> Conclusion:
-    """Return the conclusion where there is no gap."""
+def nothing(search: Search, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
+    """Return the conclusion where there is no gap; see `conclude`."""
     data, base = search.problem.data, search.base
     gap = GapNumbers(data.unit, search.before, None, search.floor, None, None, True)
-    where, spectrum = _where(search, None, floors)
+    where, spectrum = _where(search, None, floors, rng)
     report = Report("no_gap", gap, where, (), Unexplained(0.0, "none"))
     rung = Rung("as given", search.before, search.blocks.interval(base))
     floor = Rung("noise floor", search.floor, (search.floor, search.floor))
@@ -161,7 +161,7 @@ def conclude(
             alike = ((member.label, found.fit), *others)
     text = describe(data, found.error, floor)
     alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
-    where, spectrum = _where(search, found.error, floors)
+    where, spectrum = _where(search, found.error, floors, rng)
     gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
     report = Report(
         verdict_of(search.before, after, floor, closed, ci[0], data, alone),
@@ -324,7 +324,7 @@ EFFECT_HINT = "record motions that part them: slow reversals, steps, chirps, hol
 
 
 def _where(
-    search: Search, after: np.ndarray | None, floors: np.ndarray
+    search: Search, after: np.ndarray | None, floors: np.ndarray, rng: np.random.Generator
 ) -> tuple[tuple[Where, ...], tuple[Band, ...]]:
     """Return where the gap lies, by joint and kind of moment, and by frequency."""
     data = search.problem.data
@@ -334,7 +334,6 @@ def _where(
     later = [] if after is None else as_gaps(data, after)
     which = [next(w.model for w in data.windows if w.log == n) for n in range(len(data.logs))]
     models = [data.models[index] for index in which]
-    rng = np.random.default_rng(0)
     settings = data.settings
     table = locate(gaps, floor, models, later, rng=rng, scale=scale, settings=settings)
     return table.where, bands(gaps, floor, later, settings.locating)

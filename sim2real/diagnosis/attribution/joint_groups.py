@@ -52,7 +52,7 @@ def is_spread(search: Search, found: Found) -> bool:
 
 def by_family(search: Search, found: Found) -> Found:
     """Return what a search by families came to, if that is better than what was found."""
-    better = _Families(search, np.random.default_rng(0)).run()
+    better = _Families(search, search.rng.spawn(1)[0]).run()
     gain = search.blocks.rms(found.error) - search.blocks.rms(better.error)
     if gain < BETTER * (search.before - search.floor):
         return found

@@ -98,7 +98,7 @@ def next_experiment(
     if len(members) <= 1:
         raise Sim2RealError(f"{len(members)} explanation leaves nothing to tell apart; give two")
     machine = stand_in(spec, settings) if robot is None else robot
-    falls = _falls(spec, machine, settings)
+    falls = _falls(spec, machine, rng.spawn(1)[0], settings)
     items = [item for item in menu(spec, settings) if not (falls and "swing" in item.motions)]
     together = [item for item in items if item.change is None]  # one batch: the same model
     groups = [together, *([item] for item in items if item.change is not None)]
@@ -218,10 +218,10 @@ def record_of(
     return Recording(time, commands, qpos, np.zeros(model.nv), powered)
 
 
-def _falls(spec: mujoco.MjSpec, robot: Robot, settings: Limits) -> bool:
+def _falls(spec: mujoco.MjSpec, robot: Robot, rng: np.random.Generator, settings: Limits) -> bool:
     """Say whether a robot that is let go in its middle pose leaves it: it would fall over."""
     model = spec.copy().compile()
-    rest = record_of(("hold",), model, robot, np.random.default_rng(0), settings)
+    rest = record_of(("hold",), model, robot, rng, settings)
     rows = int(settings.fall_s * robot.rate)
     off = np.zeros((rows, model.nu), bool)
     (path,) = trial(

@@ -85,8 +85,9 @@ def _search(search: Search, on: np.ndarray, chosen: np.ndarray) -> Search:
     )
     part = replace(data, windows=windows, mask=on).only(chosen)
     simulator = Simulator(part, search.problem.simulator.fixed)
-    rng = np.random.default_rng(0)
-    return Search(Problem(part, simulator), search.options, search.floor, rng, search.tell)
+    rng = search.rng.spawn(1)[0]
+    problem = Problem(part, simulator)
+    return Search(problem, search.options, search.floor, rng, search.on_progress)
 
 
 def _placed(error: np.ndarray, data: Data, chosen: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 
 from envs.effects import make
@@ -21,14 +22,23 @@ def robot(tmp_path_factory: pytest.TempPathFactory):
     return exam_robot("bench1", tmp_path_factory.mktemp("bench1"))
 
 
+def rng() -> np.random.Generator:
+    """Return what says where fits look."""
+    return np.random.default_rng(0)
+
+
 def test_a_payload_passes_for_a_heavier_link_and_a_play_does_not(robot) -> None:
     """On a pendulum both masses pull alike; nothing else has that shape."""
     plan = plans(robot, 1)["a"]
     hidden = {"effect": "payload", "where": "arm", "value": 0.02}
     log = drive(robot, [hidden], Plan(plan.angles[:150], plan.torque[:150]), 1)
     spec = mujoco.MjSpec.from_file(str(robot.model))
-    mass = fit(robot, spec, make("link_mass", where="arm"), log, NEAR * FLOOR)
-    play = fit(robot, spec, make("dead_zone", where="hinge"), log, NEAR * FLOOR)
+    mass = fit(
+        robot, spec, make("link_mass", where="arm"), log, NEAR * FLOOR, np.random.default_rng(0)
+    )
+    play = fit(
+        robot, spec, make("dead_zone", where="hinge"), log, NEAR * FLOOR, np.random.default_rng(0)
+    )
     assert mass is not None and play is not None
     assert mass.left <= NEAR * FLOOR < play.left
 
@@ -48,4 +58,4 @@ def test_an_effect_that_the_robot_cannot_have_is_no_rival(robot) -> None:
     plan = plans(robot, 1)["a"]
     log = drive(robot, [], Plan(plan.angles[:20], plan.torque[:20]), 1)
     spec = mujoco.MjSpec.from_file(str(robot.model))
-    assert fit(robot, spec, make("derivative_gain", where="hinge"), log, 1.0) is None
+    assert fit(robot, spec, make("derivative_gain", where="hinge"), log, 1.0, rng()) is None
