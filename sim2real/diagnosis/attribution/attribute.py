@@ -23,9 +23,8 @@ from sim2real.diagnosis.attribution.pairwise import pairs
 from sim2real.diagnosis.attribution.screen import Guess, Response, Screening, screen
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.score import Blocks
-from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE
+from sim2real.diagnosis.settings import TINY_SQUARE
 
-ENOUGH = DEFAULT.search.worth_floors
 PAIRING, STARTED, CAUSE, ENDING = 0.3, 0.1, 0.25, 0.9  # shares of the work, for the progress
 
 OnProgress = Callable[[str, float], None]
@@ -86,7 +85,7 @@ class Search:
         on_progress: OnProgress,
     ) -> None:
         self.problem, self.options, self.floor = problem, list(options), floor
-        self.on_progress = self.tell = on_progress
+        self.on_progress = on_progress
         self.rng = rng
         self.settings = limits = problem.data.settings.search
         self.none = Fit((), np.zeros((FOLDS, 0)), np.zeros(FOLDS))

@@ -26,6 +26,9 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.runs.errors import Sim2RealError
 
 FREE = 1e5  # a limit of this size is none
+TYPICAL = 0.3  # a typical change, of the largest probe
+SMALLEST = 1e-3  # scale below which what acts as it shrinks grows no further
+SAME = 1e-12  # a probe this close to neutral changes nothing
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class Candidate:
     def step(self) -> np.ndarray:
         """The size of a typical change of each parameter, (P,)."""
         changes = np.where(self.neutral >= FREE, self.probes, self.probes - self.neutral)
-        return 0.3 * np.abs(changes).max(axis=0)
+        return TYPICAL * np.abs(changes).max(axis=0)
 
     def towards(self, point: np.ndarray, scale: float) -> np.ndarray:
         """Return the point at which the effect is `scale` times as large as at `point`, (P,).
@@ -81,7 +84,7 @@ class Candidate:
         in proportion where a straight line would take it past zero.
         """
         grown = self.neutral + scale * (point - self.neutral)
-        shrunk = point / np.maximum(scale, 1e-3)
+        shrunk = point / np.maximum(scale, SMALLEST)
         shrinks = (self.low >= 0.0) & (point < self.neutral) & (scale > 1.0)
         grown = np.where(shrinks, np.maximum(grown, shrunk), grown)
         grown = np.where(self.neutral >= FREE, shrunk, grown)
@@ -151,7 +154,7 @@ def _make(
         low[place], high[place] = fits[name] or (low[place], high[place])
     probes = probes_of(effect, neutral, scale)
     probes = np.clip(probes, low, high)
-    probes = probes[(np.abs(probes - neutral) > 1e-12).any(axis=1)]
+    probes = probes[(np.abs(probes - neutral) > SAME).any(axis=1)]
     if not len(probes):
         return None
     joint = _joint(effect, scale)

@@ -66,7 +66,7 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
     supply = Item(
         f"steps and a chirp at {settings.supply:.0%} of the supply",
         ("steps", "chirp"),
-        60.0,
+        settings.hand_s,
         f"lower the supply's voltage to {settings.supply:.0%}",
         _scaled_supply(settings.supply),
     )
@@ -74,14 +74,14 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
     load = Item(
         f"ramps and steps with {mass / GRAM:.0f} g at the end",
         ("ramp", "steps"),
-        60.0,
+        settings.hand_s,
         f"fix {mass / GRAM:.0f} g to the end of the last link",
         _loaded(mass, settings.load_radius),
     )
     tilt = Item(
         f"ramps and holds with the base tilted by {degrees:.0f} degrees",
         ("ramp", "hold"),
-        60.0,
+        settings.hand_s,
         f"tilt the base by {degrees:.0f} degrees about its y axis",
         _tilted(settings.tilt),
     )

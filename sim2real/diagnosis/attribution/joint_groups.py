@@ -14,66 +14,60 @@ stiff, rubs too little and is damped too much looks like many things, and like n
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from envs.effects import Effect
 from envs.effects.base import PLAIN
-from sim2real.diagnosis.attribution.attribute import ENOUGH, Found, Search, lively
+from sim2real.diagnosis.attribution.attribute import Found, Search, lively
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, refine
 from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.data.score import Blocks
 
-JOINTS, ABOVE = 3, 4.0  # joints whose error is so many floors, for a gap that is spread
-POOR = 0.8  # share of the gap below which the search by single effects has found too little
-BETTER = 0.1  # share of the gap that families must close beyond single effects
-MOST = 3  # rounds in which families join
-TRIED = 3  # families, or pairs of them, of a round that are fitted
-WORKED = 80.0  # s of windows that families are fitted to and compared on: joints move in turn
 STIFFNESS = 0  # rank of the effect that pairs are made with
-POINTS = 24  # simulations of a round of a joint's own search
-ROUNDS, MORE = 2, 4  # rounds for each family that is tried, and further ones for the best
-SPREAD, SHRINK = 0.7, 0.7  # of its factors, as a logarithm, and how it shrinks from round to round
-COARSE = (0.2, 0.07, 0.025, 0.01)  # further factors: data sheets are off by orders of magnitude
-WORTH = 0.02  # least share of the first gap that a further family closes
-JOINT_WORTH = 0.002  # least share of it that a joint's own member closes
+STARTED, FAMILY = 0.3, 0.12  # shares of the work, for the progress
 Family = tuple[Candidate, ...]
 
 
 def is_spread(search: Search, found: Found) -> bool:
     """Return whether single effects leave much of a gap, and leave it at many joints."""
     square = search.problem.data.mean_squares(found.error)
-    many = int((np.sqrt(square) > ABOVE * search.floor).sum()) >= JOINTS
-    return many and search.closed(search.blocks.rms(found.error)) < POOR
+    limits = search.problem.data.settings.joint_groups
+    many = (np.sqrt(square) > limits.joint_floors * search.floor).sum() >= limits.joints_min
+    return bool(many) and search.closed(search.blocks.rms(found.error)) < limits.poor
 
 
 def by_family(search: Search, found: Found) -> Found:
     """Return what a search by families came to, if that is better than what was found."""
     better = _Families(search, search.rng.spawn(1)[0]).run()
     gain = search.blocks.rms(found.error) - search.blocks.rms(better.error)
-    if gain < BETTER * (search.before - search.floor):
+    better_by = search.problem.data.settings.joint_groups.better
+    if gain < better_by * (search.before - search.floor):
         return found
     return replace(better, guesses=found.guesses, singles=found.singles)
 
 
 def families(search: Search) -> dict[str, Family]:
     """Return the candidates at joints and their actuators, by kind: name, side and variant."""
+    limits = search.problem.data.settings.joint_groups
     found: dict[str, list[Candidate]] = {}
     for option in search.options:
         if option.joint is not None and option.effect.place in ("joint", "actuator"):
             kind = option.label.replace(f".{option.effect.where}", "")
-            found.setdefault(kind, []).append(_coarse(option))
-    return {kind: tuple(members) for kind, members in found.items() if len(members) >= JOINTS}
+            found.setdefault(kind, []).append(_coarse(option, limits.coarse))
+    return {
+        kind: tuple(members) for kind, members in found.items() if len(members) >= limits.joints_min
+    }
 
 
-def _coarse(option: Candidate) -> Candidate:
+def _coarse(option: Candidate, factors: Sequence[float]) -> Candidate:
     """Return a candidate that starts from orders of magnitude too, where it is a factor."""
     if option.effect.hows[0] != "scale" or len(option.neutral) != 1:
         return option
-    more = np.array([[factor] for factor in COARSE if option.low[0] <= factor])
+    more = np.array([[factor] for factor in factors if option.low[0] <= factor])
     return replace(option, probes=np.concatenate([more, option.probes]))
 
 
@@ -84,8 +78,9 @@ class _Families:
         self.search, self.blocks, self.rng = search, search.blocks, rng
         self.left = families(search)
         self.order = [joint.name for joint in search.problem.data.joints]
+        self.limits = search.problem.data.settings.joint_groups
         # Where families and joints are compared with each other: fewer windows than the verdict's.
-        chosen = lively(search.problem.data, search.base, WORKED)
+        chosen = lively(search.problem.data, search.base, self.limits.windows_s)
         self.judge = search.problem.subset(chosen)
         self.judged = Blocks(search.problem.data, self.judge.windows, rng)
 
@@ -93,22 +88,25 @@ class _Families:
         """Add families while they help."""
         search = self.search
         found = Found(search.none, search.base)
-        while len(found.steps) < MOST:
+        while len(found.steps) < self.limits.families_max:
             kinds = self.choices(found.fit)
             gains = {c: self.promise(search.racing, c, found.fit)[0] for c in kinds}
-            ranked = sorted(kinds, key=lambda choice: -gains[choice])[:TRIED]
+            ranked = sorted(kinds, key=lambda choice: -gains[choice])[: self.limits.tried]
             tried = []
             for choice in ranked:
                 told = " and ".join(choice)
-                search.tell(f"fitting {told} at every joint", 0.3 + 0.12 * len(found.steps))
+                share = STARTED + FAMILY * len(found.steps)
+                search.on_progress(f"fitting {told} at every joint", share)
                 members = (*found.fit.members, *self.members(choice))
                 start = self.promise(self.judge, choice, found.fit)[1]
-                fit = self.settled(members, start, range(ROUNDS))
+                fit = self.settled(members, start, range(self.limits.rounds))
                 tried.append((choice, fit, self.gap(fit)))
             if not tried:
                 break
             choice, fit, _ = min(tried, key=lambda one: one[2])
-            fit = self.settled(fit.members, fit.values, range(ROUNDS, ROUNDS + MORE))
+            first = self.limits.rounds
+            rounds = range(first, first + self.limits.further_rounds)
+            fit = self.settled(fit.members, fit.values, rounds)
             if not self.joins(choice, fit, found):
                 break
         return found
@@ -142,7 +140,7 @@ class _Families:
         Args:
             members: the effects.
             start: their values, (2, P).
-            rounds: their numbers, of `POINTS` simulations each.
+            rounds: their numbers, of `points` simulations each.
         """
         best, low, high = (
             start.copy(),
@@ -152,8 +150,8 @@ class _Families:
         own = self.joints_of(members)  # (P,)
         least = self.squares(self.judge, members, best[None])[0]  # (2, M)
         for number in rounds:
-            spread = SPREAD * SHRINK**number
-            factors = np.exp(spread * self.rng.standard_normal((POINTS, *best.shape)))
+            spread = self.limits.spread * self.limits.shrink**number
+            factors = np.exp(spread * self.rng.standard_normal((self.limits.points, *best.shape)))
             points = np.clip(zero + (best - zero) * factors, low, high)
             squares = self.squares(self.judge, members, points)  # (K, 2, M)
             for f in range(FOLDS):
@@ -180,10 +178,11 @@ class _Families:
         fit = self.pruned(fit)
         if len(fit.members) <= len(found.fit.members):
             return False
-        fit = refine(self.judge, fit.members, fit.values[None], 2)
+        fit = refine(self.judge, fit.members, fit.values[None], self.limits.final_rounds)
         error = search.problem.held_out(fit.members, fit.values)
         fall = self.blocks.rms(found.error) - self.blocks.rms(error)
-        least = max(ENOUGH * search.floor, WORTH * (search.before - search.floor))
+        floors, room = search.settings.worth_floors, search.before - search.floor
+        least = max(floors * search.floor, self.limits.worth * room)
         if fall < least or self.blocks.gain(found.error, error)[0] <= 0:
             return False
         self.leave_out({self.left[kind][0].name for kind in choice})
@@ -198,7 +197,7 @@ class _Families:
     def pruned(self, fit: Fit) -> Fit:
         """Return the fit without members that do nothing on held-out windows."""
         whole, every = self.gap(fit), range(len(fit.members))
-        least = JOINT_WORTH * (self.search.before - self.search.floor)
+        least = self.limits.joint_worth * (self.search.before - self.search.floor)
         falls = [self.gap(without(fit, [i for i in every if i != n])) - whole for n in every]
         return without(fit, [n for n in every if falls[n] > least])
 
@@ -216,7 +215,7 @@ class _Families:
         tied = [[i for i, tie in enumerate(ties) if tie == one] for one in set(ties) - {""}]
         grid = [
             None,
-            *(g for g in np.ndindex(*counts) if all(len({g[i] for i in t}) < 2 for t in tied)),
+            *(g for g in np.ndindex(*counts) if all(len({g[i] for i in t}) <= 1 for t in tied)),
         ]
         points = np.stack([self.point(groups, fit, probes) for probes in grid])
         members = (*fit.members, *self.members(choice))

@@ -76,7 +76,7 @@ class Data:
             check_log(log, models[index])
         joints = _joints(logs, [models[i] for i in which], settings)
         _refuse_still(logs, joints, settings)
-        windows = cut(logs, which, models, joints)
+        windows = cut(logs, which, models, joints, settings.windows)
         longest = max(len(w.measured) for w in windows)
         mask = _masks(windows, longest)
         measured = np.array([_padded(w.measured, longest) for w in windows])
@@ -141,7 +141,8 @@ def whole_episodes(data: Data) -> Data:
         start = 0
         for part in log.episodes():
             rows = (start, start, start + len(part))
-            windows.append(cut_one(log, number, which, data.models[which], data.joints, rows))
+            model, settings = data.models[which], data.settings.windows
+            windows.append(cut_one(log, number, which, model, data.joints, rows, settings))
             start += len(part)
     longest = max(len(w.measured) for w in windows)
     mask = _masks(windows, longest)

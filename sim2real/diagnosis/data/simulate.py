@@ -24,13 +24,10 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.thermal import Heat
 from sim2real.diagnosis.data.windows import Window
 
-LOST = 10.0  # times a joint's spread: the error of a simulation that diverged
-PLANTS = 12  # kept at a time
-MANY = 400  # rows from which threads pay in a plant that is stepped from Python
 ACTUATORS = tuple(
     f"actuator_{name}" for name in ("gainprm", "biasprm", "forcerange", "damping", "delay")
 )
-LARGEST = 2.5e8  # bytes of one batch's paths
+BYTES = 8  # of a number
 
 
 class Simulated(NamedTuple):
@@ -66,6 +63,7 @@ class Simulator:
 
     def __init__(self, data: Data, fixed: Sequence[Fixed] = (), threads: int = 0) -> None:
         self.data, self.fixed, self.threads = data, tuple(fixed), threads
+        self.settings = data.settings.simulation
         self.heat = Heat(data, self._paths)
         self.seconds = 0.0  # of robot time simulated
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
@@ -103,7 +101,9 @@ class Simulator:
     def _pieces(self, windows: np.ndarray, model: int) -> int:
         steps = max(self._plans[i].schedule.steps for i in windows)
         width = self.data.models[model].nq + self.data.models[model].nu
-        return max(1, int(np.ceil(len(windows) * steps * width * 8 / LARGEST)))
+        return max(
+            1, int(np.ceil(len(windows) * steps * width * BYTES / self.settings.batch_bytes))
+        )
 
     def _plant(self, effects: Sequence[Effect], model: int, rows: int) -> Plant:
         key = (model, rows, *map(key_of, effects))
@@ -111,14 +111,15 @@ class Simulator:
             self._plants.move_to_end(key)
             return self._plants[key]
         spec, structure = self.data.specs[model], (model, *key[2:])
-        threads = 1 if self._stepped.get(structure, False) and rows < MANY else self.threads
+        few = rows < self.settings.threads_rows
+        threads = 1 if self._stepped.get(structure, False) and few else self.threads
         plant = Plant(spec, effects, rows, threads, fixed=self.fixed)
         if structure not in self._stepped:
             self._stepped[structure] = bool(plant.substep_rules)
             if plant.substep_rules:
                 return self._plant(effects, model, rows)
         self._plants[key] = plant
-        if len(self._plants) > PLANTS:
+        if len(self._plants) > self.settings.plants:
             self._plants.popitem(last=False)
         return plant
 
@@ -155,7 +156,8 @@ class Simulator:
         mask = data.mask[windows][..., None]
         error = np.where(mask, (simulated - data.measured[windows]) / data.scale, 0.0)
         slope = np.where(mask, change / motion.dt / data.scale, 0.0)
-        limit = np.maximum(LOST * self._spread, 1e-3) / data.scale
+        limits = self.settings
+        limit = np.maximum(limits.error_max * self._spread, limits.spread_min) / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
         return error, np.nan_to_num(slope), motion.lost
 

@@ -23,7 +23,6 @@ from envs.effects.supply import _Derating
 from envs.plant import Plant
 from sim2real.diagnosis.data.dataset import Data
 
-WEAK = 0.5  # strength of the motor whose torque is looked at beside that of the model's
 Path = tuple[mujoco.MjModel, np.ndarray, np.ndarray, np.ndarray]
 Paths = Callable[[int, int | None, float], Iterable[Path]]
 
@@ -41,6 +40,7 @@ class Heat:
 
     def __init__(self, data: Data, paths: Paths) -> None:
         self._data, self._paths = data, paths
+        self._weak = data.settings.simulation.weak
         self._squares: dict[tuple[int, int | None], np.ndarray] = {}  # (T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
@@ -59,7 +59,7 @@ class Heat:
         for row, (span, square) in enumerate(parts):
             spans[row, longest - len(span) :] = span
             squares[:, row, longest - len(span) :] = square
-        falls = (squares[0] - squares[1]) / (1.0 - WEAK)  # as the strength falls by 1
+        falls = (squares[0] - squares[1]) / (1.0 - self._weak)  # as the strength falls by 1
         for k in range(longest):
             span = spans[:, k : k + 1]
             lost = np.minimum(rule.value * heat, 1.0)
@@ -94,7 +94,7 @@ class Heat:
             log = self._data.logs[number]
             windows = [w for w in self._data.windows if w.log == number]
             found = np.zeros((len(log), self._data.models[windows[0].model].nu))
-            paths = self._paths(number, weak, WEAK)
+            paths = self._paths(number, weak, self._weak)
             for window, (model, path, ctrl, on) in zip(windows, paths, strict=True):
                 torque = _law(model, path, ctrl)
                 known = on & np.isfinite(torque)  # not that of a simulation that diverged

@@ -22,6 +22,8 @@ from sim2real.diagnosis.data.recording import NEAR, Columns, rows_before, rows_o
 
 LARGEST = 2e8  # bytes of positions simulated at once
 STIR = 0.02  # rad or m: a command that moves less does not stir its joint
+NEWS = 0.1  # of the commands' largest motions: a further piece shows at least so much more
+BYTES = 8  # of a number
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
             sum(max(stir.get(n, 0.0) / best[n] - seen[n], 0.0) for n in seen) for *_, stir in found
         ]
         top = int(np.argmax(gains))
-        if chosen and gains[top] < 0.1:
+        if chosen and gains[top] < NEWS:
             break
         number, first, last, stir = found.pop(top)
         seen = {n: max(seen[n], stir.get(n, 0.0) / best[n]) for n in seen}
@@ -126,7 +128,7 @@ def trial(
     plant_spec, dt = switchable(spec), spec.option.timestep
     plans = [schedule(recording, dt) for recording in recordings]
     width = len(recordings[0].qpos) + recordings[0].ctrl.shape[1]
-    size = len(plans) * max(plan.steps for plan in plans) * width * 8  # bytes
+    size = len(plans) * max(plan.steps for plan in plans) * width * BYTES  # bytes
     paths: list[np.ndarray] = []
     for chunk in np.array_split(np.arange(len(plans)), int(np.ceil(size / LARGEST))):
         plant = Plant(plant_spec, effects, len(chunk), fixed=fixed)

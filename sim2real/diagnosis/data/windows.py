@@ -19,15 +19,10 @@ from envs.effects.servo import is_joint_servo
 from envs.replay import Recording
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
+from sim2real.diagnosis.settings import DEFAULT, TINY, Windows
 from sim2real.runs.errors import Sim2RealError
 
-WARM = 0.4  # s simulated before a window's comparison starts
-LONGEST, SHORTEST, WINDOWS = 3.0, 0.8, 12  # s, s, and into how many windows a short log is cut
-STATE = 0.25  # s of a window where the whole state is logged and no servo pulls errors back
 BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
-SLOWEST, TURN = 12.0, 0.1  # s of a window of slow motions; of the range, a turn of the commands
-MANY = 40  # windows that long logs are cut into before any is longer than LONGEST
-KICK = 0.3  # s after a servo was switched on again, whose exact moment no log knows
 
 
 class Joint(NamedTuple):
@@ -63,6 +58,7 @@ def cut(
     which: Sequence[int],
     models: Sequence[mujoco.MjModel],
     joints: Sequence[Joint],
+    settings: Windows = DEFAULT.windows,
 ) -> list[Window]:
     """Return the windows of all logs.
 
@@ -71,6 +67,7 @@ def cut(
         which: the model of each.
         models: the models.
         joints: the compared positions.
+        settings: how long windows are, and which rows count.
 
     Raises:
         Sim2RealError: a log too short to be cut, or blocked nearly throughout.
@@ -82,16 +79,19 @@ def cut(
     for number, part in parts:
         start = start if number == before else 0
         before = number
-        most = max(LONGEST, min(total / MANY, _pace(part)))
-        length = float(np.clip(total / WINDOWS, SHORTEST, most)) if servo else STATE
+        slow = min(total / settings.windows_max, _pace(part, settings))
+        most, usual = max(settings.longest_s, slow), total / settings.windows_usual
+        length = float(np.clip(usual, settings.shortest_s, most)) if servo else settings.state_s
         pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
-        cuts = _cuts(part, joints, pieces) if servo else _even(part, pieces)
+        cuts = _cuts(part, joints, pieces, settings) if servo else _even(part, pieces)
         for first, last in pairwise(cuts):
-            warm = int(np.searchsorted(part.time, part.time[first] - (WARM if servo else 0.0)))
+            ahead = settings.warm_s if servo else 0.0
+            warm = int(np.searchsorted(part.time, part.time[first] - ahead))
             rows = (start + warm, start + first, start + last)
-            if last - first > 1 and _free(part, first, last):
+            if last - first > 1 and _free(part, first, last, settings.blocked_share):
                 own = which[number]
-                windows.append(cut_one(logs[number], number, own, models[own], joints, rows))
+                log, model = logs[number], models[own]
+                windows.append(cut_one(log, number, own, model, joints, rows, settings))
         start += len(part)
     empty = [n for n in range(len(logs)) if all(window.log != n for window in windows)]
     if empty:
@@ -103,20 +103,21 @@ def cut(
     return windows
 
 
-def _pace(part: Log) -> float:
+def _pace(part: Log, settings: Windows) -> float:
     """Return in what time the commands turn back twice [s], the busiest of them.
 
     Where they do so every ten seconds, windows of three say little: friction holds a joint where
     it is put, and where it comes to rest with and against its load is seen in none of them.
     """
     commands = [part.column(f"ctrl.{name}") for name in part.actuators]
-    turns = [reversals(c, TURN * float(np.ptp(c))) for c in commands if np.ptp(c) > 0]
-    return min(2 * float(part.time[-1] - part.time[0]) / (max(turns, default=0) + 1), SLOWEST)
+    size, seconds = settings.turn, float(part.time[-1] - part.time[0])
+    turns = [reversals(c, size * float(np.ptp(c))) for c in commands if np.ptp(c) > 0]
+    return min(2 * seconds / (max(turns, default=0) + 1), settings.slowest_s)
 
 
-def _free(part: Log, first: int, last: int) -> bool:
+def _free(part: Log, first: int, last: int, most: float) -> bool:
     """Return whether nothing is in the robot's way in most of some rows."""
-    return BLOCKED not in part.columns or part.columns[BLOCKED][first:last].mean() < 0.5
+    return BLOCKED not in part.columns or part.columns[BLOCKED][first:last].mean() < most
 
 
 def reversals(values: np.ndarray, size: float) -> int:
@@ -135,7 +136,7 @@ def _even(part: Log, pieces: int) -> np.ndarray:
     return np.unique(np.linspace(0, len(part), pieces + 1).astype(int))
 
 
-def _cuts(part: Log, joints: Sequence[Joint], pieces: int) -> np.ndarray:
+def _cuts(part: Log, joints: Sequence[Joint], pieces: int, settings: Windows) -> np.ndarray:
     """Return the rows at which windows begin, and the end: about evenly, at calm moments."""
     time, even = part.time, _even(part, pieces)
     if pieces == 1:
@@ -143,21 +144,21 @@ def _cuts(part: Log, joints: Sequence[Joint], pieces: int) -> np.ndarray:
     unrest = np.zeros(len(part))
     for joint in joints:
         speed = np.abs(np.gradient(part.column(f"qpos.{joint.name}"), time))
-        unrest += speed / max(joint.spread, 1e-9)
+        unrest += speed / max(joint.spread, TINY)
     for name in part.actuators:
         command = part.column(f"ctrl.{name}")
-        spread = max(float(command.std()), 1e-9)
+        spread = max(float(command.std()), TINY)
         unrest += np.abs(np.gradient(command, time)) / spread
         if f"torque.{name}" in part.columns:
-            unrest += 100.0 * (part.column(f"torque.{name}") <= 0)
+            unrest += settings.off_unrest * (part.column(f"torque.{name}") <= 0)
     rate = (len(time) - 1) / (time[-1] - time[0])
-    warm = max(1, round(WARM * rate))
-    smooth = np.convolve(unrest, np.ones(5) / 5, "same")
-    reach = max(1, int(0.25 * len(part) / pieces))
+    warm, width = max(1, round(settings.warm_s * rate)), settings.unrest_rows
+    smooth = np.convolve(unrest, np.ones(width) / width, "same")
+    reach = max(1, int(settings.reach * len(part) / pieces))
     cuts = [0]
     for cut in even[1:-1]:
         start = np.arange(cut - reach, cut + reach) - warm  # where its warm-up would begin
-        start = start[(start > cuts[-1]) & (start + warm < len(part) - 2)]
+        start = start[(start > cuts[-1]) & (start + warm + 1 < len(part) - 1)]
         cuts.append(int(start[np.argmin(smooth[start])]) + warm if start.size else int(cut))
     return np.unique([*cuts, len(part)])
 
@@ -169,6 +170,7 @@ def cut_one(
     model: mujoco.MjModel,
     joints: Sequence[Joint],
     rows: tuple[int, int, int],
+    settings: Windows = DEFAULT.windows,
 ) -> Window:
     """Return the window whose warm-up, comparison and end are at these rows of a log."""
     warm, first, last = rows
@@ -181,16 +183,16 @@ def cut_one(
     )  # (T, M)
     measured = np.column_stack([log.column(f"qpos.{joint.name}")[scored] for joint in joints])
     spread = np.array([joint.spread for joint in joints])
-    moving = [np.abs(np.diff(measured, axis=0)).mean(axis=0) / np.maximum(spread, 1e-9)]
+    moving = [np.abs(np.diff(measured, axis=0)).mean(axis=0) / np.maximum(spread, TINY)]
     off = 0.0 if recording.powered is None else float(1 - recording.powered.mean())
-    lively = float(np.mean(moving)) / max(float(np.diff(log.time[scored]).mean()), 1e-9)
+    lively = float(np.mean(moving)) / max(float(np.diff(log.time[scored]).mean()), TINY)
     episode = int(log.episode[first])
-    usable = _usable(log, warm, last)[first - warm :]
+    usable = _usable(log, warm, last, settings)[first - warm :]
     rest = (sample, measured, usable, lively, off)
     return Window(number, episode, which, warm, first, last, recording, *rest)
 
 
-def _usable(log: Log, first: int, last: int) -> np.ndarray:
+def _usable(log: Log, first: int, last: int, settings: Windows = DEFAULT.windows) -> np.ndarray:
     """Return which rows say what a replay can know, (T,).
 
     Not a reading that was missing and held, not the moments after a servo was switched on, and not
@@ -205,7 +207,8 @@ def _usable(log: Log, first: int, last: int) -> np.ndarray:
         if column in log.columns:
             on = np.diff((log.columns[column][first:last] > 0).astype(int)) > 0
             for moment in time[1:][on]:
-                good &= (time < moment - 0.03) | (time > moment + KICK)
+                start, end = moment - settings.kick_before_s, moment + settings.kick_s
+                good &= (time < start) | (time > end)
     free = log.columns.get(BLOCKED, np.zeros(len(log)))[first:last] <= 0
     return free & (good if good.sum() > 1 else np.ones(last - first, bool))
 

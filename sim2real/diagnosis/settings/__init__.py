@@ -16,6 +16,7 @@ from sim2real.diagnosis.settings.attribution import (
     Cogging,
     Experiment,
     Fitting,
+    JointGroups,
     Locating,
     Numerics,
     Residual,
@@ -25,7 +26,15 @@ from sim2real.diagnosis.settings.attribution import (
     Verdict,
 )
 from sim2real.diagnosis.settings.base import TINY, TINY_SQUARE, Row, rows, setting
-from sim2real.diagnosis.settings.data import Bootstrap, Dataset, Encoder, NoiseFloor, Regimes
+from sim2real.diagnosis.settings.data import (
+    Bootstrap,
+    Dataset,
+    Encoder,
+    NoiseFloor,
+    Regimes,
+    Simulation,
+    Windows,
+)
 from sim2real.diagnosis.settings.preflight import (
     Channels,
     Checks,
@@ -50,6 +59,7 @@ __all__ = [
     "Encoder",
     "Experiment",
     "Fitting",
+    "JointGroups",
     "Lag",
     "Locating",
     "LogErrors",
@@ -63,8 +73,10 @@ __all__ = [
     "Search",
     "Servo",
     "Settings",
+    "Simulation",
     "TorqueOn",
     "Verdict",
+    "Windows",
     "rows",
     "setting",
 ]
@@ -77,6 +89,8 @@ class Settings:
     obstruction: Obstruction = field(default_factory=Obstruction)
     encoder: Encoder = field(default_factory=Encoder)
     noise_floor: NoiseFloor = field(default_factory=NoiseFloor)
+    windows: Windows = field(default_factory=Windows)
+    simulation: Simulation = field(default_factory=Simulation)
     dataset: Dataset = field(default_factory=Dataset)
     regimes: Regimes = field(default_factory=Regimes)
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
@@ -92,6 +106,7 @@ class Settings:
     cogging: Cogging = field(default_factory=Cogging)
     search: Search = field(default_factory=Search)
     torque_on: TorqueOn = field(default_factory=TorqueOn)
+    joint_groups: JointGroups = field(default_factory=JointGroups)
     verdict: Verdict = field(default_factory=Verdict)
     causes: Causes = field(default_factory=Causes)
     locating: Locating = field(default_factory=Locating)

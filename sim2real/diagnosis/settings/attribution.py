@@ -141,6 +141,33 @@ class TorqueOn:
 
 
 @dataclass(frozen=True)
+class JointGroups:
+    """When one kind of effect is tried at every joint, and what of it stays."""
+
+    joints_min: int = setting(3, "1", "joints of a gap that is spread, and of a kind", DEVELOPED)
+    joint_floors: float = setting(4.0, "1", "floors from which a joint counts there", DEVELOPED)
+    poor: float = setting(0.8, "1", "closed share below which kinds are tried", DEVELOPED)
+    better: float = setting(0.1, "1", "share of the gap that kinds must close beyond", DEVELOPED)
+    families_max: int = setting(3, "1", "rounds in which kinds join", COST)
+    tried: int = setting(3, "1", "kinds, or pairs of them, fitted in a round", COST)
+    windows_s: float = setting(80.0, "s", "windows used: joints move in turn", COST)
+    points: int = setting(24, "1", "simulations of a round of each joint's own search", COST)
+    rounds: int = setting(2, "1", "rounds of that search for each kind tried", COST)
+    further_rounds: int = setting(4, "1", "rounds added for the best one", COST)
+    final_rounds: int = setting(2, "1", "Gauss-Newton steps of the kinds together", COST)
+    spread: float = setting(0.7, "1", "logarithm of a first round's random factors", DEVELOPED)
+    shrink: float = setting(0.7, "1", "by which it shrinks from round to round", DEVELOPED)
+    coarse: tuple[float, ...] = setting(
+        (0.2, 0.07, 0.025, 0.01),
+        "1",
+        "factors tried besides the probes: data sheets are off by orders of magnitude",
+        DEVELOPED,
+    )
+    worth: float = setting(0.02, "1", "share of the first gap that a kind closes", DEVELOPED)
+    joint_worth: float = setting(0.002, "1", "share of it that one joint closes", DEVELOPED)
+
+
+@dataclass(frozen=True)
 class Verdict:
     """When a gap is one, and when it is explained."""
 

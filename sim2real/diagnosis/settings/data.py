@@ -41,6 +41,42 @@ class NoiseFloor:
 
 
 @dataclass(frozen=True)
+class Windows:
+    """How logs are cut into windows, and which of their rows are compared."""
+
+    warm_s: float = setting(0.4, "s", "simulated before the comparison starts", DEVELOPED)
+    longest_s: float = setting(3.0, "s", "longest window of an ordinary log", DEVELOPED)
+    shortest_s: float = setting(0.8, "s", "shortest window where servos are on", DEVELOPED)
+    windows_usual: int = setting(12, "1", "windows that a short log is cut into", DEVELOPED)
+    windows_max: int = setting(40, "1", "windows of a log before they get longer", COST)
+    state_s: float = setting(
+        0.25, "s", "windows where the state is logged and no servo corrects errors", DEVELOPED
+    )
+    slowest_s: float = setting(12.0, "s", "longest window of slow motions", DEVELOPED)
+    turn: float = setting(0.1, "1", "least turn of a command, of its range", JUDGED)
+    kick_before_s: float = setting(0.03, "s", "left out before a servo is switched on", JUDGED)
+    kick_s: float = setting(
+        0.3, "s", "left out after it, since no log knows the exact moment", DEVELOPED
+    )
+    blocked_share: float = setting(0.5, "1", "windows blocked for longer are left out", JUDGED)
+    off_unrest: float = setting(100.0, "1/s", "unrest of rows without torque", JUDGED)
+    unrest_rows: int = setting(5, "1", "rows that unrest is averaged over", JUDGED)
+    reach: float = setting(0.25, "1", "shift of a start to a calm row, of a window", JUDGED)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """How windows and pieces are simulated."""
+
+    error_max: float = setting(10.0, "1", "error of what diverged, of the motion", JUDGED)
+    spread_min: float = setting(1e-3, "rad", "least motion that this is taken of", JUDGED)
+    batch_bytes: float = setting(2.5e8, "B", "memory of one batch", COST)
+    plants: int = setting(12, "1", "models kept ready", COST)
+    threads_rows: int = setting(400, "1", "rows from which threads pay with Python laws", COST)
+    weak: float = setting(0.5, "1", "strength of the motor whose heat is compared", DEVELOPED)
+
+
+@dataclass(frozen=True)
 class Dataset:
     """Blocks, folds, and which joints moved."""
 

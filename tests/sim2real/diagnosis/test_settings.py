@@ -21,7 +21,7 @@ from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from tests.sim2real.diagnosis import arm
 
 ROOM = Path(settings.__file__).parents[1]
-MOST = 12.0  # numbers without a name per 1000 lines
+MOST = 9.0  # numbers without a name per 1000 lines
 
 
 class _Unnamed(ast.NodeVisitor):
