@@ -16,7 +16,7 @@ import torch
 from tensordict.nn import AddStateIndependentNormalScale
 from torchrl.objectives.utils import distance_loss
 
-from sim2real.learning.modules.dense import Dense, FlatParameters, Trunks
+from sim2real.learning.modules.dense import Dense, Trunks, flatten
 
 Tensor = torch.Tensor
 LOG_2PI = math.log(2 * math.pi)
@@ -71,8 +71,9 @@ class ClipGradient:
     def __init__(self, actor: Dense, critic: Dense) -> None:
         assert isinstance(actor.head, AddStateIndependentNormalScale)
         self.networks, self._floor = (actor, critic), actor.head.scale_lb
-        self.flat = FlatParameters(self.networks)
-        self._trunks = Trunks(self.networks, self.flat.starts)
+        self.flat, starts = flatten(self.networks)
+        self.middle = starts[1]  # where the critic's parameters begin
+        self._trunks = Trunks(self.networks, starts)
 
     def _renew(self) -> None:
         """Follow parameters that somebody has moved."""

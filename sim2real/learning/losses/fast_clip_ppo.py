@@ -31,7 +31,7 @@ from torchrl.modules import IndependentNormal
 from torchrl.objectives import ClipPPOLoss
 
 from sim2real.learning.losses.clip_gradient import SLOPES, ClipGradient, Losses, Samples, Settings
-from sim2real.learning.modules.dense import Dense, FlatParameters, read_dense
+from sim2real.learning.modules.dense import Dense, read_dense
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -81,7 +81,7 @@ class FastClipPPOLoss(ClipPPOLoss):
         """Return the losses of a minibatch, and what is logged of it."""
         with torch.no_grad():
             found = self._gradient(self._samples(tensordict), self._settings())
-        values = _HandOut.apply(found, self._gradient.flat, *self._gradient.flat.parameters)
+        values = _HandOut.apply(found, self._gradient, *self._gradient.flat.parameters)
         names = ("loss_objective", "loss_critic", "loss_entropy")
         out = {**dict(zip(names, values, strict=True)), **found.logged}
         if not self.entropy_bonus:
@@ -168,19 +168,19 @@ class _HandOut(torch.autograd.Function):
     """Losses whose gradient is known."""
 
     @staticmethod
-    def forward(ctx: Any, found: Losses, flat: FlatParameters, *_: Tensor) -> tuple[Tensor, ...]:
-        ctx.found, ctx.flat = found, flat
+    def forward(ctx: Any, found: Losses, of: ClipGradient, *_: Tensor) -> tuple[Tensor, ...]:
+        ctx.found, ctx.of = found, of
         ctx.set_materialize_grads(False)
         return found.values
 
     @staticmethod
     def backward(ctx: Any, *upstream: Tensor | None) -> Any:
         """Weigh the gradients of the three losses by what comes from above."""
-        found, (_, middle, _) = ctx.found, ctx.flat.starts
+        found, middle = ctx.found, ctx.of.middle
         objective, critic, entropy = upstream
         out = torch.empty_like(found.gradient)
         for part, weight in ((slice(0, middle), objective), (slice(middle, None), critic)):
             torch.mul(found.gradient[part], 0.0 if weight is None else weight, out=out[part])
         if entropy is not None:
             out[middle - len(found.entropy) : middle].addcmul_(found.entropy, entropy)
-        return None, None, *ctx.flat.split(out)
+        return None, None, *ctx.of.flat.split(out)

@@ -1,8 +1,8 @@
 """Tensordict modules that are nothing but a multi-layer perceptron, read as their layers.
 
     actor, critic = read_dense(actor_network), read_dense(critic_network)
-    store = FlatParameters([actor, critic])           # their numbers move into one flat vector
-    store.renew()                                     # before use: has somebody moved them?
+    flat, starts = flatten([actor, critic])           # their numbers, in one vector
+    trunks = Trunks([actor, critic], starts)
 
 What calls such a network without TorchRL's and autograd's machinery needs its layers, and gains
 most where they lie side by side. A network with anything else in it is refused, never guessed at.
@@ -24,6 +24,7 @@ from tensordict.nn import (
 from torch import nn
 from torchrl.modules import MLP
 
+from sim2real.learning.modules.flat import FlatParameters
 from sim2real.learning.modules.perceptrons import Layers, Perceptrons
 from sim2real.learning.modules.policy import Activation
 from sim2real.runs.errors import Sim2RealError
@@ -115,43 +116,19 @@ def _refuse(what: str) -> None:
     )
 
 
-class FlatParameters:
-    """The parameters of perceptrons in one vector (P,), network after network.
-
-    The parameters stay what they are to modules and optimizers; only their numbers lie elsewhere.
-
-    Args:
-        networks: whose parameters these become. None may share one with another.
+def flatten(networks: Sequence[Dense]) -> tuple[FlatParameters, list[int]]:
+    """Put the parameters of networks into one vector; return it, and where each network begins.
 
     Raises:
         Sim2RealError: for networks that share a parameter, or of several dtypes or devices.
     """
-
-    def __init__(self, networks: Sequence[Dense]) -> None:
-        self.parameters = [p for network in networks for p in network.parameters]
-        if len({id(p) for p in self.parameters}) < len(self.parameters):
-            raise Sim2RealError("policy: a fast part takes networks that share no parameter")
-        if len({(p.dtype, p.device) for p in self.parameters}) > 1:
-            raise Sim2RealError("policy: a fast part takes networks of one dtype on one device")
-        counts = [sum(p.numel() for p in network.parameters) for network in networks]
-        self.starts = [0, *accumulate(counts)]  # of each network in the vector, and the end
-        self.vector = torch.empty(0)
-        self._places: list[int] = []
-
-    def renew(self) -> bool:
-        """Gather the parameters again where their numbers were moved; return whether they were."""
-        if [p.data_ptr() for p in self.parameters] == self._places:
-            return False
-        with torch.no_grad():
-            self.vector = torch.cat([p.detach().flatten() for p in self.parameters])
-            for p, part in zip(self.parameters, self.split(self.vector), strict=True):
-                p.data = part
-        self._places = [p.data_ptr() for p in self.parameters]
-        return True
-
-    def split(self, vector: Tensor) -> list[Tensor]:
-        """Return views of a vector (P,) in the shapes of the parameters."""
-        return list(torch._C._nn.unflatten_dense_tensors(vector, self.parameters))
+    parameters = [p for network in networks for p in network.parameters]
+    if len({id(p) for p in parameters}) < len(parameters):
+        raise Sim2RealError("policy: a fast part takes networks that share no parameter")
+    if len({(p.dtype, p.device) for p in parameters}) > 1:
+        raise Sim2RealError("policy: a fast part takes networks of one dtype on one device")
+    counts = [sum(p.numel() for p in network.parameters) for network in networks]
+    return FlatParameters(parameters), [0, *accumulate(counts)]
 
 
 class Trunks:
@@ -159,7 +136,7 @@ class Trunks:
 
     Args:
         networks: of which these are the hidden layers; each has one at least.
-        starts: where each begins in the vectors of `FlatParameters`.
+        starts: where each begins in the vector; see `flatten`.
 
     Raises:
         Sim2RealError: for a network without a hidden layer.

@@ -1,0 +1,83 @@
+"""Tensors that lie side by side in memory, as the one vector that they are.
+
+    vector = gather([p.data for p in parameters])     # (P,), and each p.data becomes a view of it
+    same = side_by_side([p.data for p in parameters]) # None where somebody has moved one
+
+A network of reinforcement learning is a dozen small tensors. What an optimizer or a gradient does
+to each of them costs more to call than to do, so that one call for all is several times faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import nn
+
+Tensor = torch.Tensor
+
+
+def side_by_side(tensors: Sequence[Tensor]) -> Tensor | None:
+    """Return the vector (P,) that contiguous tensors are, in their order; None if they are not."""
+    first = tensors[0]
+    size, place = first.element_size(), first.data_ptr()
+    start = place
+    for tensor in tensors:
+        if tensor.data_ptr() != place or tensor.dtype != first.dtype:
+            return None
+        place += tensor.numel() * size
+    offset, count = first.storage_offset(), (place - start) // size
+    if (offset + count) * size > first.untyped_storage().nbytes():
+        return None  # neighbours by chance
+    return first.detach().as_strided((count,), (1,), offset)
+
+
+def split(vector: Tensor, like: Sequence[Tensor]) -> list[Tensor]:
+    """Return consecutive views of a vector (P,) in the shapes of other tensors."""
+    return list(torch._C._nn.unflatten_dense_tensors(vector, like))  # type: ignore[attr-defined]
+
+
+class FlatParameters:
+    """Parameters in one vector (P,).
+
+    They stay what they are to modules and optimizers; only their numbers lie elsewhere.
+
+    Args:
+        parameters: of one dtype on one device, each once.
+    """
+
+    def __init__(self, parameters: Sequence[nn.Parameter]) -> None:
+        self.parameters = list(parameters)
+        self.vector = torch.empty(0)
+        self._places: list[int] = []
+
+    def renew(self) -> bool:
+        """Gather the parameters where somebody has moved one; return whether `vector` is new."""
+        if [p.data_ptr() for p in self.parameters] == self._places:
+            return False
+        found = side_by_side(self.parameters)
+        if found is None:
+            found = torch.cat([p.detach().flatten() for p in self.parameters])
+            for p, part in zip(self.parameters, self.split(found), strict=True):
+                p.data = part
+        self.vector = found
+        self._places = [p.data_ptr() for p in self.parameters]
+        return True
+
+    def split(self, vector: Tensor) -> list[Tensor]:
+        """Return views of a vector (P,) in the shapes of the parameters."""
+        return split(vector, self.parameters)
+
+    def gradient(self) -> Tensor | None:
+        """Return the gradients as the one vector (P,) that they are; None if they are not."""
+        gradients: list[Any] = [p.grad for p in self.parameters]
+        return None if any(g is None for g in gradients) else side_by_side(gradients)
+
+    def clip_gradient(self, limit: float) -> None:
+        """Shorten the gradient to a norm, as `torch.nn.utils.clip_grad_norm_` does."""
+        gradient = self.gradient()
+        if gradient is None:
+            nn.utils.clip_grad_norm_(self.parameters, limit)
+        else:
+            gradient.mul_((limit / (gradient.norm() + 1e-6)).clamp_(max=1.0))
