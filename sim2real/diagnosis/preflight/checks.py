@@ -56,7 +56,7 @@ def preflight(
         found += check_lag(logs, specs, settings.lag)
     if not any(finding.check == "rate" for finding in found):
         found += _noise(logs, settings)
-    found += check_unlogged(logs, specs)
+    found += check_unlogged(logs, specs, settings.unlogged)
     return sorted(_causes(_merged(found), _turned(models)), key=_rank)
 
 

@@ -18,17 +18,18 @@ from hardware.log import Log
 from sim2real.diagnosis.data.recording import columns_of
 from sim2real.diagnosis.data.trial import choose, trial
 from sim2real.diagnosis.schema import Finding
-
-SECONDS, PIECES = 3.0, 2  # of a replay that shows whether they move, and how many a log
-MOVES = 0.02  # rad, m or, of an orientation, parts of its quaternion: less is no motion
+from sim2real.diagnosis.settings import DEFAULT, Unlogged
 
 
-def check_unlogged(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[Finding]:
+def check_unlogged(
+    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: Unlogged = DEFAULT.unlogged
+) -> list[Finding]:
     """Return a finding for each joint that moves in replays, and whose position is not logged.
 
     Args:
         logs: the logs.
         specs: the model of each.
+        settings: what counts as a motion.
     """
     found: dict[str, Finding] = {}
     for log, spec in zip(logs, specs, strict=True):
@@ -36,13 +37,15 @@ def check_unlogged(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> list[
         missing = [i for i in range(model.njnt) if not _is_logged(log, model, i)]
         if not missing:
             continue
-        recordings = [piece.recording(model) for piece in choose([log], SECONDS, PIECES)]
+        pieces = choose([log], settings.seconds, settings.pieces)
+        recordings = [piece.recording(model) for piece in pieces]
         paths = trial(spec, recordings) if recordings else []
         for joint in missing:
             moves = max((_motion(path, model, joint) for path in paths), default=0.0)
-            if moves > MOVES:
+            if moves > settings.moves:
                 name = model.joint(joint).name
-                found.setdefault(name, _finding(log, model, joint, moves))
+                shown = f"a replay of {settings.seconds:g} s moves {name} by {moves:.2g}"
+                found.setdefault(name, _finding(log, model, joint, shown))
     return list(found.values())
 
 
@@ -57,16 +60,16 @@ def _motion(path: np.ndarray, model: mujoco.MjModel, joint: int) -> float:
     return float(np.nanmax(np.abs(own - own[0])))
 
 
-def _finding(log: Log, model: mujoco.MjModel, joint: int, moves: float) -> Finding:
+def _finding(log: Log, model: mujoco.MjModel, joint: int, shown: str) -> Finding:
     name, (places, speeds) = model.joint(joint).name, columns_of(model, joint)
     missing = [f"`qpos.{place}`" for place in places if f"qpos.{place}" not in log.columns]
     columns = missing[0] if len(missing) == 1 else f"{missing[0]} to {missing[-1]}"
     path = f"{log.path.name}: " if log.path else ""
     text = (
-        f"{path}{columns} {'is' if len(missing) == 1 else 'are'} not logged, and a replay of "
-        f"{SECONDS:g} s moves {name} by {moves:.2g} (m, rad or parts of a quaternion). Windows "
-        "that start in the middle of an episode put it at rest where the model's keyframe `home` "
-        "has it. It was elsewhere, and the causes found may stand for that."
+        f"{path}{columns} {'is' if len(missing) == 1 else 'are'} not logged, and {shown} (m, rad "
+        "or parts of a quaternion). Windows that start in the middle of an episode put it at rest "
+        "where the model's keyframe `home` has it. It was elsewhere, and the causes found may "
+        "stand for that."
     )
     ends = f"`qvel.{speeds[0]}`" + (f" to `qvel.{speeds[-1]}`" if len(speeds) > 1 else "")
     fix = (

@@ -43,6 +43,7 @@ from sim2real.diagnosis.settings.preflight import (
     LogErrors,
     Obstruction,
     Servo,
+    Unlogged,
 )
 
 __all__ = [
@@ -75,6 +76,7 @@ __all__ = [
     "Settings",
     "Simulation",
     "TorqueOn",
+    "Unlogged",
     "Verdict",
     "Windows",
     "rows",
@@ -100,6 +102,7 @@ class Settings:
     log_errors: LogErrors = field(default_factory=LogErrors)
     lag: Lag = field(default_factory=Lag)
     checks: Checks = field(default_factory=Checks)
+    unlogged: Unlogged = field(default_factory=Unlogged)
     numerics: Numerics = field(default_factory=Numerics)
     fitting: Fitting = field(default_factory=Fitting)
     screening: Screening = field(default_factory=Screening)

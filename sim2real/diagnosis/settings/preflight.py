@@ -214,3 +214,14 @@ class Checks:
 
     noise: float = setting(1.5, "1", "multiple of the rounding", JUDGED)
     rounding_min: float = setting(1e-5, "rad", "a rounding is taken as at least this", JUDGED)
+
+
+@dataclass(frozen=True)
+class Unlogged:
+    """When a joint that a log does not hold counts as moving."""
+
+    seconds: float = setting(3.0, "s", "length of the replays that show a motion", COST)
+    pieces: int = setting(2, "1", "replays of each log", COST)
+    moves: float = setting(
+        0.02, "rad", "least motion; of an orientation, of its quaternion's numbers", JUDGED
+    )
