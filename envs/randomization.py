@@ -32,6 +32,7 @@ class Tasks(Protocol):
     """A distribution over points of a parameter space."""
 
     effects: tuple[Effect, ...]
+    per: Literal["reset", "row"]  # how long a row keeps its draw
 
     def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Draw n points, (n, P)."""
@@ -155,6 +156,8 @@ class Randomization:
 
     def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Draw n points, (n, P), in the order of the draws; call `check` first."""
+        if not self.draws:
+            return np.zeros((n, 0))
         if self._columns is None:
             raise ParameterError(
                 "check(space) the randomization against a simulation before drawing from it"

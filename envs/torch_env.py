@@ -6,10 +6,17 @@
 
 Rows that end are reset by mask while the others go on, as TorchRL's collectors do by themselves.
 Parameters travel in the tensordict under ("params", name): at a reset the environment writes those
-that it is given into the rows that reset, and keeps the rest.
+that it is given into the rows that reset, and keeps the rest. Actions are cut at their limits.
+
+    env.reset(values=values, seeds=seeds)               # these robots (N, P), under this luck (N,)
+    state = env.episodes()                              # the episodes in progress, as plain data
+    env.resume(state)                                   # ... played again, to the last bit
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -49,9 +56,13 @@ class RowsEnv(EnvBase):
         self.rows, self._float = rows, dtype
         self._values = rows.space.points(rows.num_rows)  # (N, P)
         self._params = self._params_tensordict()
-        self._last = np.zeros(
-            (rows.num_rows, rows.observation_size)
-        )  # (N, O), the newest observations
+        count = rows.num_rows
+        self._last = np.zeros((count, rows.observation_size))  # (N, O), the newest observations
+        self._ids = np.arange(count)
+        self._seeds = np.zeros(count, np.uint64)
+        self._ages = np.zeros(count, np.int64)  # steps of the episode so far
+        self._actions = np.zeros((0, count, rows.action_size))  # of the episodes so far
+        self._low, self._high = rows.action_low, rows.action_high
         self._make_specs()
         self._set_seed(seed)
         self.tasks: Tasks | None = None
@@ -89,14 +100,26 @@ class RowsEnv(EnvBase):
         self.rng = np.random.default_rng(seed)
         self._drawn = np.zeros(self.rows.num_rows, dtype=bool)  # (N,): rows that keep a draw
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: object) -> TensorDictBase:
+    def _reset(
+        self,
+        tensordict: TensorDictBase | None = None,
+        *,
+        values: np.ndarray | None = None,
+        seeds: np.ndarray | None = None,
+        **others: object,
+    ) -> TensorDictBase:
+        """Start episodes; `values` (N, P) and `seeds` (N,) decide them instead of draws."""
         mask = None if tensordict is None else tensordict.get("_reset", None)
-        ids = np.arange(self.rows.num_rows) if mask is None else _where(mask)
+        ids = self._ids if mask is None else _where(mask)
         given = None if tensordict is None else tensordict.get("params", None)
-        if given is not None and self.rows.space.size:
+        if values is not None:
+            self._values[ids] = values[ids]
+        elif given is not None and self.rows.space.size:
             columns = [given[name].reshape(-1).cpu().numpy() for name in self.rows.space.names]
             self._values[ids] = np.stack(columns, axis=1)[ids]
-        return self._tensordict(self._start(ids))
+        else:
+            self._draw(ids)
+        return self._tensordict(self._start(ids, None if seeds is None else seeds[ids]))
 
     def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Restart the rows that are done and put what changed into the tensordict.
@@ -108,17 +131,19 @@ class RowsEnv(EnvBase):
             return super().maybe_reset(tensordict)
         ids = _where(done)
         if len(ids):
+            self._draw(ids)
             tensordict.update(self._tensordict(self._start(ids)))
         return tensordict
 
-    def _start(self, ids: np.ndarray) -> dict[str, torch.Tensor]:
+    def _start(self, ids: np.ndarray, seeds: np.ndarray | None = None) -> dict[str, torch.Tensor]:
         """Start episodes in the rows ids (n,); return the entries of all rows after that."""
-        self._draw(ids)
         if self.rows.space.size:  # anew: what was returned before belongs to the caller
             self._params = self._params_tensordict()
-        seeds = self.rng.integers(0, 2**63, len(ids)).astype(np.uint64)
+        if seeds is None:
+            seeds = self.rng.integers(0, 2**63, len(ids)).astype(np.uint64)
+        self._seeds[ids], self._ages[ids] = seeds, 0
         self._last = self._last.copy()  # the rows that go on keep what they saw
-        self._last[ids] = self.rows.reset(ids, self._values[ids], seeds)
+        self._last[ids] = self.rows.reset(ids, self._values[ids], self._seeds[ids])
         no = torch.zeros((self.rows.num_rows, 1), dtype=torch.bool, device=self.device)
         flags = {"done": no.clone(), "terminated": no.clone(), "truncated": no.clone()}
         return {**self._seen(ids), "failed": no, **flags}
@@ -130,7 +155,7 @@ class RowsEnv(EnvBase):
     def _draw(self, ids: np.ndarray) -> None:
         if self.tasks is None:
             return
-        if getattr(self.tasks, "per", "reset") == "row":
+        if self.tasks.per == "row":
             ids = ids[~self._drawn[ids]]
         if len(ids):
             self._values[ids] = self.tasks.sample(self.rng, len(ids))
@@ -138,7 +163,9 @@ class RowsEnv(EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action").detach().cpu().numpy().astype(np.float64)
+        action = np.minimum(np.maximum(action, self._low), self._high)  # NaN stays, and fails
         step = self.rows.step(None, action)
+        self._note(action)
         self._last = step.observation
         return self._tensordict(
             {
@@ -150,6 +177,48 @@ class RowsEnv(EnvBase):
                 "failed": self._tensor(step.failed[:, None], torch.bool),
             }
         )
+
+    def _note(self, action: np.ndarray) -> None:
+        """Keep the actions (N, A) of the episodes in progress."""
+        if self._ages.max() >= len(self._actions):
+            room = np.zeros((max(32, len(self._actions)), *action.shape))
+            self._actions = np.concatenate([self._actions, room])
+        self._actions[self._ages, self._ids] = action
+        self._ages += 1
+
+    def episodes(self) -> dict[str, Any]:
+        """Return the episodes in progress and the generator of what follows, as plain data."""
+        longest = int(self._ages.max())
+        now = np.arange(longest)[:, None] < self._ages  # (T, N); else left from episodes before
+        return {
+            "rng": self.rng.bit_generator.state,
+            "values": self._values.copy(),
+            "drawn": self._drawn.copy(),
+            "seeds": self._seeds.copy(),
+            "ages": self._ages.copy(),
+            "actions": np.where(now[:, :, None], self._actions[:longest], 0.0),
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go back to `episodes()`, playing those in progress again: they are pure functions.
+
+        Raises:
+            TaskError: a state of another number of rows.
+        """
+        there, here = len(state["seeds"]), self.rows.num_rows
+        if there != here:
+            raise TaskError(f"the episodes are of {there} rows, this environment has {here}")
+        if self.tasks is not None:
+            self.tasks.check(self.rows.space)
+        self.rng.bit_generator.state = state["rng"]
+        for own, name in ((self._values, "values"), (self._drawn, "drawn"), (self._seeds, "seeds")):
+            own[:] = state[name]
+        self._start(self._ids, self._seeds.copy())
+        self._ages[:], self._actions = state["ages"], np.array(state["actions"])
+        for age, action in enumerate(self._actions):
+            ids = np.flatnonzero(self._ages > age)
+            self._last[ids] = self.rows.step(ids, action[ids]).observation
+        self._seen(None)
 
     def _tensor(self, array: np.ndarray, dtype: torch.dtype) -> torch.Tensor:
         return torch.from_numpy(array).to(
@@ -175,27 +244,55 @@ class RandomizeParams(Transform):
     Args:
         tasks: the distribution; its `per` ("reset" or "row") says how long a row keeps its draw.
 
-    The draws come from the environment's own generator, so that `set_seed` decides them too.
+    A `RowsEnv` draws by itself, from its own generator, so that `set_seed` decides the draws too.
+    Any other environment with entries ("params", name) is handed them with each reset.
 
     Raises:
         ParameterError: at the first reset, tasks that do not fit the environment's parameters.
-        TaskError: at a reset, an environment that is not one over rows.
+        TaskError: at a reset, an environment without parameters to draw.
     """
 
     def __init__(self, tasks: Tasks) -> None:
         super().__init__()
         self.tasks = tasks
+        self._rng = np.random.default_rng(0)
+
+    def set_seed(self, seed: int) -> None:
+        """Decide the draws of an environment that does not draw by itself."""
+        self._rng = np.random.default_rng(seed)
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
-        env = getattr(self.parent, "base_env", None)
+        parent = self.parent
+        env = None if parent is None else parent.base_env
         if not isinstance(env, RowsEnv):
-            raise TaskError(
-                f"RandomizeParams draws for a RowsEnv or MujocoEnv, not for {type(env).__name__};"
-                " put it into a TransformedEnv over one of them"
-            )
+            return self._handed(env, tensordict)
         if env.tasks is not self.tasks:
             env.randomize(self.tasks)
         return tensordict
+
+    def _handed(
+        self, env: EnvBase | None, tensordict: TensorDictBase | None
+    ) -> TensorDictBase | None:
+        """Return the reset's tensordict with draws for an environment of somebody else's."""
+        if env is None or "params" not in env.observation_spec:
+            raise TaskError(
+                f"RandomizeParams draws for an environment with entries ('params', name), which "
+                f"{'nothing' if env is None else type(env).__name__} has not; put it into a "
+                "TransformedEnv over a MujocoEnv, or leave it out"
+            )
+        names = list(env.observation_spec["params"].keys())
+        values = self.tasks.sample(self._rng, max(1, env.batch_size.numel()))  # (N, P)
+        if values.shape[1] != len(names):
+            raise TaskError(
+                f"the tasks draw {values.shape[1]} parameters, {type(env).__name__} has "
+                f"{len(names)}: {', '.join(names)}"
+            )
+        drawn = {}
+        for name, column in zip(names, values.T, strict=True):
+            spec = env.observation_spec["params", name]
+            drawn[name] = torch.as_tensor(column, dtype=spec.dtype).reshape(spec.shape)
+        given = TensorDict({"params": drawn}, env.batch_size, device=env.device)
+        return given if tensordict is None else tensordict.update(given)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

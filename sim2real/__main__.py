@@ -49,6 +49,7 @@ class Refused(BaseException):
 
 def main() -> None:
     """Run the command line."""
+    os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL tells of each buffer
     for name in THREADS:  # the physics has a thread on each core: more would wait for each other
         os.environ.setdefault(name, "1")
     if "--version" in sys.argv[1:]:

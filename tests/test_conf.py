@@ -63,8 +63,10 @@ def test_experiments_compose(name: str) -> None:
 def test_choices_compose(group: str, option: str) -> None:
     """Each choice of each group composes with the defaults of the rest and fits its signatures."""
     verb = {"robot": ["run=record"], "exam": ["run=blindcheck"]}.get(group, [])  # else train
-    tree = compose([*verb, f"{group}={option}"])
-    assert tree[group] is None or tree[group]["name" if group == "robot" else "_target_"]
+    words = {"transforms": ["algorithm=ppo"], "buffer": ["algorithm=ppo"]}.get(group, [])
+    tree = compose([*verb, *words, f"{group}={option}"])
+    name = {"robot": "name", "transforms": "randomize_params"}.get(group, "_target_")
+    assert tree[group] is None or tree[group][name]
 
 
 @pytest.mark.parametrize("name", options("experiment"))
@@ -76,9 +78,9 @@ def test_experiments_can_be_built(name: str, tmp_path: Path) -> None:
     assert callable(verb)
     if not trains:
         return
-    effects = arguments["params"].effects
-    rows = arguments["env"](num_rows=2, **({"effects": effects} if effects else {}))
-    arguments["params"].check(rows.space)
+    environment = arguments["parts"].environment
+    rows = environment.base_rows(2)
+    environment.tasks.check(rows.space)
     if hasattr(arguments.get("eval"), "grid"):
         assert arguments["eval"].grid.values(rows.space).shape[1] == rows.space.size
 

@@ -17,7 +17,7 @@ HYDRA = {"hydra", "omegaconf"}
 KNOWS = {  # each room of sim2real/, and the other rooms that it may import
     "runs": set(),
     "config": {"runs"},
-    "learning": {"runs"},
+    "learning": {"config", "runs"},
     "diagnosis": {"runs"},
     "evaluation": {"learning", "runs"},
     "deployment": {"learning", "runs"},

@@ -4,6 +4,7 @@ Each is `Rows` (see `envs.rows`) and has a distribution of tasks beside it.
 """
 
 from envs.toys.cartpole import AngleBias, BiasedCartPole
+from envs.toys.env import ToyEnv
 from envs.toys.navigation import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D
 
 __all__ = [
@@ -14,4 +15,5 @@ __all__ = [
     "Nav2D",
     "NavGoals",
     "NoisyNav2D",
+    "ToyEnv",
 ]

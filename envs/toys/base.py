@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Literal
 
 import numpy as np
 
@@ -105,6 +106,7 @@ class ToyTasks(ABC):
     """
 
     effects: tuple[Effect, ...] = ()
+    per: Literal["reset", "row"] = "reset"
 
     def __init__(self, space: ParamSpace) -> None:
         self.space = space

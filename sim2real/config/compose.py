@@ -28,25 +28,43 @@ from envs.errors import did_you_mean
 from sim2real.config import extensions, signatures
 from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import CONF, EXPERIMENT, options
-from sim2real.config.targets import ConfigError, build, check, locate
+from sim2real.config.targets import ConfigError, build, build_named, check, locate
 from sim2real.runs.files import write_text
 
 ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
-INHERITED = (
+PARTS = "sim2real.learning.parts.assemble"  # makes a verb's `parts` of the root keys it names
+INHERITED = (  # what a run says about itself
     "env",
     "effects",
     "params",
+    "transforms",
     "policy",
     "adapt",
     "algorithm",
+    "collector",
+    "advantage",
+    "loss",
+    "buffer",
+    "optimizer",
     "eval",
-)  # what a run says about itself
-OPTIONAL = ("eval", "video")  # groups that can be none
+)
+OPTIONAL = (  # groups that can be none
+    "eval",
+    "video",
+    "collector",
+    "advantage",
+    "loss",
+    "buffer",
+    "optimizer",
+)
+NAMED = ("transforms",)  # groups of objects by name
 DATA = ("robot", "stops")  # groups that are read as they are: no class is made of them here
 RESOLVED = "config.yaml"
 ASSETS = Path(__file__).resolve().parents[2] / "envs" / "assets"
 
 # ${asset:demo/arm2.csv} is a file that comes with the project, wherever it is installed.
+# ${mul:a,b} is the product of two numbers.
+OmegaConf.register_new_resolver("mul", lambda a, b: a * b, replace=True)
 OmegaConf.register_new_resolver("asset", lambda name: str(ASSETS / name), replace=True)
 
 
@@ -57,9 +75,15 @@ class Config:
     run: dict[str, Any]
     env: dict[str, Any]
     params: dict[str, Any]
+    transforms: dict[str, Any]
     policy: dict[str, Any]
     adapt: dict[str, Any]
     algorithm: dict[str, Any]
+    collector: dict[str, Any] | None
+    advantage: dict[str, Any] | None
+    loss: dict[str, Any] | None
+    buffer: dict[str, Any] | None
+    optimizer: dict[str, Any] | None
     eval: dict[str, Any] | None
     logger: dict[str, Any]
     video: dict[str, Any] | None
@@ -133,7 +157,7 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
     check({"_target_": "sim2real.config.compose.Config", **tree}, "")
     verb = _verb(tree)
     unused = [
-        key for key in _roots(overrides or []) if key not in verb.arguments and key not in ALWAYS
+        key for key in _roots(overrides or []) if key not in _keys(verb) and key not in ALWAYS
     ]
     if unused:
         raise ConfigError(
@@ -145,7 +169,11 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
             tree[key] = None
     for key in _keys(verb):
         check(tree[key], key)
-        if isinstance(tree[key], dict) and "_target_" not in tree[key] and key not in DATA:
+        if (
+            isinstance(tree[key], dict)
+            and "_target_" not in tree[key]
+            and key not in (*DATA, *NAMED)
+        ):
             raise ConfigError(f"{key} has no _target_; choose one: {', '.join(options(key))}")
     if tree["seed"] < 0:
         raise ConfigError(f"seed={tree['seed']} must not be negative")
@@ -223,13 +251,18 @@ def prepare(tree: dict[str, Any], out: Path) -> tuple[Any, dict[str, Any]]:
         ValueError: a value that a constructor refuses.
     """
     extensions.load()
-    arguments = {key: build(tree[key], key) for key in _keys(_verb(tree))}
+    verb = _verb(tree)
+    makes = {True: build_named, False: build}
+    arguments = {key: makes[key in NAMED](tree[key], key) for key in _keys(verb)}
     if "device" in arguments:
         arguments["device"] = device(tree["device"])
-    takes = _verb(tree).arguments
-    return locate(tree["run"]["_target_"], "run"), arguments | (
-        {"out": out} if "out" in takes else {}
-    )
+    if "parts" in verb.arguments:
+        own = {key: arguments[key] for key in _of_parts()}
+        arguments["parts"] = locate(PARTS, "parts")(**own)
+    if "out" in verb.arguments:
+        arguments["out"] = out
+    taken = {key: value for key, value in arguments.items() if key in verb.arguments}
+    return locate(tree["run"]["_target_"], "run"), taken
 
 
 def device(name: str) -> str:
@@ -329,8 +362,16 @@ def _name(tree: dict[str, Any]) -> str:
 
 
 def _keys(verb: signatures.Signature) -> list[str]:
+    """Return the root keys that a verb uses, those of its parts included."""
     known = {f.name for f in fields(Config)}
-    return [key for key in verb.arguments if key in known]
+    parts = _of_parts() if "parts" in verb.arguments else []
+    return [key for key in dict.fromkeys([*parts, *verb.arguments]) if key in known]
+
+
+def _of_parts() -> list[str]:
+    """Return the root keys that an algorithm's parts are made of."""
+    found = signatures.find(PARTS)
+    return [] if found is None else list(found.arguments)
 
 
 def _roots(overrides: list[str]) -> list[str]:

@@ -57,6 +57,17 @@ def build(tree: Any, where: str) -> Any:
     return _build(tree, where)
 
 
+def build_named(tree: dict[str, Any] | None, where: str) -> dict[str, Callable[..., Any]]:
+    """Check a mapping of names to trees and return, by name, what makes each of them anew.
+
+    Raises:
+        ConfigError: see `check`.
+    """
+    check(tree, where)
+    own = {name: {**one, "_partial_": True} for name, one in (tree or {}).items()}
+    return {name: _build(one, f"{where}.{name}") for name, one in own.items()}
+
+
 def locate(target: str, where: str) -> Callable[..., Any]:
     """Import and return what a `_target_` names.
 

@@ -18,16 +18,13 @@ with `resume=` the run's folder.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from torch import nn
 
 from envs.errors import did_you_mean
-from envs.rows import Rows
 from envs.simulation import Simulation
 from envs.tasks.servo import ServoTask
 from hardware.calibration import apply_calibration, read_calibration
@@ -36,8 +33,10 @@ from hardware.errors import SafetyError
 from hardware.rows import RobotRows
 from hardware.safety import StopLimits
 from sim2real.deployment.session import STATE, Deployment, save
-from sim2real.deployment.trained import Trained, acting, task_of
+from sim2real.deployment.trained import task_of
 from sim2real.learning.adapt import Adaptation
+from sim2real.learning.environment import Environment
+from sim2real.learning.trained import Pilot, Trained
 from sim2real.runs.errors import Sim2RealError, Stopped
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -49,9 +48,9 @@ ROW, NO_VALUES = np.arange(1), np.zeros((1, 0))
 DRAWS = 2000  # resamples of an interval
 
 
-def servo_task(env: Callable[..., Rows]) -> ServoTask:
+def servo_task(environment: Environment) -> ServoTask:
     """Return an environment's task; raises Sim2RealError if it is not one of a servo robot."""
-    task = task_of(env)
+    task = task_of(environment)
     if not isinstance(task, ServoTask):
         raise Sim2RealError(
             f"{type(task).__name__} is a task of no servo robot; give a checkpoint of one, such as "
@@ -107,7 +106,7 @@ def drive(rows: RobotRows, trained: Trained, deployment: Deployment, out: Path) 
     try:
         rows.arm()
         while (turn := deployment.next()) is not None:
-            value = play(rows, trained.module(turn.theta), turn.seed)
+            value = play(rows, trained.pilot(turn.theta), turn.seed)
             if rows.stopped is not None:
                 raise SafetyError(
                     f"{rows.stopped} (in episode {deployment.done + 1} of {deployment.total}); "
@@ -124,12 +123,13 @@ def drive(rows: RobotRows, trained: Trained, deployment: Deployment, out: Path) 
         rows.close()
 
 
-def play(rows: RobotRows | Simulation, module: nn.Module, seed: int) -> float:
+def play(rows: RobotRows | Simulation, pilot: Pilot, seed: int) -> float:
     """Run one episode in the one row there is, and return its return."""
-    act, total = acting(module), 0.0
+    total = 0.0
+    pilot.forget()
     observation = rows.reset(ROW, NO_VALUES, np.array([seed], np.uint64))
     while True:
-        step = rows.step(None, act(observation[0])[None])
+        step = rows.step(None, pilot(observation))
         observation, total = step.observation, total + float(step.reward[0])
         if step.terminated[0] or step.truncated[0]:
             return total
@@ -149,10 +149,10 @@ def list_returns(deployment: Deployment) -> Table:
     return table
 
 
-def simulated(task: ServoTask, module: nn.Module, seeds: np.ndarray) -> list[float]:
+def simulated(task: ServoTask, pilot: Pilot, seeds: np.ndarray) -> list[float]:
     """Return what the policy earns in its own simulator from the same starts."""
     simulation = Simulation(task, 1, threads=1)
-    return [play(simulation, module, int(seed)) for seed in seeds]
+    return [play(simulation, pilot, int(seed)) for seed in seeds]
 
 
 def report(deployment: Deployment, trained: Trained, task: ServoTask, out: Path) -> Table:
@@ -165,7 +165,7 @@ def report(deployment: Deployment, trained: Trained, task: ServoTask, out: Path)
         name = f"after {deployment.adapt.episodes} episodes of adaptation"
         phases.append((name, deployment.after, deployment.session.result))
     for name, returns, theta in phases:
-        twin = simulated(task, trained.module(theta), deployment.fresh)
+        twin = simulated(task, trained.pilot(theta), deployment.fresh)
         table.add(name, len(returns), estimate(returns, rng), estimate(twin, rng))
     if len(deployment.fresh) > 1:
         note = (

@@ -29,7 +29,7 @@ from envs.tasks.base import Commanded
 from envs.tasks.servo import ServoTask
 from hardware.exported import SCHEMA, TOLERANCE, ExportedPolicy
 from hardware.files import whole_file
-from sim2real.deployment.trained import Trained
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
@@ -50,7 +50,13 @@ def export(trained: Trained, task: ServoTask, out: Path, rng: np.random.Generato
     Raises:
         ExportError: a network that is no perceptron, or programs that do not agree.
     """
-    module = trained.module(trained.theta).eval()
+    if trained.program is None:
+        raise ExportError(
+            "the policy is no function of one observation: it has a memory, sees images, or has "
+            "transforms other than a normalization; export knows policy=linear, mlp, mlp2 and "
+            "actor_critic"
+        )
+    module = trained.program(trained.theta).eval()
     arrays, shape = dense(module, task)
     seen = observations(arrays, rng)
     program = exported(module, seen)
@@ -158,7 +164,7 @@ def describe(trained: Trained, task: ServoTask, arrays: Arrays) -> dict[str, Any
             "std": arrays["std"].tolist(),
         },
         "action": {"low": arrays["low"].tolist(), "high": arrays["high"].tolist()},
-        "checkpoint": trained.source.name,
+        "checkpoint": None if trained.source is None else trained.source.name,
         "frames": trained.frames,
         "versions": {name: metadata.version(name) for name in ("torch", "numpy", "mujoco")},
     }

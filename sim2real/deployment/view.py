@@ -29,7 +29,7 @@ from hardware.excite import Kind, excite, suiting
 from hardware.record import record
 from hardware.rows import RobotRows
 from sim2real.deployment.deploy import guarding, play
-from sim2real.deployment.trained import Trained
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.film import Camera, write_mp4
 
@@ -204,12 +204,12 @@ def along(
 
 def by_policy(task: ServoTask, trained: Trained, seed: int) -> Callable[[ServoBackend], None]:
     """Return what drives a robot by a policy, episode after episode."""
-    rng, module = np.random.default_rng(seed), trained.module(trained.theta)
+    rng, pilot = np.random.default_rng(seed), trained.pilot()
 
     def drive(backend: ServoBackend) -> None:
         rows = RobotRows(task, backend)
         while rows.stopped is None:
-            play(rows, module, int(rng.integers(2**63)))
+            play(rows, pilot, int(rng.integers(2**63)))
         raise Sim2RealError(f"the guard stopped the robot: {rows.stopped}")
 
     return drive

@@ -16,24 +16,18 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
-from torch import nn
 
-from envs.rows import Rows
 from sim2real.evaluation.grid import Box, Grid, training_range
 from sim2real.evaluation.grid_plots import grid_heatmaps, grid_line
 from sim2real.evaluation.scores import GridScores, combine
-from sim2real.learning.adapt import Adaptation
-from sim2real.learning.modules.normalizer import Normalizer
+from sim2real.learning.algorithms.base import Algorithm
 from sim2real.learning.population.population import (
     AdaptationScores,
-    Population,
     draw_seeds,
-    evaluate_adaptation,
 )
-from sim2real.learning.population.rollout import play
 from sim2real.runs.checkpoint import FOLDER, find, run_folder
 from sim2real.runs.errors import Sim2RealError
 
@@ -44,43 +38,12 @@ EVALUATION, INTERVALS = 1, 2  # streams of randomness that follow from one seed
 Report = Callable[[int, int], None]
 
 
-class Trained(Protocol):
-    """What can be evaluated: a trained policy; `PPO` and `SAC` are some."""
-
-    frames: int
-    tasks: Any
-
-    def module(self) -> nn.Module:
-        """Return the deterministic policy."""
-        ...
-
-    def world(self, num_rows: int) -> Rows:
-        """Make rows of what it was trained in."""
-        ...
-
-
-class Adaptable(Protocol):
-    """What can be evaluated before and after it adapts; `ESMAML` is one."""
-
-    frames: int
-    population: Population
-    adapt: Adaptation
-    normalizer: Normalizer | None
-    tasks: Any
-
-    @property
-    def theta(self) -> np.ndarray:
-        """The policy's parameters, (P,)."""
-        ...
-
-
 class Assessment(Protocol):
     """An evaluation: `Evaluation` over a grid, `Transfer` on named robots."""
 
     def assess(
         self,
-        algorithm: Any,
-        env: Callable[..., Rows],
+        algorithm: Algorithm,
         seed: int,
         name: str,
         progress: Report | None = None,
@@ -89,7 +52,6 @@ class Assessment(Protocol):
 
         Args:
             algorithm: the trained policy.
-            env: makes the environment that it was trained in.
             seed: of all randomness.
             name: of the training run.
             progress: told what is done and how much there is.
@@ -135,8 +97,7 @@ class Evaluation:
 
     def assess(
         self,
-        algorithm: Adaptable | Trained,
-        env: Callable[..., Rows],
+        algorithm: Algorithm,
         seed: int,
         name: str,
         progress: Report | None = None,
@@ -152,7 +113,7 @@ class Evaluation:
 
 
 def run_cells(
-    algorithm: Adaptable | Trained,
+    algorithm: Algorithm,
     evaluation: Evaluation,
     seed: int,
     name: str,
@@ -193,7 +154,7 @@ def run_cells(
         if evaluation.episodes > 1
         else np.full_like(returns[..., 0], np.nan)
     )
-    box = training_range(algorithm.tasks, space) if evaluation.box is None else evaluation.box
+    box = training_range(algorithm.parts.tasks, space) if evaluation.box is None else evaluation.box
     return GridScores(
         grid,
         grid.parameters(space),
@@ -211,34 +172,34 @@ def run_cells(
 
 
 class _Cells:
-    """Runs cells of a grid: on the population of an algorithm that adapts, else on fresh rows."""
+    """Runs cells of a grid: by the algorithm itself where its policy adapts, else in its world."""
 
-    def __init__(self, algorithm: Adaptable | Trained, evaluation: Evaluation) -> None:
+    def __init__(self, algorithm: Algorithm, evaluation: Evaluation) -> None:
         self._algorithm, self._episodes = algorithm, evaluation.episodes
-        population = getattr(algorithm, "population", None)
-        self._rows = None if population else cast(Trained, algorithm).world(ROWS)
-        self.space = population.space if population else cast(Rows, self._rows).space
+        population = algorithm.population
         self.num_rows = population.num_rows if population else ROWS
-        adapt = getattr(algorithm, "adapt", None)
-        self.adaptation_episodes = adapt.episodes if adapt else 0
+        self._trained = algorithm.trained()
+        self.space = (
+            population.space
+            if population
+            else algorithm.parts.environment.base_rows(1, threads=1).space
+        )
+        self.adaptation_episodes = algorithm.parts.adapt.episodes if population else 0
 
     def run(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:
         """Run robots (n, P) under seeds (n,)."""
-        if self._rows is not None:
-            return self._act(values, seeds)
-        own = cast(Adaptable, self._algorithm)
-        return evaluate_adaptation(
-            own.population, own.theta, own.normalizer, own.adapt, values, seeds, self._episodes
-        )
+        found = self._algorithm.scores(values, seeds, self._episodes)
+        return self._act(values, seeds) if found is None else found
 
     def _act(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:
         """Run a policy that does not adapt, under the luck that one which does would have."""
-        rows, own = cast(Rows, self._rows), cast(Trained, self._algorithm)
-        luck = [draw_seeds(np.random.default_rng(int(seed)), self._episodes) for seed in seeds]
+        luck = np.concatenate(
+            [draw_seeds(np.random.default_rng(int(seed)), self._episodes) for seed in seeds]
+        )
         robots = np.repeat(values, self._episodes, axis=0)  # (n E, P)
         returns, steps = [], 0
         for part in np.array_split(np.arange(len(robots)), -(-len(robots) // ROWS)):
-            played = play(rows, own.module(), robots[part], np.concatenate(luck)[part])
+            played = self._trained.play(luck[part], values=robots[part])
             returns.append(played.returns)
             steps += int(played.lengths.sum())
         scores = np.concatenate(returns).reshape(len(values), -1)  # (n, E)
@@ -263,7 +224,7 @@ def report(scores: GridScores, evaluation: Evaluation, seed: int, out: Path) -> 
 
 
 def evaluate_grid(
-    algorithm: Adaptable | Trained,
+    algorithm: Algorithm,
     evaluation: Evaluation,
     seed: int,
     out: Path,

@@ -1,14 +1,13 @@
 """Films of a policy, drawn off-screen: before and after adaptation, side by side.
 
     video = Video(width=320, height=240, fps=25, seconds=10.0)
-    path = video.record(algorithm, env, seed=0, folder=out / "videos")
+    path = video.record(algorithm, seed=0, folder=out / "videos")
 
 Drawing needs a system library, EGL or OSMesa. Without any, `RenderError` says what to install.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,19 +16,16 @@ import numpy as np
 import torch
 import torchrl  # noqa: F401 - must be imported before any GL context exists, else the process dies
 from PIL import Image, ImageDraw, ImageFont
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import EnvBase
+from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from envs.errors import RenderError
 from envs.pixels.library import library
-from envs.rows import Rows
-from envs.simulation import Simulation
-from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.algorithms.esmaml import ESMAML, make_shards
-from sim2real.learning.modules.normalizer import Normalizer
-from sim2real.learning.population.population import Members, Population, draw_seeds
+from sim2real.learning.population.population import draw_seeds
 from sim2real.runs.film import Camera, write_mp4
 
-Act = Callable[[np.ndarray], np.ndarray]  # raw observation (O,) to action (A,)
 VIDEO_STREAM = 3  # which of the seed's streams the film's task and luck are
 SIGNS = {"set": "=", "add": "+", "scale": "×"}  # what a parameter does to the model's own value
 MARGIN = 22  # px, height of a line of text
@@ -50,39 +46,41 @@ class Clip:
     reward: float
 
 
+@torch.no_grad()
 def film(
-    simulation: Simulation,
-    act: Act,
+    env: EnvBase,
+    actor: TensorDictModuleBase,
     values: np.ndarray,
     seed: int,
     title: str,
     video: Video,
     camera: Camera,
 ) -> Clip:
-    """Run one episode in row 0 and draw it.
+    """Run one episode and draw it.
 
     Args:
-        simulation: where; its row 0 is used.
-        act: the policy.
+        env: one simulation with its transforms.
+        actor: the policy.
         values: the robot's parameters, (P,).
         seed: of the episode.
         title: of the clip.
         video: rate and length.
         camera: what draws.
     """
-    row, plant = np.zeros(1, np.int64), simulation.plant
-    observation = simulation.reset(row, values[None], np.array([seed], np.uint64))
-    model = plant.batch.get_model(0)
+    simulation = env.base_env.rows
+    model = simulation.plant.batch.get_model(0)
     dt = model.opt.timestep * simulation.task.frame_skip
     frames, total, steps, over = [], 0.0, 0, False
-    while not over:
-        if int(steps * dt * video.fps) >= len(frames) and steps * dt < video.seconds:
-            data = plant.batch.get_data(0)
-            mujoco.mj_forward(model, data)
-            frames.append(camera.draw(model, data))
-        step = simulation.step(row, act(observation[0])[None])
-        observation, over = step.observation, bool(step.terminated[0] or step.truncated[0])
-        total, steps = total + float(step.reward[0]), steps + 1
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        now = env.reset(values=values[None], seeds=np.array([seed], np.uint64))
+        while not over:
+            if int(steps * dt * video.fps) >= len(frames) and steps * dt < video.seconds:
+                data = simulation.plant.batch.get_data(0)
+                mujoco.mj_forward(model, data)
+                frames.append(camera.draw(model, data))
+            after = env.step(actor(now))
+            now, over = step_mdp(after), bool(after["next", "done"])
+            total, steps = total + float(after["next", "reward"]), steps + 1
     return Clip(title, np.stack(frames), total)
 
 
@@ -125,16 +123,13 @@ class Video:
     fps: int
     seconds: float
 
-    def record(
-        self, algorithm: Algorithm, env: Callable[..., Rows], seed: int, folder: Path
-    ) -> Path:
+    def record(self, algorithm: Algorithm, seed: int, folder: Path) -> Path:
         """Film the policy on a task that the seed draws; if it adapts, before and after.
 
         Both are filmed under the same luck.
 
         Args:
             algorithm: the trained policy.
-            env: makes its environment.
             seed: draws the task and all luck, other than that of training.
             folder: where the film goes.
 
@@ -145,18 +140,23 @@ class Video:
             RenderError: when nothing can be drawn on this machine, or of this environment.
         """
         library()
-        rng = np.random.default_rng([seed, VIDEO_STREAM])
-        tasks = getattr(algorithm, "tasks", None)
-        (rows,) = make_shards(env, 1, 1, tasks.effects if tasks else ())
-        if not isinstance(rows, Simulation):
-            raise RenderError(f"{type(rows).__name__} is no MuJoCo task, there is nothing to draw")
-        values = tasks.sample(rng, 1)[0] if tasks else rows.space.neutral
-        acts = _policies(algorithm, rows, values, rng)
+        environment, trained = algorithm.parts.environment, algorithm.trained()
+        if not environment.simulated:
+            raise RenderError(f"{environment.name} is no MuJoCo task, there is nothing to draw")
+        env = trained.world(1, threads=1)
+        rows, rng = env.base_env.rows, np.random.default_rng([seed, VIDEO_STREAM])
+        algorithm.parts.tasks.check(rows.space)
+        values = algorithm.parts.tasks.sample(rng, 1)[0]
+        thetas = {"trained policy": trained.theta}
+        if (adapted := algorithm.adapted(values, rng)) is not None:
+            after = f"after {algorithm.parts.adapt.episodes} episodes of adaptation"
+            thetas = {"before adaptation": trained.theta, after: adapted}
         luck = int(draw_seeds(rng, 1)[0])
         model = rows.plant.batch.get_model(0)
         with Camera(model, self.width, self.height, rows.task.camera) as camera:
             clips = [
-                film(rows, act, values, luck, name, self, camera) for name, act in acts.items()
+                film(env, trained.actor(theta), values, luck, name, self, camera)
+                for name, theta in thetas.items()
             ]
         named = zip(rows.space.parameters, values, strict=True)
         words = [f"{p.name} {SIGNS[p.how]} {value:.3g} {p.unit}".rstrip() for p, value in named]
@@ -164,34 +164,3 @@ class Video:
         path = folder / ("before_after.mp4" if len(clips) > 1 else "policy.mp4")
         write_mp4(path, frames, self.fps)
         return path
-
-
-def _policies(
-    algorithm: Algorithm, rows: Simulation, values: np.ndarray, rng: np.random.Generator
-) -> dict[str, Act]:
-    """Return the policies to film by title: the trained one, and what it adapts to on this task."""
-    if not isinstance(algorithm, ESMAML) or isinstance(algorithm.adapt, NoAdaptation):
-        return {"trained policy": _act(algorithm.module())}
-    adapt, theta = algorithm.adapt, algorithm.theta
-    cohort = adapt.start_many(theta[None], [rng])
-    seeds = draw_seeds(rng, (1, adapt.episodes))
-    members = Members(cohort, values[None], values[None], seeds)
-    adapted = Population([rows], algorithm.policy).run(members, algorithm.normalizer).thetas[0]
-    after = f"after {adapt.episodes} episodes of adaptation"
-    return {"before adaptation": _act(algorithm.module()), after: _act(_with(algorithm, adapted))}
-
-
-def _with(algorithm: ESMAML, theta: np.ndarray) -> torch.nn.Module:
-    """Return the algorithm's policy with other parameters."""
-    seen = algorithm.normalizer or Normalizer(algorithm.policy.observation_size)
-    return algorithm.policy.module(theta, seen.mean, seen.std)
-
-
-def _act(module: torch.nn.Module) -> Act:
-    """Return a torch policy as a function of arrays."""
-
-    def act(observation: np.ndarray) -> np.ndarray:
-        with torch.no_grad():
-            return module(torch.from_numpy(observation)).numpy().astype(np.float64)
-
-    return act

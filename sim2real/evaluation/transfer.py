@@ -24,11 +24,10 @@ from typing import Any
 import numpy as np
 
 from envs.errors import did_you_mean
-from envs.rows import Rows
 from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.learner import with_effects
+from sim2real.learning.environment import Environment
 from sim2real.learning.population.population import draw_seeds
-from sim2real.learning.population.rollout import Played, play
+from sim2real.learning.population.rollout import Played
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
@@ -122,7 +121,6 @@ class Transfer:
     def assess(
         self,
         algorithm: Algorithm,
-        env: Callable[..., Rows],
         seed: int,
         name: str,
         progress: Report | None = None,
@@ -130,8 +128,7 @@ class Transfer:
         """Run one trained policy on every robot.
 
         Args:
-            algorithm: its `module()` acts.
-            env: makes the environment that it was trained in; its task is what robots vary.
+            algorithm: its trained policy acts; the task of its environment is what robots vary.
             seed: the episodes' luck follows from it; one seed gives different policies the same.
             name: of the training run.
             progress: told the robots done and the robots in all.
@@ -139,11 +136,12 @@ class Transfer:
         Raises:
             TransferError: a robot that cannot be made of the run's task.
         """
+        env, trained = algorithm.parts.environment, algorithm.trained()
         worlds = {robot: variant(env, robot, dict(c)) for robot, c in self.robots.items()}
         seeds = draw_seeds(np.random.default_rng([seed, EPISODES]), self.episodes)
         played: dict[str, Played] = {}
         for robot, world in worlds.items():
-            played[robot] = _play(world(num_rows=self.episodes), algorithm, seeds)
+            played[robot] = trained.play(seeds, world)
             if progress is not None:
                 progress(len(played), len(worlds))
         return TransferScores(
@@ -206,34 +204,24 @@ def read(path: str | Path) -> list[TransferScores]:
         ) from error
 
 
-def _play(rows: Rows, algorithm: Algorithm, seeds: np.ndarray) -> Played:
-    """Run an episode in each row with nothing drawn, and close what draws images."""
-    try:
-        return play(rows, algorithm.module(), rows.space.points(len(seeds)), seeds)
-    finally:
-        getattr(rows, "close", lambda: None)()
-
-
-def task_of(env: Callable[..., Rows]) -> Any:
+def task_of(env: Environment) -> Any:
     """Return the task that an environment is made of; raises TransferError where there is none."""
-    task = _arguments(env).get("task")
-    if task is None:
-        maker = getattr(env, "func", env)
+    if env.task is None:
         raise TransferError(
-            f"eval: {getattr(maker, '__name__', maker)} has no task whose arguments could differ "
-            "between robots; choose an env of the simulator, such as env=hopper_polito"
+            f"eval: {env.name} has no task whose arguments could differ between robots; choose an "
+            "env of the simulator, such as env=hopper_polito"
         )
-    return task
+    return env.task
 
 
-def variant(env: Callable[..., Rows], robot: str, changes: dict[str, Any]) -> Callable[..., Rows]:
-    """Return what makes the environment with another robot in it.
+def variant(env: Environment, robot: str, changes: dict[str, Any]) -> Environment:
+    """Return the environment with another robot in it.
 
     The effects that were put into the run's simulator are left out: they correct a simulator, and a
     robot is what it is.
 
     Args:
-        env: makes the run's own environment.
+        env: the run's own environment.
         robot: its name, for messages.
         changes: arguments of the task, and `effects`.
 
@@ -250,10 +238,8 @@ def variant(env: Callable[..., Rows], robot: str, changes: dict[str, Any]) -> Ca
                 f"eval.robots.{robot}: {type(task).__name__} takes no {key!r}"
                 f"{did_you_mean(key, known)}; it takes: {', '.join([*known, EFFECTS])}"
             )
-    changed = partial(env, task=type(task)(**(known | changes)))
-    if _arguments(env).get("fixed"):
-        changed = partial(changed, fixed=())
-    return with_effects(changed, effects)
+    changed = env.over(partial(env.base, task=type(task)(**(known | changes))))
+    return changed.with_effects(effects)
 
 
 def task_arguments(task: Any) -> dict[str, Any]:
@@ -261,15 +247,10 @@ def task_arguments(task: Any) -> dict[str, Any]:
     return {name: getattr(task, name) for name in inspect.signature(type(task)).parameters}
 
 
-def _own(env: Callable[..., Rows], worlds: Mapping[str, Callable[..., Rows]]) -> str | None:
+def _own(env: Environment, worlds: Mapping[str, Environment]) -> str | None:
     """Return the name of the robot that equals the run's own."""
-    own = task_arguments(task_of(env)), _arguments(env).get("fixed") or ()
+    own = task_arguments(task_of(env)), list(env.fixed)
     for robot, world in worlds.items():
-        if (task_arguments(task_of(world)), _arguments(world).get("fixed") or ()) == own:
+        if (task_arguments(task_of(world)), list(world.fixed)) == own:
             return robot
     return None
-
-
-def _arguments(env: Callable[..., Rows]) -> dict[str, Any]:
-    """Return the arguments that are bound to a maker of environments."""
-    return dict(getattr(env, "keywords", {}))

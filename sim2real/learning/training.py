@@ -1,6 +1,6 @@
 """Training: an algorithm iterates until its budget is spent, and leaves what a resume needs.
 
-    train(env=env, params=tasks, policy=policy, algorithm=algorithm, frames=500_000, ..., out=out)
+    train(parts=parts, algorithm=algorithm, frames=500_000, ..., out=out)
 
 A resumed run computes, to the last bit, what an uninterrupted one would have: it starts from the
 newest checkpoint of the run that it continues (or the one that is named), takes over its rows of
@@ -20,13 +20,8 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from envs.randomization import Tasks
-from envs.rows import Rows
-from sim2real.learning.adapt import Adaptation
-from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.learner import build, identity, with_effects
+from sim2real.learning.algorithms.base import Algorithm, Parts, build
 from sim2real.learning.population.cluster import Cluster
 from sim2real.runs.checkpoint import find
 from sim2real.runs.errors import Sim2RealError, Stopped
@@ -35,7 +30,7 @@ from sim2real.runs.progress import Progress
 from sim2real.runs.run_files import SCORE, RunFiles
 from sim2real.runs.stopping import Stopping
 
-Finish = Callable[[Algorithm, RunFiles, Callable[..., Rows]], None]
+Finish = Callable[[Algorithm, RunFiles], None]
 
 
 @dataclass(frozen=True)
@@ -109,15 +104,9 @@ def stopped(files: RunFiles, what: str, number: int) -> Stopped:
 
 def train(
     *,
-    env: Callable[..., Rows],
-    effects: str | None,
-    params: Tasks,
-    policy: Callable[..., Any],
-    adapt: Adaptation,
+    parts: Parts,
     algorithm: Callable[..., Algorithm],
     logger: Loggers,
-    seed: int,
-    device: str,
     iterations: int | None,
     frames: int | None,
     checkpoint_every: int,
@@ -130,16 +119,9 @@ def train(
     """Train a policy in a folder.
 
     Args:
-        env: makes the environment; see `ESMAML`.
-        effects: an effects.yaml that is put into the simulator; None for the model as it is.
-        params: the tasks to train on.
-        policy: makes the policy.
-        adapt: how it adapts.
-        algorithm: makes the algorithm from those of env, tasks, policy, adapt, seed and device that
-            it takes.
+        parts: what the algorithm is made of.
+        algorithm: makes the algorithm from its parts.
         logger: further loggers.
-        seed: all randomness follows from it.
-        device: where networks are.
         iterations: iterations in all, those before a resume included; None for no limit.
         frames: environment steps after which no further iteration starts; None for no limit.
         checkpoint_every: iterations between checkpoints.
@@ -147,8 +129,8 @@ def train(
         resume: a run folder or a checkpoint to continue; None starts afresh.
         cluster: where a population's episodes run; None for this machine.
         out: the run's folder.
-        finish: called with the trained algorithm, its files and its environment's maker, such as to
-            evaluate it; None for nothing.
+        finish: called with the trained algorithm and its files, such as to evaluate it; None for
+            nothing.
 
     Returns:
         The trained algorithm.
@@ -160,18 +142,16 @@ def train(
     """
     budget = Budget(iterations, frames)
     source = None if resume is None else find(resume)
-    env = with_effects(env, effects)
-    parts = {"env": env, "tasks": params, "policy": policy, "adapt": adapt, "device": device}
-    learner = build(algorithm, **parts, seed=seed)
-    files = RunFiles(Path(out), identity(learner, env), checkpoint_every, keep_checkpoints)
+    learner = build(algorithm, parts)
+    files = RunFiles(Path(out), learner.identity, checkpoint_every, keep_checkpoints)
     files.begin(learner, source)
-    with cluster.attached(learner, env) if cluster else nullcontext():
+    with cluster.attached(learner) if cluster else nullcontext():
         with logger.opened(files.out, files.config):
             learn(learner, budget, files, logger)
         try:
             with files.writing():
                 if finish is not None:
-                    finish(learner, files, env)
+                    finish(learner, files)
         except KeyboardInterrupt:
             what = "training is complete, its evaluation is not"
             raise stopped(files, what, signal.SIGINT) from None

@@ -23,16 +23,13 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import torch
-from torch import nn
 
-from envs.rows import Rows
 from envs.simulation import Simulation
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import columns_of
-from sim2real.learning.learner import with_effects
+from sim2real.learning.environment import Environment
 from sim2real.learning.population.population import draw_seeds
-from sim2real.learning.population.rollout import play
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.statistics import bootstrap, iqm
 from sim2real.runs.tables import Table
@@ -132,38 +129,23 @@ def noise(robot: Simulation, rng: np.random.Generator) -> Act:
     return lambda observation: rng.uniform(low, high, (len(observation), len(low)))
 
 
-def acting(module: nn.Module) -> Act:
-    """Return a trained policy as a function of arrays."""
-
-    @torch.no_grad()
-    def act(observation: np.ndarray) -> np.ndarray:
-        return module(torch.from_numpy(observation)).cpu().numpy().astype(np.float64)
-
-    return act
-
-
-def compare(
-    env: Callable[..., Rows],
-    target: Callable[..., Rows],
-    module: nn.Module,
-    out: Path,
-    seed: int,
-) -> Table:
+def compare(trained: Trained, target: Environment, out: Path, seed: int) -> Table:
     """Play a policy in the simulator as given, in the corrected one and on the target.
 
     Returns:
         The interquartile means of the returns with 95 % intervals; also written as returns.md and
         returns.csv.
     """
+    given = trained.environment.over(trained.environment.base)
     worlds = {
-        "simulator as given": env(num_rows=PLAYED),
-        "with what was found": with_effects(env, out / EFFECTS)(num_rows=PLAYED),
-        "target": target(num_rows=PLAYED),
+        "simulator as given": given,
+        "with what was found": given.with_effects(out / EFFECTS),
+        "target": target,
     }
     table = Table(("world", "return"))
     luck = draw_seeds(np.random.default_rng([seed, PLAYING]), PLAYED)
-    for name, rows in worlds.items():
-        returns = play(rows, module, rows.space.points(PLAYED), luck).returns
+    for name, world in worlds.items():
+        returns = trained.play(luck, world).returns
         rng = np.random.default_rng([seed, INTERVALS])
         table.add(name, bootstrap(returns[:, None], iqm, rng, draws=2000, resample="rows"))
     table.notes.append(f"Interquartile means of {PLAYED} episodes with 95 % intervals.")
@@ -171,12 +153,11 @@ def compare(
     return table
 
 
-def one_simulation(make: Callable[..., Rows], key: str, rows: int = 1) -> Simulation:
+def one_simulation(made: Environment, key: str, rows: int = 1) -> Simulation:
     """Make the simulation of a configuration's key; raises Sim2RealError for another world."""
-    world = make(num_rows=rows)
-    if not isinstance(world, Simulation):
+    if not made.simulated:
         raise Sim2RealError(
-            f"{key} is a {type(world).__name__}, which has no robot to diagnose; "
+            f"{key} is a {made.name}, which has no robot to diagnose; "
             f"choose a simulated one, such as {key}=hopper_polito"
         )
-    return world
+    return made.base_rows(rows)

@@ -37,11 +37,12 @@ from hardware.record import record
 from hardware.safety import Guard
 from hardware.stand import home_pose, hung
 from sim2real.deployment import deploy
-from sim2real.deployment.trained import Trained, take
 from sim2real.diagnosis.diagnose import run_diagnosis, write
 from sim2real.diagnosis.report import words
+from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.trained import Trained
 from sim2real.learning.training import train
-from sim2real.runs.checkpoint import FOLDER, find
+from sim2real.runs.checkpoint import FOLDER
 from sim2real.runs.errors import Sim2RealError, Stopped
 from sim2real.runs.figures import COLOURS, figure
 from sim2real.runs.files import write_text
@@ -77,7 +78,7 @@ def emulated(robot: dict[str, Any]) -> Robot:
     return machine
 
 
-def learn(folder: Path, name: str, effects: Path | None, settings: dict[str, Any]) -> Trained:
+def learn(folder: Path, name: str, parts: Parts, settings: dict[str, Any]) -> Trained:
     """Train in a folder of its own, from where it stopped, and return the policy.
 
     Raises:
@@ -87,8 +88,8 @@ def learn(folder: Path, name: str, effects: Path | None, settings: dict[str, Any
     begun = any((place / FOLDER).glob("checkpoint-*"))
     try:
         learner = train(
+            parts=parts,
             **settings,
-            effects=None if effects is None else str(effects),
             cluster=None,
             resume=place if begun else None,
             out=place,
@@ -96,7 +97,7 @@ def learn(folder: Path, name: str, effects: Path | None, settings: dict[str, Any
     except Stopped as stopped:
         text = f"stopped while it learned {name}; go on with resume={folder}"
         raise Stopped(text, stopped.exit_code) from None
-    return take(learner, find(place))
+    return learner.trained()
 
 
 def diagnosed(

@@ -19,27 +19,24 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from torchrl.envs import EnvBase
 
-from envs.randomization import Tasks
-from envs.rows import Rows
 from hardware.log import write_log
+from sim2real.deployment.trained import load_trained
 from sim2real.diagnosis.diagnose import run_diagnosis, write
 from sim2real.diagnosis.report import words
 from sim2real.diagnosis.schema import Report
 from sim2real.evaluation.evaluate import find_runs
-from sim2real.learning.adapt import Adaptation
-from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.learner import build, identity
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.population.population import draw_seeds
 from sim2real.loops.close_loop import (
     EFFECTS,
     PIECE,
     RECORDING,
-    acting,
     compare,
     cut,
     named,
@@ -47,7 +44,6 @@ from sim2real.loops.close_loop import (
     one_simulation,
     record,
 )
-from sim2real.runs.checkpoint import restore
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
@@ -56,32 +52,24 @@ log_ = logging.getLogger(__name__)
 
 def run(
     *,
-    env: Callable[..., Rows],
-    target: Callable[..., Rows] | None,
-    params: Tasks,
-    policy: Callable[..., MLPPolicy],
-    adapt: Adaptation,
+    parts: Parts,
     algorithm: Callable[..., Algorithm],
+    target: partial[EnvBase] | None,
     checkpoint: str | list[str] | None,
     episodes: int,
     seed: int,
-    device: str,
     out: Path,
 ) -> Report:
     """Record, diagnose, and say what a policy's return makes of it.
 
     Args:
-        env: makes the simulator that is diagnosed; like all down to `algorithm` it is the
-            checkpoint's own unless it was chosen.
+        parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
+            the algorithm, a checkpoint's own unless something else was chosen.
+        algorithm: makes the algorithm from its parts.
         target: makes what stands for the robot.
-        params: the tasks that the policy was trained on.
-        policy: makes the policy.
-        adapt: how it adapts.
-        algorithm: makes the algorithm.
         checkpoint: a trained policy, which then moves the target; None for random actions.
         episodes: to record.
         seed: of the target's episodes and of the diagnosis.
-        device: where networks are.
         out: the run's folder; gets log.csv, source.xml, all that `diagnose` writes, and with a
             checkpoint returns.md and returns.csv.
 
@@ -96,16 +84,14 @@ def run(
             f"close_loop needs a target and episodes of it, not episodes={episodes}; "
             "start from +experiment=hopper_gap"
         )
-    source, robot = one_simulation(env, "env"), one_simulation(target, "target", episodes)
-    module = None
+    stand_in = parts.environment.over(target)
+    source = one_simulation(parts.environment.over(parts.environment.base), "env")
+    robot, trained = one_simulation(stand_in, "target", episodes), None
     if checkpoint is not None:
-        parts = {"env": env, "tasks": params, "policy": policy, "adapt": adapt, "device": device}
-        learner = build(algorithm, **parts, seed=seed)
-        (found,) = list(find_runs(checkpoint).values())[:1]
-        restore(found, learner, identity(learner, env), generators=False)
-        module = learner.module()
+        (first,) = list(find_runs(checkpoint).values())[:1]
+        trained = load_trained(first, parts, algorithm)
     rng = np.random.default_rng([seed, RECORDING])
-    act = noise(robot, rng) if module is None else acting(module)
+    act = noise(robot, rng) if trained is None else trained.pilot(num_rows=episodes)
     log = record(robot, act, draw_seeds(rng, episodes))
     model = write_text(out / "source.xml", named(source.task.spec()).to_xml())
     log = replace(log, meta={**log.meta, "model": str(model.resolve())})
@@ -113,7 +99,7 @@ def run(
     found = run_diagnosis([cut(log, PIECE)], model, None, (), seed, None)
     write(found, out)
     log_.info("%s", words.sentence(found.report))
-    if module is not None:
-        compare(env, target, module, out, seed)
+    if trained is not None:
+        compare(trained, stand_in, out, seed)
     log_.info("train in the corrected simulator with effects=%s", out / EFFECTS)
     return found.report

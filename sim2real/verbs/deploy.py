@@ -22,8 +22,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from envs.randomization import Tasks
-from envs.rows import Rows
 from hardware.backends import ServoBackend
 from hardware.rows import RobotRows
 from sim2real.deployment.deploy import (
@@ -37,8 +35,8 @@ from sim2real.deployment.deploy import (
 )
 from sim2real.deployment.session import Deployment, load
 from sim2real.deployment.trained import load_trained, one_checkpoint
-from sim2real.learning.adapt import Adaptation, NoAdaptation
-from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.adapt import NoAdaptation
+from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
@@ -46,10 +44,7 @@ log_ = logging.getLogger(__name__)
 
 def run(
     *,
-    env: Callable[..., Rows],
-    params: Tasks,
-    policy: Callable[..., Any],
-    adapt: Adaptation,
+    parts: Parts,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     robot: dict[str, Any],
@@ -62,18 +57,14 @@ def run(
     stops: dict[str, float] | None,
     resume: str | None,
     seed: int,
-    device: str,
     out: Path,
 ) -> Deployment:
     """Run a trained policy on a robot.
 
     Args:
-        env: makes the environment; like all down to `algorithm` it is the checkpoint's own unless
-            it was chosen.
-        params: the tasks that the policy was trained on.
-        policy: makes the policy.
-        adapt: how it adapts on the robot; its episodes are the budget.
-        algorithm: makes the algorithm.
+        parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
+            the algorithm, a checkpoint's own unless something else was chosen.
+        algorithm: makes the algorithm from its parts.
         checkpoint: a checkpoint, or a run's folder.
         robot: as conf/robot/NAME.yaml holds it.
         port: its serial port; None for the robot's own, or else the emulated robot.
@@ -85,7 +76,6 @@ def run(
         stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
         resume: folder of a deployment that was interrupted; None starts one.
         seed: of starts and perturbations.
-        device: where networks are while they are restored.
         out: the run's folder; gets logs/, returns.csv, table.md, table.csv, plots/ and state.npz.
 
     Returns:
@@ -97,7 +87,7 @@ def run(
         Stopped: after Ctrl-C; torque is off.
     """
     one_checkpoint(checkpoint)
-    out, task = Path(out), servo_task(env)
+    out, task = Path(out), servo_task(parts.environment)
     machine = make_machine(robot, port, calibration)
     if machine.port is not None and not (arm or dry_run):
         raise Sim2RealError(
@@ -108,10 +98,9 @@ def run(
         raise Sim2RealError(f"settle={settle} must not be below 0 s")
     backend = ServoBackend(machine, settle, dry_run=dry_run, limits=guarding(stops), seed=seed)
     rows = RobotRows(task, backend, out / "logs")
-    adapt = NoAdaptation() if dry_run else adapt
+    adapt = NoAdaptation() if dry_run else parts.adapt
     check_reward(rows, adapt)
-    parts = {"env": env, "params": params, "policy": policy, "algorithm": algorithm}
-    trained = load_trained(checkpoint, **parts, adapt=adapt, device=device, seed=seed)
+    trained = load_trained(checkpoint, parts, algorithm)
     deployment = Deployment(trained.theta, adapt, trials, seed)
     if resume is not None:
         load(resume, deployment)

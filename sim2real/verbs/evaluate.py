@@ -15,13 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from envs.randomization import Tasks
-from envs.rows import Rows
 from sim2real.evaluation.evaluate import Assessment, find_runs
-from sim2real.learning.adapt import Adaptation
-from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.learner import build, identity, with_effects
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.algorithms.base import Algorithm, Parts, build
 from sim2real.runs.checkpoint import restore
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.progress import Progress
@@ -29,33 +24,25 @@ from sim2real.runs.progress import Progress
 
 def run(
     *,
-    env: Callable[..., Rows],
-    effects: str | None,
-    params: Tasks,
-    policy: Callable[..., MLPPolicy],
-    adapt: Adaptation,
+    parts: Parts,
     algorithm: Callable[..., Algorithm],
+    effects: str | None,
     eval: Assessment | None,
     checkpoint: str | list[str] | None,
     seed: int,
-    device: str,
     out: Path,
 ) -> Any:
     """Evaluate trained policies.
 
     Args:
-        env: makes the environment; like all down to `algorithm` it is the checkpoint's own unless
-            it was chosen.
+        parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
+            the algorithm, a checkpoint's own unless something else was chosen.
+        algorithm: makes the algorithm from its parts.
         effects: an effects.yaml that is put into the simulator; None for the model as it is.
-        params: the tasks that it was trained on.
-        policy: makes the policy.
-        adapt: how it adapts.
-        algorithm: makes the algorithm.
         eval: what to evaluate.
         checkpoint: a checkpoint, a run's folder, a folder of runs, or a list of these; several
             become one table.
         seed: of the evaluation; all runs get the same luck.
-        device: where networks are.
         out: the run's folder.
 
     Returns:
@@ -66,18 +53,15 @@ def run(
     """
     if eval is None:
         raise Sim2RealError("eval=null leaves nothing to evaluate; choose eval=NAME")
-    env = with_effects(env, effects)
-    parts = {"env": env, "tasks": params, "policy": policy, "adapt": adapt, "device": device}
     sources = find_runs(checkpoint)
-    learner = build(algorithm, **parts, seed=seed)
-    expected = identity(learner, env)
+    learner = build(algorithm, parts.with_effects(effects))
     scores = []
     with Progress(1, "task") as progress:
         for number, (name, source) in enumerate(sources.items()):
-            restore(source, learner, expected, generators=False)
+            restore(source, learner, learner.identity, generators=False)
 
             def report_all(done: int, total: int, number: int = number) -> None:
                 progress.report(number * total + done, len(sources) * total)
 
-            scores.append(eval.assess(learner, env, seed, name, report_all))
+            scores.append(eval.assess(learner, seed, name, report_all))
     return eval.report(scores, seed, Path(out))

@@ -15,42 +15,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from envs.randomization import Tasks
-from envs.rows import Rows
 from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.export import export
 from sim2real.deployment.trained import load_trained, one_checkpoint
-from sim2real.learning.adapt import Adaptation
-from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.algorithms.base import Algorithm, Parts
 
 
 def run(
     *,
-    env: Callable[..., Rows],
-    params: Tasks,
-    policy: Callable[..., Any],
-    adapt: Adaptation,
+    parts: Parts,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     seed: int,
-    device: str,
     out: Path,
 ) -> Path:
     """Export a trained policy.
 
     Args:
-        env: makes the environment; like all down to `algorithm` it is the checkpoint's own.
-        params: the tasks that the policy was trained on.
-        policy: makes the policy.
-        adapt: how it adapts.
-        algorithm: makes the algorithm.
+        parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
+            the algorithm, a checkpoint's own unless something else was chosen.
+        algorithm: makes the algorithm from its parts.
         checkpoint: a checkpoint, or a run's folder.
         seed: of the observations that are compared.
-        device: where networks are while they are restored.
         out: the run's folder; gets policy.pt2, policy.npz and policy.json.
 
     Returns:
@@ -60,7 +49,6 @@ def run(
         Sim2RealError: a checkpoint that does not fit, or a network that is no perceptron.
     """
     one_checkpoint(checkpoint)
-    task = servo_task(env)
-    parts = {"env": env, "params": params, "policy": policy, "algorithm": algorithm}
-    trained = load_trained(checkpoint, **parts, adapt=adapt, device=device, seed=seed)
+    task = servo_task(parts.environment)
+    trained = load_trained(checkpoint, parts, algorithm)
     return export(trained, task, Path(out), np.random.default_rng(seed))

@@ -25,19 +25,15 @@ from typing import Any
 
 import numpy as np
 
-from envs.randomization import Tasks
-from envs.rows import Rows
 from hardware.backends import ServoBackend
 from hardware.excite import Kind
 from hardware.rows import RobotRows
 from sim2real.deployment import deploy
 from sim2real.deployment.session import Deployment
-from sim2real.deployment.trained import Trained, load_trained
-from sim2real.learning.adapt import Adaptation, NoAdaptation
-from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.learner import with_effects
-from sim2real.learning.modules.policy import MLPPolicy
-from sim2real.learning.population.rollout import play
+from sim2real.deployment.trained import load_trained
+from sim2real.learning.adapt import NoAdaptation
+from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.trained import Trained
 from sim2real.loops.relearn import (
     CORRECTED,
     NOMINAL,
@@ -55,10 +51,7 @@ log_ = logging.getLogger(__name__)
 
 def run(
     *,
-    env: Callable[..., Rows],
-    params: Tasks,
-    policy: Callable[..., MLPPolicy],
-    adapt: Adaptation,
+    parts: Parts,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     robot: dict[str, Any],
@@ -73,19 +66,15 @@ def run(
     keep_checkpoints: int,
     logger: Loggers,
     seed: int,
-    device: str,
     resume: str | None,
     out: Path,
 ) -> dict[str, Tried]:
     """Close the loop on an emulated robot.
 
     Args:
-        env: makes the simulator; like all down to `algorithm` it is the checkpoint's own unless it
-            was chosen.
-        params: the tasks to train on.
-        policy: makes the policy.
-        adapt: how it adapts in training; on the robot it does not.
-        algorithm: makes the algorithm.
+        parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
+            the algorithm, a checkpoint's own unless something else was chosen.
+        algorithm: makes the algorithm from its parts.
         checkpoint: a policy that was learned in the simulator as it is; None learns one.
         robot: as conf/robot/NAME.yaml holds it.
         motions: that show what the robot is like; see `hardware.excite`.
@@ -99,7 +88,6 @@ def run(
         keep_checkpoints: how many of the newest stay.
         logger: further loggers of the trainings.
         seed: of trainings, motions, starts and the diagnosis.
-        device: where networks are.
         resume: the folder of a run that was stopped; None starts one in `out`.
         out: the run's folder; gets the folders of the steps, gap.json, table.md, table.csv and
             plots/gap.png.
@@ -112,17 +100,24 @@ def run(
         HardwareError: a robot that was stopped on the way.
         Stopped: after Ctrl-C.
     """
-    folder, task, machine = Path(resume or out), deploy.servo_task(env), emulated(robot)
-    parts = {"env": env, "params": params, "policy": policy, "adapt": adapt}
-    parts |= {"algorithm": algorithm, "device": device, "seed": seed}
-    training = {"iterations": iterations, "frames": frames, "logger": logger}
+    folder, task, machine = (
+        Path(resume or out),
+        deploy.servo_task(parts.environment),
+        emulated(robot),
+    )
+    training = {
+        "algorithm": algorithm,
+        "iterations": iterations,
+        "frames": frames,
+        "logger": logger,
+    }
     training |= {"checkpoint_every": checkpoint_every, "keep_checkpoints": keep_checkpoints}
     guard = deploy.guarding(stops)
 
     def learned(name: str, effects: Path | None) -> Trained:
         if name == NOMINAL and checkpoint is not None:
-            return load_trained(checkpoint, **parts)
-        return learn(folder, name, effects, parts | training)
+            return load_trained(checkpoint, parts, algorithm)
+        return learn(folder, name, parts.with_effects(effects), training)
 
     def attempt(name: str, effects: Path | None) -> Tried:
         trained, place = learned(name, effects), folder / name
@@ -130,9 +125,7 @@ def run(
         rows = RobotRows(task, backend, place / "logs")
         deployment = Deployment(trained.theta, NoAdaptation(), trials, seed)
         deploy.drive(rows, trained, deployment, place)
-        world = with_effects(env, effects)(num_rows=trials)
-        module, luck = trained.module(trained.theta), deployment.fresh
-        at_home = play(world, module, world.space.points(trials), luck).returns
+        at_home = trained.play(deployment.fresh, parts.environment.with_effects(effects)).returns
         log_.info(
             "%s: %.4g at home, %.4g on the robot", name, at_home.mean(), np.mean(deployment.before)
         )

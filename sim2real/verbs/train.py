@@ -20,13 +20,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from envs.errors import RenderError
-from envs.randomization import Tasks
-from envs.rows import Rows
 from sim2real.evaluation.evaluate import Assessment
 from sim2real.evaluation.films import Video
-from sim2real.learning.adapt import Adaptation
-from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.population.cluster import Cluster
 from sim2real.learning.training import train
 from sim2real.runs import figures as plots
@@ -39,16 +35,12 @@ log = logging.getLogger(__name__)
 
 def run(
     *,
-    env: Callable[..., Rows],
-    effects: str | None,
-    params: Tasks,
-    policy: Callable[..., MLPPolicy],
-    adapt: Adaptation,
+    parts: Parts,
     algorithm: Callable[..., Algorithm],
+    effects: str | None,
     eval: Assessment | None,
     logger: Loggers,
     seed: int,
-    device: str,
     iterations: int | None,
     frames: int | None,
     checkpoint_every: int,
@@ -61,17 +53,13 @@ def run(
     """Train.
 
     Args:
-        env: makes the environment; see `ESMAML`.
+        parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
+            the algorithm, a checkpoint's own unless something else was chosen.
+        algorithm: makes the algorithm from its parts.
         effects: an effects.yaml that is put into the simulator; None for the model as it is.
-        params: the tasks to train on.
-        policy: makes the policy.
-        adapt: how it adapts.
-        algorithm: makes the algorithm from those of env, tasks, policy, adapt, seed and device that
-            it takes.
         eval: what to evaluate afterwards; None for nothing.
         logger: further loggers.
         seed: all randomness follows from it.
-        device: where networks are.
         iterations: iterations in all, those before a resume included; None for no limit.
         frames: environment steps after which no further iteration starts; None for no limit.
         checkpoint_every: iterations between checkpoints.
@@ -90,19 +78,13 @@ def run(
         Stopped: after a signal.
     """
 
-    def after(learner: Algorithm, files: RunFiles, env: Callable[..., Rows]) -> None:
-        finish(learner, files, env, eval, video, seed)
+    def after(learner: Algorithm, files: RunFiles) -> None:
+        finish(learner, files, eval, video, seed)
 
     return train(
-        env=env,
-        effects=effects,
-        params=params,
-        policy=policy,
-        adapt=adapt,
+        parts=parts.with_effects(effects),
         algorithm=algorithm,
         logger=logger,
-        seed=seed,
-        device=device,
         iterations=iterations,
         frames=frames,
         checkpoint_every=checkpoint_every,
@@ -117,7 +99,6 @@ def run(
 def finish(
     algorithm: Algorithm,
     files: RunFiles,
-    env: Callable[..., Rows],
     evaluation: Assessment | None,
     video: Video | None,
     seed: int,
@@ -127,10 +108,10 @@ def finish(
         plots.learning_curve({"": [files.metrics.path]}, files.out / "plots" / "learning_curve.png")
     if video is not None:
         try:
-            log.info("video: %s", video.record(algorithm, env, seed, files.out / "videos"))
+            log.info("video: %s", video.record(algorithm, seed, files.out / "videos"))
         except RenderError as error:
             log.warning("no video: %s", error)
     if evaluation is not None:
         with Progress(1, "task") as progress:
-            scores = evaluation.assess(algorithm, env, seed, f"seed {seed}", progress.report)
+            scores = evaluation.assess(algorithm, seed, f"seed {seed}", progress.report)
         evaluation.report([scores], seed, files.out)

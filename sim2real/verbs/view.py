@@ -14,8 +14,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from envs.randomization import Tasks
-from envs.rows import Rows
 from hardware.backends import ServoBackend
 from hardware.config import make_robot
 from hardware.emulator.world import World
@@ -34,17 +32,13 @@ from sim2real.deployment.view import (
     write_film,
 )
 from sim2real.evaluation.films import Video
-from sim2real.learning.adapt import Adaptation
-from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.runs.errors import Sim2RealError
 
 
 def run(
     *,
-    env: Callable[..., Rows],
-    params: Tasks,
-    policy: Callable[..., Any],
-    adapt: Adaptation,
+    parts: Parts,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     robot: dict[str, Any],
@@ -53,17 +47,14 @@ def run(
     seconds: float,
     video: Video | None,
     seed: int,
-    device: str,
     out: Path,
 ) -> Path | None:
     """Show the emulated robot.
 
     Args:
-        env: makes the environment; like all down to `algorithm` it is the checkpoint's own.
-        params: the tasks that the policy was trained on.
-        policy: makes the policy.
-        adapt: how it adapts.
-        algorithm: makes the algorithm.
+        parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
+            the algorithm, a checkpoint's own unless something else was chosen.
+        algorithm: makes the algorithm from its parts.
         checkpoint: the policy that drives the robot; None drives it along `motions`.
         robot: as conf/robot/NAME.yaml holds it.
         stops: when the guard stops the robot; see `deploy`.
@@ -71,7 +62,6 @@ def run(
         seconds: how long, of the robot's time [s].
         video: the film to write instead of opening a window; None for the window.
         seed: of starts and motions.
-        device: where networks are while they are restored.
         out: the run's folder; a film is videos/robot.mp4.
 
     Returns:
@@ -90,10 +80,9 @@ def run(
         check_display()
     drive = along(machine, motions, seconds, seed)
     if checkpoint is not None:
-        task = servo_task(env)
+        task = servo_task(parts.environment)
         RobotRows(task, ServoBackend(machine, SETTLE))  # refuses another robot's policy at once
-        parts = {"env": env, "params": params, "policy": policy, "algorithm": algorithm}
-        trained = load_trained(checkpoint, **parts, adapt=adapt, device=device, seed=seed)
+        trained = load_trained(checkpoint, parts, algorithm)
         drive = by_policy(task, trained, seed)
     world = World(machine, seed=seed)
     if video is None:

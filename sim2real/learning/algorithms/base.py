@@ -1,31 +1,120 @@
-"""The interface of a training algorithm: a verb drives it, saves it and asks it for its policy."""
+"""What a training algorithm is given, and what a verb may ask of it.
+
+class Mine(Algorithm):
+    uses = frozenset({"optimizer"})             # the optional parts that it takes
+    def __init__(self, parts: Parts, *, num_rows: int) -> None: ...
+
+algorithm = build(partial(Mine, num_rows=8), Parts(environment, policy, seed=0))
+while algorithm.frames < 500_000:
+    metrics = algorithm.iterate()
+algorithm.trained()                             # the policy, to evaluate, export or deploy
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar
 
-from torch import nn
+import numpy as np
+
+from envs.randomization import Tasks
+from sim2real.learning.adapt import Adaptation, NoAdaptation
+from sim2real.learning.environment import Environment
+from sim2real.learning.population.population import AdaptationScores, Population
+from sim2real.learning.trained import Trained
+from sim2real.runs.errors import Sim2RealError
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What an algorithm is made of.
+
+    Args:
+        environment: makes the worlds of training and evaluation.
+        policy: makes the policy; of what, the algorithm says.
+        seed: all randomness of a run follows from it.
+        adapt: how the policy adapts.
+        collector: makes what gathers experience, as `torchrl.collectors.Collector` is made.
+        advantage: makes the estimator of advantages, as `torchrl.objectives.value.GAE` is made.
+        loss: makes the loss from the policy's networks.
+        buffer: makes the buffer that minibatches are drawn from.
+        optimizer: makes the optimizer from parameters.
+        device: where networks are.
+    """
+
+    environment: Environment
+    policy: Callable[..., Any]
+    seed: int = 0
+    adapt: Adaptation = field(default_factory=NoAdaptation)
+    collector: Callable[..., Any] | None = None
+    advantage: Callable[..., Any] | None = None
+    loss: Callable[..., Any] | None = None
+    buffer: Callable[..., Any] | None = None
+    optimizer: Callable[..., Any] | None = None
+    device: str = "cpu"
+
+    @property
+    def tasks(self) -> Tasks:
+        """Which robots episodes meet."""
+        return self.environment.tasks
+
+    @property
+    def optional(self) -> dict[str, Callable[..., Any] | None]:
+        """The parts that not every algorithm takes, by name."""
+        return {
+            "collector": self.collector,
+            "advantage": self.advantage,
+            "loss": self.loss,
+            "buffer": self.buffer,
+            "optimizer": self.optimizer,
+        }
+
+    def with_effects(self, effects: str | Path | None) -> Parts:
+        """Return these with the effects of a file in every robot; see `Environment`."""
+        return replace(self, environment=self.environment.with_effects(effects))
+
+    def part(self, name: str) -> Callable[..., Any]:
+        """Return an optional part; raises Sim2RealError where there is none."""
+        made = self.optional[name]
+        if made is None:
+            raise Sim2RealError(f"{name}=null, but the algorithm needs one; choose {name}=NAME")
+        return made
 
 
 class Algorithm(ABC):
     """Something that improves a policy, one iteration at a time.
 
     Attributes:
+        uses: the optional parts that it takes, of adapt, collector, advantage, loss, buffer and
+            optimizer; one that is set and not taken is refused.
+        parts: what it was made of.
         frames: environment steps taken so far, all episodes of training counted.
         iteration: iterations done.
+        population: where its candidates' episodes run, which a cluster may take over; None for an
+            algorithm without candidates.
     """
 
+    uses: ClassVar[frozenset[str]] = frozenset()
+    parts: Parts
     frames: int
     iteration: int
+    population: Population | None = None
 
     @abstractmethod
     def iterate(self) -> dict[str, float]:
         """Do one iteration and return its metrics, named `train/...`."""
 
     @abstractmethod
-    def module(self) -> nn.Module:
-        """Return the present policy: a torch module from raw observation to action."""
+    def trained(self) -> Trained:
+        """Return the present policy; training on does not change it."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> dict[str, Any]:
+        """What the parameters of a checkpoint must fit, as JSON holds it."""
 
     @abstractmethod
     def state_dict(self) -> dict[str, Any]:
@@ -34,3 +123,44 @@ class Algorithm(ABC):
     @abstractmethod
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go back to a state: iterations then equal those of the run that it is from."""
+
+    def load_policy(self, state: dict[str, Any]) -> None:
+        """Take over of a state what `trained` needs, to act and not to go on training."""
+        self.load_state_dict(state)
+
+    def scores(
+        self, values: np.ndarray, seeds: np.ndarray, episodes: int
+    ) -> AdaptationScores | None:
+        """Return the returns before and after adaptation; None where the policy does not adapt."""
+        return None
+
+    def adapted(self, values: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
+        """Return the parameters that the policy adapts to on a robot; None if it does not adapt."""
+        return None
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What a checkpoint must share with a run that continues it."""
+        name = self.parts.environment.name
+        return {"task": name, "algorithm": type(self).__name__, "policy": self.shape}
+
+
+def build(algorithm: Callable[..., Algorithm], parts: Parts, adapts: bool = True) -> Algorithm:
+    """Make an algorithm of its parts.
+
+    Args:
+        algorithm: makes it.
+        parts: what it is given.
+        adapts: whether the policy is to adapt in training; afterwards any policy can.
+
+    Raises:
+        Sim2RealError: a part that was chosen and that it does not use.
+    """
+    made = algorithm(parts)
+    name = type(made).__name__
+    if adapts and "adapt" not in made.uses and not isinstance(parts.adapt, NoAdaptation):
+        raise Sim2RealError(f"{name} trains no policy that adapts; use adapt=none")
+    for one, part in parts.optional.items():
+        if part is not None and one not in made.uses:
+            raise Sim2RealError(f"{name} uses no {one}; leave it out, or use {one}=none")
+    return made

@@ -1,6 +1,7 @@
 """ES-MAML: evolution strategies over policies that are scored after they have adapted.
 
-    algorithm = ESMAML(env, tasks, policy, HillClimb(...), seed=0, num_rows=64, shards=2, ...)
+    parts = Parts(environment, policy, adapt=HillClimb(...), seed=0)
+    algorithm = ESMAML(parts, num_rows=64, shards=2, ...)
     while algorithm.frames < 20_000_000:
         metrics = algorithm.iterate()
 
@@ -13,69 +14,56 @@ parameters as tasks it is plain evolution strategies.
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
+import torch
 
-from envs.effects.base import Effect
-from envs.randomization import Tasks
 from envs.rows import Rows
-from sim2real.learning.adapt import Adaptation
+from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.adapt.first_order import FirstOrder, FirstOrderCohort
-from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.environment import Environment
+from sim2real.learning.modules.acting import Acting
 from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.modules.policy import MLPPolicy, PolicyModule
 from sim2real.learning.population.es import Estimator, EvolutionStrategy, Shaping
-from sim2real.learning.population.population import Members, Population, Results, draw_seeds
+from sim2real.learning.population.population import (
+    AdaptationScores,
+    Members,
+    Population,
+    Results,
+    draw_seeds,
+    evaluate_adaptation,
+)
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import CheckpointError, Sim2RealError
 
 
-def make_shards(
-    env: Callable[..., Rows],
-    num_rows: int,
-    shards: int,
-    effects: Sequence[Effect] = (),
-    threads: int = 1,
-) -> list[Rows]:
-    """Split rows over as many environments of one thread each, unless told otherwise.
+def make_shards(environment: Environment, num_rows: int, shards: int) -> list[Rows]:
+    """Split rows over as many environments of one thread each.
 
     Args:
-        env: makes the environment from `num_rows`, and from `threads` and `effects` if it takes
-            them.
+        environment: makes them.
         num_rows: rows in all.
         shards: environments; one per core uses the machine fully.
-        effects: what may differ per row.
-        threads: CPU threads of each environment; 0 for all cores.
 
     Raises:
-        Sim2RealError: for more shards than rows, or effects for an environment that takes none.
+        Sim2RealError: for more shards than rows, or a world that has none.
     """
     if not 1 <= shards <= num_rows:
         raise Sim2RealError(f"shards={shards} must be between 1 and num_rows={num_rows}")
-    takes = inspect.signature(env).parameters
-    extra: dict[str, Any] = {"threads": threads} if "threads" in takes else {}
-    if effects and "effects" not in takes:
-        raise Sim2RealError(
-            f"this environment takes no effects, the tasks need {len(effects)}; "
-            "use the environment's own tasks"
-        )
-    if effects:
-        extra["effects"] = effects
     counts = [num_rows // shards + (i < num_rows % shards) for i in range(shards)]
-    return [env(num_rows=count, **extra) for count in counts]
+    return [environment.rows(count) for count in counts]
 
 
 class ESMAML(Algorithm):
     """Meta-learns parameters that adapt well.
 
     Args:
-        env: makes the environment; see `make_shards`. The tasks' effects are handed to it.
-        tasks: what members adapt to, one draw each.
-        policy: makes the policy from observation_size, action_size, action_low and action_high.
-        adapt: the adaptation operator.
-        seed: all randomness of the run follows from it.
+        parts: the environment, whose tasks members adapt to, one draw each; the policy, an
+            `MLPPolicy`; the adaptation operator.
         num_rows: episodes that run side by side, in all shards.
         shards: environments with a thread each.
         refill: see `Population`.
@@ -107,13 +95,11 @@ class ESMAML(Algorithm):
         Sim2RealError: for values out of range, or tasks that the environment cannot have.
     """
 
+    uses = frozenset({"adapt"})
+
     def __init__(
         self,
-        env: Callable[..., Rows],
-        tasks: Tasks,
-        policy: Callable[..., MLPPolicy],
-        adapt: Adaptation,
-        seed: int,
+        parts: Parts,
         *,
         num_rows: int,
         shards: int,
@@ -146,26 +132,22 @@ class ESMAML(Algorithm):
                 f"algorithm.meta_estimator={meta_estimator!r} is not one of "
                 "zeroth_order, first_order"
             )
-        self.tasks, self.adapt = tasks, adapt
-        rows = make_shards(env, num_rows, shards, tasks.effects)
-        self.policy = policy(
-            observation_size=rows[0].observation_size,
-            action_size=rows[0].action_size,
-            action_low=rows[0].action_low,
-            action_high=rows[0].action_high,
-        )
+        self.parts, self.tasks, self.adapt = parts, parts.tasks, parts.adapt
+        tasks, adapt = self.tasks, self.adapt
+        rows = make_shards(parts.environment, num_rows, shards)
+        self.policy = parts.policy(parts.environment.make(1, threads=1))
         if not isinstance(self.policy, MLPPolicy):
             raise Sim2RealError(
                 "algorithm=esmaml searches parameters of an MLPPolicy, "
                 f"{type(self.policy).__name__} is none; use policy=linear or policy=mlp"
             )
-        self.population = Population(rows, self.policy, refill)
+        self.population: Population = Population(rows, self.policy, refill)
         tasks.check(self.population.space)
         self._clean = [self.population.space.index(name) for name in clean_final]
         self._paired, self._tasks_per_member = paired_tasks, tasks_per_member
         self._final_episodes, self._step_cost, self._pairs = final_episodes, step_cost, pairs
         start, search, draws = (
-            np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
+            np.random.default_rng(s) for s in np.random.SeedSequence(parts.seed).spawn(3)
         )
         self.strategy = EvolutionStrategy(
             self.policy.initial(start),
@@ -194,11 +176,45 @@ class ESMAML(Algorithm):
         """The meta-parameters, (P,) float32."""
         return self.strategy.mean.astype(np.float32)
 
-    def module(self) -> PolicyModule:
-        """Return the policy of the meta-parameters, from raw observation to action."""
-        size = self.policy.observation_size
-        plain = self.normalizer or Normalizer(size)
-        return self.policy.module(self.theta, plain.mean, plain.std)
+    @property
+    def shape(self) -> dict[str, Any]:
+        """The policy's sizes and nonlinearities."""
+        return dict(self.policy.shape)
+
+    def trained(self) -> Trained:
+        """Return the policy of the meta-parameters."""
+        seen = self.normalizer or Normalizer(self.policy.observation_size)
+        policy, mean, std = self.policy, seen.mean.copy(), seen.std.copy()
+
+        def program(theta: np.ndarray) -> PolicyModule:
+            return policy.module(theta, mean, std)
+
+        return Trained(
+            self.theta,
+            lambda theta: Acting(program(theta)),
+            self.parts.environment,
+            {},
+            self.frames,
+            program=program,
+            dtype=torch.float64,
+            cut=False,
+        )
+
+    def scores(self, values: np.ndarray, seeds: np.ndarray, episodes: int) -> AdaptationScores:
+        """Return the returns before and after adaptation; see `evaluate_adaptation`."""
+        return evaluate_adaptation(
+            self.population, self.theta, self.normalizer, self.adapt, values, seeds, episodes
+        )
+
+    def adapted(self, values: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
+        """Return the parameters, (P,), that the policy adapts to on a robot of values (P,)."""
+        if isinstance(self.adapt, NoAdaptation):
+            return None
+        (rows,) = make_shards(self.parts.environment, 1, 1)
+        cohort = self.adapt.start_many(self.theta[None], [rng])
+        seeds = draw_seeds(rng, (1, self.adapt.episodes))
+        members = Members(cohort, values[None], values[None], seeds)
+        return Population([rows], self.policy).run(members, self.normalizer).thetas[0]
 
     def iterate(self) -> dict[str, float]:
         """Evaluate one generation of candidates and move the meta-parameters."""

@@ -1,6 +1,6 @@
 """SAC: soft actor-critic with a temperature that is learned (Haarnoja et al. 2018).
 
-    algorithm = SAC(env, tasks, policy, seed=0, device="cpu", num_rows=8, update_ratio=1.0, ...)
+    algorithm = SAC(Parts(environment, policy, seed=0), num_rows=8, update_ratio=1.0, ...)
     while algorithm.frames < 300_000:
         metrics = algorithm.iterate()
 
@@ -10,24 +10,21 @@ steps follow for each of them. An episode that the time limit cuts off goes on i
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
 
 import numpy as np
 import torch
 from tensordict import TensorDict
-from torch import nn
 from torchrl.data import ReplayBuffer, TensorStorage
 
-from envs.randomization import Tasks
 from envs.rows import Rows
-from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.algorithms.esmaml import make_shards
-from sim2real.learning.algorithms.ppo import check_at_least, check_share, refuse_other_policy
+from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.checks import check_at_least, check_share, refuse_other_policy
 from sim2real.learning.algorithms.stream import EpisodeStream
 from sim2real.learning.losses.sac_loss import SACGradient, Transitions
 from sim2real.learning.modules.soft_actor_critic import SoftActorCritic, draw
+from sim2real.learning.trained import Trained, of_module
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -37,11 +34,9 @@ class SAC(Algorithm):
     """Trains an actor and two critics on all that was ever seen.
 
     Args:
-        env: makes the environment; see `make_shards`. The tasks' effects are handed to it.
-        tasks: which robots episodes meet, one draw each.
-        policy: makes the networks from observation_size, action_size, action_low and action_high.
-        seed: all randomness of the run follows from it.
-        device: where the networks are; the simulation and the replay buffer are on the CPU.
+        parts: the environment, whose tasks episodes meet, one draw each; the policy, a
+            `SoftActorCritic`; the networks' device; the simulation and the replay buffer are on the
+            CPU.
         num_rows: N, episodes side by side.
         steps: of each row in an iteration; it decides only how often metrics are written.
         update_ratio: gradient steps for each environment step.
@@ -62,11 +57,7 @@ class SAC(Algorithm):
 
     def __init__(
         self,
-        env: Callable[..., Rows],
-        tasks: Tasks,
-        policy: Callable[..., SoftActorCritic],
-        seed: int,
-        device: str,
+        parts: Parts,
         *,
         num_rows: int,
         steps: int,
@@ -87,13 +78,13 @@ class SAC(Algorithm):
             raise Sim2RealError(
                 f"algorithm.update_ratio={update_ratio} and alpha={alpha} must be above 0"
             )
-        self._env, self.tasks = env, tasks
-        rows = self.world(num_rows)
+        self.parts, device = parts, parts.device
+        rows = parts.environment.rows(num_rows, threads=0)
         worlds, start, self._acting, sampling, self._noise = (
-            np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)
+            np.random.default_rng(s) for s in np.random.SeedSequence(parts.seed).spawn(5)
         )
-        self.stream = EpisodeStream(rows, tasks, worlds)
-        self.policy = _make_policy(policy, rows, start, device)
+        self.stream = EpisodeStream(rows, parts.tasks, worlds)
+        self.policy = _make_policy(parts, start)
         self._device = torch.device(device)
         self._steps, self._ratio, self._batch = steps, update_ratio, batch_size
         self._warmup, self._tau = warmup_frames, tau
@@ -107,13 +98,14 @@ class SAC(Algorithm):
         self._half = (rows.action_high - rows.action_low) / 2
         self.frames = self.iteration = self.updates = 0
 
-    def world(self, num_rows: int) -> Rows:
-        """Make rows of what it trains in, stepped by all cores."""
-        return make_shards(self._env, num_rows, 1, self.tasks.effects, threads=0)[0]
+    @property
+    def shape(self) -> dict[str, Any]:
+        """The networks' sizes and nonlinearity."""
+        return dict(self.policy.shape)
 
-    def module(self) -> nn.Module:
-        """Return the deterministic policy of raw observations."""
-        return self.policy.actor()
+    def trained(self) -> Trained:
+        """Return the deterministic actor."""
+        return of_module(self.policy.actor(), self.parts.environment, self.frames)
 
     def iterate(self) -> dict[str, float]:
         """Step and learn in turns."""
@@ -229,20 +221,13 @@ def make_replay(rows: Rows, capacity: int, rng: np.random.Generator) -> ReplayBu
     return ReplayBuffer(storage=storage, generator=generator)
 
 
-def _make_policy(
-    policy: Callable[..., Any], rows: Rows, rng: np.random.Generator, device: str
-) -> SoftActorCritic:
-    """Make and initialize the networks for rows; raises Sim2RealError for another kind."""
-    made = policy(
-        observation_size=rows.observation_size,
-        action_size=rows.action_size,
-        action_low=rows.action_low,
-        action_high=rows.action_high,
-    )
+def _make_policy(parts: Parts, rng: np.random.Generator) -> SoftActorCritic:
+    """Make and initialize the networks; raises Sim2RealError for another kind."""
+    made = parts.policy(parts.environment.make(1, threads=1))
     if not isinstance(made, SoftActorCritic):
         raise Sim2RealError(
             f"algorithm=sac trains an actor and two critics, {type(made).__name__} is none; "
             "use policy=soft_actor_critic"
         )
     made.initialize(torch.Generator().manual_seed(int(rng.integers(2**63))))
-    return made.to(device)
+    return made.to(parts.device)

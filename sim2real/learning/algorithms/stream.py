@@ -42,7 +42,7 @@ class EpisodeStream:
         tasks.check(rows.space)
         count = rows.num_rows
         self.rows, self._tasks, self._rng = rows, tasks, rng
-        self._per_row = getattr(tasks, "per", "reset") == "row"
+        self._per_row = tasks.per == "row"
         self._values = rows.space.points(count)  # (N, P)
         self._drawn = np.zeros(count, bool)
         self._seeds = np.zeros(count, np.uint64)

@@ -13,12 +13,13 @@ of both is one batched product and an optimizer's step a handful of operations.
 from __future__ import annotations
 
 from math import prod
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import nn
 
+from sim2real.learning.modules.acting import Actor
 from sim2real.learning.modules.perceptrons import Layers, Perceptrons, activated
 from sim2real.learning.modules.policy import Activation
 
@@ -146,54 +147,6 @@ class ActorCritic(nn.Module):
             layers += [_linear(weight[0], bias[0, 0]), activation]
         network = nn.Sequential(*layers, _linear(*weights.mean))
         return Actor(network, mean, std, self.action_low, self.action_high)
-
-
-class Actor(nn.Module):
-    """A network as a policy: raw observation to action, deterministic.
-
-    Args:
-        network: from normalized observations (..., O) to actions (..., A).
-        mean: what normalization subtracts from an observation, (O,).
-        std: what it divides by, (O,).
-        low: the actions' lower limits, (A,).
-        high: the actions' upper limits, (A,).
-        squash: "clip" cuts actions at the limits; "tanh" squashes into them.
-    """
-
-    observation_mean: Tensor
-    observation_std: Tensor
-    action_low: Tensor
-    action_high: Tensor
-
-    def __init__(
-        self,
-        network: nn.Module,
-        mean: np.ndarray,
-        std: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
-        squash: Literal["clip", "tanh"] = "clip",
-    ) -> None:
-        super().__init__()
-        self.network, self.squash = network, squash
-        constants = {
-            "observation_mean": mean,
-            "observation_std": std,
-            "action_low": low,
-            "action_high": high,
-        }
-        for name, value in constants.items():
-            self.register_buffer(name, torch.tensor(np.asarray(value), dtype=torch.float64))
-
-    def forward(self, observation: Tensor) -> Tensor:
-        """Map raw observations (..., O) to actions (..., A)."""
-        normalized = (observation - self.observation_mean) / self.observation_std
-        x = self.network(normalized.to(torch.float32))
-        if self.squash == "tanh":
-            middle, half = self.action_high + self.action_low, self.action_high - self.action_low
-            return ((middle + half * torch.tanh(x)) / 2).to(torch.float32)
-        low, high = self.action_low.to(x.dtype), self.action_high.to(x.dtype)
-        return torch.minimum(torch.maximum(x, low), high)
 
 
 def _orthogonal(weight: Tensor, gain: float, generator: torch.Generator) -> None:

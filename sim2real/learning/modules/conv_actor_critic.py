@@ -18,7 +18,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from sim2real.learning.modules.actor_critic import HIDDEN_GAIN, MEAN_GAIN, VALUE_GAIN, Actor
+from sim2real.learning.modules.acting import Actor
+from sim2real.learning.modules.actor_critic import HIDDEN_GAIN, MEAN_GAIN, VALUE_GAIN
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor

@@ -19,7 +19,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from sim2real.learning.modules.actor_critic import Actor, ActorCritic
+from sim2real.learning.modules.acting import Actor
+from sim2real.learning.modules.actor_critic import ActorCritic
 from sim2real.learning.modules.policy import Activation
 from sim2real.runs.errors import Sim2RealError
 

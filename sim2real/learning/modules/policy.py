@@ -20,7 +20,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 import torch
 from torch import nn
+from torchrl.envs import TransformedEnv
 
+from envs.torch_env import RowsEnv
 from sim2real.runs.errors import Sim2RealError
 
 Activation = Literal["tanh", "relu"]
@@ -159,6 +161,38 @@ class MLPPolicy:
             std: what it divides by, (O,).
         """
         return PolicyModule(self, theta, mean, std)
+
+
+def mlp_policy(
+    env: TransformedEnv,
+    *,
+    hidden: tuple[int, ...],
+    activation: Activation,
+    output: Literal["tanh", "linear"],
+    initial: Literal["normal", "zero"],
+) -> MLPPolicy:
+    """Make the policy for an environment over rows; see `MLPPolicy`.
+
+    Raises:
+        Sim2RealError: an environment of another kind, or sizes and names that make no policy.
+    """
+    base = env.base_env
+    if not isinstance(base, RowsEnv):
+        raise Sim2RealError(
+            f"policy=linear and policy=mlp see the rows of a simulator, not {type(base).__name__}; "
+            "use policy=actor_critic"
+        )
+    rows = base.rows
+    return MLPPolicy(
+        rows.observation_size,
+        rows.action_size,
+        rows.action_low,
+        rows.action_high,
+        hidden=hidden,
+        activation=activation,
+        output=output,
+        initial=initial,
+    )
 
 
 class Slots:

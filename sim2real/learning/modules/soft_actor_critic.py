@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from torch import nn
+from torchrl.envs import TransformedEnv
 
-from sim2real.learning.modules.actor_critic import Actor
+from sim2real.learning.modules.acting import Actor
 from sim2real.learning.modules.perceptrons import Perceptrons
 from sim2real.learning.modules.policy import Activation
 from sim2real.runs.errors import Sim2RealError
@@ -128,6 +129,15 @@ class SoftActorCritic(nn.Module):
         size = self.observation_size
         limits = (self.action_low, self.action_high)
         return Actor(nn.Sequential(*network), np.zeros(size), np.ones(size), *limits, "tanh")
+
+
+def soft_actor_critic(
+    env: TransformedEnv, *, hidden: tuple[int, ...], activation: Activation
+) -> SoftActorCritic:
+    """Make the networks for an environment; see `SoftActorCritic`."""
+    rows = env.base_env.rows
+    sizes = (rows.observation_size, rows.action_size, rows.action_low, rows.action_high)
+    return SoftActorCritic(*sizes, hidden=hidden, activation=activation)
 
 
 def draw(distribution: Tensor, noise: Tensor) -> Draw:

@@ -3,7 +3,7 @@
     ray start --head                        # on one machine, and on the others what it prints
     python -m sim2real +experiment=esmaml cluster=ray cluster.workers=16
 
-    with Cluster(address="auto", workers=16, rows=32, refill=1).attached(learner, env):
+    with Cluster(address="auto", workers=16, rows=32, refill=1).attached(learner):
         learner.iterate()                   # the same numbers as without
 
 Each worker is a process with one batched environment, on a CPU of its own; see
@@ -20,7 +20,7 @@ import importlib.util
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,12 +28,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from envs.effects.base import Effect
 from envs.rows import Rows
 from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.algorithms.esmaml import make_shards
+from sim2real.learning.environment import Environment
 from sim2real.learning.modules.policy import MLPPolicy
-from sim2real.learning.population.population import Population
 from sim2real.learning.population.remote import (
     Batch,
     ClusterError,
@@ -117,25 +115,23 @@ class Cluster:
             )
 
     @contextmanager
-    def attached(self, learner: Algorithm, env: Callable[..., Rows]) -> Iterator[None]:
+    def attached(self, learner: Algorithm) -> Iterator[None]:
         """Let a learner's population run on the cluster.
 
         Args:
             learner: an algorithm that has a population, such as ES-MAML.
-            env: makes its environment.
 
         Raises:
             ClusterError: when the cluster is not there or too small, or the learner has no
                 population.
         """
-        local = getattr(learner, "population", None)
-        if not isinstance(local, Population):
+        local = learner.population
+        if local is None:
             raise ClusterError(
                 f"cluster=ray spreads populations, which {type(learner).__name__} has none of; "
                 "use cluster=none"
             )
-        tasks = getattr(learner, "tasks", None)
-        make = partial(_rows, env, self.rows, tasks.effects if tasks else ())
+        make = partial(_rows, learner.parts.environment, self.rows)
         with self._connected() as ray:
             self._check_size(ray)
             log.info("starting %d workers on %s", self.workers, self.address)
@@ -143,11 +139,11 @@ class Cluster:
             names = [f"worker {number}" for number in range(self.workers)]
             with ThreadPoolExecutor(self.workers) as pool:
                 shards = list(pool.map(lambda name: RemoteShard(start, self.rows, name), names))
-            learner.population = RemotePopulation(shards, local.policy, local.space)  # type: ignore[attr-defined]
+            learner.population = RemotePopulation(shards, local.policy, local.space)
             try:
                 yield
             finally:
-                learner.population = local  # type: ignore[attr-defined]
+                learner.population = local
 
     @contextmanager
     def _connected(self) -> Iterator[Any]:
@@ -182,9 +178,9 @@ class Cluster:
             )
 
 
-def _rows(env: Callable[..., Rows], num_rows: int, effects: Sequence[Effect]) -> Rows:
+def _rows(environment: Environment, num_rows: int) -> Rows:
     """Make a worker's environment: one shard."""
-    return make_shards(env, num_rows, 1, effects)[0]
+    return environment.rows(num_rows)
 
 
 def _start(make: Make, policy: MLPPolicy, refill: int, patience: float) -> Link | None:

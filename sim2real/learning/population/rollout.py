@@ -1,6 +1,6 @@
 """Whole episodes of one deterministic policy, each with a robot and luck of its own.
 
-played = play(rows, algorithm.module(), values, seeds)
+played = play(trained.world(50), trained.actor(trained.theta), values, seeds)
 played.returns                                  # (n,)
 """
 
@@ -10,9 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import nn
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import EnvBase
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from envs.rows import Rows
+from envs.torch_env import RowsEnv
 
 
 class Played(NamedTuple):
@@ -24,27 +27,41 @@ class Played(NamedTuple):
 
 
 @torch.no_grad()
-def play(rows: Rows, policy: nn.Module, values: np.ndarray, seeds: np.ndarray) -> Played:
-    """Run one episode in each row.
+def play(
+    env: EnvBase, actor: TensorDictModuleBase, values: np.ndarray | None, seeds: np.ndarray
+) -> Played:
+    """Run one episode in each row; rows that are done run on, unnoticed.
 
     Args:
-        rows: the world, N rows.
-        policy: from raw observations (N, O) of all rows to actions (N, A); one that remembers keeps
-            a memory for each row and is given fresh.
-        values: the robots' parameters, (n, P), n at most N.
-        seeds: of the episodes, (n,) uint64.
+        env: the world with its transforms, N rows.
+        actor: from what it shows to "action".
+        values: the robots' parameters, (N, P); None for the world's own.
+        seeds: of the episodes, (N,) uint64. A world that is not one over rows takes them all
+            together as one seed.
     """
     count = len(seeds)
-    alive = np.arange(count)
     returns, lengths = np.zeros(count), np.zeros(count, np.int64)
-    failed = np.zeros(count, bool)
-    observation = np.array(rows.reset(alive, values, seeds), np.float64)  # (n, O)
-    while len(alive):
-        action = policy(torch.from_numpy(observation)).cpu().numpy().astype(np.float64)  # (n, A)
-        step = rows.step(alive, action[alive])
-        observation[alive] = step.observation
-        returns[alive] += step.reward
-        lengths[alive] += 1
-        failed[alive] |= step.failed
-        alive = alive[~(step.terminated | step.truncated)]
+    failed, alive = np.zeros(count, bool), np.ones(count, bool)
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        now = _start(env, values, seeds)
+        while alive.any():
+            step, now = env.step_and_maybe_reset(actor(now))
+            after = step["next"]
+            returns += np.where(alive, _column(after, "reward"), 0.0)
+            lengths += alive
+            if (broken := after.get("failed", None)) is not None:
+                failed |= alive & broken[..., 0].cpu().numpy()
+            alive &= ~_column(after, "done")
     return Played(returns, lengths, failed)
+
+
+def _start(env: EnvBase, values: np.ndarray | None, seeds: np.ndarray) -> TensorDictBase:
+    if not isinstance(env.base_env, RowsEnv):
+        env.set_seed(int(np.bitwise_xor.reduce(seeds) % 2**31))
+        return env.reset()
+    own = env.base_env.rows.space.points(len(seeds)) if values is None else values
+    return env.reset(values=own, seeds=seeds)
+
+
+def _column(data: TensorDictBase, name: str) -> np.ndarray:
+    return data[name][..., 0].cpu().numpy()

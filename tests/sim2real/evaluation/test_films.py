@@ -4,24 +4,31 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import mujoco
 import numpy as np
 import pytest
+import torch
+from torch import nn
 
 from envs.effects import make
 from envs.errors import RenderError
+from envs.mujoco import MujocoEnv
 from envs.pixels.library import library
 from envs.randomization import Draw, Randomization
 from envs.simulation import Simulation
 from envs.tasks.hopper import Hopper
-from envs.toys import Nav2D, NavGoals
+from envs.toys import Nav2D, NavGoals, ToyEnv
 from sim2real.evaluation import films as video
 from sim2real.evaluation.films import Camera, Clip, Video, compose, film, write_mp4
 from sim2real.learning.adapt import HillClimb, NoAdaptation
+from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.algorithms.esmaml import ESMAML
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.environment import Environment
+from sim2real.learning.modules.acting import Acting
+from sim2real.learning.modules.policy import mlp_policy
 
 TASKS = Randomization(
     [
@@ -38,10 +45,19 @@ ES = {
 }  # fmt: skip
 
 
-def learner(env: object, tasks: object, adapt: object) -> ESMAML:
+def learner(env: Any, tasks: Any, adapt: Any) -> ESMAML:
     """Return an untrained algorithm."""
     shape = {"hidden": (), "activation": "tanh", "output": "tanh", "initial": "normal"}
-    return ESMAML(env, tasks, partial(MLPPolicy, **shape), adapt, 0, **ES)  # type: ignore[arg-type]
+    parts = Parts(Environment(env, tasks), partial(mlp_policy, **shape), 0, adapt)
+    return ESMAML(parts, **ES)  # type: ignore[arg-type]
+
+
+class Still(nn.Module):
+    """No torque, whatever is seen."""
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Return zeros for each row."""
+        return torch.zeros(len(observation), 3)
 
 
 @pytest.fixture
@@ -66,9 +82,9 @@ def read(path: Path) -> tuple[dict, np.ndarray]:
 @pytest.mark.usefixtures("draws")
 def test_before_and_after_are_side_by_side_in_one_film(tmp_path: Path) -> None:
     """A policy that adapts is filmed twice; the film lasts as long as the longer episode."""
-    env = partial(Simulation, task=Hopper())
+    env = partial(MujocoEnv, task=Hopper())
     climb = HillClimb(mode="sequential", queries=2, parallel=1, sigma=0.1)
-    path = Video(160, 120, 25, 0.4).record(learner(env, TASKS, climb), env, 0, tmp_path)
+    path = Video(160, 120, 25, 0.4).record(learner(env, TASKS, climb), 0, tmp_path)
     about, frames = read(path)
     assert path.name == "before_after.mp4" and about["size"] == (320, 164) and about["fps"] == 25
     assert 1 <= len(frames) <= 10
@@ -81,8 +97,8 @@ def test_before_and_after_are_side_by_side_in_one_film(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("draws")
 def test_a_policy_that_does_not_adapt_is_filmed_alone(tmp_path: Path) -> None:
     """Domain randomization gives one clip."""
-    env = partial(Simulation, task=Hopper())
-    path = Video(160, 120, 25, 0.1).record(learner(env, TASKS, NoAdaptation()), env, 0, tmp_path)
+    env = partial(MujocoEnv, task=Hopper())
+    path = Video(160, 120, 25, 0.1).record(learner(env, TASKS, NoAdaptation()), 0, tmp_path)
     assert path.name == "policy.mp4" and read(path)[0]["size"] == (160, 164)
 
 
@@ -106,12 +122,12 @@ def test_the_camera_shows_the_state() -> None:
 @pytest.mark.usefixtures("draws")
 def test_the_film_s_return_is_that_of_the_whole_episode() -> None:
     """A film of a tenth of a second still tells what the whole episode returned."""
-    simulation = Simulation(Hopper())
+    env, still = Environment(partial(MujocoEnv, task=Hopper())).make(1), Acting(Still())
+    simulation = env.base_env.rows
     model, values = simulation.plant.batch.get_model(0), simulation.space.neutral
     with Camera(model, 64, 64, None) as camera:
         clips = [
-            film(simulation, lambda _: np.zeros(3), values, 7, "x", Video(64, 64, 25, s), camera)
-            for s in (0.1, 100.0)
+            film(env, still, values, 7, "x", Video(64, 64, 25, s), camera) for s in (0.1, 100.0)
         ]
     assert len(clips[0].frames) == 3 and len(clips[1].frames) > 5
     assert clips[0].reward == clips[1].reward > 10
@@ -120,9 +136,9 @@ def test_the_film_s_return_is_that_of_the_whole_episode() -> None:
 def test_a_small_task_has_no_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is no MuJoCo model is refused by name."""
     monkeypatch.setattr(video, "library", lambda: "egl")
-    algorithm = learner(Nav2D, NavGoals(), NoAdaptation())
+    algorithm = learner(partial(ToyEnv, Nav2D), NavGoals(), NoAdaptation())
     with pytest.raises(RenderError, match="Nav2D is no MuJoCo task"):
-        Video(64, 64, 25, 1.0).record(algorithm, Nav2D, 0, tmp_path)
+        Video(64, 64, 25, 1.0).record(algorithm, 0, tmp_path)
 
 
 def test_clips_are_labelled_and_the_shorter_waits() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,14 @@ import pytest
 import torch
 from torch import nn
 
-from envs import HopperPolito, Simulation, make
+from envs import HopperPolito, MujocoEnv, make
 from envs.errors import TaskError
-from envs.rows import Rows
-from envs.toys import Nav2D
+from envs.toys import Nav2D, ToyEnv
 from sim2real.evaluation.transfer import Transfer, TransferError, read, variant
+from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.environment import Environment
+from sim2real.learning.modules.acting import Acting
+from sim2real.learning.trained import Trained
 
 ROBOTS = {"source": {"domain": "source"}, "target": {"domain": "target"}}
 
@@ -30,31 +33,36 @@ class Still(nn.Module):
         return torch.zeros(len(observation), 3)
 
 
-class Trained:
+class Motionless(Algorithm):
     """The least that can be assessed."""
 
-    frames = 4096
+    def __init__(self, environment: Environment) -> None:
+        self.parts = Parts(environment, policy=None)  # type: ignore[arg-type]
 
-    def module(self) -> nn.Module:
+    def trained(self) -> Trained:
         """Return the policy."""
-        return Still()
+        world = self.parts.environment
+        return Trained(np.zeros(0), lambda theta: Acting(Still()), world, {}, 4096)
+
+    frames = 4096
+    iterate = shape = state_dict = load_state_dict = None  # type: ignore[assignment]
 
 
-def env(**changes: Any) -> Callable[..., Rows]:
+def env(**changes: Any) -> Environment:
     """Return what makes a short Hopper of the study."""
     arguments: dict[str, Any] = {"max_steps": 40, **changes}
-    return partial(Simulation, task=HopperPolito(**arguments), threads=1)
+    return Environment(partial(MujocoEnv, task=HopperPolito(**arguments)))
 
 
-def assess(world: Callable[..., Rows], **robots: dict[str, Any]) -> Any:
+def assess(world: Environment, **robots: dict[str, Any]) -> Any:
     """Return the scores of the policy that never moves."""
     transfer = Transfer(robots or ROBOTS, episodes=4)
-    return transfer.assess(Trained(), world, 0, "seed 0")  # type: ignore[arg-type]
+    return transfer.assess(Motionless(world), 0, "seed 0")
 
 
-def torso(world: Callable[..., Rows], robot: str, **changes: Any) -> float:
+def torso(world: Environment, robot: str, **changes: Any) -> float:
     """Return the mass of a robot's torso [kg]."""
-    rows: Any = variant(world, robot, changes)(num_rows=1)
+    rows: Any = variant(world, robot, changes).base_rows(1)
     model: mujoco.MjModel = rows.plant.model
     return float(model.body("torso").mass[0])
 
@@ -95,7 +103,7 @@ def test_a_robot_may_have_effects(tmp_path: Path) -> None:
 def test_effects_of_the_runs_simulator_are_not_the_robots() -> None:
     """A policy from a corrected simulator is tried on robots that are what they are called."""
     heavier = [(make("link_mass", where="torso"), [1.0])]
-    corrected = partial(env(), fixed=heavier)
+    corrected = replace(env(), fixed=heavier)
     plain, found = assess(env()), assess(corrected)
     for robot in ROBOTS:
         np.testing.assert_array_equal(plain.returns[robot], found.returns[robot])
@@ -121,7 +129,7 @@ def test_mistakes_are_sentences(tmp_path: Path) -> None:
     with pytest.raises(TaskError, match=r"domain='targte'.*did you mean 'target'"):
         assess(env(), a={"domain": "targte"})
     with pytest.raises(TransferError, match=r"Nav2D has no task .*env=hopper_polito"):
-        assess(Nav2D)
+        assess(Environment(partial(ToyEnv, Nav2D)))
     with pytest.raises(TransferError, match="at least one robot"):
         Transfer({}, episodes=4)
     (tmp_path / "transfer-1.json").write_text('{"runs": [{"name"')

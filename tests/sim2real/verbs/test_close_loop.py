@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 import torch
 
-from envs import HopperPolito
+from envs import HopperPolito, MujocoEnv
 from envs.effects import load_effects, make, write_effects
 from envs.simulation import Simulation
 from hardware.log import Log, read_logs
 from sim2real.config.compose import compose, prepare
 from sim2real.diagnosis.data.replay import measure
+from sim2real.learning.environment import Environment
 from sim2real.learning.population.population import draw_seeds
+from sim2real.learning.trained import of_module
 from sim2real.loops.close_loop import compare, cut, named, noise, record
 from sim2real.runs.errors import Sim2RealError
 
@@ -83,9 +85,11 @@ def test_a_policy_gets_in_the_corrected_simulator_what_it_gets_on_the_target(
     """Returns differ before, and agree once the kilogram is in; all of it is written."""
     write_effects(tmp_path / "effects.yaml", [(make("link_mass", where="torso"), (1.0,))])
     torch.manual_seed(0)
-    policy = torch.nn.Sequential(torch.nn.Linear(11, 3, dtype=torch.float64), torch.nn.Tanh())
-    source, target = (partial(Simulation, HopperPolito(d)) for d in ("source", "target"))
-    table = compare(source, target, policy, tmp_path, seed=0)
+    policy = torch.nn.Sequential(torch.nn.Linear(11, 3), torch.nn.Tanh())
+    source, target = (
+        Environment(partial(MujocoEnv, task=HopperPolito(d))) for d in ("source", "target")
+    )
+    table = compare(of_module(policy, source, 0), target, tmp_path, seed=0)
     given, found, wanted = (row[1] for row in table.rows)
     assert found == wanted
     assert given != wanted

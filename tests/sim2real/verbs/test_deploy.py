@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from torch import nn
 
 from hardware.calibration import calibration_of, write_calibration
 from hardware.config import ROBOTS, load_robot
@@ -22,7 +21,9 @@ from hardware.log import read_logs
 from sim2real.config.compose import compose, prepare
 from sim2real.deployment import deploy
 from sim2real.deployment.session import Deployment
-from sim2real.deployment.trained import Act
+from sim2real.learning.modules.acting import Actor
+from sim2real.learning.trained import Pilot
+from sim2real.learning.transforms import affine
 from sim2real.runs.errors import Sim2RealError, Stopped
 from sim2real.verbs import deploy as verb
 from sim2real.verbs import replay
@@ -132,18 +133,20 @@ def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
     run = train(tmp_path / "run", SMALL_PPO)
     verb, arguments = prepare(compose(SMALL_PPO), tmp_path / "again")
     learner = verb(**arguments)  # the same seed gives the same policy
-    acting, pairs = deploy.acting, []
+    act, pairs = Pilot.__call__, []
 
-    def noted(module: nn.Module) -> Act:
-        act = acting(module)
-        return lambda seen: pairs.append((seen, act(seen))) or pairs[-1][1]
+    def noted(self: Pilot, seen: np.ndarray) -> np.ndarray:
+        done = act(self, seen)
+        pairs.append((seen[0].copy(), done[0]))
+        return done
 
-    monkeypatch.setattr(deploy, "acting", noted)
+    monkeypatch.setattr(Pilot, "__call__", noted)
     go(run, tmp_path / "out", "adapt=none")
     assert len(pairs) == 2 * 2 * 20  # two episodes on the robot, and the same in its simulator
     seen, done = (np.array(values) for values in zip(*pairs, strict=True))
-    mean, std = learner.normalizer.mean, learner.normalizer.std
-    bare = learner.policy.actor(np.zeros_like(mean), np.ones_like(std))
+    mean, std = affine(learner.collecting.env)
+    network, (_, low, high) = learner.policy.actor[0].module[0], learner.parts.environment.shown()
+    bare = Actor(network, np.zeros_like(mean), np.ones_like(std), low, high)
     with torch.no_grad():
         wanted, raw = (bare(torch.from_numpy(x)).numpy() for x in ((seen - mean) / std, seen))
     np.testing.assert_allclose(done, wanted, atol=1e-6)

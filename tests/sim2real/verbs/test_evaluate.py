@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -13,16 +12,22 @@ import numpy as np
 import pytest
 
 from envs.errors import ParameterError
-from envs.rows import Rows
-from envs.toys import BiasedCartPole, Nav2D
+from envs.randomization import Tasks
+from envs.toys import BiasedCartPole, Nav2D, NavGoals, ToyEnv
 from sim2real.config.compose import compose, prepare
 from sim2real.evaluation.evaluate import Evaluation, evaluate_grid, find_runs, run_cells
 from sim2real.evaluation.grid import Grid
 from sim2real.learning.adapt import Adaptation, HillClimb, NoAdaptation
-from sim2real.learning.learner import build
-from sim2real.learning.modules.normalizer import Normalizer
+from sim2real.learning.algorithms.base import Algorithm, Parts, build
+from sim2real.learning.environment import Environment
+from sim2real.learning.modules.acting import Acting
 from sim2real.learning.modules.policy import MLPPolicy
-from sim2real.learning.population.population import Population
+from sim2real.learning.population.population import (
+    AdaptationScores,
+    Population,
+    evaluate_adaptation,
+)
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 
 GOALS = Grid(
@@ -35,16 +40,15 @@ CLIMB = HillClimb(mode="sequential", queries=4, parallel=1, sigma=0.3)
 
 
 @dataclass
-class Trained:
+class Still(Algorithm):
     """The least that can be evaluated: a zero linear policy, which never moves."""
 
     adapt: Adaptation
-    make: Callable[..., Rows] = Nav2D
+    make: Any = Nav2D
     rows: int = 16
     shards: int = 1
     frames: int = 1000
-    normalizer: Normalizer | None = None
-    tasks: Any = None
+    tasks: Tasks = field(default_factory=NavGoals)
     population: Population = field(init=False)
 
     def __post_init__(self) -> None:
@@ -56,6 +60,21 @@ class Trained:
         )
         self.population = Population(shards, policy)
         self.theta = np.zeros(policy.num_parameters, np.float32)
+        self.parts = Parts(Environment(partial(ToyEnv, self.make), self.tasks), None, 0, self.adapt)
+
+    def scores(self, values: np.ndarray, seeds: np.ndarray, episodes: int) -> AdaptationScores:
+        """Return the returns before and after adaptation."""
+        return evaluate_adaptation(
+            self.population, self.theta, None, self.adapt, values, seeds, episodes
+        )
+
+    def trained(self) -> Trained:
+        """Return the policy, whose episodes `scores` runs."""
+        return Trained(
+            self.theta, lambda theta: Acting(None), self.parts.environment, {}, self.frames
+        )
+
+    iterate = shape = state_dict = load_state_dict = None
 
 
 def evaluation(grid: Grid = GOALS, **changes: Any) -> Evaluation:
@@ -66,7 +85,7 @@ def evaluation(grid: Grid = GOALS, **changes: Any) -> Evaluation:
 
 def test_a_policy_that_stays_scores_its_distance_in_every_cell() -> None:
     """Nav-2D pays minus the squared distance to the goal, 100 times: the cells are in order."""
-    scores = run_cells(Trained(NoAdaptation()), evaluation(), 0, "run")
+    scores = run_cells(Still(NoAdaptation()), evaluation(), 0, "run")
     expected = -100 * (GOALS.cells() ** 2).sum(axis=1)
     assert scores.before.shape == (1, 6, 3)
     np.testing.assert_allclose(scores.before[0], expected[:, None] * np.ones(3))
@@ -76,7 +95,7 @@ def test_a_policy_that_stays_scores_its_distance_in_every_cell() -> None:
 
 def test_hill_climbing_never_loses_where_nothing_is_random() -> None:
     """It accepts only what is better, and its repeats differ by their perturbations."""
-    scores = run_cells(Trained(CLIMB), evaluation(), 0, "run")
+    scores = run_cells(Still(CLIMB), evaluation(), 0, "run")
     assert (scores.after >= scores.before).all()
     assert scores.after.mean() > scores.before.mean()
     assert len(np.unique(scores.after[0, 0])) > 1
@@ -87,7 +106,7 @@ def test_before_and_after_share_their_luck() -> None:
     """Where starts are random, an adaptation that changes nothing changes no episode's return."""
     grid = Grid([{"parameter": "encoder_offset.pole", "values": [0.0, 0.05]}])
     still = HillClimb(mode="sequential", queries=2, parallel=1, sigma=1e-12)
-    scores = run_cells(Trained(still, BiasedCartPole), evaluation(grid, episodes=5), 0, "run")
+    scores = run_cells(Still(still, BiasedCartPole), evaluation(grid, episodes=5), 0, "run")
     np.testing.assert_array_equal(scores.after, scores.before)
     assert (scores.before_sd > 0).any()
     assert len(np.unique(scores.before)) > 2
@@ -95,8 +114,8 @@ def test_before_and_after_share_their_luck() -> None:
 
 def test_rows_and_shards_change_no_bit() -> None:
     """Many chunks on few rows, in one thread or in two, give what one batch gives; seeds differ."""
-    few, many = Trained(CLIMB, rows=2), Trained(CLIMB, rows=64)
-    two = Trained(CLIMB, rows=8, shards=2)
+    few, many = Still(CLIMB, rows=2), Still(CLIMB, rows=64)
+    two = Still(CLIMB, rows=8, shards=2)
     first, *others = [run_cells(trained, evaluation(), 7, "r") for trained in (few, many, two)]
     for other in others:
         np.testing.assert_array_equal(first.after, other.after)
@@ -108,14 +127,14 @@ def test_steps_count_adaptation_and_both_scorings() -> None:
     """Where no episode ends early they are 100 steps for each: 5 to adapt, 2 before and 2 after."""
     tiny = HillClimb(mode="sequential", queries=4, parallel=1, sigma=1e-6)
     far = Grid([{"parameter": "goal.x", "values": [-1.0, 1.0]}], {"goal.y": 1.0})
-    scores = run_cells(Trained(tiny), evaluation(far), 0, "run")
+    scores = run_cells(Still(tiny), evaluation(far), 0, "run")
     assert scores.steps == (2 * 3 * (5 + 2 + 2) * 100,)
 
 
 def test_progress_ends_with_all_tasks_done() -> None:
     """The report grows and ends at cells times adaptations."""
     told: list[tuple[int, int]] = []
-    run_cells(Trained(CLIMB, rows=1), evaluation(), 0, "r", lambda *now: told.append(now))
+    run_cells(Still(CLIMB, rows=1), evaluation(), 0, "r", lambda *now: told.append(now))
     assert told[-1] == (18, 18)
     assert told == sorted(told)
     assert len(told) > 1
@@ -123,7 +142,7 @@ def test_progress_ends_with_all_tasks_done() -> None:
 
 def test_a_report_is_complete(tmp_path: Path) -> None:
     """Table, cells, picture and description are there and agree with each other."""
-    scores = evaluate_grid(Trained(CLIMB), evaluation(), 0, tmp_path, name="seed 0")
+    scores = evaluate_grid(Still(CLIMB), evaluation(), 0, tmp_path, name="seed 0")
     about = json.loads((tmp_path / "evaluation.json").read_text(encoding="utf-8"))
     assert about["seed"] == 0
     assert about["runs"] == [
@@ -144,7 +163,7 @@ def test_pictures_follow_the_number_of_axes(tmp_path: Path, axes: int, pictures:
     from envs.toys import NoisyNav2D
 
     make = partial(NoisyNav2D, noise="gaussian", scale=1.0)
-    evaluate_grid(Trained(CLIMB, make), evaluation(grid), 0, tmp_path)
+    evaluate_grid(Still(CLIMB, make), evaluation(grid), 0, tmp_path)
     assert [file.name for file in sorted(tmp_path.glob("plots/*"))] == pictures
     assert (tmp_path / "table.csv").exists()
 
@@ -153,7 +172,7 @@ def test_a_grid_outside_the_space_is_refused_before_any_episode(tmp_path: Path) 
     """The unknown name comes with the known ones, and nothing is written."""
     wrong = evaluation(Grid([{"parameter": "goal.z", "values": [0.0, 1.0]}]))
     with pytest.raises(ParameterError, match=r"no parameter 'goal\.z'.*goal\.x, goal\.y"):
-        evaluate_grid(Trained(CLIMB), wrong, 0, tmp_path)
+        evaluate_grid(Still(CLIMB), wrong, 0, tmp_path)
     assert not any(tmp_path.iterdir())
 
 
@@ -168,7 +187,7 @@ def test_impossible_numbers_are_refused() -> None:
 def test_a_box_that_is_given_replaces_the_training_range() -> None:
     """It decides what counts as inside; parameters without an axis drop out of it."""
     box = {"goal.x": (-0.1, 0.7), "elsewhere": (0.0, 1.0)}
-    scores = run_cells(Trained(NoAdaptation()), evaluation(box=box), 0, "run")
+    scores = run_cells(Still(NoAdaptation()), evaluation(box=box), 0, "run")
     assert scores.box == {"goal.x": (-0.1, 0.7)}
     assert scores.regions()["inside the training range"].sum() == 4
 
@@ -223,10 +242,9 @@ def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) ->
     """An untrained PPO policy, near 0 everywhere: each goal's score is that of standing still."""
     words = ["env=nav2d", "params=goals", "algorithm=ppo", "eval=grid_goals"]
     _, arguments = prepare(compose(words), tmp_path)
-    parts = {"env": arguments["env"], "tasks": arguments["params"], "policy": arguments["policy"]}
-    learner = build(arguments["algorithm"], **parts, seed=0, device="cpu")
-    scores = run_cells(learner, evaluation(episodes=3, adaptations=2), 0, "run")  # type: ignore[arg-type]
-    still = run_cells(Trained(NoAdaptation()), evaluation(episodes=3, adaptations=2), 0, "run")
+    learner = build(arguments["algorithm"], arguments["parts"])
+    scores = run_cells(learner, evaluation(episodes=3, adaptations=2), 0, "run")
+    still = run_cells(Still(NoAdaptation()), evaluation(episodes=3, adaptations=2), 0, "run")
     assert scores.adaptation_episodes == 0 and scores.after.shape == (1, 6, 2)
     np.testing.assert_array_equal(scores.before, scores.after)
     np.testing.assert_allclose(scores.after, still.after, rtol=0.2)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +15,13 @@ import pytest
 import torch
 from torch import nn
 
+from envs import MujocoEnv
 from envs.tasks import Bench1, Quad8
 from hardware.exported import ExportedPolicy, PolicyError
 from sim2real.config.compose import compose, prepare
 from sim2real.deployment.export import ExportError, compare, dense, export, names
-from sim2real.deployment.trained import Trained
+from sim2real.learning.environment import Environment
+from sim2real.learning.trained import Trained, of_module
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, SMALL_PPO, train
 
@@ -49,6 +53,12 @@ def edited(folder: Path, out: Path, **changes: Any) -> Path:
     (out / "policy.json").write_text(json.dumps(facts))
     (out / "policy.npz").write_bytes((folder / "policy.npz").read_bytes())
     return out
+
+
+def exportable(module: nn.Module) -> Trained:
+    """Return a torch module as a trained policy."""
+    made = of_module(module, Environment(partial(MujocoEnv, task=Bench1())), 0)
+    return replace(made, program=lambda theta: module)
 
 
 def test_all_three_compute_the_same(folder):
@@ -91,6 +101,7 @@ import sys
 for name in ("torch", "torchrl", "tensordict"):
     sys.modules[name] = None
 import numpy as np
+from envs import MujocoEnv
 from envs.tasks import Bench1
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
@@ -189,7 +200,7 @@ def test_what_does_not_agree_is_not_written(tmp_path):
     module = Sly(nn.Linear(6, 1))
     module.register_buffer("observation_mean", torch.zeros(6, dtype=torch.float64))
     module.register_buffer("observation_std", torch.ones(6, dtype=torch.float64))
-    trained = Trained(np.zeros(7, np.float32), lambda theta: module, Path("x"), 0)
+    trained = exportable(module)
     with pytest.raises(ExportError, match=r"policy.npz would differ .* by"):
         export(trained, Bench1(), tmp_path / "out", np.random.default_rng(0))
     assert not (tmp_path / "out").exists()
@@ -213,7 +224,7 @@ def test_steep_policies_are_exported_too(tmp_path):
     module = Steep(layer)
     module.register_buffer("observation_mean", torch.zeros(6, dtype=torch.float64))
     module.register_buffer("observation_std", torch.ones(6, dtype=torch.float64))
-    trained = Trained(np.zeros(7, np.float32), lambda theta: module, Path("x"), 0)
+    trained = exportable(module)
     export(trained, Bench1(), tmp_path / "out", rng)
     policy, seen = ExportedPolicy.load(tmp_path / "out"), rng.normal(0, 1, (50, 6))
     np.testing.assert_allclose(policy(seen), seen @ weights.T, atol=1e-4)

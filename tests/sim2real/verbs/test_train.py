@@ -7,15 +7,18 @@ import errno
 import logging
 import os
 import signal
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from torch import nn
 
 from envs.errors import RenderError
-from sim2real.learning.algorithms.base import Algorithm
+from envs.toys import Nav2D, NavGoals, ToyEnv
+from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.environment import Environment
+from sim2real.learning.trained import Trained
 from sim2real.runs.checkpoint import listing, read_metadata
 from sim2real.runs.errors import CheckpointError, DiskError, Sim2RealError, Stopped
 from sim2real.runs.loggers import Loggers
@@ -26,8 +29,8 @@ from sim2real.verbs import train as verb
 class Walk(Algorithm):
     """Adds noise to a number; `events` are called at the start of an iteration, by its number."""
 
-    def __init__(self, seed: int, events: dict[int, Any] | None = None) -> None:
-        self.rng = np.random.default_rng(seed)
+    def __init__(self, parts: Parts, events: dict[int, Any] | None = None) -> None:
+        self.parts, self.rng = parts, np.random.default_rng(parts.seed)
         self.value, self.frames, self.iteration = 0.0, 0, 0
         self.events = events or {}
 
@@ -40,9 +43,11 @@ class Walk(Algorithm):
         self.frames += 10
         return {"train/return": self.value, "train/frames": float(self.frames)}
 
-    def module(self) -> nn.Module:
-        """Return nothing of use."""
-        return nn.Identity()
+    shape: ClassVar[dict[str, Any]] = {}  # type: ignore[misc]
+
+    def trained(self) -> Trained:
+        """Walks have no policy."""
+        raise NotImplementedError
 
     def state_dict(self) -> dict[str, Any]:
         """Return all of it."""
@@ -56,23 +61,20 @@ class Walk(Algorithm):
         self.frames, self.iteration = state["counts"]
 
 
-class World:
-    """An environment by name only."""
+def world(toy: Any = Nav2D) -> Parts:
+    """Return parts whose environment counts by its name only."""
+    return Parts(Environment(partial(ToyEnv, partial(toy)), NavGoals()), policy=None)  # type: ignore[arg-type]
 
 
 def go(out: Path, events: dict[int, Any] | None = None, **changes: Any) -> Walk:
     """Train a walk for 10 iterations with a checkpoint every 4."""
     given: dict[str, Any] = {
-        "env": World,
+        "parts": world(),
         "effects": None,
-        "params": None,
-        "policy": None,
-        "adapt": None,
-        "algorithm": lambda seed: Walk(seed, events),
+        "algorithm": lambda parts: Walk(parts, events),
         "eval": None,
         "logger": Loggers([]),
         "seed": 0,
-        "device": "cpu",
         "iterations": 10,
         "frames": None,
         "checkpoint_every": 4,
@@ -211,12 +213,12 @@ def test_what_cannot_work_is_refused_before_anything_is_written(tmp_path: Path) 
 def test_a_checkpoint_of_another_task_is_refused(tmp_path: Path) -> None:
     """Both tasks are named, and no folder is made."""
 
-    class Elsewhere:
-        pass
+    class Elsewhere(Nav2D):
+        """Another place."""
 
     go(tmp_path / "run")
-    with pytest.raises(CheckpointError, match="task World, this run has task Elsewhere"):
-        go(tmp_path / "out", resume=tmp_path / "run", env=Elsewhere)
+    with pytest.raises(CheckpointError, match="task Nav2D, this run has task Elsewhere"):
+        go(tmp_path / "out", resume=tmp_path / "run", parts=world(Elsewhere))
     assert not (tmp_path / "out").exists()
 
 

@@ -12,17 +12,20 @@ import torch
 
 from envs.effects import make
 from envs.errors import ParameterError
+from envs.mujoco import MujocoEnv
 from envs.randomization import Draw, Randomization
-from envs.simulation import Simulation
+from envs.tasks.base import Task
 from envs.tasks.hopper import Hopper
-from envs.toys import AngleBias, BiasedCartPole, Nav2D, NavGoals, NoisyNav2D
+from envs.toys import AngleBias, BiasedCartPole, Nav2D, NavGoals, NoisyNav2D, ToyEnv
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
+from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.algorithms.esmaml import ESMAML, make_shards
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.environment import Environment
+from sim2real.learning.modules.policy import mlp_policy
 from sim2real.learning.population.population import evaluate_adaptation
 
-LINEAR = partial(MLPPolicy, hidden=(), activation="tanh", output="linear", initial="zero")
-HIDDEN = partial(MLPPolicy, hidden=(8,), activation="tanh", output="tanh", initial="normal")
+LINEAR = partial(mlp_policy, hidden=(), activation="tanh", output="linear", initial="zero")
+HIDDEN = partial(mlp_policy, hidden=(8,), activation="tanh", output="tanh", initial="normal")
 CLIMB = HillClimb(mode="sequential", queries=20, parallel=1, sigma=0.1)
 GRADIENT = GradientAdaptation(queries=20, sigma=0.1, rate=0.05, baseline="mean")
 OPTIONS: dict[str, Any] = {
@@ -57,14 +60,20 @@ SMALL = {
 }
 
 
+def made(env: Any, tasks: Any, policy: Any, adapt: Adaptation, seed: int, **options: Any) -> ESMAML:
+    """Return the algorithm in a world: a toy, or a task of the simulator."""
+    base = partial(MujocoEnv, task=env) if isinstance(env, Task) else partial(ToyEnv, env)
+    return ESMAML(Parts(Environment(base, tasks), policy, seed, adapt), **options)
+
+
 def make_nav(adapt: Adaptation, seed: int = 0, **changes: Any) -> ESMAML:
     """ES-MAML on Nav-2D."""
-    return ESMAML(Nav2D, NavGoals(), LINEAR, adapt, seed, **(OPTIONS | changes))
+    return made(Nav2D, NavGoals(), LINEAR, adapt, seed, **(OPTIONS | changes))
 
 
 def make_cartpole(adapt: Adaptation = QUICK, seed: int = 0, **changes: Any) -> ESMAML:
     """A small ES-MAML on CartPole."""
-    return ESMAML(BiasedCartPole, AngleBias(), HIDDEN, adapt, seed, **(OPTIONS | SMALL | changes))
+    return made(BiasedCartPole, AngleBias(), HIDDEN, adapt, seed, **(OPTIONS | SMALL | changes))
 
 
 def score(algorithm: ESMAML, tasks: int = 60) -> tuple[float, float]:
@@ -133,9 +142,8 @@ def make_hopper(**changes: Any) -> ESMAML:
         Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0),
         Draw(make("ground_friction"), low=1.5, high=2.5),
     ]
-    env = partial(Simulation, Hopper(max_steps=15))
     options = {**OPTIONS, **SMALL, "pairs": 3, **changes}
-    return ESMAML(env, Randomization(draws), HIDDEN, QUICK, 0, **options)
+    return made(Hopper(max_steps=15), Randomization(draws), HIDDEN, QUICK, 0, **options)
 
 
 def test_physics_runs_the_same_on_any_rows_and_shards() -> None:
@@ -163,7 +171,7 @@ def test_counts_every_environment_step() -> None:
             steps.append(len(action))
             return super().step(ids, action)
 
-    algorithm = ESMAML(Counting, AngleBias(), HIDDEN, QUICK, 0, **(OPTIONS | SMALL))
+    algorithm = made(Counting, AngleBias(), HIDDEN, QUICK, 0, **(OPTIONS | SMALL))
     algorithm.iterate()
     assert algorithm.frames == sum(steps)
 
@@ -189,7 +197,7 @@ def test_forward_differences_share_one_draw() -> None:
 def test_final_episodes_can_be_free_of_noise() -> None:
     """With `clean_final` the score is of exact returns while adaptation sees noisy ones."""
     env = partial(NoisyNav2D, noise="gaussian", scale=1e6)
-    algorithm = ESMAML(
+    algorithm = made(
         env, NavGoals(1.0), LINEAR, QUICK, 0, **{**OPTIONS, "clean_final": ["return_noise"]}
     )
     metrics = algorithm.iterate()
@@ -206,7 +214,7 @@ def test_torch_module_carries_the_normalizer() -> None:
     assert algorithm.normalizer is not None
     normalized = (observation - algorithm.normalizer.mean) / algorithm.normalizer.std
     with torch.no_grad():
-        action = algorithm.module()(torch.from_numpy(observation))
+        action = algorithm.trained().program(algorithm.theta)(torch.from_numpy(observation))
     np.testing.assert_allclose(action.numpy(), slots.act(None, normalized), atol=1e-4)
 
 
@@ -222,7 +230,7 @@ def test_checkpoints_of_other_policies_are_refused() -> None:
 def test_bad_input_is_refused() -> None:
     """Wrong tasks, names and numbers are refused before anything runs."""
     with pytest.raises(ParameterError, match="encoder_offset"):
-        ESMAML(Nav2D, AngleBias(), LINEAR, CLIMB, 0, **OPTIONS)
+        made(Nav2D, AngleBias(), LINEAR, CLIMB, 0, **OPTIONS)
     with pytest.raises(ParameterError, match="return_noise"):
         make_nav(CLIMB, clean_final=["return_noise"])
     with pytest.raises(ValueError, match="final_episodes=0"):
@@ -230,4 +238,4 @@ def test_bad_input_is_refused() -> None:
     with pytest.raises(ValueError, match="gradient adaptation"):
         make_nav(CLIMB, meta_estimator="first_order")
     with pytest.raises(ValueError, match="shards=3"):
-        make_shards(Nav2D, 2, 3)
+        make_shards(Environment(partial(ToyEnv, Nav2D), NavGoals()), 2, 3)

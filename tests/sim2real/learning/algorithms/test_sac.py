@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,21 +17,18 @@ from torch import nn
 from torchrl.data import Bounded
 from torchrl.objectives import SACLoss
 
-from envs import Simulation
-from envs.randomization import Randomization
-from envs.rows import Rows
+from envs import MujocoEnv
 from envs.tasks import InvertedPendulum
-from sim2real.config.compose import compose
-from sim2real.config.targets import build
+from sim2real.config.compose import compose, prepare
+from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.sac import SAC
 from sim2real.learning.losses.sac_loss import SACGradient, Transitions
 from sim2real.learning.modules.perceptrons import Perceptrons
 from sim2real.learning.modules.soft_actor_critic import SoftActorCritic, draw
-from sim2real.learning.population.rollout import play
 from sim2real.runs.checkpoint import CheckpointStore, restore
 from sim2real.runs.errors import CheckpointError, Sim2RealError
 
-PENDULUM = partial(Simulation, InvertedPendulum(max_steps=100))
+PENDULUM = partial(MujocoEnv, task=InvertedPendulum(max_steps=100))
 GAMMA, ALPHA, TARGET = 0.97, 0.3, -2.0
 
 
@@ -189,14 +186,15 @@ def test_probabilities_are_those_of_squashed_gaussians() -> None:
     assert float(far.log_prob) == pytest.approx(-0.5 * np.log(2 * np.pi) + 60 - 2 * np.log(2))
 
 
-def learner(
-    env: Callable[..., Rows] = PENDULUM, seed: int = 0, device: str = "cpu", **changes: Any
-) -> SAC:
+def learner(*words: str, seed: int = 0, device: str = "cpu", **changes: Any) -> SAC:
     """Return an untrained SAC of the preset, with small networks."""
-    tree = compose(["algorithm=sac", "policy.hidden=[32,32]"])
-    settings = tree["algorithm"] | {"batch_size": 64, "steps": 50} | changes
-    parts = {"env": env, "tasks": Randomization(), "policy": build(tree["policy"], "policy")}
-    made = build(settings, "algorithm")(**parts, seed=seed, device=device)
+    settings = {"batch_size": 64, "steps": 50} | changes
+    own = [f"algorithm.{name}={value}" for name, value in settings.items()]
+    words = words or ("policy.hidden=[32,32]",)
+    _, given = prepare(compose(["algorithm=sac", *words, *own]), Path())
+    environment = replace(given["parts"].environment, base=PENDULUM)
+    parts = replace(given["parts"], environment=environment, seed=seed, device=device)
+    made = build(given["algorithm"], parts)
     assert isinstance(made, SAC)
     return made
 
@@ -251,8 +249,7 @@ def test_it_learns_to_balance_a_pole() -> None:
     score, seeds = 0.0, np.arange(8, dtype=np.uint64)
     while score < 95 and algorithm.frames < 6000:
         algorithm.iterate()
-        played = play(PENDULUM(num_rows=8), algorithm.module(), np.zeros((8, 0)), seeds)
-        score = played.returns.mean()
+        score = algorithm.trained().play(seeds).returns.mean()
     assert score >= 95
 
 
@@ -275,10 +272,8 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         learner(update_ratio=0.0)
     with pytest.raises(Sim2RealError, match="buffer_size=4 must be at least 8"):
         learner(buffer_size=4)
-    tree = compose(["algorithm=sac", "policy=actor_critic"])
-    parts = {"env": PENDULUM, "tasks": Randomization(), "policy": build(tree["policy"], "policy")}
-    with pytest.raises(Sim2RealError, match="ActorCritic is none; use policy=soft_actor_critic"):
-        build(tree["algorithm"], "algorithm")(**parts, seed=0, device="cpu")
+    with pytest.raises(Sim2RealError, match="Policy is none; use policy=soft_actor_critic"):
+        learner("policy=actor_critic")
     state = learner().state_dict()
     state["policy"] = state["policy"] | {"hidden": [8]}
     with pytest.raises(CheckpointError, match="its policy is"):

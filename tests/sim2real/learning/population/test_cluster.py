@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from envs.toys import Nav2D, NavGoals
+from envs.toys import Nav2D, NavGoals, ToyEnv
 from sim2real.learning.adapt import HillClimb
-from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.algorithms.esmaml import ESMAML
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.environment import Environment
+from sim2real.learning.modules.policy import MLPPolicy, mlp_policy
 from sim2real.learning.population.cluster import Cluster
 from sim2real.learning.population.remote import (
     Batch,
@@ -46,9 +47,10 @@ SHORT = partial(Nav2D, max_steps=20)
 
 def learner() -> ESMAML:
     """Return an algorithm on Nav-2D whose members adapt in three stages."""
-    policy = partial(MLPPolicy, hidden=(4,), activation="tanh", output="tanh", initial="normal")
+    policy = partial(mlp_policy, hidden=(4,), activation="tanh", output="tanh", initial="normal")
     climb = HillClimb(mode="batch", queries=3, parallel=2, sigma=0.1)
-    return ESMAML(SHORT, NavGoals(), policy, climb, 0, **ES)  # type: ignore[arg-type]
+    world = Environment(partial(ToyEnv, SHORT), NavGoals())
+    return ESMAML(Parts(world, policy, 0, climb), **ES)  # type: ignore[arg-type]
 
 
 def iterated(algorithm: ESMAML, count: int = 4) -> tuple[list[dict[str, float]], np.ndarray]:
@@ -145,7 +147,7 @@ def test_what_cannot_work_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     Other.__abstractmethods__ = frozenset()
     with (
         pytest.raises(ClusterError, match="Other has none of"),
-        Cluster("auto", 1, 1, 1).attached(Other(), Nav2D),  # type: ignore[abstract]
+        Cluster("auto", 1, 1, 1).attached(Other()),  # type: ignore[abstract]
     ):
         pass
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
@@ -169,7 +171,7 @@ def test_a_ray_cluster_computes_the_local_numbers(two_nodes: Any) -> None:
     """Two workers, one killed in the middle: metrics and parameters to the last bit."""
     expected, theta = iterated(learner(), 6)
     algorithm = learner()
-    with Cluster(two_nodes.address, 2, 8, 1).attached(algorithm, SHORT):
+    with Cluster(two_nodes.address, 2, 8, 1).attached(algorithm):
         first, _ = iterated(algorithm, 2)
         shards: list[RemoteShard] = algorithm.population._shards  # type: ignore[assignment]
         victim = shards[0].link.pid  # type: ignore[union-attr]
@@ -186,6 +188,6 @@ def test_too_small_a_cluster_is_refused(two_nodes: Any) -> None:
     """The sentence has both numbers; without any cluster it says how to start one."""
     with (
         pytest.raises(ClusterError, match=r"workers=9 .* the cluster has 2"),
-        Cluster(two_nodes.address, 9, 8, 1).attached(learner(), SHORT),
+        Cluster(two_nodes.address, 9, 8, 1).attached(learner()),
     ):
         pass

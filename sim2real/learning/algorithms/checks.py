@@ -1,0 +1,45 @@
+"""What settings of algorithms must be, a sentence for each that is not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tensordict import TensorDictBase
+
+from sim2real.runs.errors import CheckpointError, Sim2RealError
+
+
+def refuse_other_policy(there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+    """Raise CheckpointError where a checkpoint's policy has another shape than this run's."""
+    if dict(there) != dict(here):
+        raise CheckpointError(
+            f"checkpoint: its policy is {dict(there)}, this run's is {dict(here)}; give the run "
+            "the checkpoint's env and policy"
+        )
+
+
+def check_loss(loss: Any, data: TensorDictBase) -> None:
+    """Raise Sim2RealError for an entry that a loss reads and experience does not hold."""
+    there = set(data.keys(True, True))
+    for key in loss.in_keys:
+        if key not in there and (isinstance(key, str) or key[0] != "next"):
+            names = sorted(k for k in there if isinstance(k, str))
+            raise Sim2RealError(
+                f"loss: {type(loss).__name__} reads {key!r}, which is not there; there are: "
+                f"{', '.join(names)}"
+            )
+
+
+def check_at_least(least: int, **counts: int) -> None:
+    """Raise Sim2RealError for options below what they must be."""
+    for name, value in counts.items():
+        if value < least:
+            raise Sim2RealError(f"algorithm.{name}={value} must be at least {least}")
+
+
+def check_share(**shares: float) -> None:
+    """Raise Sim2RealError for options that are not between 0 and 1."""
+    for name, value in shares.items():
+        if not 0 <= value <= 1:
+            raise Sim2RealError(f"algorithm.{name}={value} must be between 0 and 1")

@@ -1,0 +1,106 @@
+"""Experience of a collector; a resumed run goes on where it was, in the middle of episodes.
+
+collecting = Collecting(parts, env, actor, frames_per_batch=2048)
+data = collecting.next()                        # (N, T), as TorchRL's collectors deliver it
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import TransformedEnv
+
+from envs.torch_env import RowsEnv
+from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.algorithms.returns import Returns
+from sim2real.learning.trained import of_all_rows
+from sim2real.runs.errors import CheckpointError
+
+log = logging.getLogger(__name__)
+
+
+class Collecting:
+    """A collector over an environment, and the returns of its episodes.
+
+    Args:
+        parts: its collector.
+        env: where.
+        actor: who acts.
+        frames_per_batch: environment steps of a batch, in all rows.
+    """
+
+    def __init__(
+        self, parts: Parts, env: TransformedEnv, actor: TensorDictModuleBase, frames_per_batch: int
+    ) -> None:
+        self.env = env
+        self._rows = env.base_env if isinstance(env.base_env, RowsEnv) else None
+        make = parts.part("collector")
+        self._collector = make(env, actor, frames_per_batch=frames_per_batch, total_frames=-1)
+        self._batches = iter(self._collector)
+        self.returns = Returns(env.batch_size[0])
+
+    def next(self) -> TensorDictBase:
+        """Return the next batch of steps, (N, T)."""
+        data = next(self._batches)
+        self.returns.note(data)
+        return data
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return all that the next batches depend on besides the policy."""
+        return {
+            "rows": self.env.batch_size[0],
+            "transforms": _plain(self.env.transform.state_dict()),
+            "episodes": None if self._rows is None else self._rows.episodes(),
+            "carrier": _tree(self._collector._carrier),
+            "returns": self.returns.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over a state; episodes that cannot be played again start anew.
+
+        Raises:
+            CheckpointError: for a state of other transforms or another number of rows.
+        """
+        here = self.env.batch_size[0]
+        if state["rows"] != here:
+            raise CheckpointError(
+                f"checkpoint: it has {state['rows']} rows, this run {here}; set "
+                f"algorithm.num_rows={state['rows']}"
+            )
+        self._load(state["transforms"])
+        self.returns.load_state_dict(state["returns"])
+        if self._rows is None or state["episodes"] is None:
+            log.warning(
+                "%s cannot go back into its episodes; the resumed run starts new ones",
+                type(self.env.base_env).__name__,
+            )
+            return
+        self._rows.resume(state["episodes"])
+        carrier = TensorDict(state["carrier"], self.env.batch_size, device=self.env.device)
+        self._collector._carrier = carrier
+
+    def load_statistics(self, state: dict[str, Any]) -> None:
+        """Take over what the transforms know of all rows, to act."""
+        self._load(of_all_rows(state["transforms"]), strict=False)
+
+    def _load(self, transforms: dict[str, Any], strict: bool = True) -> None:
+        there, here = set(transforms), set(self.env.transform.state_dict())
+        if (there != here) if strict else not there <= here:
+            odd = ", ".join(sorted(there ^ here))
+            raise CheckpointError(
+                f"checkpoint: the transforms differ between the checkpoint and this run ({odd}); "
+                "give the run the checkpoint's transforms"
+            )
+        self.env.transform.load_state_dict(transforms, strict=strict)
+
+
+def _plain(state: dict[str, Any]) -> dict[str, Any]:
+    return {name: v.clone() if hasattr(v, "clone") else v for name, v in state.items()}
+
+
+def _tree(data: TensorDictBase) -> dict[str, Any]:
+    """Return a tensordict as nested dicts of tensors."""
+    return data.detach().clone().to_dict()

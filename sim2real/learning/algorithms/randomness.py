@@ -1,0 +1,48 @@
+"""torch's global generators at a place of their own: two algorithms do not disturb each other.
+
+randomness = Randomness(seed=0, device="cpu")
+with randomness:
+    action = torch.randn(3)             # follows from the seed and what was drawn inside before
+"""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+import torch
+
+Tensor = torch.Tensor
+
+
+class Randomness:
+    """A place in torch's streams of random numbers.
+
+    Args:
+        seed: where it starts.
+        device: whose generator is meant besides the CPU's.
+    """
+
+    def __init__(self, seed: int, device: str) -> None:
+        self._cuda = torch.device(device).type == "cuda"
+        self.state = [torch.Generator().manual_seed(seed).get_state()]
+        if self._cuda:
+            self.state.append(torch.Generator(device).manual_seed(seed).get_state())
+        self._outside: list[Tensor] = []
+
+    def _swap(self, state: list[Tensor]) -> list[Tensor]:
+        before = [torch.get_rng_state()] + ([torch.cuda.get_rng_state()] if self._cuda else [])
+        torch.set_rng_state(state[0])
+        if self._cuda:
+            torch.cuda.set_rng_state(state[1])
+        return before
+
+    def __enter__(self) -> None:
+        self._outside = self._swap(self.state)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.state = self._swap(self._outside)

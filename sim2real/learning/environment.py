@@ -1,0 +1,256 @@
+"""The environment of a run: a base, what is done to what it shows, and which robots there are.
+
+    env = make_env(compose(["env=hopper", "params=mass_friction"]), num_envs=256)
+    env.rollout(100)                                # a torchrl.envs.TransformedEnv
+
+Training, evaluation, export and deployment make theirs here, so that all of them see the same:
+
+    environment = Environment(partial(MujocoEnv, task=Hopper()), tasks, transforms)
+    env = environment.make(num_envs=32, seed=0)     # an EnvBase with all transforms
+    rows = environment.rows(64, threads=1)          # the same world as rows, for populations
+
+A base is any class or function that takes `num_envs` and `device` and returns an `EnvBase` of batch
+size (num_envs,). A `MujocoEnv` also takes what differs between its robots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
+
+from envs.effects.file import load_effects
+from envs.mujoco import MujocoEnv
+from envs.plant import Fixed
+from envs.randomization import Randomization, Tasks
+from envs.rows import Rows
+from envs.tasks.base import Task
+from envs.torch_env import RandomizeParams, RowsEnv
+from envs.toys.env import ToyEnv
+from sim2real.config.targets import build, build_named
+from sim2real.runs.errors import Sim2RealError
+
+
+@dataclass(frozen=True)
+class Environment:
+    """What makes the environments of a run.
+
+    Args:
+        base: makes the world.
+        tasks: which robots its episodes meet.
+        transforms: by name, in order, what makes the transforms of what it shows; `RandomizeParams`
+            is given the tasks.
+        fixed: effects that every robot has, with their values.
+
+    Raises:
+        Sim2RealError: tasks with effects, or fixed ones, for a world that simulates no robot.
+    """
+
+    base: partial[EnvBase]
+    tasks: Tasks = field(default_factory=Randomization)
+    transforms: Mapping[str, Callable[..., Transform]] = field(default_factory=dict)
+    fixed: Sequence[Fixed] = ()
+
+    def __post_init__(self) -> None:
+        if self.tasks.effects and not self.simulated:
+            raise Sim2RealError(
+                f"{self.base.func.__name__} takes no effects, the tasks need "
+                f"{len(self.tasks.effects)}; use the environment's own tasks"
+            )
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the base is one of the simulator, whose robots can differ."""
+        return isinstance(self.base.func, type) and issubclass(self.base.func, MujocoEnv)
+
+    @property
+    def task(self) -> Task | None:
+        """What is simulated; None for a world that is no task on a robot."""
+        return _argument(self.base, "task") if self.simulated else None
+
+    @property
+    def name(self) -> str:
+        """What is learned, for checkpoints: the task, or else what makes the world."""
+        if self.task is not None:
+            return type(self.task).__name__
+        made = _argument(self.base, "toy") if self.base.func is ToyEnv else self.base
+        return made.func.__name__ if isinstance(made, partial) else made.__name__
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing is done to what the base shows but drawing its robots."""
+        return all(_randomizes(one) for one in self.transforms.values())
+
+    def with_effects(self, effects: str | Path | None) -> Environment:
+        """Return this with the effects of a file in every robot; None changes nothing.
+
+        Raises:
+            EffectError: a file that is missing or wrong.
+            Sim2RealError: a world that has no robot to put effects into.
+        """
+        if effects is None:
+            return self
+        if not self.simulated:
+            raise Sim2RealError(
+                f"effects={effects}: {self.name} simulates no robot that could have them; "
+                "leave effects out, or choose an env of the simulator, such as env=hopper"
+            )
+        return replace(self, fixed=load_effects(effects))
+
+    def over(self, base: partial[EnvBase]) -> Environment:
+        """Return the same transforms over another base, whose robots are what they are."""
+        return replace(self, base=base, tasks=Randomization(), fixed=())
+
+    def make(
+        self,
+        num_envs: int,
+        threads: int = 0,
+        device: torch.device | str = "cpu",
+        seed: int = 0,
+        extra: Sequence[Transform] = (),
+    ) -> TransformedEnv:
+        """Make an environment with all transforms.
+
+        Args:
+            num_envs: N, its batch size.
+            threads: of the physics; 0 for all cores.
+            device: where tensors go.
+            seed: of its episodes.
+            extra: further transforms behind the others, such as a policy's primers.
+
+        Raises:
+            Sim2RealError: a base that is no environment of that batch size, a transform whose keys
+                are not there.
+        """
+        base = self._base(num_envs, threads, device)
+        env = TransformedEnv(base, Compose())
+        for name, one in self.transforms.items():
+            made = one(tasks=self.tasks) if _randomizes(one) else one()
+            if not isinstance(made, Transform):
+                raise Sim2RealError(
+                    f"transforms.{name} is a {type(made).__name__}, no transform; give a class "
+                    "that inherits from torchrl.envs.Transform"
+                )
+            self._append(env, name, made, seed)
+        for one in extra:
+            env.append_transform(one)
+        env.transform.train()  # statistics follow what is shown; TorchRL makes environments frozen
+        env.set_seed(seed)
+        return env
+
+    def _append(self, env: TransformedEnv, name: str, transform: Transform, seed: int) -> None:
+        """Put a transform behind the others, and see that what it reads is there."""
+        there = {_word(key) for key in env.full_observation_spec.keys(True, True)}
+        there |= {_word(key) for key in (*env.reward_keys, *env.done_keys, *env.action_keys)}
+        there |= {"terminated", "truncated", "_reset", "reward"}
+        lacking = [key for key in transform.in_keys or () if _word(key) not in there]
+        if lacking:
+            raise Sim2RealError(
+                f"transforms.{name}: {type(transform).__name__} reads {_word(lacking[0])!r}, which "
+                f"is not there; before it there are: {', '.join(sorted(there - {'_reset'}))}"
+            )
+        if isinstance(transform, RandomizeParams):
+            transform.set_seed(seed)
+        env.append_transform(transform)
+
+    def _base(self, num_envs: int, threads: int, device: torch.device | str) -> EnvBase:
+        given: dict[str, Any] = {"num_envs": num_envs, "device": device}
+        if self.simulated:
+            given |= {"threads": threads, "effects": self.tasks.effects, "fixed": self.fixed}
+        base = self.base(**given)
+        if not isinstance(base, EnvBase):
+            raise Sim2RealError(
+                f"env: {self.base.func.__name__} makes a {type(base).__name__}, no torchrl EnvBase"
+            )
+        if tuple(base.batch_size) != (num_envs,):
+            raise Sim2RealError(
+                f"env: {self.base.func.__name__} has batch size {tuple(base.batch_size)}, asked "
+                f"for ({num_envs},); an environment takes num_envs and holds as many"
+            )
+        return base
+
+    def rows(self, num_rows: int, threads: int = 1) -> Rows:
+        """Make the world as rows, which restart one by one and where each may have its own policy.
+
+        Raises:
+            Sim2RealError: a world, or transforms, that rows cannot have.
+        """
+        if not self.plain:
+            raise Sim2RealError(
+                f"a population sees rows as they are, not through the transforms "
+                f"{', '.join(self.transforms)}; use transforms=none, or algorithm=ppo"
+            )
+        return self.base_rows(num_rows, threads)
+
+    def base_rows(self, num_rows: int, threads: int = 0) -> Any:
+        """Make the rows under the environment, without what transforms do to what they show.
+
+        Raises:
+            Sim2RealError: a world that is not one over rows.
+        """
+        base = self._base(num_rows, threads, "cpu")
+        if not isinstance(base, RowsEnv):
+            raise Sim2RealError(f"{self.name} is no world of rows; choose one such as env=hopper")
+        return base.rows
+
+    def shown(self) -> tuple[int, np.ndarray, np.ndarray]:
+        """Return observation size and the actions' limits, (A,) each, of the base's rows.
+
+        Raises:
+            Sim2RealError: a world that is not one over rows.
+        """
+        rows = self.base_rows(1, threads=1)
+        return rows.observation_size, rows.action_low, rows.action_high
+
+
+def make_env(
+    config: Mapping[str, Any] | Environment,
+    num_envs: int = 1,
+    device: torch.device | str = "cpu",
+    seed: int = 0,
+) -> TransformedEnv:
+    """Make the environment that a configuration describes, transforms included.
+
+    Args:
+        config: a composed tree (`sim2real.config.compose.compose`) whose env, transforms, params
+            and effects count, built or not; or an `Environment`.
+        num_envs: N, its batch size.
+        device: where tensors go.
+        seed: of its episodes.
+
+    Raises:
+        Sim2RealError: parts that do not fit together.
+    """
+    made = config if isinstance(config, Environment) else environment_of(config)
+    return made.make(num_envs, device=device, seed=seed)
+
+
+def environment_of(config: Mapping[str, Any]) -> Environment:
+    """Return the environment of a composed tree; see `make_env`.
+
+    Raises:
+        ConfigError: a tree that describes none.
+    """
+    transforms = build_named(config.get("transforms"), "transforms")
+    made = {key: build(config[key], key) for key in ("env", "params")}
+    environment = Environment(made["env"], made["params"], transforms)
+    return environment.with_effects(config.get("effects"))
+
+
+def _argument(base: partial[EnvBase], name: str) -> Any:
+    """Return what a world is made of: its first argument, given by name or by place."""
+    return base.keywords[name] if name in base.keywords else base.args[0]
+
+
+def _randomizes(one: Callable[..., Transform]) -> bool:
+    return (one.func if isinstance(one, partial) else one) is RandomizeParams
+
+
+def _word(key: Any) -> str:
+    return key if isinstance(key, str) else ".".join(key)

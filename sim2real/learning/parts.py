@@ -1,0 +1,36 @@
+"""An algorithm's parts, put together of the objects that a configuration names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from torchrl.envs import EnvBase, Transform
+
+from envs.randomization import Tasks
+from sim2real.learning.adapt import Adaptation
+from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.environment import Environment
+
+
+def assemble(
+    *,
+    env: partial[EnvBase],
+    params: Tasks,
+    transforms: Mapping[str, Callable[..., Transform]],
+    policy: Callable[..., Any],
+    adapt: Adaptation,
+    collector: Callable[..., Any] | None,
+    advantage: Callable[..., Any] | None,
+    loss: Callable[..., Any] | None,
+    buffer: Callable[..., Any] | None,
+    optimizer: Callable[..., Any] | None,
+    seed: int,
+    device: str,
+) -> Parts:
+    """Return the parts of a run; see `Parts` and `Environment`, whose attributes these are."""
+    environment = Environment(env, params, transforms)
+    made = {"collector": collector, "advantage": advantage, "loss": loss}
+    made |= {"buffer": buffer, "optimizer": optimizer}
+    return Parts(environment, policy, seed, adapt, device=device, **made)

@@ -1,0 +1,269 @@
+"""A trained policy: what acts, in which world, and its parameters as one vector.
+
+    trained = algorithm.trained()
+    env = trained.world(50)                             # its environment, statistics frozen
+    played = trained.play(seeds)                        # an episode for each seed
+    pilot = trained.pilot(trained.theta)                # a function of what a robot shows
+    action = pilot(observation)                         # (n, O) to (n, A), step after step
+
+It hides which algorithm trained the policy. Evolution strategies keep their parameters in one
+vector already; of any other policy the vector is that of its actor's parameters, in their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import nn
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+from torchrl.envs import EnvBase, Transform
+from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
+
+from envs.params import ParamSpace
+from envs.rows import Step
+from envs.torch_env import RowsEnv
+from sim2real.learning.environment import Environment
+from sim2real.learning.modules.acting import Acting, Actor
+from sim2real.learning.population.rollout import Played, play
+
+Tensor = torch.Tensor
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained policy.
+
+    Attributes:
+        theta: its parameters, (P,) float32.
+        actor: makes the policy with given parameters, (P,): a tensordict module on the CPU from
+            what `world` shows to "action".
+        environment: what it was trained in.
+        statistics: state of the environment's transforms.
+        primers: makes the transforms that the policy itself needs, such as those of a memory.
+        program: makes the policy with given parameters as one torch module, from raw observations
+            (..., O) to actions (..., A); None where it is no such function.
+        frames: environment steps of its training.
+        dtype: of the observations that it is shown by a robot.
+        source: the checkpoint that it is from, if any.
+        cut: whether it was trained on actions that are cut at their limits, as `RowsEnv` cuts them;
+            the rows of a population take them as they are.
+    """
+
+    theta: np.ndarray
+    actor: Callable[[np.ndarray], TensorDictModuleBase]
+    environment: Environment
+    statistics: Mapping[str, Any]
+    frames: int
+    primers: Callable[[], Sequence[Transform]] = tuple
+    program: Callable[[np.ndarray], nn.Module] | None = None
+    dtype: torch.dtype = torch.float32
+    source: Path | None = None
+    cut: bool = True
+
+    def play(
+        self,
+        seeds: np.ndarray,
+        environment: Environment | None = None,
+        values: np.ndarray | None = None,
+        theta: np.ndarray | None = None,
+    ) -> Played:
+        """Run an episode for each seed; see `population.rollout.play`, and `world`."""
+        env = self.world(len(seeds), environment)
+        try:
+            return play(env, self.actor(self.theta if theta is None else theta), values, seeds)
+        finally:
+            env.close()
+
+    def world(
+        self, num_envs: int, environment: Environment | None = None, threads: int = 0, seed: int = 0
+    ) -> EnvBase:
+        """Make the environment with the statistics of training, frozen.
+
+        Args:
+            num_envs: N.
+            environment: another one, such as with another robot; None for that of training.
+            threads: of the physics; 0 for all cores.
+            seed: of its episodes.
+        """
+        made = self.environment if environment is None else environment
+        env = made.make(num_envs, threads, seed=seed, extra=self.primers())
+        env.transform.load_state_dict(of_all_rows(self.statistics), strict=False)
+        env.transform.eval()
+        return env
+
+    def pilot(self, theta: np.ndarray | None = None, num_rows: int = 1) -> Pilot:
+        """Return the policy as a function of what robots show.
+
+        Args:
+            theta: parameters, (P,); None for the trained ones.
+            num_rows: robots at a time.
+        """
+        shown = self.environment.shown()
+        base = partial(FedEnv, *shown, dtype=self.dtype)
+        env = self.world(num_rows, self.environment.over(base))
+        return Pilot(env, self.actor(self.theta if theta is None else theta), self.cut)
+
+
+def of_module(module: nn.Module, environment: Environment, frames: int) -> Trained:
+    """Return a deterministic torch module of raw observations, on the CPU, as a trained policy."""
+    module = module.cpu().eval()
+
+    def program(theta: np.ndarray) -> nn.Module:
+        return with_parameters(module, theta)
+
+    return Trained(
+        flat(module),
+        lambda theta: Acting(program(theta)),
+        environment,
+        {},
+        frames,
+        program=program,
+        dtype=torch.float64,
+    )
+
+
+def of_actor(
+    policy: Any,
+    environment: Environment,
+    statistics: Mapping[str, Any],
+    frames: int,
+    affine: tuple[np.ndarray, np.ndarray] | None,
+) -> Trained:
+    """Return the actor of a policy of tensordict modules as a trained policy.
+
+    Args:
+        policy: has `actor` and `primers()`, as `modules.policies.Policy`.
+        environment: what it was trained in.
+        statistics: state of the environment's transforms.
+        frames: environment steps of its training.
+        affine: what the transforms subtract from an observation and divide it by, (O,) each; None
+            if they do something else to it.
+    """
+    kept = deepcopy(policy).cpu().eval()
+    state = {name: deepcopy(value) for name, value in of_all_rows(statistics).items()}
+    return Trained(
+        flat(kept.actor),
+        lambda theta: with_parameters(kept.actor, theta),
+        environment,
+        state,
+        frames,
+        primers=kept.primers,
+        program=None if affine is None else _program(kept, environment, affine),
+    )
+
+
+def _program(
+    policy: Any, environment: Environment, affine: tuple[np.ndarray, np.ndarray]
+) -> Callable[[np.ndarray], nn.Module] | None:
+    """Return what makes the actor's means a function of raw observations; None if it is none."""
+    if policy.network(policy.actor) is None:
+        return None
+    _, low, high = environment.shown()
+
+    def program(theta: np.ndarray) -> nn.Module:
+        network = policy.network(with_parameters(policy.actor, theta))
+        return Actor(network, *affine, low, high)
+
+    return program
+
+
+def flat(module: nn.Module) -> np.ndarray:
+    """Return the parameters of a module as one vector, (P,) float32."""
+    return parameters_to_vector(module.parameters()).detach().cpu().numpy().astype(np.float32)
+
+
+def with_parameters(module: nn.Module, theta: np.ndarray) -> nn.Module:
+    """Return a copy of a module with other parameters, (P,)."""
+    copy = deepcopy(module)
+    vector_to_parameters(torch.from_numpy(np.asarray(theta, np.float32)), copy.parameters())
+    return copy
+
+
+class Fed:
+    """Rows whose observations are put in from outside: what a robot measures.
+
+    Args:
+        num_rows: N.
+        observation_size: O.
+        action_low: lower limits of the actions, (A,).
+        action_high: upper limits, (A,).
+    """
+
+    max_steps = 0
+    space = ParamSpace(())
+
+    def __init__(
+        self, num_rows: int, observation_size: int, action_low: np.ndarray, action_high: np.ndarray
+    ) -> None:
+        self.num_rows, self.observation_size = num_rows, observation_size
+        self.action_low, self.action_high = action_low, action_high
+        self.action_size = len(action_low)
+        self.observation = np.zeros((num_rows, observation_size))
+
+    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        """Return what was put in."""
+        return self.observation[ids]
+
+    def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
+        """Return what was put in; nothing moves, nothing is paid, nothing ends."""
+        no = np.zeros(self.num_rows, bool)
+        return Step(self.observation, np.zeros(self.num_rows), no, no, no)
+
+
+def of_all_rows(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a state of transforms without what `CatFrames` remembers of each row."""
+    return {name: value for name, value in state.items() if "_cat_buffers_" not in name}
+
+
+class FedEnv(RowsEnv):
+    """`Fed` rows as a TorchRL environment; see there."""
+
+    def __init__(
+        self,
+        observation_size: int,
+        action_low: np.ndarray,
+        action_high: np.ndarray,
+        num_envs: int = 1,
+        device: torch.device | str = "cpu",
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        super().__init__(Fed(num_envs, observation_size, action_low, action_high), device, dtype)
+
+
+class Pilot:
+    """A policy as a function: the next observations of the same robots to their actions.
+
+    Args:
+        env: over `Fed` rows.
+        actor: the policy.
+        cut: whether actions are cut at their limits.
+    """
+
+    def __init__(self, env: EnvBase, actor: TensorDictModuleBase, cut: bool) -> None:
+        self._env, self._actor, self._cut = env, actor, cut
+        self._fed: Fed = env.base_env.rows
+        self._now: TensorDictBase | None = None
+
+    def forget(self) -> None:
+        """Start an episode: the next observation is its first."""
+        self._now = None
+
+    @torch.no_grad()
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """Map raw observations (N, O) to actions (N, A) float64."""
+        self._fed.observation = np.asarray(observation, np.float64)
+        with set_exploration_type(ExplorationType.DETERMINISTIC):
+            before = self._now
+            now = self._env.reset() if before is None else step_mdp(self._env.step(before))
+            self._now = self._actor(now)
+        action = self._now["action"].numpy().astype(np.float64)
+        return np.clip(action, self._fed.action_low, self._fed.action_high) if self._cut else action
