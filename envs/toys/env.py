@@ -1,12 +1,13 @@
 """The small tasks as TorchRL environments.
 
-env = ToyEnv(partial(Nav2D, max_steps=100), num_envs=64)
+env = ToyEnv(Nav2D, num_envs=64, max_steps=100)
 env = TransformedEnv(env, RandomizeParams(NavGoals()))
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 
@@ -18,11 +19,12 @@ class ToyEnv(RowsEnv):
     """num_envs episodes of a small task, batch size (num_envs,).
 
     Args:
-        toy: makes the task from num_rows.
+        toy: makes the task from num_rows and `settings`.
         num_envs: N.
         device: where tensors go.
         dtype: of observations, actions and rewards.
         seed: of the episodes.
+        settings: of the task, such as max_steps.
     """
 
     def __init__(
@@ -32,5 +34,6 @@ class ToyEnv(RowsEnv):
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float32,
         seed: int = 0,
+        **settings: Any,
     ) -> None:
-        super().__init__(toy(num_rows=num_envs), device, dtype, seed)
+        super().__init__(toy(num_rows=num_envs, **settings), device, dtype, seed)
