@@ -23,7 +23,7 @@ import csv
 import io
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -32,7 +32,7 @@ import gymnasium
 import numpy as np
 
 from benchmarks.load import ForeignLoad
-from envs.randomization import Randomization
+from envs.mujoco import MujocoEnv
 from envs.rows import Rows
 from envs.simulation import Simulation
 from envs.tasks import Hopper, HopperPolito
@@ -134,13 +134,13 @@ class Curve:
 
 def train_ours(kind: Kind, seed: int, done: Done) -> Curve:
     """Train a preset of this project."""
-    from sim2real.config.compose import compose
-    from sim2real.config.targets import build
+    from sim2real.config.compose import compose, prepare
+    from sim2real.learning.algorithms.base import build
 
-    tree = compose([f"algorithm={kind.who}"])
-    parts = {"env": partial(Simulation, kind.task()), "tasks": Randomization()}
-    parts["policy"] = build(tree["policy"], "policy")
-    learner = build(tree["algorithm"], "algorithm")(**parts, seed=seed, device="cpu")
+    _, given = prepare(compose([f"algorithm={kind.who}", f"seed={seed}"]), Path())
+    base = partial(MujocoEnv, task=kind.task())
+    environment = replace(given["parts"].environment, base=base)
+    learner = build(given["algorithm"], replace(given["parts"], environment=environment))
     curve, score = Curve(), float("nan")
     while not done(learner.frames, score):
         score = learner.iterate()["train/return"]

@@ -28,16 +28,18 @@ from typing import Any
 import numpy as np
 
 from envs.rows import Rows
-from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D
+from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D, ToyEnv
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
+from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.algorithms.esmaml import ESMAML
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.environment import Environment
+from sim2real.learning.modules.policy import mlp_policy
 from sim2real.learning.population.population import evaluate_adaptation
 from sim2real.runs.statistics import Interval, bootstrap, mean
 
 RESULTS = Path(__file__).parent / "results" / "toys.csv"
 TEST_TASKS = 500
-POLICY = partial(MLPPolicy, hidden=(), activation="tanh", output="linear", initial="zero")
+POLICY = partial(mlp_policy, hidden=(), activation="tanh", output="linear", initial="zero")
 TRAINING: dict[str, Any] = {
     "shards": 1,
     "sigma": 0.1,
@@ -111,12 +113,9 @@ EXPERIMENTS = {
 def run(name: str, operator: str, seed: int) -> dict[str, Any]:
     """Train one operator once and score it; return a row of the results."""
     experiment = EXPERIMENTS[name]
+    world = Environment(partial(ToyEnv, experiment.env), experiment.tasks())
     algorithm = ESMAML(
-        experiment.env,
-        experiment.tasks(),
-        POLICY,
-        experiment.operators[operator],
-        seed,
+        Parts(world, POLICY, seed, experiment.operators[operator]),
         pairs=experiment.pairs,
         num_rows=2 * experiment.pairs,
         refill=2 * experiment.pairs // 3,

@@ -34,6 +34,7 @@ from envs.rows import Step
 from envs.tasks.servo import ServoTask
 from envs.torch_env import RowsEnv
 from hardware.backends import Backend
+from hardware.errors import RobotError
 from hardware.rows import Note, RobotRows
 
 
@@ -57,9 +58,10 @@ class HardwareEnv(RowsEnv):
         device: where tensors go.
         dtype: of observations, actions and rewards.
         seed: of the episodes' starting poses.
+        num_envs: 1: there is one robot.
 
     Raises:
-        RobotError: the task is another robot's, or needs a sensor that there is not.
+        RobotError: several robots, the task of another one, or a sensor that there is not.
     """
 
     def __init__(
@@ -70,7 +72,10 @@ class HardwareEnv(RowsEnv):
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float32,
         seed: int = 0,
+        num_envs: int = 1,
     ) -> None:
+        if num_envs != 1:
+            raise RobotError(f"num_envs={num_envs}: {backend.robot.name} is one robot; give 1")
         super().__init__(_Rows(task, backend, folder), device, dtype, seed)
 
     @property

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from sim2real.diagnosis.diagnose import diagnose
     from sim2real.diagnosis.schema import Report
     from sim2real.learning.adapt import GradientAdaptation, HillClimb, NoAdaptation, Session
+    from sim2real.learning.environment import make_env
     from sim2real.runs.errors import Sim2RealError
 
 __all__ = [
@@ -27,12 +28,14 @@ __all__ = [
     "Session",
     "Sim2RealError",
     "diagnose",
+    "make_env",
 ]
 
 _MODULES = {
     "diagnosis.diagnose": ("diagnose",),
     "diagnosis.schema": ("Report",),
     "learning.adapt": ("GradientAdaptation", "HillClimb", "NoAdaptation", "Session"),
+    "learning.environment": ("make_env",),
     "runs.errors": ("Sim2RealError",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from functools import partial
 from itertools import chain
+from pathlib import Path
 from typing import Any, Literal
 
 import torch
@@ -17,11 +17,8 @@ from torch import nn
 
 from benchmarks.rows.base import Row, Timing
 from benchmarks.rows.others import TASK
-from envs.randomization import Randomization
-from envs.simulation import Simulation
-from envs.tasks import Hopper
-from sim2real.config.compose import compose
-from sim2real.config.targets import build
+from sim2real.config.compose import compose, prepare
+from sim2real.learning.algorithms.base import build
 
 BATCH = 2048  # environment steps of an iteration, in all rows of PPO but the tuned one
 
@@ -36,6 +33,7 @@ class Ours(Row):
         amount: units of a run, at least.
         unit: what is counted: "env steps" or "updates".
         setup: sizes, in words.
+        words: further overrides, such as loss=fast_clip_ppo.
     """
 
     def __init__(
@@ -46,18 +44,18 @@ class Ours(Row):
         amount: int,
         unit: Literal["env steps", "updates"],
         setup: str,
+        words: tuple[str, ...] = (),
     ) -> None:
         self.name, self.of, self.unit, self.setup = name, of, unit, setup
+        self._words = words
         self._preset, self._amount = preset, amount
 
     def build(self) -> None:
         """Make the learner and warm it up."""
-        tree = compose([f"algorithm={self._preset}"])
-        parts = {"env": partial(Simulation, Hopper()), "tasks": Randomization()}
-        parts["policy"] = build(tree["policy"], "policy")
-        few = {"steps": 10} if self.unit == "updates" else {}  # or a run would be too long
-        settings = tree["algorithm"] | few
-        self._learner = build(settings, "algorithm")(**parts, seed=0, device="cpu")
+        few = ["algorithm.steps=10"] if self.unit == "updates" else []  # or a run would be too long
+        tree = compose([f"algorithm={self._preset}", *self._words, *few])
+        _, given = prepare(tree, Path())
+        self._learner = build(given["algorithm"], given["parts"])
         while not self._count():
             self._learner.iterate()
         self._learner.iterate()

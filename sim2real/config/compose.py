@@ -28,6 +28,7 @@ from envs.errors import did_you_mean
 from sim2real.config import extensions, signatures
 from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import CONF, EXPERIMENT, options
+from sim2real.config.renamed import renamed
 from sim2real.config.targets import ConfigError, build, build_named, check, locate
 from sim2real.runs.files import write_text
 
@@ -331,7 +332,8 @@ def _unknown(key: str, overrides: list[str]) -> str:
         _siblings(parent, [o for o in overrides if not o.lstrip("+~").startswith(key.lstrip("+~"))])
     )
     beside = f"; {parent or 'the configuration'} has: {', '.join(known)}" if known else ""
-    return f"{key}: there is no such key{did_you_mean(name, known)}{beside}"
+    hint = renamed(key.lstrip("+~")) or did_you_mean(name, known)
+    return f"{key}: there is no such key{hint}{beside}"
 
 
 def _siblings(parent: str, overrides: list[str]) -> Iterable[str]:
