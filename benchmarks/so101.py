@@ -26,7 +26,8 @@ from benchmarks import real_logs
 from envs.effects import load_effects
 from hardware.log import Log, read_log
 from sim2real.diagnosis.data.noise_floor import noise_floor
-from sim2real.diagnosis.diagnose import run_diagnosis, write
+from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.outcome import write
 from sim2real.exam.inject import ARM, told
 from sim2real.exam.measure import apart
 from sim2real.runs.figures import COLOURS, figure

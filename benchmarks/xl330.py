@@ -28,7 +28,8 @@ from envs.effects import load_effects
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure
-from sim2real.diagnosis.diagnose import run_diagnosis, write
+from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.outcome import write
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap
 from sim2real.runs.tables import Table

@@ -41,6 +41,7 @@ FLOORS = (
     "preflight",
     "attribution",
     "report",
+    "outcome",
     "diagnose",
 )  # of diagnosis/
 

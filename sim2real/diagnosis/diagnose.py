@@ -17,12 +17,11 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from envs.effects import Effect, combined, load_effects, write_effects
+from envs.effects import Effect, combined, load_effects
 from envs.plant import Fixed
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.attribution.attribute import Search
@@ -37,16 +36,16 @@ from sim2real.diagnosis.attribution.conclude import (
 from sim2real.diagnosis.attribution.fit import Fit, Problem, columns
 from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
 from sim2real.diagnosis.attribution.next_experiment import Member, next_experiment
-from sim2real.diagnosis.attribution.numerics import is_numerics, null_test
+from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics, null_test
 from sim2real.diagnosis.attribution.torque_on import refit_torque_on
 from sim2real.diagnosis.data.dataset import Data, whole_episodes
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
+from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all, summary
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.checks import preflight
 from sim2real.diagnosis.preflight.obstruction import mark_blocked
-from sim2real.diagnosis.report.html import write_html
-from sim2real.diagnosis.report.model_file import write as write_model
 from sim2real.diagnosis.schema import Evidence, Report, Trace, WholeReplay
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.runs.errors import Sim2RealError
@@ -57,14 +56,7 @@ EVERY = 5.0  # s between lines of progress
 WEIGHING, TELLING = 0.9, 0.95  # shares of the work that are done then
 
 
-class Diagnosis(NamedTuple):
-    """A report, and what its files are made of."""
-
-    report: Report
-    found: tuple[Fixed, ...]  # the causes with their values
-    spec: mujoco.MjSpec  # of the first log's model
-    intervals: tuple[tuple[float, float], ...]  # of each cause's first value
-    known: tuple[Fixed, ...]  # what was in the model before
+Step = Callable[[Diagnosis], Diagnosis]
 
 
 def diagnose(
@@ -108,14 +100,20 @@ def run_diagnosis(
     seed: int,
     progress: Progress | None,
     settings: Settings = DEFAULT,
+    on_verdict: Callable[[Diagnosis], None] | None = None,
 ) -> Diagnosis:
-    """Diagnose; the arguments are those of `diagnose`, logs in memory."""
+    """Diagnose; the other arguments are those of `diagnose`, logs in memory.
+
+    `on_verdict` is called as soon as there is a verdict, with all but what takes long to add
+    (pictures of recordings, the next experiment). A step after that which fails is a line in the
+    report, under `failed`.
+    """
     start, on_progress = time.monotonic(), _forward(progress or (lambda text, share: None))
     check_names(exclude)
     fixed = [] if effects is None else load_effects(effects)
     rng = np.random.default_rng(seed)
     on_progress("looking at the logs", 0.0)
-    logs, held = mark_blocked(logs, settings.obstruction)
+    logs, held = mark_blocked(logs, _driven(logs, model), settings.obstruction)
     data = Data.of(logs, model, settings)
     specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
     findings = [*held, *preflight(logs, specs, settings)]
@@ -127,37 +125,76 @@ def run_diagnosis(
     null = null_test(logs, specs, fixed, settings.numerics)
     made = _search(search, data, floors, rng)
     on_progress("telling what was found", TELLING)
-    causes = _causes(made.fit)
-    words = dict(null.words) or {"timestep": "ok"}
-    for cause, told in zip(causes, made.report.causes, strict=True):
-        artefact = is_numerics(logs, specs, [cause], null, fixed, settings.numerics)
-        if artefact is not None:
-            words[f"{told.effect} at {told.where or 'the robot'}"] = artefact
-    evidence = Evidence(
-        _traces(data, made.fit, fixed, floors), made.ladder, made.singles, made.bands
-    )
-    inputs = _inputs(data, model, seed, exclude)
-    evidence = replace(evidence, inputs=inputs, settings=tuple(rows(settings)))
+    evidence = Evidence((), made.ladder, made.singles, made.bands, settings=tuple(rows(settings)))
     report = replace(
         made.report,
         preflight=(*findings, *made.report.preflight),
-        numerics=words,
-        next_experiment=_plan(made, data, fixed, floors, seed),
-        replay=_whole_replay(logs, specs, fixed, causes),
+        numerics=dict(null.words) or {"timestep": "ok"},
         seconds=time.monotonic() - start,
-        evidence=evidence,
+        evidence=replace(evidence, inputs=_inputs(data, model, seed, exclude)),
     )
+    found = Diagnosis(report, _causes(made.fit), data.specs[0], _intervals(made), tuple(fixed))
+    if on_verdict is not None:
+        on_verdict(found)
+    steps: dict[str, Step] = {
+        "the causes' test for numerics": lambda d: _tested(d, logs, specs, null, settings),
+        "the pictures of recordings": lambda d: _pictured(d, data, made.fit, floors),
+        "the replay of whole recordings": lambda d: _replayed(d, logs, specs),
+        "the next experiment": lambda d: _planned(d, made, data, floors, seed),
+    }
+    for name, step in steps.items():
+        found = _added(found, name, step)
     on_progress("done", 1.0)
-    return Diagnosis(report, causes, data.specs[0], _intervals(made), tuple(fixed))
+    return found._replace(report=replace(found.report, seconds=time.monotonic() - start))
 
 
-def _whole_replay(
+def _added(found: Diagnosis, name: str, step: Step) -> Diagnosis:
+    """Return a diagnosis with what a step adds; a step that fails is a line in the report."""
+    try:
+        return step(found)
+    except Exception as error:
+        log_.exception("%s failed", name)
+        failed = (*found.report.failed, f"{name}: {error}")
+        return found._replace(report=replace(found.report, failed=failed))
+
+
+def _tested(
+    found: Diagnosis,
     logs: Sequence[Log],
     specs: Sequence[mujoco.MjSpec],
-    known: Sequence[Fixed],
-    found: Sequence[Fixed],
-) -> WholeReplay:
-    """Return what `run=replay` says of the logs, with what was known and with what was found."""
+    null: NullTest,
+    settings: Settings,
+) -> Diagnosis:
+    """Say which causes are the simulator's numerics; these are left out of the files."""
+    words, physical = dict(found.report.numerics), []
+    for number, (cause, told) in enumerate(zip(found.found, found.report.causes, strict=True)):
+        artefact = is_numerics(logs, specs, [cause], null, found.known, settings.numerics)
+        if artefact is None:
+            physical.append(number)
+        else:
+            words[f"{told.effect} at {told.where or 'the robot'}"] = artefact
+    return found._replace(
+        report=replace(found.report, numerics=words),
+        found=tuple(found.found[i] for i in physical),
+        intervals=tuple(found.intervals[i] for i in physical),
+    )
+
+
+def _pictured(found: Diagnosis, data: Data, fit: Fit, floors: np.ndarray) -> Diagnosis:
+    traces = _traces(data, fit, found.known, floors)
+    evidence = replace(found.report.evidence, traces=traces)
+    return found._replace(report=replace(found.report, evidence=evidence))
+
+
+def _planned(
+    found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray, seed: int
+) -> Diagnosis:
+    plan = _plan(made, data, found.known, floors, seed)
+    return found._replace(report=replace(found.report, next_experiment=plan))
+
+
+def _replayed(found: Diagnosis, logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> Diagnosis:
+    """Add what `run=replay` says of the logs, with what was known and with what was found."""
 
     def rmse(effects: Sequence[Fixed]) -> float | None:
         try:
@@ -166,7 +203,9 @@ def _whole_replay(
             log_.info("no whole replay: %s", error)
             return None
 
-    return WholeReplay(rmse(known), rmse(combined(known, found)) if found else None)
+    every = combined(found.known, found.found)
+    replay = WholeReplay(rmse(found.known), rmse(every) if found.report.causes else None)
+    return found._replace(report=replace(found.report, replay=replay))
 
 
 def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
@@ -177,35 +216,6 @@ def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Gener
         found = by_family(search, found)
     search.on_progress("weighing what was found", WEIGHING)
     return conclude(search, found, floors, rng)
-
-
-def write(found: Diagnosis, out: Path) -> None:
-    """Write all files of a diagnosis into a folder."""
-    out.mkdir(parents=True, exist_ok=True)
-    effects = combined(found.known, found.found)
-    write_effects(out / "effects.yaml", effects, _with_known(found))
-    write_model(found.spec, effects, out / "model.xml")
-    write_html(out / "report.html", found.report)
-    found.report.write(out / "report.json")
-
-
-def _with_known(found: Diagnosis) -> list[tuple[float, float] | None]:
-    """Return the intervals of the combined effects' first values; None for what was known alone."""
-    lows, highs = (
-        combined(
-            found.known,
-            [
-                (effect, (ends[side], *values[1:]))
-                for (effect, values), ends in zip(found.found, found.intervals, strict=True)
-            ],
-        )
-        for side in (0, 1)
-    )
-    named = {effect.label() for effect, _ in found.found}
-    return [
-        (low[0], high[0]) if effect.label() in named else None
-        for (effect, low), (_, high) in zip(lows, highs, strict=True)
-    ]
 
 
 class ProgressLines:
@@ -240,6 +250,13 @@ def _read(logs: str | Path | Iterable[str | Path | Log]) -> list[Log]:
     for one in logs:
         found += [one] if isinstance(one, Log) else read_logs(one)
     return found or read_logs([])
+
+
+def _driven(logs: Sequence[Log], model: str | Path | None) -> dict[str, str]:
+    """Return the joint that each actuator drives, of all models."""
+    joint = mujoco.mjtTrn.mjTRN_JOINT
+    specs = [load_model(log, model) for log in logs]
+    return {a.name: a.target for spec in specs for a in spec.actuators if a.trntype == joint}
 
 
 def _model_of(data: Data, number: int) -> int:

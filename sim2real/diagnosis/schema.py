@@ -244,6 +244,7 @@ class Report:
         preflight: mistakes found before.
         numerics: what the simulator itself was tested for, and "ok" or what was found.
         next_experiment: what to record to tell equivalent causes apart.
+        failed: what could not be added after the verdict, and why.
         seconds: that it took.
         replay: what `run=replay` says of the same logs; None in reports of older versions.
         evidence: what the pictures need; not in `report.json`.
@@ -259,6 +260,7 @@ class Report:
     next_experiment: str | None = None
     seconds: float = 0.0
     replay: WholeReplay | None = None
+    failed: tuple[str, ...] = ()
     evidence: Evidence = field(default_factory=Evidence, compare=False, repr=False)
 
     def to_json(self) -> dict[str, Any]:

@@ -37,7 +37,8 @@ from hardware.record import record
 from hardware.safety import Guard
 from hardware.stand import home_pose, hung
 from sim2real.deployment import deploy
-from sim2real.diagnosis.diagnose import run_diagnosis, write
+from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.outcome import write
 from sim2real.diagnosis.report import words
 from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.trained import Trained

@@ -27,7 +27,8 @@ from torchrl.envs import EnvBase
 
 from hardware.log import write_log
 from sim2real.deployment.trained import load_trained
-from sim2real.diagnosis.diagnose import run_diagnosis, write
+from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.outcome import write
 from sim2real.diagnosis.report import words
 from sim2real.diagnosis.schema import Report
 from sim2real.evaluation.evaluate import find_runs

@@ -17,7 +17,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hardware.log import read_logs
-from sim2real.diagnosis.diagnose import ProgressLines, run_diagnosis, write
+from sim2real.diagnosis.diagnose import ProgressLines, run_diagnosis
+from sim2real.diagnosis.outcome import last_words, write
 from sim2real.diagnosis.schema import Report
 from sim2real.runs.errors import Sim2RealError
 
@@ -51,9 +52,19 @@ def run(
     """
     if not log:
         raise Sim2RealError("diagnose needs a recording; give log=PATH")
-    found = run_diagnosis(read_logs(log), model, effects, exclude, seed, ProgressLines())
+    found = run_diagnosis(
+        read_logs(log),
+        model,
+        effects,
+        exclude,
+        seed,
+        ProgressLines(),
+        on_verdict=lambda early: write(early, Path(out)),
+    )
     write(found, Path(out))
     gap = found.report.gap
     names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in found.report.causes)
     log_.info("%s: %s; gap %.4g %s", found.report.verdict, names or "-", gap.before, gap.unit)
+    for words in last_words(found.report):
+        log_.warning("%s", words)
     return found.report

@@ -5,6 +5,8 @@
 Verdicts, with the limits of `settings.Verdict`: `no_gap` if the gap is within twice the noise floor
 or two encoder counts; `explained` if what is left is within twice the floor, or nine tenths are
 closed; `partly_explained` from three tenths with a lower bound above zero; else `unexplained`.
+`explained` is said of the gap, not of the rest: where more than twice the floor is left, the report
+and the terminal say how many floors.
 """
 
 from __future__ import annotations
@@ -288,13 +290,15 @@ def _confidence(
     """Return the probability that a cause, or an equal of it, is really there.
 
     How often it wins when blocks are drawn again, less where the next rival is close behind or
-    much of the gap stays.
+    much of the gap stays. Where it never raced against others, nothing is known of that.
     """
     blocks, limits = search.blocks, search.problem.data.settings.causes
     good = {member.label, *(c.candidate.label for c in crowd)}
     others = [c for c in rivals if c.candidate.label not in good]
     own = [c for c in rivals if c.candidate.label in good]
-    if not own or not others:
+    if not own:
+        wins, margin = limits.unrivalled, 1.0
+    elif not others:  # the screening has ruled all of them out
         wins, margin = 1.0, 1.0
     else:
         best = np.min([blocks.drawn(c.error) for c in own], axis=0)

@@ -159,7 +159,13 @@ def _loaded(mass: float, radius: float) -> Callable[[mujoco.MjSpec], None]:
         place = far_end(model, index)
         body = spec.body(model.body(index).name) if model.body(index).name else spec.bodies[index]
         load = body.add_body(pos=place)
-        load.add_geom(size=[radius, 0, 0], mass=mass, contype=0, conaffinity=0)
+        load.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius, 0, 0],
+            mass=mass,
+            contype=0,
+            conaffinity=0,
+        )
 
     return change
 

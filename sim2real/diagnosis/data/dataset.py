@@ -75,6 +75,7 @@ class Data:
         for log, index in zip(logs, which, strict=True):
             check_log(log, models[index])
         joints = _joints(logs, [models[i] for i in which], settings)
+        _refuse_clock(logs, settings)
         _refuse_still(logs, joints, settings)
         windows = cut(logs, which, models, joints, settings.windows)
         longest = max(len(w.measured) for w in windows)
@@ -211,6 +212,25 @@ def _joints(
         least = settings.dataset.scale_min
         found = [joint._replace(scale=max(joint.spread, least)) for joint in found]
     return found
+
+
+def _refuse_clock(logs: Sequence[Log], settings: Settings) -> None:
+    """Raise Sim2RealError if logs are not in seconds, or too short for any interval."""
+    most, least = settings.channels.slowest_s, settings.dataset.seconds_min
+    for log in logs:
+        step = float(np.median(np.concatenate([np.diff(part.time) for part in log.episodes()])))
+        if step > most:
+            raise Sim2RealError(
+                f"{log.path or 'the log'}: its rows are {step:.4g} s apart, more than {most:g} s; "
+                "`time` is in seconds, multiply it by 0.001 if it is in ms"
+            )
+    total = sum(float(part.time[-1] - part.time[0]) for log in logs for part in log.episodes())
+    if total < least:
+        place = f"{logs[0].path or 'the log'}" + (f" and {len(logs) - 1} more" if logs[1:] else "")
+        raise Sim2RealError(
+            f"{place}: {total:.3g} s of recordings are too short for a diagnosis, which needs "
+            f"{least:g} s; record a minute (run=record), or look at the unit of `time`"
+        )
 
 
 def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint], settings: Settings) -> None:

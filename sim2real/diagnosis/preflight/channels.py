@@ -239,6 +239,28 @@ def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             )
 
 
+def _commands(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
+    """Actuators of logged joints whose commands were not logged."""
+    missing: dict[str, list[tuple]] = {}
+    for log, model in pairs:
+        for i in range(model.nu):
+            name = model.actuator(i).name
+            if index_of(model, name) is None or name in log.actuators:
+                continue
+            joint = model.joint(int(model.actuator_trnid[i, 0])).name
+            if f"qpos.{joint}" in log.columns:
+                missing.setdefault(name, []).append((log, joint))
+    for name, where in missing.items():
+        yield Finding(
+            "no_command",
+            where[0][1],
+            f"There is no column `ctrl.{name}`{which(where, pairs)}: the simulation holds "
+            f"{where[0][1]} where the model's keyframe has it, or at 0.",
+            f"Log the command of {name} as `ctrl.{name}`; if the joint was free, log "
+            f"`torque.{name}` = 0 and any command.",
+        )
+
+
 def _unsigned(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Currents that are never negative although the joints go both ways."""
     names = [n for log, _ in pairs for n in log.columns if "current" in n.split("_")[0]]
@@ -265,6 +287,7 @@ CHECKS: tuple[Check, ...] = (
     check_duties,
     check_speeds,
     _limits,
+    _commands,
     _resolution,
     _unsigned,
 )

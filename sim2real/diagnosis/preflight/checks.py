@@ -27,8 +27,9 @@ from sim2real.diagnosis.settings import DEFAULT, Settings
 
 __all__ = ["NOTES", "noise_floor", "preflight"]
 GRAVE = ("sign", "swap", "degrees", "scale")  # makes other checks of the same joint meaningless
-WRONG = (*GRAVE, "zero", "rate")  # no lag is measured in a log with these
+WRONG = (*GRAVE, "zero", "rate", "no_command")  # no lag is measured in a log with these
 ORDER = (*WRONG, "control_law", "excitation")
+BLOCKING = (*GRAVE, "rate", "no_command")  # a log with these says nothing of the robot's physics
 FOLLOWS = ("degrees", "scale", "zero", "control_law", "speed", "ctrlrange", "saturation")
 
 

@@ -1,6 +1,6 @@
 """Moments at which something stood in a joint's way: an obstacle, the table, a hand.
 
-    logs, found = mark_blocked(logs)        # rows get `flag.blocked`; a finding for each joint
+    logs, found = mark_blocked(logs, driven)    # rows get `flag.blocked`; a finding for each joint
 
 A servo that rests lets friction hold it, which can balance only so much of its effort. Where a
 joint stands still much further from its goal than at its other rests, and with far more current,
@@ -12,7 +12,9 @@ A limit of torque makes errors large, too, but not the current, so that both hav
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +25,17 @@ from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Obstruction as Limits
 
 
+class _Servo(NamedTuple):
+    """An actuator and the joint that it drives."""
+
+    actuator: str
+    joint: str
+
+
 def mark_blocked(
-    logs: Sequence[Log], settings: Limits = DEFAULT.obstruction
+    logs: Sequence[Log],
+    driven: Mapping[str, str],
+    settings: Limits = DEFAULT.obstruction,
 ) -> tuple[list[Log], list[Finding]]:
     """Return the logs with blocked rows flagged, and what was found.
 
@@ -32,14 +43,18 @@ def mark_blocked(
 
     Args:
         logs: of one robot.
+        driven: the joint that each actuator drives.
         settings: what counts as held.
     """
     flags = [np.array(log.columns.get(BLOCKED, np.zeros(len(log)))) > 0 for log in logs]
     findings = []
-    for joint in dict.fromkeys(name for log in logs for name in log.actuators):
-        held = _held(logs, joint, settings)
+    for actuator in dict.fromkeys(name for log in logs for name in log.actuators):
+        if actuator not in driven:
+            continue
+        servo = _Servo(actuator, driven[actuator])
+        held = _held(logs, servo, settings)
         if any(rows.any() for rows in held):
-            findings.append(_finding(logs, joint, held, settings))
+            findings.append(_finding(logs, servo, held, settings))
             flags = [
                 flag | _widened(log, rows, settings.margin_s)
                 for flag, log, rows in zip(flags, logs, held, strict=True)
@@ -51,15 +66,16 @@ def mark_blocked(
     return marked, findings
 
 
-def _held(logs: Sequence[Log], joint: str, settings: Limits) -> list[np.ndarray]:
+def _held(logs: Sequence[Log], servo: _Servo, settings: Limits) -> list[np.ndarray]:
     """Return the rows of each log in which a joint is held by something else, (T,) bool."""
+    position = f"qpos.{servo.joint}"
     none = [np.zeros(len(log), bool) for log in logs]
-    seen = [(log, _current(log, joint)) for log in logs]
-    known = [(log, c) for log, c in seen if c is not None and f"qpos.{joint}" in log.columns]
-    if len(known) < len(logs):
+    seen = [(log, _current(log, servo)) for log in logs]
+    known = [(log, c) for log, c in seen if c is not None and position in log.columns]
+    if len(known) < len(logs) or any(servo.actuator not in log.actuators for log in logs):
         return none
-    errors = [np.abs(log.column(f"ctrl.{joint}") - log.column(f"qpos.{joint}")) for log in logs]
-    rests = [_resting(log, joint, settings) for log in logs]
+    errors = [np.abs(log.column(f"ctrl.{servo.actuator}") - log.column(position)) for log in logs]
+    rests = [_resting(log, servo, settings) for log in logs]
     every = np.concatenate(rests)
     if every.sum() < settings.rests_min:
         return none
@@ -78,24 +94,30 @@ def _held(logs: Sequence[Log], joint: str, settings: Limits) -> list[np.ndarray]
     return [rows & enough for rows, enough in zip(held, long, strict=True)]
 
 
-def _current(log: Log, joint: str) -> np.ndarray | None:
-    """Return the size of a joint's current in any unit, (T,), or None."""
+def _current(log: Log, servo: _Servo) -> np.ndarray | None:
+    """Return the size of a servo's current in any unit, (T,), or None.
+
+    Columns are `current.<name>` or `sensor.current_<name>`, with `raw` or a unit in between, of the
+    actuator's name or the joint's.
+    """
+    names = "|".join(map(re.escape, (servo.actuator, servo.joint)))
+    column = re.compile(rf"(.*[._])?current([._](raw|mA|A))?[._]({names})")
     for name, values in log.columns.items():
-        if "current" in name and name.endswith((f".{joint}", f"_{joint}")):
+        if column.fullmatch(name):
             return np.abs(values)
     return None
 
 
-def _resting(log: Log, joint: str, settings: Limits) -> np.ndarray:
+def _resting(log: Log, servo: _Servo, settings: Limits) -> np.ndarray:
     """Return in which rows a joint stands still with its torque on, (T,) bool."""
     found = []
     for part in log.episodes():
-        time, position = part.time, part.column(f"qpos.{joint}")
+        time, position = part.time, part.column(f"qpos.{servo.joint}")
         sides = (-settings.rest_s, settings.rest_s)
         first, last = (np.searchsorted(time, time + side) for side in sides)
         spans = zip(first, np.minimum(last, len(time) - 1) + 1, strict=True)
         found.append(np.array([np.ptp(position[a:b]) < settings.still for a, b in spans]))
-    on = log.columns.get(f"torque.{joint}", np.ones(len(log))) > 0
+    on = log.columns.get(f"torque.{servo.actuator}", np.ones(len(log))) > 0
     return np.concatenate(found) & on
 
 
@@ -114,11 +136,13 @@ def _seconds(log: Log, rows: np.ndarray) -> float:
 
 
 def _finding(
-    logs: Sequence[Log], joint: str, held: Sequence[np.ndarray], settings: Limits
+    logs: Sequence[Log], servo: _Servo, held: Sequence[np.ndarray], settings: Limits
 ) -> Finding:
     log, rows = max(zip(logs, held, strict=True), key=lambda pair: int(pair[1].sum()))
     row = int(np.flatnonzero(rows)[0])
-    short = abs(float(log.column(f"ctrl.{joint}")[row] - log.column(f"qpos.{joint}")[row]))
+    joint = servo.joint
+    goal, position = log.column(f"ctrl.{servo.actuator}"), log.column(f"qpos.{joint}")
+    short = abs(float(goal[row] - position[row]))
     seconds = sum(_seconds(*pair) for pair in zip(logs, held, strict=True))
     name = log.path.name if log.path else "the log"
     return Finding(

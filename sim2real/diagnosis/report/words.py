@@ -11,8 +11,10 @@ from collections.abc import Mapping, Sequence
 
 from envs.effects import EFFECTS
 from sim2real.diagnosis.schema import Report
+from sim2real.diagnosis.settings import DEFAULT, TINY
 
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
+NOISE = DEFAULT.verdict.no_gap_floors  # floors that noise accounts for
 SINGLY = 4  # causes that a sentence names with their places
 SUBTITLES = {
     "explained": "Explained",
@@ -116,8 +118,25 @@ def details(report: Report) -> str:
     return (
         f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
         f" with {_these(report)} in the model by {quantity(gap.after, gap.unit)}"
-        f"{', ' + on if on else ''}. {floor} are noise that nothing can close."
+        f"{', ' + on if on else ''}. {floor} are noise that nothing can close.{_rest(report)}"
     )
+
+
+def rest(report: Report) -> str:
+    """Return what an explained gap leaves, if noise cannot account for it; else ""."""
+    gap = report.gap
+    if report.verdict != "explained" or not gap.after or gap.after <= NOISE * gap.noise_floor:
+        return ""
+    floors = gap.after / max(gap.noise_floor, TINY)
+    return (
+        f"What is left is {floors:.1f} times the noise floor: the causes explain the gap, and "
+        "something smaller is still missing."
+    )
+
+
+def _rest(report: Report) -> str:
+    text = rest(report)
+    return f" {text}" if text else ""
 
 
 def label(text: str) -> str:

@@ -197,6 +197,9 @@ class Causes:
     equivalents_max: int = setting(
         3, "1", "members of an equivalence set, the cause included", "the exam's rule"
     )
+    unrivalled: float = setting(
+        0.5, "1", "chance of winning without rivals", "derived: a coin's, nothing is known"
+    )
     sure_max: float = setting(0.98, "1", "confidence of a cause that always wins", DEVELOPED)
     rival_doubt: float = setting(0.4, "1", "confidence lost to a rival next to it", DEVELOPED)
     rival_margin: float = setting(

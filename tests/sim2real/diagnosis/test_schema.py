@@ -47,6 +47,7 @@ REPORT = Report(
     "a slow ramp with reversals",
     31.0,
     WholeReplay(0.031, 0.004),
+    failed=("the pictures of recordings: no disk",),
 )
 KEYS = {
     "schema": None,
@@ -62,6 +63,7 @@ KEYS = {
     "numerics": {"timestep"},
     "next_experiment": None,
     "replay": {"before", "after"},
+    "failed": None,
     "seconds": None,
 }
 

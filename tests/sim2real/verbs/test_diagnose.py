@@ -21,10 +21,10 @@ from hardware.excite import excite
 from hardware.log import Log, write_log
 from hardware.record import record
 from hardware.safety import Guard, StopLimits
-from sim2real.diagnosis import diagnose as verb
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure, summary
-from sim2real.diagnosis.diagnose import Diagnosis, diagnose, run_diagnosis
+from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
+from sim2real.diagnosis.outcome import Diagnosis, write
 from sim2real.diagnosis.report.words import quantity
 from sim2real.diagnosis.schema import Report, WholeReplay
 from sim2real.runs.errors import Sim2RealError
@@ -116,7 +116,7 @@ def test_what_is_excluded_is_not_named() -> None:
 def test_the_run_writes_its_files(tmp_path: Path) -> None:
     """report.json, report.html, effects.yaml and model.xml; the effects load and are the causes."""
     diagnosis = found("coulomb_friction", 0.02)
-    verb.write(diagnosis, tmp_path)
+    write(diagnosis, tmp_path)
     tree = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert Report.from_json(tree).causes[0].effect == "coulomb_friction"
     effects = load_effects(tmp_path / "effects.yaml")
@@ -128,7 +128,7 @@ def test_the_run_writes_its_files(tmp_path: Path) -> None:
 def test_the_report_says_what_the_verb_replay_says(tmp_path: Path) -> None:
     """run=replay of the same log, without and with effects.yaml, gives the same figures."""
     diagnosis = found("coulomb_friction", 0.02)
-    verb.write(diagnosis, tmp_path)
+    write(diagnosis, tmp_path)
     log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
     causes = load_effects(tmp_path / "effects.yaml")
     without, known = (
@@ -144,7 +144,7 @@ def test_the_report_says_what_the_verb_replay_says(tmp_path: Path) -> None:
 def test_a_known_effect_leaves_no_gap(tmp_path: Path) -> None:
     """What a diagnosis found, put into the model, is not found again."""
     diagnosis = found("coulomb_friction", 0.02)
-    verb.write(diagnosis, tmp_path)
+    write(diagnosis, tmp_path)
     log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
     assert diagnose([log], effects=tmp_path / "effects.yaml").verdict == "no_gap"
 
@@ -155,7 +155,7 @@ def test_the_file_holds_what_was_known_too(tmp_path: Path) -> None:
     ((_, (value,)), (low, high)) = diagnosis.found[0], diagnosis.intervals[0]
     friction, rotor = make("coulomb_friction", where="hinge"), make("armature", where="hinge")
     known = ((rotor, (1e-4,)), (friction, (0.005,)))
-    verb.write(diagnosis._replace(known=known), tmp_path)
+    write(diagnosis._replace(known=known), tmp_path)
     entries = yaml.safe_load((tmp_path / "effects.yaml").read_text(encoding="utf-8"))
     assert [entry["effect"] for entry in entries[:2]] == ["armature", "coulomb_friction"]
     assert (entries[0]["value"], entries[0]["ci"]) == (1e-4, None)
@@ -171,7 +171,7 @@ def test_more_of_a_known_effect_is_found(tmp_path: Path) -> None:
     found = run_diagnosis([log], None, tmp_path / "known.yaml", EXCLUDED, 0, None)
     (cause,) = [c for c in found.report.causes if c.effect == "position_gain"]
     assert cause.value == pytest.approx(0.5 / 0.8, rel=0.05)
-    verb.write(found, tmp_path)
+    write(found, tmp_path)
     ((gain, values),) = [
         e for e in load_effects(tmp_path / "effects.yaml") if e[0].name == cause.effect
     ]
@@ -186,7 +186,7 @@ def test_mistakes_are_said_before_any_file(tmp_path: Path) -> None:
         command.run(log=None, out=out, **given)
     with pytest.raises(LogError, match="no such log"):
         command.run(log=str(tmp_path / "none.csv"), out=out, **given)
-    log = make_log(seconds=2.0)
+    log = make_log(seconds=4.0)
     path = write_log(tmp_path / "still.csv", Log({**log.columns, "qpos.hinge": 0 * log.time}))
     with pytest.raises(Sim2RealError, match="names no model"):
         command.run(log=str(path), out=out, **given)
@@ -205,4 +205,4 @@ def test_a_model_that_cannot_follow_says_when(tmp_path: Path) -> None:
     broken = tmp_path / "broken.xml"
     broken.write_text(text.replace('kp="1.3067"', 'kp="1e7"').replace("forcerange", "user"))
     with pytest.raises(Sim2RealError, match=r"episode 0: the model cannot follow.* diverges at"):
-        diagnose([make_log(seconds=2.0)], broken)
+        diagnose([make_log(seconds=4.0)], broken)

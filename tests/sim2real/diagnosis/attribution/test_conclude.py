@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.attribution.conclude import is_no_gap, stands_out, verdict_of
+from sim2real.diagnosis.attribution.conclude import _confidence, is_no_gap, stands_out, verdict_of
 from tests.sim2real.diagnosis import arm
 
 
@@ -42,3 +44,14 @@ def test_one_joint_that_stands_out_is_a_gap(tmp_path: Path) -> None:
     assert not is_no_gap(1.5e-3, 1e-3, data, alone=True)
     assert verdict_of(1.5e-3, 1.4e-3, 1e-3, 0.1, 0.0, data, (True, True)) == "unexplained"
     assert verdict_of(1.5e-3, 1.0e-3, 1e-3, 0.6, 0.3, data, (True, False)) == "explained"
+
+
+def test_a_cause_without_rivals_is_as_likely_as_a_coin(tmp_path: Path) -> None:
+    """What never raced against anything cannot have won: half, even where all is closed."""
+    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
+    search: Any = SimpleNamespace(problem=SimpleNamespace(data=data), blocks=None)
+    member: Any = SimpleNamespace(label="position_gain.a")
+    rest = np.zeros((0, 0, 0))
+    assert _confidence(search, member, [], [], rest, closed=1.0) <= 0.5
+    raced: Any = SimpleNamespace(candidate=member)  # the screening has ruled out all others
+    assert _confidence(search, member, [], [raced], rest, closed=1.0) > 0.9

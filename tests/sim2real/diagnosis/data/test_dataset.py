@@ -103,12 +103,30 @@ def test_rows_that_tell_nothing_are_left_out(tmp_path: Path) -> None:
 
 def test_joints_that_never_moved_are_named(tmp_path: Path) -> None:
     """A log without excitation says which joints, and what to record."""
-    log = arm.make_log(seconds=2.0)
+    log = arm.make_log(seconds=4.0)
     columns = {
         name: np.zeros(len(log)) if name.startswith("qpos") else values
         for name, values in log.columns.items()
     }
     with pytest.raises(Sim2RealError, match=r"a, b never moved .*run=record"):
+        arm.data_of(Log(columns), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("rows", "factor", "message"),
+    [
+        (10, 1.0, r"0.18 s of recordings are too short .* record a minute"),
+        (None, 1e3, "multiply it by"),
+    ],
+)
+def test_a_log_that_can_show_nothing_is_refused(
+    tmp_path: Path, rows: int | None, factor: float, message: str
+) -> None:
+    """Ten rows have no interval, and rows 20 s apart are no seconds: neither is explained."""
+    log = arm.make_log(seconds=4.0)
+    columns = {name: values[:rows] for name, values in log.columns.items()}
+    columns["time"] = factor * columns["time"]
+    with pytest.raises(Sim2RealError, match=message):
         arm.data_of(Log(columns), tmp_path)
 
 

@@ -84,6 +84,13 @@ def test_a_right_log_has_nothing_to_mend() -> None:
     assert notes == {"quantization"}
 
 
+def test_commands_that_were_not_logged_are_named() -> None:
+    """Without `ctrl.b` the simulation holds the elbow, and no effect explains that."""
+    log = make_log()
+    rest = Log({n: v for n, v in log.columns.items() if n != "ctrl.b"}, log.meta)
+    assert "`ctrl.b`" in named(rest)["no_command", "elbow"]
+
+
 @pytest.mark.parametrize("channels", [(), ("sensor", "qvel")])
 def test_a_flipped_sign_is_named(channels: tuple[str, ...]) -> None:
     """With and without duty and speed columns: the joint, and what to negate."""

@@ -10,6 +10,7 @@ from sim2real.diagnosis.preflight.obstruction import mark_blocked
 
 RATE = 50.0
 STOP = 0.6  # rad: where an obstacle is
+DRIVEN = {"hinge": "hinge"}
 
 
 def log_of(stop: float | None = None, current: bool = True, limit: float = np.inf) -> Log:
@@ -34,7 +35,7 @@ def log_of(stop: float | None = None, current: bool = True, limit: float = np.in
 
 def test_a_joint_that_is_held_is_flagged() -> None:
     """Errors and currents far above those of other rests, and half a second around."""
-    (marked,), (finding,) = mark_blocked([log_of(STOP)])
+    (marked,), (finding,) = mark_blocked([log_of(STOP)], DRIVEN)
     held = marked.columns[BLOCKED] > 0
     assert finding.check == "blocked" and finding.where == "hinge"
     assert "0.4 short of its goal" in finding.finding
@@ -46,7 +47,7 @@ def test_a_joint_that_is_held_is_flagged() -> None:
 def test_what_is_not_sure_is_left_alone() -> None:
     """No obstacle, no currents, or a motor that gives no more: a weak motor is no obstacle."""
     for log in (log_of(), log_of(STOP, current=False), log_of(STOP, limit=0.3)):
-        (same,), findings = mark_blocked([log])
+        (same,), findings = mark_blocked([log], DRIVEN)
         assert same is log and not findings
 
 
@@ -55,6 +56,27 @@ def test_flagged_rows_are_not_compared() -> None:
     log = log_of()
     flag = (log.time > 10) & (log.time < 12)
     own = Log({**log.columns, BLOCKED: flag.astype(float)}, log.meta, None)
-    (marked,), _ = mark_blocked([own])
+    (marked,), _ = mark_blocked([own], DRIVEN)
     assert (marked.columns[BLOCKED] == flag).all()
     assert (_usable(marked, 0, len(marked)) == ~flag).all()
+
+
+def renamed(log: Log, **names: str) -> Log:
+    """Return the log with other names of some columns; double underscores stand for dots."""
+    new = {old.replace("__", "."): name for old, name in names.items()}
+    return Log({new.get(n, n): c for n, c in log.columns.items()}, log.meta, None)
+
+
+def test_an_actuator_of_another_name_than_its_joint_is_seen() -> None:
+    """Which joint an actuator drives is the model's word, not a matter of names."""
+    log = renamed(log_of(STOP), ctrl__hinge="ctrl.motor", current__hinge="sensor.current_raw_motor")
+    (marked,), (finding,) = mark_blocked([log], {"motor": "hinge"})
+    assert finding.where == "hinge" and marked.columns[BLOCKED].any()
+
+
+def test_the_current_of_another_joint_is_not_taken() -> None:
+    """`hip` has no current of its own where only that of `left_hip` is logged."""
+    names = {"ctrl__hinge": "ctrl.hip", "qpos__hinge": "qpos.hip"}
+    log = renamed(log_of(STOP), **names, current__hinge="current.left_hip")
+    (same,), findings = mark_blocked([log], {"hip": "hip"})
+    assert same is log and not findings

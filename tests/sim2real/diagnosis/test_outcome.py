@@ -1,0 +1,98 @@
+"""What is left of a diagnosis when a later step fails, a cause is numerics, or the log is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from envs.effects import load_effects, make
+from sim2real.diagnosis import diagnose as module
+from sim2real.diagnosis.attribution.numerics import NullTest
+from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.outcome import Diagnosis, last_words, write
+from sim2real.diagnosis.schema import Cause, Finding, GapNumbers, Report, Unexplained
+from sim2real.diagnosis.settings import DEFAULT
+from tests.sim2real.diagnosis import arm
+
+
+def cause(effect: str) -> Cause:
+    """Return a cause at joint a."""
+    return Cause(effect, "a", None, 0.1, (0.05, 0.15), "N·m", {}, 0.9, 0.5)
+
+
+@pytest.fixture
+def found() -> Diagnosis:
+    """A diagnosis of two causes."""
+    names = ("coulomb_friction", "viscous_friction")
+    gap = GapNumbers("rad", 0.1, 0.01, 0.002, 0.9, (0.8, 0.95), True)
+    report = Report("explained", gap, (), tuple(map(cause, names)), Unexplained(0.1, "none"))
+    effects = tuple((make(name, where="a"), (0.1,)) for name in names)
+    return Diagnosis(report, effects, arm.spec(), ((0.05, 0.15), (0.05, 0.15)), ())
+
+
+def test_the_verdict_is_written_before_what_may_fail(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture that cannot be drawn costs a line, not the report."""
+
+    def fail(*_: object) -> None:
+        raise ValueError("size 1 must be positive in geom")
+
+    monkeypatch.setattr(module, "_traces", fail)
+    (tmp_path / "arm.xml").write_text(arm.XML)
+    early: list[Diagnosis] = []
+    log = arm.make_log(seconds=4.0)
+    made = run_diagnosis(
+        [log], tmp_path / "arm.xml", None, (), 0, None, on_verdict=early.append
+    ).report
+    assert [one.report.verdict for one in early] == [made.verdict] == ["no_gap"]
+    assert made.failed == ("the pictures of recordings: size 1 must be positive in geom",)
+    assert any("size 1" in words for words in last_words(made))
+
+
+def test_a_cause_that_is_numerics_is_told_and_not_written(
+    tmp_path: Path, found: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`effects.yaml` is about the robot: what a finer simulation mends is not in it."""
+    said = {"coulomb_friction": "this is the simulator's numerics", "viscous_friction": None}
+    monkeypatch.setattr(module, "is_numerics", lambda logs, specs, one, *_: said[one[0][0].name])
+    tested = module._tested(found, [], [], NullTest(0.0, {}, {}, {}), DEFAULT)
+    write(tested, tmp_path)
+    names = [effect.name for effect, _ in load_effects(tmp_path / "effects.yaml")]
+    assert names == ["viscous_friction"]
+    assert tested.report.numerics["coulomb_friction at a"] == said["coulomb_friction"]
+    assert [one.effect for one in tested.report.causes] == list(said)
+
+
+@pytest.mark.parametrize(("check", "files"), [("sign", 2), ("rate", 2), ("gaps", 4)])
+def test_a_log_that_contradicts_itself_makes_no_effects(
+    tmp_path: Path, found: Diagnosis, check: str, files: int
+) -> None:
+    """The report is there and its last words say why nothing else is."""
+    finding = Finding(check, "a", "It looks wrong.", "Mend it.")
+    report = replace(found.report, preflight=(finding,))
+    write(found._replace(report=report), tmp_path)
+    assert len(list(tmp_path.iterdir())) == files
+    assert (tmp_path / "report.html").is_file()
+    words = last_words(report)
+    assert "What is left is 5.0 times the noise floor" in words[0]
+    assert words[1] == "It looks wrong. Mend it."
+    assert words[-1].startswith("effects.yaml and model.xml are not written") == (files == 2)
+
+
+def test_a_model_of_boxes_can_carry_a_load() -> None:
+    """The ball of the next experiment is a ball, whatever the model's geoms are by default."""
+    from sim2real.diagnosis.attribution.experiment_menu import menu
+
+    text = arm.XML.replace(
+        "<worldbody>", '<default><geom type="box" size="1 1 1"/></default><worldbody>'
+    )
+    spec = mujoco.MjSpec.from_string(text)
+    (item,) = [item for item in menu(spec) if item.by_hand and " g to the end" in item.by_hand]
+    assert item.change is not None
+    before = spec.copy().compile().body_mass.sum()
+    item.change(spec)
+    assert spec.compile().body_mass.sum() > before
