@@ -195,7 +195,10 @@ class Causes:
         0.25, "1", "the same where the bootstrap cannot tell which is better", DEVELOPED
     )
     equivalents_max: int = setting(
-        3, "1", "members of an equivalence set, the cause included", "the exam's rule"
+        3,
+        "1",
+        "members of an equivalence set, the cause included",
+        "derived: what the exam counts as a set",
     )
     unrivalled: float = setting(
         0.5, "1", "chance of winning without rivals", "derived: a coin's, nothing is known"
@@ -215,7 +218,7 @@ class Causes:
         0.3,
         "1",
         "part of what is left that may act like a cause, half-width of its interval",
-        "held nine of ten truths in the development cases of docs/blindcheck.md, seed 2026",
+        "tuned: held nine of ten truths in the development cases of docs/blindcheck.md, seed 2026",
     )
     doubt_min: float = setting(0.005, "1", "least relative half-width", DEVELOPED)
     factor_doubt_min: float = setting(0.01, "1", "least half-width of factors", DEVELOPED)
@@ -278,7 +281,7 @@ class Numerics:
         5e-4,
         "kg·m²",
         "armature of joints without any",
-        "below the smallest servo's (XL-320: 1.1e-3)",
+        "reference: below that of the smallest servo (XL-320, 1.1e-3)",
     )
     motion_min: float = setting(0.03, "rad", "a joint that moves less counts as this", JUDGED)
     error_max: float = setting(5.0, "1", "larger errors count as this, of the motion", JUDGED)
@@ -294,7 +297,10 @@ class Experiment:
     motion_s: float = setting(8.0, "s", "length of a motion", JUDGED)
     size: float = setting(0.6, "1", "part of the way to the limits", JUDGED)
     count: float = setting(
-        2 * math.pi / 4096, "rad", "encoder count where no floor is known", "12 bits a turn"
+        2 * math.pi / 4096,
+        "rad",
+        "encoder count where no floor is known",
+        "derived: 12 bits a turn",
     )
     apart_min: float = setting(2.0, "1", "noise floors that tell explanations apart", JUDGED)
     fall_s: float = setting(2.0, "s", "time without torque in which a robot may fall", JUDGED)
@@ -303,15 +309,18 @@ class Experiment:
     fastest: float = setting(8.0, "rad/s", "speed of a servo whose model does not say", JUDGED)
     rate_hz: float = setting(50.0, "1/s", "rate of a robot known by its model alone", JUDGED)
     servo: str = setting("xl330-m288", "", "servo of a robot known by its model alone", JUDGED)
-    zero_count: int = setting(2048, "1", "its middle position", "Dynamixel X e-manual")
+    zero_count: int = setting(2048, "1", "its middle position", "reference: Dynamixel X e-manual")
     baud: int = setting(1_000_000, "1/s", "its bus", JUDGED)
     answer_s: float = setting(0.001, "s", "its bus's time to answer", JUDGED)
     margin: float = setting(0.1, "rad", "its distance from the limits", JUDGED)
-    supply_v: float = setting(5.0, "V", "its supply", "XL330 e-manual")
+    supply_v: float = setting(5.0, "V", "its supply", "reference: XL330 e-manual")
     edge: float = setting(0.05, "1", "part of the range too close to a limit to start from", JUDGED)
     gain: float = setting(0.5, "1", "factor of the P gain", JUDGED)
     gain_register: int = setting(
-        800, "1", "P gain register unless the robot says", "Dynamixel default"
+        800,
+        "1",
+        "P gain register unless the robot says",
+        "reference: Dynamixel X e-manual, default",
     )
     gain_s: float = setting(5.0, "s", "time to change a register", JUDGED)
     hand_s: float = setting(60.0, "s", "time to change something by hand", JUDGED)

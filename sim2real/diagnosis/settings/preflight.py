@@ -48,10 +48,13 @@ class Servo:
         (0.1, 0.004), "s", "largest delay of a command tried, and the step", JUDGED
     )
     full_pwm: float = setting(
-        885.0, "1", "duty register at full", "Dynamixel X e-manual, PWM Limit"
+        885.0, "1", "duty register at full", "reference: Dynamixel X e-manual, PWM Limit"
     )
     turn_counts: float = setting(
-        4096 / (2 * math.pi), "1/rad", "encoder counts", "Dynamixel X e-manual: 4096 a turn"
+        4096 / (2 * math.pi),
+        "1/rad",
+        "encoder counts",
+        "reference: Dynamixel X e-manual, 4096 a turn",
     )
     speed_ratio: tuple[float, float] = setting(
         (0.85, 1.18), "1", "ratios of speed register and slope that agree", JUDGED
@@ -91,7 +94,7 @@ class Clocks:
         2e-3,
         "s",
         "offset of position and speed",
-        "below it logs of the emulator's registers scatter",
+        "measured: below it logs of the emulator's own speed registers scatter",
     )
     sigmas: float = setting(4.0, "1", "standard errors that an offset must exceed", JUDGED)
     better: float = setting(
@@ -101,7 +104,7 @@ class Clocks:
         DEVELOPED,
     )
     drift_ppm: float = setting(
-        50.0, "ppm", "least drift named", "a reference: a crystal's tolerance is 20 to 50 ppm"
+        50.0, "ppm", "least drift named", "reference: a crystal's tolerance is 20 to 50 ppm"
     )
     log_s: float = setting(
         20.0, "s", "length of a log whose drift is examined", "derived: 200 ppm are then 4 ms"
