@@ -8,6 +8,7 @@
 
 Keys:
     robot=NAME       a robot of conf/robot, or a path (default: bench1; scan with port=: none)
+    model=PATH       the robot's MJCF, where its file leaves it open and it is emulated
     port=DEVICE      the serial port, such as /dev/ttyUSB0; without it an emulated robot
     file=PATH        calibrate: where to write (default: NAME.json); monitor: a calibration to apply
     seconds=NUMBER   monitor, emulate: how long (default: until Ctrl-C)
@@ -25,10 +26,11 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from hardware.bus_client import BusClient
 from hardware.calibration import (
     Calibration,
     Joint,
@@ -37,7 +39,7 @@ from hardware.calibration import (
     write_calibration,
 )
 from hardware.config import Robot, load_robot
-from hardware.connect import make_driver
+from hardware.connect import DRIVERS, make_driver
 from hardware.driver import Driver
 from hardware.emulator.pty import check_link, serve
 from hardware.emulator.world import World
@@ -46,11 +48,11 @@ from hardware.scan import scan as find
 from hardware.setup import set_up
 
 KEYS = {
-    "scan": ("robot", "port"),
-    "setup": ("robot", "port"),
-    "calibrate": ("robot", "port", "file"),
-    "monitor": ("robot", "port", "file", "seconds"),
-    "emulate": ("robot", "hidden", "link", "held", "seconds", "seed"),
+    "scan": ("robot", "model", "port"),
+    "setup": ("robot", "model", "port"),
+    "calibrate": ("robot", "model", "port", "file"),
+    "monitor": ("robot", "model", "port", "file", "seconds"),
+    "emulate": ("robot", "model", "hidden", "link", "held", "seconds", "seed"),
 }
 Keys = dict[str, str]
 Ask = Callable[[str], str]
@@ -68,7 +70,8 @@ def main(arguments: list[str], ask: Ask = input) -> int:
         print(error, file=sys.stderr)
         return 2
     try:
-        robot = load_robot(keys.get("robot", "bench1"))
+        open_model = "port" in keys  # only an emulated robot needs it
+        robot = load_robot(keys.get("robot", "bench1"), keys.get("model"), not open_model)
         robot = replace(robot, port=keys.get("port"))
         _VERBS[verb](robot, keys, ask)
     except HardwareError as error:
@@ -110,15 +113,19 @@ def _yes_or_no(keys: Keys, key: str, default: bool) -> bool:
 
 def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
     """Print every servo found at every speed, and what differs from the robot's file."""
+    alone = "port" in keys and "robot" not in keys
     driver = make_driver(robot)
     try:
         found = 0
-        for servo in find(driver.bus_client):
-            print(servo)
-            found += 1
+        for client, maker in _clients(driver, alone):
+            for servo in find(client, maker):
+                print(servo)
+                found += 1
+            if alone:
+                client.close()
         if not found:
             print("no servo answers at any speed: check supply, cable and adapter")
-        if "port" in keys and "robot" not in keys:
+        if alone:
             return
         driver.connect()
         ways = "fast reads" if driver.fast else "plain reads only"
@@ -127,6 +134,16 @@ def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
         print(f"the bus allows {rate:.0f} steps a second, {robot.rate:g} are asked for")
     finally:
         driver.close()
+
+
+def _clients(driver: Driver, alone: bool) -> Iterator[tuple[BusClient, str]]:
+    """Yield the client of the robot's maker; without a robot one for each maker."""
+    if not alone:
+        yield driver.bus_client, driver.robot.servos[0].type.maker
+        return
+    for maker, kind in DRIVERS.items():
+        client = driver.bus_client
+        yield kind.client_type(client.port, client.clock, client.latency), maker
 
 
 def setup(robot: Robot, keys: Keys, ask: Ask) -> None:

@@ -24,7 +24,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from dynamixel_sdk import PacketHandler
 
@@ -71,6 +71,18 @@ class Reply:
     data: bytes
 
 
+class PacketParser(Protocol):
+    """What cuts bytes into packets."""
+
+    def clear(self) -> None:
+        """Forget an unfinished packet."""
+        ...
+
+    def feed(self, data: bytes) -> list[Packet]:
+        """Take bytes and return the packets that they complete."""
+        ...
+
+
 class BusClient:
     """Requests and answers over one port.
 
@@ -81,6 +93,8 @@ class BusClient:
         return_delay: how long a servo waits before it answers [s].
     """
 
+    overhead = 11  # bytes of an answer beside its data
+
     def __init__(
         self, port: PortHandler, clock: Clock, latency: float, return_delay: float = 0.0005
     ) -> None:
@@ -90,9 +104,12 @@ class BusClient:
         self.group = Counters()  # of answers that several servos share
         self._lock = PortLock(port.port_name)
         self._handler = PacketHandler(2.0)
-        self._parser = Parser()
+        self._parser = self._make_parser()
         self._doubtful = False  # an answer failed to come; it may still be on its way
         self.patience = clock.jitter  # s that an answer may be late by the machine's fault
+
+    def _make_parser(self) -> PacketParser:
+        return Parser()
 
     def open(self, baud: int) -> None:
         """Open the port at this speed.
@@ -239,13 +256,14 @@ class BusClient:
                 return []
             for each, _ in wanted if number == BROADCAST and not to_the_end else wanted[:1]:
                 self.counters[each].asked += 1
-            answer = fast or sum(11 + size for _, size in wanted)
+            answer = fast or sum(self.overhead + size for _, size in wanted)
             waits = 1 if fast else len(wanted)
             span = (sent + answer) * 10 / self.port.getBaudRate()
             span += waits * (self.return_delay + TURN_ROUND) + self.latency + self.patience
             return self._receive(wanted, span, to_the_end, fast)
 
     def _send(self, number: int, instruction: int, body: bytes) -> int:
+        """Send an instruction and return how many bytes it has, less what is stuffed."""
         length = len(body) + 3
         packet = [0, 0, 0, 0, number, length & 0xFF, length >> 8, instruction, *body, 0, 0]
         self.port.is_using = False
@@ -262,7 +280,7 @@ class BusClient:
         port.setPacketTimeoutMillis(span * 1000)
         deadline = self.clock.now() + span  # the SDK's own is of the wall clock, which can be set
         left = [BROADCAST] if fast else [number for number, _ in wanted]
-        sizes = {BROADCAST: fast} if fast else {n: 11 + size for n, size in wanted}
+        sizes = {BROADCAST: fast} if fast else {n: self.overhead + size for n, size in wanted}
         while True:
             data = port.readPort(4096)
             for packet in self._parser.feed(bytes(data)):
@@ -299,7 +317,7 @@ class BusClient:
         if packet.id not in sizes or (packet.id not in left and not several):
             counters.foreign += 1
             return False
-        if not fast and len(packet.params) + 10 != sizes[packet.id]:
+        if not fast and len(packet.params) + self.overhead - 1 != sizes[packet.id]:
             counters.short += 1
             if packet.error and packet.id in left:
                 counters.error += 1

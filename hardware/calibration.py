@@ -8,6 +8,7 @@ meaning: `drive_mode` and `homing_offset` are what the servo itself applies to i
 `range_min` and `range_max` are counts with both applied:
 
     reported = +-encoder + homing_offset        (Dynamixel; - where drive_mode is 1)
+    reported = encoder - homing_offset          (Feetech, whose drive_mode only turns the angles)
 
 Beside them stand `model`, `zero` (the reported count where the joint's angle is 0) and `sign` (-1
 where the angle falls as the reported count grows). LeRobot's own files, the table of joints alone,
@@ -59,8 +60,10 @@ class Joint:
     zero: float | None = None
     sign: int = 1
 
-    def encoder(self, reported: float) -> float:
+    def encoder(self, reported: float, maker: str = "dynamixel") -> float:
         """Return the encoder's count, without offset and drive mode, at a reported count."""
+        if maker == "feetech":
+            return reported + self.homing_offset
         return (-1 if self.drive_mode else 1) * (reported - self.homing_offset)
 
 
@@ -112,11 +115,12 @@ def apply_calibration(robot: Robot, calibration: Calibration) -> Robot:
                 f"the robot has servo {servo.id} ({servo.model})"
             )
         middle = (joint.range_min + joint.range_max) / 2
-        zero = joint.encoder(middle if joint.zero is None else joint.zero)
+        maker = servo.type.maker
+        zero = joint.encoder(middle if joint.zero is None else joint.zero, maker)
         sign = -joint.sign if joint.drive_mode else joint.sign
         turned = replace(servo, sign=sign, zero=zero)
         ends = sorted(
-            turned.angle(joint.encoder(end)) for end in (joint.range_min, joint.range_max)
+            turned.angle(joint.encoder(end, maker)) for end in (joint.range_min, joint.range_max)
         )
         low, high = max(ends[0], servo.position[0]), min(ends[1], servo.position[1])
         if low >= high:

@@ -25,6 +25,10 @@ from hardware.tables import ServoType, servo_type
 ROOT = Path(__file__).parents[1]
 ROBOTS = ROOT / "conf" / "robot"
 ASSETS = ROOT / "envs" / "assets"
+NO_MODEL = Path("no model was given")
+
+
+LIMITING = {"dynamixel": "goal_pwm", "feetech": "torque_limit"}  # registers that limit the duty
 
 
 @dataclass(frozen=True)
@@ -143,14 +147,21 @@ class Robot:
         values = {**self.registers, **servo.registers}
         if servo.torque is not None:
             part = servo.torque / servo.type.stall_torque(self.supply.voltage)
-            values["goal_pwm"] = round(servo.type.units.full_pwm * min(part, 1.0))
+            values[LIMITING[servo.type.maker]] = round(servo.type.units.full_pwm * min(part, 1.0))
         return values
 
 
-def load_robot(name_or_path: str | Path) -> Robot:
+def load_robot(
+    name_or_path: str | Path, model: str | None = None, needs_model: bool = True
+) -> Robot:
     """Read a robot's YAML: a name of conf/robot, or a path.
 
     Names are looked up in the folder `robot` of the one that SIM2REAL_CONFIG_DIR names, too.
+
+    Args:
+        name_or_path: the robot.
+        model: its MJCF, in place of the one that the file names.
+        needs_model: whether a file that leaves the model open is refused.
 
     Raises:
         RobotError: there is no such robot, or its file is wrong; the message says file and key.
@@ -169,21 +180,24 @@ def load_robot(name_or_path: str | Path) -> Robot:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise RobotError(f"{path}: this cannot be read as YAML: {error}") from None
-    return make_robot(data, str(path))
+    given = {} if model is None else {"model": model}
+    return make_robot({**data, **given}, str(path), needs_model)
 
 
-def make_robot(data: Mapping[str, Any], place: str = "robot") -> Robot:
+def make_robot(data: Mapping[str, Any], place: str = "robot", needs_model: bool = True) -> Robot:
     """Build a robot from the keys of its file.
 
     Args:
         data: what YAML or Hydra read.
         place: the file's name, for messages.
+        needs_model: whether a model that is left open (null) is refused; else it is NO_MODEL.
 
     Raises:
         RobotError: a key is missing, unknown or has a wrong value.
     """
     values = _fields(Robot, data, place)
-    values["model"] = _model(values["model"], f"{place}: model")
+    open_model = values["model"] is None and not needs_model
+    values["model"] = NO_MODEL if open_model else _model(values["model"], f"{place}: model")
     values["bus"] = BusSettings(**_fields(BusSettings, values["bus"], f"{place}: bus"))
     values["supply"] = Supply(**_fields(Supply, values["supply"], f"{place}: supply"))
     values["hidden"] = None if values.get("hidden") is None else Path(values["hidden"])
@@ -228,6 +242,13 @@ def _check(robot: Robot, place: str) -> None:
     for key, value in at_least_0.items():
         if not value >= 0:
             raise RobotError(f"{place}: {key}: {value} is below 0")
+    makers = {servo.type.maker for servo in robot.servos}
+    if len(makers) > 1:
+        raise RobotError(
+            f"{place}: servos of {listed(sorted(makers))} on one bus; each has its own"
+        )
+    if makers == {"feetech"} and robot.watchdog:
+        raise RobotError(f"{place}: watchdog: {robot.watchdog} s; Feetech servos have none: give 0")
     if not 0 <= robot.watchdog <= 2.54:
         raise RobotError(f"{place}: watchdog: {robot.watchdog} s; it can be 0 (off) to 2.54 s")
 
@@ -256,6 +277,11 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
 
 
 def _model(name: Any, place: str) -> Path:
+    if name is None:
+        raise RobotError(
+            f"{place}: this robot's MJCF is not part of the project; give robot.model=PATH "
+            "(python -m hardware: model=PATH), with an actuator for each servo, of the same name"
+        )
     for path in (Path(name), ASSETS / name):
         if path.is_file():
             return path

@@ -9,6 +9,9 @@ from hardware.config import Robot
 from hardware.driver import Driver
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import World
+from hardware.feetech.driver import FeetechDriver
+
+DRIVERS = {"dynamixel": Driver, "feetech": FeetechDriver}
 
 
 def make_driver(
@@ -21,7 +24,8 @@ def make_driver(
         world: the emulated robot; None makes one that is as the file says.
         clock: the emulated robot's time; None makes one.
     """
+    kind = DRIVERS[robot.servos[0].type.maker]
     if robot.port is not None:
-        return Driver(robot, PortHandler(robot.port), RealClock())
+        return kind(robot, PortHandler(robot.port), RealClock())
     clock = clock or VirtualClock()
-    return Driver(robot, LoopbackPort(world or World(robot), clock), clock)
+    return kind(robot, LoopbackPort(world or World(robot), clock), clock)

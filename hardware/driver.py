@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import logging
 import struct
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from hardware.clock import Clock
 from hardware.config import Robot, Servo
 from hardware.errors import LineError, ServoError, listed
 from hardware.freshness import Freshness
+from hardware.readings import Health, Reading, errors_of
 from hardware.registers import RETRIES, read_register, write_register
 from hardware.timing import BLOCK, BLOCK_SIZE, cycle_time, sample_times
 
@@ -41,42 +42,8 @@ _logger = logging.getLogger(__name__)
 HEALTH, HEALTH_SIZE = 64, 83  # torque enable to present temperature
 TORQUE, ERROR_STATUS, WATCHDOG, GOAL = 64, 70, 98, 116
 TURN = 4096
+Values = tuple[float, float, float, float]
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0  # s between attempts to reconnect
-
-
-class Reading(NamedTuple):
-    """What the servos measured, (n,) each, in the order of the robot's file."""
-
-    time: float  # s, when the read was asked for
-    position: np.ndarray  # rad
-    velocity: np.ndarray  # rad/s
-    current: np.ndarray  # A (0 for servos without such a sensor)
-    duty: np.ndarray  # of full PWM, -1 to 1
-    stamp: np.ndarray  # s, when each was measured, as the wire's timing has it
-    count: np.ndarray  # int64, the raw position register
-    fresh: np.ndarray  # bool: a new answer, not the last one held
-    alert: np.ndarray  # bool: the servo reports a hardware error
-
-
-class Health(NamedTuple):
-    """One servo's state beside its motion."""
-
-    torque: bool
-    errors: tuple[str, ...]  # of the hardware error status
-    position_p_gain: int
-    watchdog: int  # register; -1: it has tripped
-    goal: int  # counts
-    voltage: float  # V
-    temperature: float  # degrees Celsius
-
-
-ERROR_BITS = {
-    0: "input voltage",
-    2: "overheating",
-    3: "encoder",
-    4: "electric shock",
-    5: "overload",
-}
 
 
 class Driver:
@@ -88,9 +55,14 @@ class Driver:
         clock: the time.
     """
 
+    client_type: ClassVar[type[BusClient]] = BusClient
+    block: ClassVar[tuple[int, int]] = (BLOCK, BLOCK_SIZE)  # address and bytes of a reading
+    goal: ClassVar[int] = GOAL  # address
+    torque: ClassVar[int] = TORQUE  # address
+
     def __init__(self, robot: Robot, port: PortHandler, clock: Clock) -> None:
         self.robot, self.clock = robot, clock
-        self.bus_client = BusClient(
+        self.bus_client = self.client_type(
             port, clock, robot.bus.latency, max(robot.bus.return_delay, 1e-5)
         )
         self.ids = [servo.id for servo in robot.servos]
@@ -126,6 +98,7 @@ class Driver:
         handshake.check_latency_timer(self.robot, self.bus_client)
         self.bus_client.open(self.robot.bus.baud)
         handshake.check_servos(self.robot, self.bus_client)
+        self._adopt()
         self._rehearsed = False
         self.fast = self._answers_fast()
         self._values[3] = self._zero
@@ -198,15 +171,13 @@ class Driver:
     def read(self) -> Reading:
         """Read all servos once, and those that did not answer once more."""
         asked = self.clock.now()
-        replies = self.bus_client.sync_read(BLOCK, BLOCK_SIZE, self.ids, self.fast)
+        replies = self.bus_client.sync_read(*self.block, self.ids, self.fast)
         stamps = asked + sample_times(self.robot, self.fast)
         fresh = self._take(replies, self.ids, asked)
         left = [number for number, new in zip(self.ids, fresh, strict=True) if not new]
         if left:
             again = self.clock.now()
-            late = self._take(
-                self.bus_client.sync_read(BLOCK, BLOCK_SIZE, left, False), left, again
-            )
+            late = self._take(self.bus_client.sync_read(*self.block, left, False), left, again)
             stamps = np.where(late, again, stamps)
             fresh |= late
         self._stamp = np.where(fresh, stamps, self._stamp)
@@ -235,8 +206,9 @@ class Driver:
     def command(self, angles: np.ndarray) -> np.ndarray:
         """Send goal angles [rad], (n,), and return them as the servos' resolution has them."""
         counts = self.counts(angles)
-        values = {n: struct.pack("<i", c) for n, c in zip(self.ids, counts.tolist(), strict=True)}
-        self.bus_client.sync_write(GOAL, values)
+        register = self._types[0].registers["goal_position"]
+        goals = zip(self.ids, counts.tolist(), strict=True)
+        self.bus_client.sync_write(self.goal, {n: register.encode(count) for n, count in goals})
         return self.angles(counts)
 
     def full_duty_errors(self) -> np.ndarray:
@@ -263,11 +235,10 @@ class Driver:
         if not self._health_ages[i].accept(tick, asked, self.clock.now()):
             self.bus_client.counters[self.ids[i]].stale += 1
             return None
-        status = data[ERROR_STATUS - HEALTH]
         units = self._types[i].units
         return Health(
             torque=bool(data[0]),
-            errors=tuple(name for bit, name in ERROR_BITS.items() if status >> bit & 1),
+            errors=errors_of(data[ERROR_STATUS - HEALTH]),
             position_p_gain=struct.unpack_from("<H", data, 84 - HEALTH)[0],
             watchdog=struct.unpack_from("<b", data, WATCHDOG - HEALTH)[0],
             goal=struct.unpack_from("<i", data, GOAL - HEALTH)[0],
@@ -313,7 +284,7 @@ class Driver:
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
         """
         for _ in range(2):
-            self.bus_client.write_all(TORQUE, b"\x00")
+            self.bus_client.write_all(self.torque, b"\x00")
         unsure = []
         for servo in self.robot.servos:
             try:
@@ -358,28 +329,47 @@ class Driver:
         fresh = np.zeros(len(self), bool)
         for number in numbers:
             reply = replies.get(number)
-            if reply is None or len(reply.data) != BLOCK_SIZE or reply.error:
+            if reply is None or len(reply.data) != self.block[1] or reply.error:
                 continue
             i = self.ids.index(number)
-            tick, _, pwm, current, velocity, count = struct.unpack("<HHhhii", reply.data)
-            known = self._ages[i].known
-            if not self._ages[i].accept(tick, asked, received):
-                self.bus_client.counters[number].stale += 1
+            values = self._decode(i, reply.data, asked, received)
+            if values is None:
                 continue
-            turns = round((self._values[3, i] - count) / TURN) if known else 0
-            if abs(turns) > 1:
-                self.bus_client.counters[number].corrupt += 1
-                continue  # no servo turns so far in a step
-            self._turns[i] += turns
-            self._values[:, i] = pwm, current, velocity, count
+            self._values[:, i] = values
             self._alert[i] = reply.alert
             fresh[i] = True
         return fresh
 
+    def _decode(self, i: int, data: bytes, asked: float, received: float) -> Values | None:
+        """Return PWM, current, velocity and position registers; None if they cannot be new."""
+        tick, _, pwm, current, velocity, count = struct.unpack("<HHhhii", data)
+        known, counters = self._ages[i].known, self.bus_client.counters[self.ids[i]]
+        if not self._ages[i].accept(tick, asked, received):
+            counters.stale += 1
+            return None
+        turns = round((self._values[3, i] - count) / TURN) if known else 0
+        if abs(turns) > 1:
+            counters.corrupt += 1
+            return None  # no servo turns so far in a step
+        self._turns[i] += turns
+        return pwm, current, velocity, count
+
+    def _adopt(self) -> None:
+        """Take over what the servos are set to, and the robot's file leaves open: nothing here."""
+
+    def set_watchdogs(self, steps: int) -> None:
+        """Let each servo stop by itself after so many steps of 20 ms in silence; 0 for never.
+
+        Raises:
+            ServoError: a servo does not obey.
+        """
+        for servo in self.robot.servos:
+            self.write_register(servo, "bus_watchdog", steps)
+
     def _answers_fast(self) -> bool:
         """Probe fast reads twice; older firmware leaves them unanswered."""
         for _ in range(2):
-            if len(self.bus_client.sync_read(BLOCK, BLOCK_SIZE, self.ids, True)) == len(self):
+            if len(self.bus_client.sync_read(*self.block, self.ids, True)) == len(self):
                 return True
         _logger.warning("%s: no fast reads; plain ones are used", self.robot.name)
         return False
@@ -388,5 +378,5 @@ class Driver:
         """Choose whole turns so that each joint starts within its limits, if it can."""
         for i, servo in enumerate(self.robot.servos):
             middle = sum(servo.position) / 2
-            angle = servo.angle(self._values[3, i])
+            angle = servo.sign * (self._values[3, i] - self._zero[i]) * self._step[i]
             self._turns[i] = servo.sign * round((middle - angle) / (TURN * self._step[i]))

@@ -14,6 +14,10 @@ from hardware.tables import servo_by_number
 from hardware.timing import cycle_time
 
 SPEEDS = (57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
+SPEEDS_OF = {
+    "dynamixel": SPEEDS,
+    "feetech": (1_000_000, 500_000, 115200, 57600, 38400, 19200),
+}
 ADAPTERS = Path("/sys/bus/usb-serial/devices")
 BY_SETUP = "(python -m hardware setup does)"
 
@@ -92,7 +96,7 @@ def _pinged(client: BusClient, number: int) -> list[list[Reply]]:
 def _other_model(servo: Servo, number: int) -> list[str]:
     if number == servo.type.number:
         return []
-    found = servo_by_number(number) or f"a model of number {number}"
+    found = servo_by_number(number, servo.type.maker) or f"a model of number {number}"
     return [f"servo {servo.id} ({servo.name}) is {found}, the robot's file says {servo.model}"]
 
 
@@ -104,7 +108,7 @@ def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:
     """Look for missing servos at other speeds, and say what was found."""
     names = listed(f"{servo.id} ({servo.name})" for servo in missing)
     baud, found = robot.bus.baud, []
-    for speed in SPEEDS:
+    for speed in SPEEDS_OF[robot.servos[0].type.maker]:
         if speed == baud:
             continue
         try:

@@ -104,11 +104,11 @@ class Guard:
             self.armed = True
             return reading
         try:
-            self._set_watchdogs(0)
+            driver.set_watchdogs(0)
             for servo, goal in zip(driver.robot.servos, reading.count.tolist(), strict=True):
                 driver.write_register(servo, "goal_position", goal)
             self._goals = reading.count.copy()
-            self._set_watchdogs(round(driver.robot.watchdog / 0.02))
+            driver.set_watchdogs(round(driver.robot.watchdog / 0.02))
             self.armed = True
             driver.torque_on()
         except (ServoError, LineError):
@@ -371,10 +371,6 @@ class Guard:
         """The longest time without a command since arming, the present one included [s]."""
         since = self.driver.clock.now() - self._commanded
         return self._pause if math.isnan(since) else max(self._pause, since)
-
-    def _set_watchdogs(self, steps: int) -> None:
-        for servo in self.driver.robot.servos:
-            self.driver.write_register(servo, "bus_watchdog", steps)
 
     def _do(self, action: Callable[[], Any]) -> Any:
         """Talk to the servos; if the bus is gone, switch off as soon as it is back."""

@@ -6,15 +6,15 @@ for found in scan(client):
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from hardware.bus_client import BusClient
 from hardware.errors import LineError
-from hardware.handshake import SPEEDS
+from hardware.handshake import SPEEDS_OF
 from hardware.tables import servo_by_number
 
-ALL_SPEEDS = (9600, *SPEEDS)
+ALL_SPEEDS = {"dynamixel": (9600, *SPEEDS_OF["dynamixel"]), "feetech": SPEEDS_OF["feetech"]}
 
 
 class Found(NamedTuple):
@@ -24,17 +24,18 @@ class Found(NamedTuple):
     id: int
     number: int  # of its model
     firmware: int
+    maker: str = "dynamixel"
 
     @property
     def model(self) -> str:
         """The name of its type, or its model number."""
-        return servo_by_number(self.number) or f"model number {self.number}"
+        return servo_by_number(self.number, self.maker) or f"model number {self.number}"
 
     def __str__(self) -> str:
         return f"{self.baud:>8} bits/s  ID {self.id:>3}  {self.model}  firmware {self.firmware}"
 
 
-def scan(client: BusClient, speeds: Iterable[int] = ALL_SPEEDS) -> Iterator[Found]:
+def scan(client: BusClient, maker: str = "dynamixel") -> Iterator[Found]:
     """Yield every servo that answers, speed by speed; the port stays open at the last one.
 
     Raises:
@@ -42,7 +43,7 @@ def scan(client: BusClient, speeds: Iterable[int] = ALL_SPEEDS) -> Iterator[Foun
     """
     refused: LineError | None = None
     opened = False
-    for baud in speeds:
+    for baud in ALL_SPEEDS[maker]:
         try:
             client.open(baud)
         except LineError as error:  # a speed that the port cannot run at, or no port at all
@@ -50,6 +51,6 @@ def scan(client: BusClient, speeds: Iterable[int] = ALL_SPEEDS) -> Iterator[Foun
             continue
         opened = True
         for number, (model, firmware) in sorted(client.broadcast_ping().items()):
-            yield Found(baud, number, model, firmware)
+            yield Found(baud, number, model, firmware, maker)
     if refused is not None and not opened:
         raise refused

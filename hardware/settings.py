@@ -17,7 +17,6 @@ from hardware.config import Robot, Servo
 from hardware.registers import read_register
 
 MOVES_BY_ITSELF, REVERSED_OR_TIMED = 8, 5
-POSITION_MODE = 3
 NO_SECOND_ID = 255
 LAST_ID = 252
 Read = Callable[[str], int]
@@ -50,6 +49,8 @@ def dangers(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
     def differs(register: str, value: int, wanted: int, why: str) -> None:
         found.append(Difference(servo, register, value, wanted, why))
 
+    if servo.type.maker == "feetech":
+        return _feetech_dangers(client, servo) + _slow(client, robot, servo)
     mode = read_register(client, servo, "drive_mode")
     if mode & MOVES_BY_ITSELF:
         differs("drive_mode", mode, 0, f"drive mode {mode}: a goal would switch its torque on")
@@ -62,20 +63,33 @@ def dangers(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
     if offset:
         why = f"its own homing offset is {offset}; the calibration says the zero"
         differs("homing_offset", offset, 0, why)
+    return found + _slow(client, robot, servo)
+
+
+def _feetech_dangers(client: BusClient, servo: Servo) -> list[Difference]:
+    mode = read_register(client, servo, "operating_mode")
+    if mode == servo.type.position_mode:
+        return []
+    why = f"operating mode {mode}: its goals are no positions"
+    return [Difference(servo, "operating_mode", mode, servo.type.position_mode, why)]
+
+
+def _slow(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
     unit = servo.type.units.return_delay
     delay = read_register(client, servo, "return_delay_time")
     allowed = round(robot.bus.return_delay / unit)
-    if delay > allowed:
-        why = f"it waits {delay * unit * 1e6:.0f} us before it answers (or set bus.return_delay)"
-        differs("return_delay_time", delay, allowed, why)
-    return found
+    if delay <= allowed:
+        return []
+    why = f"it waits {delay * unit * 1e6:.0f} us before it answers (or set bus.return_delay)"
+    return [Difference(servo, "return_delay_time", delay, allowed, why)]
 
 
 def differences(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
     """Return all settings that are not as the robot's file wants them; RAM is left out."""
     found = dangers(client, robot, servo)
+    named = {difference.register for difference in found}
     for register, (wanted, why) in _wanted(robot, servo).items():
-        if register in servo.type.registers:
+        if register in servo.type.registers and register not in named:
             value = read_register(client, servo, register)
             if value != wanted and not (register == "secondary_id" and value > LAST_ID):
                 found.append(Difference(servo, register, value, wanted, why))
@@ -87,7 +101,7 @@ def _wanted(robot: Robot, servo: Servo) -> dict[str, tuple[int, str]]:
     wanted = {
         "protocol_type": (2, "this program speaks protocol 2"),
         "secondary_id": (NO_SECOND_ID, "it would obey another servo's goals"),
-        "operating_mode": (POSITION_MODE, "goals are positions"),
+        "operating_mode": (servo.type.position_mode, "goals are positions"),
     }
     for name, value in robot.registers_of(servo).items():
         if servo.type.register(name).eeprom:
@@ -97,10 +111,13 @@ def _wanted(robot: Robot, servo: Servo) -> dict[str, tuple[int, str]]:
 
 def _narrow_limits(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
     """Return the servo's own limits if they are narrower than the robot's file."""
-    mode = robot.registers_of(servo).get("operating_mode", POSITION_MODE)
-    if mode != POSITION_MODE:
+    single = servo.type.position_mode
+    if robot.registers_of(servo).get("operating_mode", single) != single:
         return []  # other modes have no such limits
-    low, high = sorted(servo.count(angle) for angle in servo.position)
+    offset = 0
+    if servo.type.maker == "feetech":  # its limits are of what it reports
+        offset = read_register(client, servo, "homing_offset")
+    low, high = sorted(servo.count(angle) - offset for angle in servo.position)
     found = []
     for register, end, outside in (
         ("min_position_limit", 0, lambda limit: limit > low),

@@ -32,7 +32,7 @@ def set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
         ServoError: a servo does not answer, refuses, or is of another type.
         HardwareError: a person said no, or nobody answered.
     """
-    found = list(scan(client))
+    found = list(scan(client, _maker(robot)))
     for each in found:
         tell(str(each))
     there = {servo.name: place for servo in robot.servos if (place := _place(servo, found))}
@@ -44,6 +44,10 @@ def set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
     client.open(robot.bus.baud)
 
 
+def _maker(robot: Robot) -> str:
+    return robot.servos[0].type.maker
+
+
 def _place(servo: Servo, found: Sequence[Found]) -> Found | None:
     """Return where a servo answers by its ID; None if nowhere, or in several places."""
     places = [f for f in found if f.id == servo.id and f.number == servo.type.number]
@@ -53,21 +57,23 @@ def _place(servo: Servo, found: Sequence[Found]) -> Found | None:
 def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) -> Found:
     """Ask for a servo to be connected and return where it answers.
 
-    Servos that the robot's file knows already, at their IDs and speed, may stay connected.
+    Servos that the robot's file knows already, at their IDs and speed, do no harm unless the new
+    one has the ID of one of them.
     """
     known = {s.id: s for s in robot.servos if s.id != servo.id}
     while True:
         _asked(
             ask,
-            f"servo {servo.id} ({servo.name}) is missing; connect it, a {servo.model}, and no "
-            "other that is not set up yet, then press Enter ",
+            f"servo {servo.id} ({servo.name}) is missing; connect it alone, a {servo.model}, then "
+            "press Enter ",
         )
-        found = list(scan(client))
-        strange = [
+        found = list(scan(client, _maker(robot)))
+        others = [
             f
             for f in found
             if f.baud != robot.bus.baud or f.id not in known or f.number != known[f.id].type.number
         ]
+        strange = found if len(found) == 1 else others  # alone it may have another one's ID
         if len(strange) == 1 and strange[0].number == servo.type.number:
             client.open(strange[0].baud)
             with client.more_patient():  # a second answer at a slow speed comes late
@@ -131,6 +137,8 @@ def _apply(
     client.open(found.baud)
     now = replace(servo, id=found.id)
     write_register(client, now, "torque_enable", 0)
+    if "lock" in servo.type.registers:  # what is written while it is set is lost with the supply
+        write_register(client, now, "lock", 0)
     for change in plan:
         if change.register not in ("id", "baud_rate"):
             write_register(client, now, change.register, change.wanted)
@@ -145,6 +153,8 @@ def _apply(
             f"servo {servo.id} ({servo.name}) does not answer by its new ID and speed; "
             "python -m hardware scan port=... finds it"
         )
+    if "lock" in servo.type.registers:
+        write_register(client, servo, "lock", 1)
     left = differences(client, robot, servo)
     if left:
         raise ServoError(f"{left[0]}, but the servo did not keep it")

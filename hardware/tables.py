@@ -19,13 +19,14 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 
 from hardware.errors import RobotError, did_you_mean, listed
 
 FIRST_RAM = 64
+FEETECH = ("sts3215",)
 SIGNED = (
     *("homing_offset", "goal_pwm", "goal_current", "goal_velocity", "goal_position", "present_pwm"),
     *("present_current", "present_load", "present_velocity", "present_position"),
@@ -45,24 +46,32 @@ class Register:
     writable: bool
     low: int | str | None  # least value; a name stands for that register's value
     high: int | str | None
+    sign_bit: int | None = None  # of registers that hold a sign and a size; else two's complement
+    first_ram: int = FIRST_RAM
 
     @property
     def eeprom(self) -> bool:
         """Whether it survives a reboot, and can only be written while torque is off."""
-        return self.address < FIRST_RAM
+        return self.address < self.first_ram
 
     def encode(self, value: int) -> bytes:
-        """Return the value's bytes, least first; negative numbers as two's complement."""
+        """Return the value's bytes, least first."""
+        if self.sign_bit is not None:
+            value = abs(value) | (value < 0) << self.sign_bit
         return (value % (1 << 8 * self.size)).to_bytes(self.size, "little")
 
     def decode(self, data: bytes | bytearray) -> int:
         """Return the number that the bytes stand for."""
-        return int.from_bytes(data[: self.size], "little", signed=self.signed)
+        if self.sign_bit is None:
+            return int.from_bytes(data[: self.size], "little", signed=self.signed)
+        value = int.from_bytes(data[: self.size], "little")
+        size = value & (1 << self.sign_bit) - 1
+        return -size if value >> self.sign_bit & 1 else size
 
 
 @dataclass(frozen=True)
 class Units:
-    """What one step of a raw register means, the same for all X-series servos."""
+    """What one step of a raw register means."""
 
     counts_per_turn: int
     velocity: float  # rad/s
@@ -70,12 +79,12 @@ class Units:
     full_pwm: int
     voltage: float  # V
     return_delay: float  # s
-    watchdog: float  # s
-    position_d: int
-    position_i: int
-    velocity_p: int
-    velocity_i: int
-    feedforward: int
+    watchdog: float = 0.0  # s
+    position_d: int = 1
+    position_i: int = 1
+    velocity_p: int = 1
+    velocity_i: int = 1
+    feedforward: int = 1
 
     @property
     def angle(self) -> float:
@@ -95,7 +104,7 @@ class ServoType:
     resistance: float  # ohm
     armature: float | None  # kg·m^2; None: not known, as are the factory's gains
     current: float | None  # A of one step
-    gain_divisor: int
+    gain_divisor: float
     voltage: float  # V
     heat: float | None  # K/W
     tau_thermal: float | None  # s
@@ -104,6 +113,12 @@ class ServoType:
     registers: Mapping[str, Register]
     units: Units
     bauds: tuple[int, ...]
+    maker: Literal["dynamixel", "feetech"] = "dynamixel"
+
+    @property
+    def position_mode(self) -> int:
+        """The operating mode in which goals are positions within one turn."""
+        return 3 if self.maker == "dynamixel" else 0
 
     def check_emulated(self) -> None:
         """Refuse a type of which too little is known to emulate it.
@@ -154,7 +169,7 @@ class ServoType:
 
 @cache
 def _read(name: str) -> dict[str, Any]:
-    return yaml.safe_load(Path(__file__).with_name(name).read_text(encoding="utf-8"))
+    return yaml.safe_load((Path(__file__).parent / name).read_text(encoding="utf-8"))
 
 
 def _data() -> dict[str, Any]:
@@ -203,7 +218,7 @@ def _by_sheet(
 
 def servo_types() -> list[str]:
     """Return the names of the known types."""
-    return list(_models())
+    return [*_models(), *FEETECH]
 
 
 @cache
@@ -213,10 +228,12 @@ def servo_type(name: str) -> ServoType:
     Raises:
         RobotError: no such type is known, or dynamixel-sdk is not installed.
     """
-    data = _data()
-    known = _models()
+    if name in FEETECH:
+        return _feetech_type(name)
+    data, known = _data(), _models()
     if name not in known:
-        raise RobotError(f"unknown servo type {name!r}{did_you_mean(name, known)}: {listed(known)}")
+        hint = did_you_mean(name, servo_types())
+        raise RobotError(f"unknown servo type {name!r}{hint}: {listed(servo_types())}")
     entry = dict(known[name])
     table = _read_table(entry.pop("table"), entry["indirect"]) | _later(entry["firmware"])
     ranges = data["ranges"] | entry.pop("ranges", {})
@@ -236,8 +253,27 @@ def servo_type(name: str) -> ServoType:
     )
 
 
-def servo_by_number(number: int) -> str | None:
+def _feetech_type(name: str) -> ServoType:
+    """Return a type of Feetech's, whose file holds all that is known of it."""
+    data = dict(_read(f"feetech/{name}.yaml"))
+    first_ram, places = data.pop("first_ram"), data.pop("registers")
+    fixed, ranges = data.pop("read_only"), data.pop("ranges")
+    registers = {}
+    for key, (address, size, *sign) in places.items():
+        low, high = ranges.get(key, (None, None))
+        bit = sign[0] if sign else None
+        registers[key] = Register(
+            key, address, size, bool(sign), key not in fixed, low, high, bit, first_ram
+        )
+    units, bauds = Units(**data.pop("units")), tuple(data.pop("bauds"))
+    whole = {"name": name, "firmware": 0, "modes": (0,), "indirect": 0, "maker": "feetech"}
+    return ServoType(**data | whole, registers=registers, units=units, bauds=bauds)
+
+
+def servo_by_number(number: int, maker: str = "dynamixel") -> str | None:
     """Return the name of the type with this model number, if it is known; not all have tables."""
+    if maker == "feetech":
+        return next((name for name in FEETECH if servo_type(name).number == number), None)
     found = (name for name, entry in _models().items() if entry["number"] == number)
     return next(found, _read("servos_by_sheet.yaml")["names"].get(number))
 

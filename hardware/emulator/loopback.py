@@ -16,7 +16,7 @@ import heapq
 from dynamixel_sdk import PortHandler
 
 from hardware.clock import VirtualClock
-from hardware.emulator.bus import Bus
+from hardware.emulator.wires import bus_of
 from hardware.emulator.world import World
 
 
@@ -31,7 +31,7 @@ class LoopbackPort(PortHandler):
     def __init__(self, world: World, clock: VirtualClock) -> None:
         super().__init__(f"loopback:{world.robot.name}")
         self.world, self.clock = world, clock
-        self._bus = Bus(world)
+        self._bus = bus_of(world)
         self.unplugged = False
         self._arrivals: list[tuple[float, int, bytes]] = []
         self._written = 0

@@ -29,7 +29,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hardware.emulator.bus import Bus
+from hardware.emulator.wires import bus_of
 from hardware.emulator.world import World
 from hardware.errors import RobotError
 
@@ -128,7 +128,7 @@ class Wire:
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         os.set_blocking(master, False)
-        self._world, self._bus = world, Bus(world)
+        self._world, self._bus = world, bus_of(world)
         self._master, self._slave, self._clock = master, slave, clock
         self._start = clock() - world.time
         self._waiting: list[tuple[float, int, bytes]] = []

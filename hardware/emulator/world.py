@@ -16,6 +16,7 @@ import numpy as np
 
 from hardware.config import Robot
 from hardware.emulator.faults import Fault, Faults
+from hardware.emulator.feetech_inner import inner
 from hardware.emulator.firmware import Firmware
 from hardware.emulator.hidden import Hidden, read_hidden
 from hardware.emulator.mechanics import Mechanics
@@ -48,7 +49,7 @@ class World:
         streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
         for servo in robot.servos:
             servo.type.check_emulated()
-        self.robot = robot
+        self.robot = robot = inner(robot)
         self.hidden = hidden or read_hidden(robot.hidden, robot)
         self.mechanics = Mechanics(robot, self.hidden)
         memories = [

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,11 +20,14 @@ from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 import hardware.__main__ as command
 from hardware.clock import RealClock
 from hardware.config import load_robot
+from hardware.connect import make_driver
 from hardware.driver import Driver
 from hardware.emulator.world import World
 from hardware.port_lock import PortLock
 from hardware.safety import Guard, StopLimits
 from tests.hardware.rig import in_real_time
+
+SO101 = str(Path(__file__).with_name("so101.xml"))
 
 
 @contextlib.contextmanager
@@ -168,6 +172,42 @@ def test_a_port_in_use_is_refused(capsys):
             lock.release()
         assert f"{device} is held by" in capsys.readouterr().err
         assert command.main(["scan", "robot=bench1", f"port={device}"]) == 0
+
+
+def test_a_feetech_arm_behind_a_device_file(capsys):
+    """The maker's SDK reads the arm before and after our driver moved it; then it is watched."""
+    sdk = pytest.importorskip("scservo_sdk")
+    handler = sdk.PacketHandler(0)
+
+    def position(device: str) -> int:
+        port = sdk.PortHandler(device)
+        assert port.setBaudRate(1_000_000)
+        assert patiently(handler.ping, port, 3)[0] == 777
+        value = patiently(handler.read2ByteTxRx, port, 3, 56)[0]
+        port.closePort()
+        return value
+
+    with emulated("robot=so101", f"model={SO101}") as (device, _):
+        assert abs(position(device) - 2048) < 5
+        robot = replace(load_robot("so101", SO101), port=device)
+
+        def drive() -> None:
+            driver = make_driver(robot)
+            driver.connect()
+            driver.configure()
+            with Guard(driver, StopLimits(misses=50, patience=5.0)) as guard:
+                guard.arm()
+                guard.move_to(np.array([0, 0, 0.3, 0, 0, 0]), speed=2.0)
+                time.sleep(0.3)
+                assert guard.read().position[2] == pytest.approx(0.3, abs=0.1)
+            assert not driver.health(2).torque
+            driver.close()
+
+        in_real_time(drive)
+        assert abs(position(device) - 2048) < 250
+        capsys.readouterr()
+        assert command.main(["monitor", "robot=so101", f"port={device}", "seconds=0.1"]) == 0
+        assert "gripper" in capsys.readouterr().out
 
 
 def test_the_emulator_ends_when_it_is_told(tmp_path):

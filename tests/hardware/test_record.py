@@ -18,7 +18,7 @@ from hardware.log import Log, check_names, read_log, write_log
 from hardware.record import Recording, joint_names, record
 from hardware.safety import Guard
 
-NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
+NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml") if path.stem != "so101")  # no model
 
 
 def home(robot) -> np.ndarray:

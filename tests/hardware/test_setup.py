@@ -69,7 +69,7 @@ def test_factory_servos_one_by_one(chain):
     assert [s.id for s in bench.world.servos] == [1, 2, 3]
     assert [s.baud for s in bench.world.servos] == [1_000_000] * 3
     assert [s.return_delay for s in bench.world.servos] == [0.0] * 3
-    assert "servo 2 (hinge2) is missing; connect it, a xl330-m288" in bench.asked[2]
+    assert "servo 2 (hinge2) is missing; connect it alone, a xl330-m288" in bench.asked[2]
     told = "\n".join(bench.told)
     assert "servo 3 (hinge3): id 1 -> 3: each servo has an ID of its own" in told
     assert "servo 3 (hinge3): baud_rate 1 -> 3: 57600 -> 1000000 bits/s" in told

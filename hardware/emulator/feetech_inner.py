@@ -1,0 +1,60 @@
+"""The emulator's own servos in the place of Feetech ones: their motor, gains and units.
+
+    robot = inner(load_robot("so101"))              # what `World` is made of
+
+What a client sees of them is in `feetech.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+
+from hardware.config import Robot, Servo
+from hardware.tables import ServoType, servo_type
+
+INNER = "xm430-w350"  # whose control table the inner servos have
+LARGEST_PWM = 970  # of 1000 (BAM, by oscilloscope)
+EXTENDED = 4  # the inner servos' operating mode: limits and turns are the shell's
+
+
+@dataclass(frozen=True)
+class InnerServo(Servo):
+    """A servo of the emulator in place of a Feetech one."""
+
+    settings: dict[str, int] = field(default_factory=dict)  # of Feetech's registers
+
+    @property
+    def type(self) -> ServoType:
+        """The inner type."""
+        return inner_type(self.model)
+
+
+@cache
+def inner_type(name: str) -> ServoType:
+    """Return the emulator's own type with the motor and units of a Feetech type."""
+    kind, table = servo_type(name), servo_type(INNER)
+    units = replace(
+        table.units,
+        velocity=kind.units.velocity,
+        acceleration=kind.units.acceleration,
+        full_pwm=kind.units.full_pwm,
+    )
+    names = ("temperature_limit", "max_voltage_limit", "min_voltage_limit", "shutdown")
+    own = {name: kind.defaults[name] for name in (*names, "position_p_gain")}
+    own |= {"operating_mode": EXTENDED, "pwm_limit": LARGEST_PWM, "goal_pwm": LARGEST_PWM}
+    kept = {f.name: getattr(kind, f.name) for f in fields(kind)}
+    kept |= {name: getattr(table, name) for name in ("firmware", "modes", "indirect", "registers")}
+    return ServoType(**kept | {"defaults": table.defaults | own, "units": units})
+
+
+def inner(robot: Robot) -> Robot:
+    """Return a robot of inner servos; one of Dynamixel servos is returned as it is."""
+    if robot.servos[0].type.maker != "feetech" or isinstance(robot.servos[0], InnerServo):
+        return robot
+    servos = []
+    for servo in robot.servos:
+        given = {f.name: getattr(servo, f.name) for f in fields(servo)}
+        given |= {"registers": {}, "torque": None}
+        servos.append(InnerServo(**given, settings=robot.registers_of(servo)))
+    return replace(robot, servos=tuple(servos), registers={}, watchdog=0.0)

@@ -1,0 +1,47 @@
+"""What servos tell: their motion, all at once, and their state, one at a time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Reading(NamedTuple):
+    """What the servos measured, (n,) each, in the order of the robot's file."""
+
+    time: float  # s, when the read was asked for
+    position: np.ndarray  # rad
+    velocity: np.ndarray  # rad/s
+    current: np.ndarray  # A (0 for servos without such a sensor)
+    duty: np.ndarray  # of full PWM, -1 to 1
+    stamp: np.ndarray  # s, when each was measured, as the wire's timing has it
+    count: np.ndarray  # int64, the raw position register
+    fresh: np.ndarray  # bool: a new answer, not the last one held
+    alert: np.ndarray  # bool: the servo reports a hardware error
+
+
+class Health(NamedTuple):
+    """One servo's state beside its motion."""
+
+    torque: bool
+    errors: tuple[str, ...]  # of the hardware error status
+    position_p_gain: int
+    watchdog: int  # register; -1: it has tripped
+    goal: int  # counts
+    voltage: float  # V
+    temperature: float  # degrees Celsius
+
+
+ERROR_BITS = {
+    0: "input voltage",
+    2: "overheating",
+    3: "encoder",
+    4: "electric shock",
+    5: "overload",
+}
+
+
+def errors_of(status: int) -> tuple[str, ...]:
+    """Return the names of the bits of a hardware error status; both makers share them."""
+    return tuple(name for bit, name in ERROR_BITS.items() if status >> bit & 1)
