@@ -180,8 +180,9 @@ def load_robot(
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise RobotError(f"{path}: this cannot be read as YAML: {error}") from None
-    given = {} if model is None else {"model": model}
-    return make_robot({**data, **given}, str(path), needs_model)
+    if model is not None:
+        data = {**_mapping(data, str(path)), "model": model}
+    return make_robot(data, str(path), needs_model)
 
 
 def make_robot(data: Mapping[str, Any], place: str = "robot", needs_model: bool = True) -> Robot:
