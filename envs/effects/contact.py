@@ -20,7 +20,7 @@ from envs.params import How, Parameter
 FrictionMode = Literal["contact", "seed"]
 
 
-NEAR = 5e-3  # m: a geom this near to the ground in a logged pose is taken to stand on it
+STANDING = 5e-3  # m: a geom this near to the ground in a logged pose is taken to stand on it
 DOMINANT = 1e6  # solmix of a geom whose contacts are its own affair
 
 
@@ -52,7 +52,7 @@ def _meet(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarr
 def touching(model: mujoco.MjModel, poses: np.ndarray) -> tuple[str, ...]:
     """Return the names of the geoms that stand on the ground in any of the poses (K, nq)."""
     near, data = copy(model), mujoco.MjData(model)
-    near.geom_margin[:] = model.geom_margin + NEAR
+    near.geom_margin[:] = model.geom_margin + STANDING
     still, feet, found = set(ground(model)), set(soles(model)), set()
     for pose in poses if still and feet else ():
         data.qpos[:] = pose

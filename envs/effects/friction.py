@@ -23,12 +23,12 @@ STICKS = 0.999  # impedance from which a model's own friction is left as it is
 
 
 PARTS = np.array([0.01, 0.035, 0.12, 0.35])  # of a motor's torque: dry friction that is probed
-MOST = 0.9  # of the model's own friction that a probe takes away
+TAKEN_AWAY = 0.9  # of the model's own friction that a probe takes away
 
 
 def with_less(sizes: np.ndarray, own: float) -> np.ndarray:
     """Return what may be added to a joint's own friction, and most of that taken away."""
-    return np.append(sizes, -MOST * own) if own > 0 else sizes
+    return np.append(sizes, -TAKEN_AWAY * own) if own > 0 else sizes
 
 
 def stiffen(spec: mujoco.MjSpec, where: str | None) -> None:

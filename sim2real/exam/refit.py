@@ -29,7 +29,7 @@ from hardware.log import Log
 from sim2real.exam.hiding import EFFECTS, moved, place_of, scales
 from sim2real.exam.measure import residuals
 
-NEAR = 2.0  # floors: what a rival may leave
+RIVAL_FLOORS = 2.0  # floors: what a rival may leave
 ROWS, ROUNDS, ELITE = 16, 4, 4
 HOPELESS = 0.85  # of the gap that the best of the first round leaves: no more rounds then
 
@@ -60,8 +60,8 @@ def withheld(
         if name == truth["effect"]:
             continue
         others = rivals(robot, name, truth)
-        tries = (fit(robot, spec, one, log, NEAR * floor, rng) for one in others)
-        if any(one is not None and one.left <= NEAR * floor for one in tries):
+        tries = (fit(robot, spec, one, log, RIVAL_FLOORS * floor, rng) for one in others)
+        if any(one is not None and one.left <= RIVAL_FLOORS * floor for one in tries):
             found.append(name)
     return tuple(found)
 

@@ -11,7 +11,7 @@ import pytest
 from envs.effects import make
 from hardware.excite import Plan
 from sim2real.exam.logs import drive, exam_robot, plans
-from sim2real.exam.refit import NEAR, fit, rivals
+from sim2real.exam.refit import RIVAL_FLOORS, fit, rivals
 
 FLOOR = 1.6e-3  # rad
 
@@ -33,14 +33,13 @@ def test_a_payload_passes_for_a_heavier_link_and_a_play_does_not(robot) -> None:
     hidden = {"effect": "payload", "where": "arm", "value": 0.02}
     log = drive(robot, [hidden], Plan(plan.angles[:150], plan.torque[:150]), 1)
     spec = mujoco.MjSpec.from_file(str(robot.model))
-    mass = fit(
-        robot, spec, make("link_mass", where="arm"), log, NEAR * FLOOR, np.random.default_rng(0)
-    )
-    play = fit(
-        robot, spec, make("dead_zone", where="hinge"), log, NEAR * FLOOR, np.random.default_rng(0)
-    )
+    found = [
+        fit(robot, spec, effect, log, RIVAL_FLOORS * FLOOR, np.random.default_rng(0))
+        for effect in (make("link_mass", where="arm"), make("dead_zone", where="hinge"))
+    ]
+    mass, play = found
     assert mass is not None and play is not None
-    assert mass.left <= NEAR * FLOOR < play.left
+    assert mass.left <= RIVAL_FLOORS * FLOOR < play.left
 
 
 def test_rivals_act_where_they_could_pass(tmp_path: Path) -> None:
