@@ -5,7 +5,6 @@ The module below is all that the user writes.
 
 from __future__ import annotations
 
-import importlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,10 +15,12 @@ import pytest
 
 from envs.effects import EFFECTS, load_effects, make, write_effects
 from envs.plant import Plant
-from envs.randomization import Draw, Randomization
 from envs.simulation import Simulation
 from envs.tasks import Hopper
 from hardware.log import Log
+from sim2real.config import extensions, signatures
+from sim2real.config.compose import compose
+from sim2real.config.targets import build
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.fit import Fit, Problem, refine
 from sim2real.diagnosis.attribution.screen import screen
@@ -52,14 +53,34 @@ STIFFNESS = 0.8  # N·m/rad
 NOTHING = Fit((), np.zeros((2, 0)), np.zeros(2))
 
 
+DRAWN = """
+# how hard the spring at the ankle pulls
+_target_: envs.randomization.Randomization
+per: reset
+draws:
+  - _target_: envs.randomization.Draw
+    effect: {_target_: my_springs.ReturnSpring, where: leg_joint}
+    distribution: uniform
+    low: 1.0
+    high: 5.0
+"""
+
+
 @pytest.fixture(autouse=True)
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Import the user's module from a folder of theirs."""
+    """Name the user's folder as `--config-dir` does, and import its modules as a verb does."""
     assert len(MODULE.strip().splitlines()) <= 20
-    (tmp_path / "my_springs.py").write_text(MODULE, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    importlib.import_module("my_springs")
+    folder = tmp_path / "mine"
+    (folder / "params").mkdir(parents=True)
+    (folder / "my_springs.py").write_text(MODULE, encoding="utf-8")
+    (folder / "params" / "springs.yaml").write_text(DRAWN, encoding="utf-8")
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setenv(extensions.VARIABLE, "")
+    extensions.use(folder)
+    extensions.load()
     yield
+    signatures.OWN.clear()
+    signatures.forget()
     EFFECTS.pop("return_spring", None)
     sys.modules.pop("my_springs", None)
 
@@ -112,7 +133,7 @@ def test_files_hold_it(tmp_path: Path) -> None:
 
 def test_training_draws_it_and_an_evaluation_sweeps_it() -> None:
     """It is a parameter of the task's space, in its row and its cell."""
-    tasks = Randomization([Draw(make("return_spring", where="leg_joint"), low=1.0, high=5.0)])
+    tasks = build(compose(["env=hopper", "params=springs"])["params"], "params")
     simulation = Simulation(Hopper(), num_rows=3, effects=tasks.effects, threads=1)
     tasks.check(simulation.space)
     values = tasks.sample(np.random.default_rng(0), 3)
