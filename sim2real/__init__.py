@@ -1,9 +1,12 @@
 """A policy works in simulation and fails on the robot: find out why; train one that transfers.
 
-    from sim2real import diagnose
+    from sim2real import compose, diagnose, load_policy, make_env
 
     report = diagnose("log.csv", "arm.xml")
     report.verdict, report.causes, report.gap
+
+    env = make_env(compose(["+experiment=udr"]), num_envs=256)  # a TorchRL environment
+    action = load_policy("outputs/train/udr/TIME").pilot()(observation)
 
 A name's module is imported when the name is first used: `import sim2real` alone costs nothing.
 """
@@ -14,10 +17,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sim2real.config.compose import compose
+    from sim2real.deployment.trained import load_policy
     from sim2real.diagnosis.diagnose import diagnose
     from sim2real.diagnosis.schema import Report
     from sim2real.learning.adapt import GradientAdaptation, HillClimb, NoAdaptation, Session
     from sim2real.learning.environment import make_env
+    from sim2real.learning.trained import Trained
     from sim2real.runs.errors import Sim2RealError
 
 __all__ = [
@@ -27,15 +33,21 @@ __all__ = [
     "Report",
     "Session",
     "Sim2RealError",
+    "Trained",
+    "compose",
     "diagnose",
+    "load_policy",
     "make_env",
 ]
 
 _MODULES = {
+    "config.compose": ("compose",),
+    "deployment.trained": ("load_policy",),
     "diagnosis.diagnose": ("diagnose",),
     "diagnosis.schema": ("Report",),
     "learning.adapt": ("GradientAdaptation", "HillClimb", "NoAdaptation", "Session"),
     "learning.environment": ("make_env",),
+    "learning.trained": ("Trained",),
     "runs.errors": ("Sim2RealError",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

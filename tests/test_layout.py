@@ -20,7 +20,7 @@ KNOWS = {  # each room of sim2real/, and the other rooms that it may import
     "learning": {"config", "runs"},
     "diagnosis": {"runs"},
     "evaluation": {"learning", "runs"},
-    "deployment": {"learning", "runs"},
+    "deployment": {"config", "learning", "runs"},
     "exam": {"diagnosis", "runs"},
     "loops": {"config", "runs", "learning", "evaluation", "deployment", "diagnosis", "exam"},
     "verbs": {

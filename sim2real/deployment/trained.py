@@ -1,7 +1,7 @@
 """A trained policy taken out of a checkpoint.
 
-trained = load_trained(checkpoint, parts, algorithm)
-pilot = trained.pilot(trained.theta)            # raw observations (n, O) to actions (n, A)
+trained = load_policy("outputs/train/udr/2026-11-21_10-00-00")
+pilot = trained.pilot()                         # raw observations (n, O) to actions (n, A)
 pilot = trained.pilot(candidate)                # the same network with other parameters
 """
 
@@ -12,6 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from envs.tasks.base import Task
+from sim2real.config.arguments import path_value
+from sim2real.config.compose import compose, prepare
 from sim2real.learning.algorithms.base import Algorithm, Parts, build
 from sim2real.learning.environment import Environment
 from sim2real.learning.trained import Trained
@@ -39,6 +41,21 @@ def load_trained(
     learner = build(algorithm, parts, adapts=False)
     restore(source, learner, learner.identity, generators=False)
     return replace(learner.trained(), source=source)
+
+
+def load_policy(checkpoint: str | Path, device: str = "cpu") -> Trained:
+    """Return the policy of a run, in the configuration that it was trained with.
+
+    Args:
+        checkpoint: a run's folder, or a checkpoint in it.
+        device: where networks are while they are restored.
+
+    Raises:
+        Sim2RealError: no such run, a checkpoint that is damaged, or one of another version.
+    """
+    source = path_value(str(find(checkpoint)))
+    _, made = prepare(compose(["run=export", f"checkpoint={source}", f"device={device}"]), Path())
+    return load_trained(checkpoint, made["parts"], made["algorithm"])
 
 
 def one_checkpoint(checkpoint: str | list[str] | Path | None) -> str | Path:
