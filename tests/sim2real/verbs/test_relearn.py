@@ -38,7 +38,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
         (folder / "report.json").write_text("{}")
 
     def trained(**settings: Any) -> Any:
-        given["trained"].append(settings["effects"])
+        given["trained"].append([list(v) for _, v in settings["parts"].environment.fixed])
         return real(**settings)
 
     monkeypatch.setattr(relearn, "run_diagnosis", run_diagnosis)
@@ -60,8 +60,7 @@ def test_the_loop_is_closed_and_goes_on_where_it_stopped(
     tried = run(**arguments(tmp_path))
     assert list(tried) == ["nominal", "corrected", "truth"]
     assert all(len(one.robot) == len(one.simulator) == 2 for one in tried.values())
-    found = str(tmp_path / "diagnosis" / "effects.yaml")
-    assert seen["trained"] == [None, found, "conf/shift/hopper2_delay.yaml"]
+    assert seen["trained"] == [[], [[0.019]], [[0.02]]]
     ((first, second),) = seen["diagnosed"]
     assert {log.path.name for log in (first, second)} == {"a.csv", "b.csv"}
     assert list(first.joints) == ["hip", "knee"]  # the rest of the robot is fixed
