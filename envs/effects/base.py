@@ -26,11 +26,12 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
 
+from envs.effects.extras import Extra, Sizes
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.errors import EffectError, did_you_mean
@@ -40,49 +41,6 @@ Place = Literal["joint", "actuator", "body", "contact", "robot"]
 
 
 PLAIN, RULES = "plain", "rules"  # groups of effects that can be simulated in one batch
-
-
-class Extra(NamedTuple):
-    """A further scalar of an effect: a constant, or a parameter where it is in `free`.
-
-    Args:
-        name: of the argument.
-        unit: SI unit, "" for a pure number.
-        default: its value where none is given; None: one must be given.
-        low: smallest value.
-        high: largest value.
-        about: what it is.
-        fit: range within which a diagnosis fits it beside the value; None: it stays constant.
-        typical: what real robots show; the exam's search for rivals goes through all of it. None:
-            it stays constant there.
-    """
-
-    name: str
-    unit: str
-    default: float | None
-    low: float
-    high: float
-    about: str
-    fit: tuple[float, float] | None = None
-    typical: tuple[float, float] | None = None
-
-
-class Sizes(NamedTuple):
-    """How large an exam hides an effect: multiples of a number that the robot itself has.
-
-    Args:
-        form: how a size becomes a value: `add` size * unit, `signed` the same with a drawn sign,
-            `factor` exp(± size), `limit` unit / size, `mass` unit * (exp(± size) - 1), `tilt` a
-            rotation by size about a drawn horizontal axis.
-        unit: the number, such as `stall` for the stall torque (`sim2real.exam.hiding.scales`).
-        low: the least size that is tried.
-        high: the largest.
-    """
-
-    form: Literal["add", "signed", "factor", "limit", "mass", "tilt"]
-    unit: str
-    low: float
-    high: float
 
 
 class BoundEffect:
@@ -197,6 +155,7 @@ class Effect(ABC):
 
     # For diagnosis and exam; see also `variants`, `probes`, `batch`, `why_not_mjcf`, `to_mjcf`.
     closes_gaps: ClassVar[bool] = True  # False: no replay shows it (noise, what a camera sees)
+    shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
     servo_rank: ClassVar[int | None] = None  # its turn among what every servo's model guesses
     tied: ClassVar[str] = ""  # effects of one such name start from one factor
     no_mjcf: ClassVar[str | None] = "its class does not say that MJCF can"  # None: MJCF can
@@ -327,11 +286,11 @@ class Effect(ABC):
     @classmethod
     def places(cls, scale: RobotScale) -> list[str | None]:
         """Return where on a robot a search should look for it; None is all of it."""
-        if cls.place == "joint":
-            return [*scale.joints]
-        if cls.place == "actuator":
-            return [*scale.actuators]
-        return [*scale.bodies] if cls.place == "body" else [None]
+        kinds = {"joint": scale.joints, "actuator": scale.actuators, "body": scale.bodies}
+        if cls.place not in kinds:
+            return [None]
+        own = kinds[cls.place]
+        return [*own, None] if cls.shared and len(own) > 1 else [*own]
 
     @classmethod
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:

@@ -267,7 +267,7 @@ class ProfileVelocity(_ProfileEffect):
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return limits that slow the usual motion, and one that slows only steps."""
-        usual, most = scale.speeds(str(self.where))
+        usual, most = scale.speeds_at(self.where)
         sizes = np.array([0.8, 0.5, 0.25, 0.12]) * usual
         return np.append(sizes, np.sqrt(usual * most)) if most > 2 * usual else sizes
 

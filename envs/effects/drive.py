@@ -122,7 +122,7 @@ class TorqueSpeedKnee(ActuatorEffect):
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return knees below the usual speed and between that and the largest one."""
-        usual, most = scale.speeds(str(self.where))
+        usual, most = scale.speeds_at(self.where)
         return np.array([(part * usual, 2.0) for part in (0.2, 0.5, 1.0)] + [(0.5 * most, 1.3)])
 
     def batch(self) -> str:

@@ -99,6 +99,7 @@ class CoulombFriction(FieldEffect):
     servo_rank = 2
     comparable = True
     sizes = Sizes("add", "stall", 2e-3, 0.3)
+    shared = True
     symptom = "the joint stops short of its goal, from both sides, and flattens at every reversal"
     source = (
         "tau = -K sgn(w), sticking below K; MuJoCo XML reference, joint/frictionloss, made stiff"
@@ -131,6 +132,7 @@ class ViscousFriction(FieldEffect):
     servo_rank = 3
     comparable = True
     sizes = Sizes("add", "braking", 0.02, 10.0)
+    shared = True
     symptom = "lag in proportion to speed, and swings that die out exponentially"
     source = "tau = -K w; MuJoCo XML reference, joint/damping"
     experiment = "a swing with the motor switched off, which has no back-EMF"
@@ -153,6 +155,7 @@ class Armature(FieldEffect):
     typical = (0.0, 0.03)
     comparable = True
     sizes = Sizes("add", "inertia", 0.03, 10.0)
+    shared = True
     symptom = "slow starts and overshoot that do not depend on the pose"
     source = "rotor inertia times the gear ratio squared; MuJoCo XML reference, joint/armature"
     experiment = "steps from rest with two amplitudes, and a chirp"

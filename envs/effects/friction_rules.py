@@ -87,6 +87,7 @@ class StribeckFriction(Effect):
     words = "Stribeck friction"
     no_mjcf = "MJCF has no friction that depends on the speed"
     sizes = Sizes("add", "stall", 2e-3, 0.3)
+    shared = True
     symptom = "stick-slip: slow motions go in jumps, fast ones are smooth"
     source = "Armstrong-Hélouvry 1991; Kcs exp(-|w/ws|^a), as in Rhoban's BAM (arXiv 2410.08650) M2"
     experiment = "ramps at several slow speeds, one after the other, with reversals"
@@ -179,6 +180,7 @@ class LoadDependentFriction(Effect):
     typical = (0.0, 0.35)
     no_mjcf = "MJCF has no friction that depends on the load"
     sizes = Sizes("add", "one", 5e-3, 0.6)
+    shared = True
     symptom = (
         "friction that grows with the load: wide hysteresis where gravity pulls, little"
         " where it does not"

@@ -136,12 +136,30 @@ class RobotScale:
         return found or float(np.mean(list(self.torque.values()) or [1.0]))
 
     def own(self, field: str, joint: str | None) -> float:
-        """Return a joint's entry of one of the model's fields of degrees of freedom."""
-        return float(getattr(self.model, field)[self.model.jnt_dofadr[self._joint(joint)]])
+        """Return a joint's entry of one of the model's fields of degrees of freedom.
+
+        The least of all driven joints for None.
+        """
+        dofs = [int(self.model.jnt_dofadr[place]) for place in self._joints(joint)]
+        return float(np.min(getattr(self.model, field)[dofs]))
 
     def inertia(self, joint: str | None) -> float:
-        """Return the inertia of what a joint carries, without armature [kg·m²]."""
-        return link_inertia(self.model, self._joint(joint))
+        """Return the inertia of what a joint carries, without armature; None: the mean [kg·m²]."""
+        return float(np.mean([link_inertia(self.model, place) for place in self._joints(joint)]))
+
+    def speeds_at(self, actuator: str | None) -> tuple[float, float]:
+        """Return usual and largest commanded speed of an actuator; None: of the fastest [rad/s]."""
+        each = [self.speeds(name) for name in ([actuator] if actuator else self.actuators)]
+        return max(usual for usual, _ in each), max(most for _, most in each)
+
+    def heat_at(self, actuator: str | None) -> float:
+        """Return the heat of an actuator; None: of the warmest [N²·m²·s]."""
+        return max(self.heat(name) for name in ([actuator] if actuator else self.actuators))
+
+    def _joints(self, joint: str | None) -> list[int]:
+        """Return the id of a joint; None: of every driven one."""
+        names = sorted(set(self.driven.values())) if joint is None else [joint]
+        return [self._joint(name) for name in names]
 
     def _joint(self, name: str | None) -> int:
         return int(self.model.joint(str(name)).id)

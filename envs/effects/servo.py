@@ -30,6 +30,7 @@ class ActuatorEffect(Effect):
     """An effect that only some kinds of actuator can have; `can` says which."""
 
     place = "actuator"
+    shared = True
 
     @staticmethod
     def can(model: mujoco.MjModel, actuator: int) -> bool:

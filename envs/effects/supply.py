@@ -283,7 +283,7 @@ class ThermalDerating(ActuatorEffect):
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return losses by which the hardest of the logs takes parts of the strength."""
-        return np.array([0.15, 0.6, 2.5]) / max(scale.heat(str(self.where)), 1e-9)
+        return np.array([0.15, 0.6, 2.5]) / max(scale.heat_at(self.where), 1e-9)
 
     def batch(self) -> str:
         """Return the group of rules that are stepped from Python."""

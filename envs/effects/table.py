@@ -25,7 +25,7 @@ plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagn
 
 * **where** is the name of a joint, actuator, body or geom. Without it a joint effect acts on every
   hinge and slide that an actuator drives, an actuator effect on every actuator that can have it,
-  with one value for all.
+  with one value for all; a diagnosis tries that too, for friction, inertia and actuators.
 * **how** a value changes the model: the first way listed is the default, and the one that
   `effects.yaml` uses.
 * **neutral** values (0 added, factor 1, the model's own) leave a plant as it is without the effect,
@@ -52,7 +52,8 @@ plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagn
 
 ## An effect of your own
 
-One class, registered once. It is then known to `make`, to randomization and to `effects.yaml`.
+One class, registered once. It is then known to `make`, randomization, evaluation grids,
+`effects.yaml`, diagnosis, reports and, where MJCF can say it, `model.xml`.
 
 ```python
 from envs.effects import FieldEffect, register
@@ -69,6 +70,20 @@ class SpringStiffness(FieldEffect):
     source = "MuJoCo XML reference, joint/stiffness"
     experiment = "let go of the joint from several angles"
 ```
+
+What else a class may say of itself:
+
+* For diagnosis: `probes(scale)`, the values that span it on a robot, from the robot's sizes
+  (`RobotScale`; left out, they follow from `typical`); `places(scale)` and `variants(scale)`, where
+  and with which arguments it is tried; `shared`, whether one value for all places is tried as well;
+  `fit` of an `Extra`, the range in which a further scalar is fitted; `batch()`, which effects can
+  be simulated beside it; `servo_rank` and `tied`, whether it joins first where every joint is
+  wrong, and from which factor. `closes_gaps = False` leaves it out, as noise is.
+* For `model.xml`: `no_mjcf`, None if its model fields say it all, else the reason why MJCF cannot;
+  `own_mjcf` and `to_mjcf` if it writes itself.
+* For reports: `words`, its name in a sentence.
+* For the exam, if the emulator has a law for it: `sizes`, `draw_extras`, `typical` of an `Extra`,
+  `comparable`.
 
 """
 

@@ -40,3 +40,24 @@ def test_friction_of_a_motor_without_a_limit_is_probed_at_its_own_size() -> None
     """Not a thousandth of it: what rubs takes a part of the torque that was commanded."""
     probes = make("coulomb_friction", where="hinge").probes(scale('<motor joint="hinge"/>', 2.0))
     assert probes.min() == pytest.approx(0.02) and probes.max() == pytest.approx(0.7)
+
+
+def test_without_a_place_a_size_is_that_of_all_joints() -> None:
+    """The mean torque and inertia, the least friction of the model's own, the fastest command."""
+    text = """<mujoco><worldbody><body><joint name="a" axis="0 1 0" frictionloss="0.1"/>
+        <geom type="sphere" size="0.02" pos="0 0 -0.3" mass="0.5"/>
+        <body><joint name="b" axis="0 1 0" frictionloss="0.3"/>
+        <geom type="sphere" size="0.02" pos="0 0 -0.3" mass="0.5"/></body></body></worldbody>
+        <actuator><motor name="a" joint="a" forcerange="-3 3"/>
+        <motor name="b" joint="b" forcerange="-1 1"/></actuator></mujoco>"""
+    speeds = {"a": (1.0, 5.0), "b": (2.0, 3.0)}
+    found = RobotScale(
+        mujoco.MjModel.from_xml_string(text),
+        speeds=speeds.__getitem__,
+        heat={"a": 4.0, "b": 9.0}.__getitem__,
+    )
+    assert found.torque_at(None) == pytest.approx(2.0)
+    assert found.own("dof_frictionloss", None) == pytest.approx(0.1)
+    assert found.inertia(None) == pytest.approx((found.inertia("a") + found.inertia("b")) / 2)
+    assert (found.speeds_at(None), found.speeds_at("b")) == ((2.0, 5.0), (2.0, 3.0))
+    assert (found.heat_at(None), found.heat_at("a")) == (9.0, 4.0)

@@ -13,6 +13,7 @@ from hardware.log import Log
 from hardware.stand import hung
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.data.dataset import Data
+from tests.sim2real.diagnosis import arm
 
 
 def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
@@ -81,3 +82,23 @@ def test_a_speed_limit_that_only_steps_reach_is_probed(tmp_path: Path) -> None:
     assert probes["smooth"].max() < 2.0
     assert 4.0 < probes["steps"].max() < 20.0
     assert probes["steps"][:-1] == pytest.approx(probes["smooth"], rel=0.05)
+
+
+def test_one_value_for_all_joints_is_a_candidate_where_there_are_several(tmp_path: Path) -> None:
+    """A batch of weak motors is one cause; a wrong zero is each joint's own."""
+    found = {c.label: c for c in candidates(arm.data_of(arm.make_log(seconds=4.0), tmp_path))}
+    assert {"motor_strength", "position_gain", "coulomb_friction", "thermal_derating"} <= set(found)
+    assert not {"encoder_offset", "cogging", "asymmetric_friction"} & set(found)
+    wide = found["motor_strength"]
+    assert (wide.effect.where, wide.joint, wide.shown) == (None, None, ())
+    np.testing.assert_array_equal(wide.probes, found["motor_strength.a"].probes)
+    assert found["thermal_derating"].probes.max() == pytest.approx(
+        min(found[f"thermal_derating.{name}"].probes.max() for name in "ab")
+    )
+
+    robot = hung(load_robot("bench1"), tmp_path)
+    time = np.arange(300) / 50
+    columns = {"episode": np.zeros(300, int), "time": time}
+    columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}
+    data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
+    assert "motor_strength" not in {option.label for option in candidates(data)}

@@ -56,3 +56,15 @@ def test_friction_of_motors_without_a_limit_is_found(tmp_path: Path) -> None:
     assert best.candidate.label == "coulomb_friction.b"
     fit = refine(problem, (best.candidate,), np.tile(best.start, (1, 2, 1)), 4)
     assert fit.mean[0] == pytest.approx(0.1, rel=0.02)
+
+
+def test_weak_motors_everywhere_are_one_cause(tmp_path: Path) -> None:
+    """One strength for all of them does what two would, and is found with its value."""
+    data = arm.data_of(arm.make_log(("motor_strength", {}, 0.73), seconds=6.0), tmp_path)
+    problem = Problem(data, Simulator(data, threads=1))
+    nothing = Fit((), np.zeros((2, 0)), np.zeros(2))
+    strengths = [c for c in candidates(data) if c.name == "motor_strength"]
+    best = screen(problem, nothing, strengths).guesses[0]
+    assert best.candidate.label == "motor_strength"
+    fit = refine(problem, (best.candidate,), np.tile(best.start, (1, 2, 1)), 4)
+    assert fit.mean[0] == pytest.approx(0.73, rel=0.01)

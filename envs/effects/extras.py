@@ -1,0 +1,48 @@
+"""What an effect says about its scalars: further ones, and how large an exam hides it."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+
+class Extra(NamedTuple):
+    """A further scalar of an effect: a constant, or a parameter where it is in `free`.
+
+    Args:
+        name: of the argument.
+        unit: SI unit, "" for a pure number.
+        default: its value where none is given; None: one must be given.
+        low: smallest value.
+        high: largest value.
+        about: what it is.
+        fit: range within which a diagnosis fits it beside the value; None: it stays constant.
+        typical: what real robots show; the exam's search for rivals goes through all of it. None:
+            it stays constant there.
+    """
+
+    name: str
+    unit: str
+    default: float | None
+    low: float
+    high: float
+    about: str
+    fit: tuple[float, float] | None = None
+    typical: tuple[float, float] | None = None
+
+
+class Sizes(NamedTuple):
+    """How large an exam hides an effect: multiples of a number that the robot itself has.
+
+    Args:
+        form: how a size becomes a value: `add` size * unit, `signed` the same with a drawn sign,
+            `factor` exp(± size), `limit` unit / size, `mass` unit * (exp(± size) - 1), `tilt` a
+            rotation by size about a drawn horizontal axis.
+        unit: the number, such as `stall` for the stall torque (`sim2real.exam.hiding.scales`).
+        low: the least size that is tried.
+        high: the largest.
+    """
+
+    form: Literal["add", "signed", "factor", "limit", "mass", "tilt"]
+    unit: str
+    low: float
+    high: float
