@@ -24,7 +24,8 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase, Transform
 
-from envs.errors import TaskError
+from envs.errors import ParameterError, TaskError
+from envs.params import ParamSpace
 from envs.randomization import Tasks
 from envs.rows import Rows
 
@@ -245,7 +246,8 @@ class RandomizeParams(Transform):
         tasks: the distribution; its `per` ("reset" or "row") says how long a row keeps its draw.
 
     A `RowsEnv` draws by itself, from its own generator, so that `set_seed` decides the draws too.
-    Any other environment with entries ("params", name) is handed them with each reset.
+    Any other environment with entries ("params", name) is handed them with each reset. Where
+    the tasks draw nothing, any environment is left as it is.
 
     Raises:
         ParameterError: at the first reset, tasks that do not fit the environment's parameters.
@@ -275,6 +277,8 @@ class RandomizeParams(Transform):
     ) -> TensorDictBase | None:
         """Return the reset's tensordict with draws for an environment of somebody else's."""
         if env is None or "params" not in env.observation_spec:
+            if env is not None and _draws_nothing(self.tasks):
+                return tensordict
             raise TaskError(
                 f"RandomizeParams draws for an environment with entries ('params', name), which "
                 f"{'nothing' if env is None else type(env).__name__} has not; put it into a "
@@ -301,6 +305,15 @@ class RandomizeParams(Transform):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         return next_tensordict
+
+
+def _draws_nothing(tasks: Tasks) -> bool:
+    """Return whether tasks fit a world without parameters."""
+    try:
+        tasks.check(ParamSpace(()))
+    except ParameterError:
+        return False
+    return True
 
 
 def _where(mask: torch.Tensor) -> np.ndarray:

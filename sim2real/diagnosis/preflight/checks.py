@@ -9,7 +9,7 @@ tell what the sensors are like.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import mujoco
@@ -25,12 +25,26 @@ from sim2real.diagnosis.preflight.unlogged import check_unlogged
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Settings
 
+Check = Callable[[Sequence[Log], Sequence[mujoco.MjModel]], Iterable[Finding]]
 __all__ = ["NOTES", "noise_floor", "preflight"]
 GRAVE = ("sign", "swap", "degrees", "scale")  # makes other checks of the same joint meaningless
 WRONG = (*GRAVE, "zero", "rate", "no_command")  # no lag is measured in a log with these
 ORDER = (*WRONG, "control_law", "excitation")
 BLOCKING = (*GRAVE, "rate", "no_command")  # a log with these says nothing of the robot's physics
 FOLLOWS = ("degrees", "scale", "zero", "control_law", "speed", "ctrlrange", "saturation")
+
+
+CHECKS: list[Check] = []  # those of users, after this project's own
+
+
+def register(check: Check) -> Check:
+    """Ask a further check in every preflight; return it, so that this can be a decorator.
+
+    Args:
+        check: is given the logs and the compiled model of each, and returns findings.
+    """
+    CHECKS.append(check)
+    return check
 
 
 def preflight(
@@ -58,6 +72,7 @@ def preflight(
     if not any(finding.check == "rate" for finding in found):
         found += _noise(logs, settings)
     found += check_unlogged(logs, specs, settings.unlogged)
+    found += [finding for check in CHECKS for finding in check(logs, models)]
     return sorted(_causes(_merged(found), _turned(models)), key=_rank)
 
 
