@@ -56,7 +56,7 @@ def suiting(robot: Robot, kinds: Sequence[Kind]) -> list[Kind]:
     free = bool((model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any())
     if not free or "swing" not in kinds:
         return list(kinds)
-    left = [kind for kind in kinds if kind != "swing"]
+    left: list[Kind] = [kind for kind in kinds if kind != "swing"]
     why = f"{robot.name} stands free and collapses when torque goes off"
     if not left:
         raise RobotError(f"{why}: swing needs a robot that hangs, and a model with a fixed base")

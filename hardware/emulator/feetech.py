@@ -61,7 +61,8 @@ class Shell:
             self._fixed[register.address : end] = bytes([not register.writable]) * register.size
         delay = round(core.return_delay / self.kind.units.return_delay)
         as_set_up = {"id": servo.id, "baud_rate": self.kind.bauds.index(baud)}
-        values = self.kind.defaults | as_set_up | {"return_delay_time": delay} | servo.settings
+        as_set_up["return_delay_time"] = delay
+        values = {**self.kind.defaults, **as_set_up, **servo.settings}
         for name, value in {"model_number": self.kind.number, **values}.items():
             self[name] = value
         self._kept = bytes(self.data[: self._ram])

@@ -45,7 +45,7 @@ def inner_type(name: str) -> ServoType:
     own |= {"operating_mode": EXTENDED, "pwm_limit": LARGEST_PWM, "goal_pwm": LARGEST_PWM}
     kept = {f.name: getattr(kind, f.name) for f in fields(kind)}
     kept |= {name: getattr(table, name) for name in ("firmware", "modes", "indirect", "registers")}
-    return ServoType(**kept | {"defaults": table.defaults | own, "units": units})
+    return ServoType(**kept | {"defaults": {**table.defaults, **own}, "units": units})
 
 
 def inner(robot: Robot) -> Robot:
