@@ -285,7 +285,13 @@ class RandomizeParams(Transform):
                 "TransformedEnv over a MujocoEnv, or leave it out"
             )
         names = list(env.observation_spec["params"].keys())
-        values = self.tasks.sample(self._rng, max(1, env.batch_size.numel()))  # (N, P)
+        try:
+            values = self.tasks.sample(self._rng, max(1, env.batch_size.numel()))  # (N, P)
+        except ParameterError as error:
+            raise TaskError(
+                f"RandomizeParams: these tasks draw effects of a simulated robot, which "
+                f"{type(env).__name__} has not; its parameters are: {', '.join(names)}"
+            ) from error
         if values.shape[1] != len(names):
             raise TaskError(
                 f"the tasks draw {values.shape[1]} parameters, {type(env).__name__} has "
