@@ -13,8 +13,9 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -143,15 +144,32 @@ class MLflow(Logger):
         super().close()
 
 
+class OfTorchRL(Logger):
+    """A run of any logger with TorchRL's interface, one's own included.
+
+    Args:
+        make: makes it from `exp_name` and `log_dir`, as `torchrl.record.loggers.CSVLogger` is made.
+    """
+
+    package = extra = "torchrl"
+
+    def __init__(self, make: Callable[..., Any]) -> None:
+        super().__init__()
+        self._made = make
+
+    def _make(self, out: Path, name: str) -> Any:
+        return self._made(exp_name=name, log_dir=str(out))
+
+
 class Loggers:
     """Several loggers as one.
 
     Args:
-        loggers: may be empty.
+        loggers: may be empty; a `partial` makes a logger of TorchRL's interface, see `OfTorchRL`.
     """
 
-    def __init__(self, loggers: Sequence[Logger]) -> None:
-        self.loggers = tuple(loggers)
+    def __init__(self, loggers: Sequence[Logger | partial[Any]]) -> None:
+        self.loggers = tuple(OfTorchRL(o) if isinstance(o, partial) else o for o in loggers)
 
     @contextmanager
     def opened(self, out: Path, config: Mapping[str, Any] | None = None) -> Iterator[Loggers]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -93,3 +94,14 @@ def test_tensorboard_files_hold_the_metrics(tmp_path: Path) -> None:
     events = EventAccumulator(str(tmp_path / "tensorboard"))
     events.Reload()
     assert [(e.step, e.value) for e in events.Scalars("train/return")] == [(1, 0.25), (2, 0.5)]
+
+
+def test_a_logger_of_torchrl_s_interface_gets_the_metrics(tmp_path: Path) -> None:
+    """Any class that is made of a name and a folder, such as TorchRL's CSV files."""
+    from torchrl.record.loggers import CSVLogger
+
+    with Loggers([partial(CSVLogger)]).opened(tmp_path, {"seed": 3}) as loggers:
+        loggers.log({"train/return": 12.5}, step=7)
+    (written,) = tmp_path.rglob("return.csv")
+    step, value = written.read_text(encoding="utf-8").strip().split(",")
+    assert (int(step), float(value)) == (7, 12.5)
