@@ -12,10 +12,13 @@ whole or absent.
 
 from __future__ import annotations
 
+import datetime
+import hashlib
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 
 import mujoco
@@ -38,7 +41,7 @@ from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
 from sim2real.diagnosis.attribution.next_experiment import Member, next_experiment
 from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics, null_test
 from sim2real.diagnosis.attribution.torque_on import refit_torque_on
-from sim2real.diagnosis.data.dataset import Data, whole_episodes
+from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all, summary
@@ -46,7 +49,8 @@ from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.checks import preflight
 from sim2real.diagnosis.preflight.obstruction import mark_blocked
-from sim2real.diagnosis.schema import Evidence, Report, Trace, WholeReplay
+from sim2real.diagnosis.report.traces import signals, traces
+from sim2real.diagnosis.schema import Evidence, Report, WholeReplay
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.runs.errors import Sim2RealError
 
@@ -138,7 +142,7 @@ def run_diagnosis(
         on_verdict(found)
     steps: dict[str, Step] = {
         "the causes' test for numerics": lambda d: _tested(d, logs, specs, null, settings),
-        "the pictures of recordings": lambda d: _pictured(d, data, made.fit, floors),
+        "the pictures of recordings": lambda d: _pictured(d, made, data, floors),
         "the replay of whole recordings": lambda d: _replayed(d, logs, specs),
         "the next experiment": lambda d: _planned(d, made, data, floors, seed),
     }
@@ -180,9 +184,10 @@ def _tested(
     )
 
 
-def _pictured(found: Diagnosis, data: Data, fit: Fit, floors: np.ndarray) -> Diagnosis:
-    traces = _traces(data, fit, found.known, floors)
-    evidence = replace(found.report.evidence, traces=traces)
+def _pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray) -> Diagnosis:
+    models = [data.models[_model_of(data, number)] for number in range(len(data.logs))]
+    pictures = traces(data, made.errors, floors)
+    evidence = replace(found.report.evidence, traces=pictures, signals=signals(data.logs, models))
     return found._replace(report=replace(found.report, evidence=evidence))
 
 
@@ -317,37 +322,9 @@ def _plan(
         return None
 
 
-def _traces(data: Data, fit: Fit, fixed: Sequence[Fixed], floors: np.ndarray) -> tuple[Trace, ...]:
-    """Return every joint of every episode, replayed whole; corrected by the first fold's values."""
-    whole = whole_episodes(data)
-    simulator, every = Simulator(whole, fixed), np.arange(len(whole.windows))
-    given = simulator.run((), every, np.zeros((len(every), 0))).error
-    corrected = given
-    if fit.members:
-        effects = [member.effect for member in fit.members]
-        corrected = simulator.run(effects, every, np.tile(fit.values[0], (len(every), 1))).error
-    found = []
-    for i, window in enumerate(whole.windows):
-        log, rows = whole.logs[window.log], len(window.measured)
-        name = log.path.name if log.path else f"log {window.log + 1}"
-        held = _held_out(data, window.log, window.first, rows)
-        for j, joint in enumerate(whole.joints):
-            measured = window.measured[:, j]
-            paths = [measured + joint.scale * e[i, :rows, j] for e in (given, corrected)]
-            clock = window.sample[:, j]
-            floor = float(floors[j])
-            about = (name, window.episode, joint.name, joint.unit)
-            found.append(Trace(*about, clock, measured, paths[0], paths[1], floor, held))
-    return tuple(found)
-
-
-def _held_out(data: Data, log: int, first: int, rows: int) -> np.ndarray:
-    """Return which rows of an episode the first fold's values were not fitted to, (rows,)."""
-    held = np.zeros(rows, bool)
-    for window, fold in zip(data.windows, data.fold, strict=True):
-        if window.log == log and fold == 1:
-            held[max(window.first - first, 0) : max(window.last - first, 0)] = True
-    return held
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _inputs(
@@ -361,7 +338,10 @@ def _inputs(
         "models": sorted({str(model)} if model else set(own)),
         "seed": seed,
         "exclude": list(exclude),
-        "mujoco": mujoco.__version__,
+        "made": datetime.datetime.now().astimezone().isoformat(" ", "minutes"),
+        "versions": {"sim2real": metadata.version("sim2real"), "mujoco": mujoco.__version__},
+        "robots": sorted({str(log.meta["robot"]) for log in data.logs if log.meta.get("robot")}),
+        "sha256": {path: _sha256(Path(path)) for path in paths if Path(path).is_file()},
         "windows": len(fold),
         "folds": f"{fold.count(0)} and {fold.count(1)} windows, each judged by the other's fit",
     }

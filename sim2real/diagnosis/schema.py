@@ -16,6 +16,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -149,7 +150,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Trace:
-    """One joint in one episode, as measured and as simulated.
+    """One joint in one episode, as measured and as simulated: what the gap's numbers are made of.
 
     Args:
         log: name of the log's file.
@@ -158,10 +159,12 @@ class Trace:
         unit: rad or m.
         time: s, (T,).
         measured: (T,).
-        nominal: replayed in the model as given, (T,).
-        corrected: replayed with the causes, (T,).
+        nominal: replayed in the model as given, (T,); NaN where nothing is compared.
+        corrected: replayed with the causes, (T,); no value was fitted to the rows it is shown in.
         floor: noise floor of this joint.
-        held_out: which rows no parameter was fitted to, (T,) bool.
+        starts: rows at which the replay starts again from the measured state, (n,).
+        subsets: replayed with only these causes (their places in `Report.causes`), fitted anew,
+            (T,) each; {} where not all subsets were tried.
     """
 
     log: str
@@ -173,7 +176,33 @@ class Trace:
     nominal: np.ndarray
     corrected: np.ndarray
     floor: float
-    held_out: np.ndarray
+    starts: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    subsets: Mapping[frozenset[int], np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """What else was logged in one episode of an actuator.
+
+    Args:
+        log: name of the log's file.
+        episode: its number in the log.
+        kind: command, current or voltage.
+        actuator: its name.
+        unit: rad, m, A or V; "" for a command that is no position.
+        joint: whose position a command is; None for none.
+        time: s, (T,).
+        values: (T,).
+    """
+
+    log: str
+    episode: int
+    kind: Literal["command", "current", "voltage"]
+    actuator: str
+    unit: str
+    joint: str | None
+    time: np.ndarray
+    values: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -187,7 +216,11 @@ class Rung:
 
 @dataclass(frozen=True)
 class SingleFit:
-    """One effect fitted alone: its value and the share of the closable gap that it closes."""
+    """One effect alone: its value and the share of the closable gap that it closes.
+
+    `ci` is that share's 90 % interval; None where the effect was not fitted but only screened: then
+    value and share are estimates.
+    """
 
     effect: str
     where: str | None
@@ -195,7 +228,7 @@ class SingleFit:
     value: float
     unit: str
     closed: float
-    ci: Pair
+    ci: Pair | None
 
 
 @dataclass(frozen=True)
@@ -215,9 +248,11 @@ class Evidence:
     """What the pictures show and `report.json` does not hold.
 
     Args:
-        traces: every joint of every episode, replayed whole.
+        traces: every joint of every episode.
+        signals: commands, currents and voltages of every episode.
         ladder: before, after each effect that was added, all together; the last one is the floor.
-        singles: every effect fitted alone, best first.
+        singles: every effect alone: the causes in their order, then those that were fitted, then
+            those that were screened, best first.
         bands: joint by joint, low frequencies first.
         inputs: names of logs and models, seed, versions, how the data was divided.
         settings: every number that steered the answer.
@@ -229,6 +264,7 @@ class Evidence:
     bands: tuple[Band, ...] = ()
     inputs: Mapping[str, Any] = field(default_factory=dict)
     settings: tuple[Row, ...] = ()
+    signals: tuple[Signal, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -302,6 +338,19 @@ class Report:
         """Write report.json, whole or not at all; return its path."""
         text = json.dumps(self.to_json(), indent=1, ensure_ascii=False, allow_nan=False)
         return write_text(path, text + "\n")
+
+    def save_html(self, path: str | Path) -> Path:
+        """Write the page for a person, whole or not at all; return its path."""
+        return _page().write_html(path, self)
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame of its own, for a notebook."""
+        return _page().framed(self)
+
+
+def _page() -> Any:
+    """Return the module that draws pages: it stands above this one and is found when asked for."""
+    return import_module(f"{__package__}.report.html")
 
 
 def _make(kind: type, values: Mapping[str, Any]) -> Any:

@@ -9,6 +9,7 @@ import datetime
 import json
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
@@ -42,6 +43,20 @@ def write_manifest(out: Path, seed: int) -> Path:
         seed: the run's seed.
     """
     return write_text(out / NAME, json.dumps(manifest(seed), indent=2) + "\n")
+
+
+def command_line(out: Path) -> str | None:
+    """Return the command that started the run in this folder; None where no command did.
+
+    Args:
+        out: the run's folder.
+    """
+    path = out / NAME
+    if not path.is_file():
+        return None
+    program, *arguments = json.loads(path.read_text(encoding="utf-8"))["argv"]
+    start = "python -m sim2real" if program == "__main__.py" else shlex.quote(program)
+    return " ".join([start, *map(shlex.quote, arguments)])
 
 
 def manifest(seed: int) -> dict[str, Any]:

@@ -14,13 +14,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from hardware.log import read_logs
 from sim2real.diagnosis.diagnose import ProgressLines, run_diagnosis
-from sim2real.diagnosis.outcome import last_words, write
+from sim2real.diagnosis.outcome import Diagnosis, last_words, write
 from sim2real.diagnosis.schema import Report
 from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.manifest import command_line
 
 log_ = logging.getLogger(__name__)
 
@@ -52,6 +54,11 @@ def run(
     """
     if not log:
         raise Sim2RealError("diagnose needs a recording; give log=PATH")
+
+    def write_all(found: Diagnosis) -> None:
+        report = _with_command(found.report, Path(out))
+        write(found._replace(report=report), Path(out))
+
     found = run_diagnosis(
         read_logs(log),
         model,
@@ -59,12 +66,21 @@ def run(
         exclude,
         seed,
         ProgressLines(),
-        on_verdict=lambda early: write(early, Path(out)),
+        on_verdict=write_all,
     )
-    write(found, Path(out))
+    write_all(found)
     gap = found.report.gap
     names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in found.report.causes)
     log_.info("%s: %s; gap %.4g %s", found.report.verdict, names or "-", gap.before, gap.unit)
     for words in last_words(found.report):
         log_.warning("%s", words)
     return found.report
+
+
+def _with_command(report: Report, out: Path) -> Report:
+    """Return the report with the command that was given, if one started the run in this folder."""
+    command = command_line(out)
+    if command is None:
+        return report
+    inputs = {**report.evidence.inputs, "command": command}
+    return replace(report, evidence=replace(report.evidence, inputs=inputs))

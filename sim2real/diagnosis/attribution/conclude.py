@@ -11,12 +11,13 @@ and the terminal say how many floors.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
-from sim2real.diagnosis.attribution.candidates import FREE, Candidate
+from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import Fit, columns
 from sim2real.diagnosis.attribution.locate import bands, locate
 from sim2real.diagnosis.attribution.quantify import (
@@ -29,6 +30,7 @@ from sim2real.diagnosis.attribution.quantify import (
     without,
 )
 from sim2real.diagnosis.attribution.residual import describe
+from sim2real.diagnosis.attribution.singles import singles
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.schema import (
     Band,
@@ -58,6 +60,7 @@ class Conclusion:
     singles: tuple[SingleFit, ...]
     bands: tuple[Band, ...]
     intervals: np.ndarray  # (P, 2)
+    errors: Mapping[Set, np.ndarray]  # held out, (W, T, M), with these causes, by their places
     alike: tuple[tuple[str, Fit], ...] = ()  # labels and fits that the data cannot tell apart
 
 
@@ -124,7 +127,8 @@ def nothing(search: Search, floors: np.ndarray, rng: np.random.Generator) -> Con
     rung = Rung("as given", search.before, search.blocks.interval(base))
     floor = Rung("noise floor", search.floor, (search.floor, search.floor))
     empty = np.zeros((0, 2))
-    return Conclusion(report, search.none, (rung, floor), (), spectrum, empty)
+    errors = {frozenset[int](): base}
+    return Conclusion(report, search.none, (rung, floor), (), spectrum, empty, errors)
 
 
 def conclude(
@@ -177,9 +181,10 @@ def conclude(
         report,
         fit,
         _ladder(search, found, subsets, order),
-        _singles(search, found),
+        singles(search, found, [found.fit.members[number] for number in order]),
         spectrum,
         spans,
+        _by_place(subsets, order, search.base),
         alike,
     )
 
@@ -202,6 +207,17 @@ def _weighed(search: Search, found: Found) -> tuple[dict[Set, np.ndarray], np.nd
     falls = np.maximum(falls, 0.0)
     closed = min((search.before - after) / room, 1.0)
     return subsets, closed * falls / max(falls.sum(), TINY_SQUARE)
+
+
+def _by_place(
+    subsets: Mapping[Set, np.ndarray], order: Sequence[int], base: np.ndarray
+) -> dict[Set, np.ndarray]:
+    """Return errors by the causes' places in the report; those without any are the base."""
+    place = {number: at for at, number in enumerate(order)}
+    return {
+        frozenset(): base,
+        **{frozenset(place[n] for n in some): error for some, error in subsets.items() if some},
+    }
 
 
 def _count(found: Found) -> int:
@@ -356,32 +372,3 @@ def _ladder(
     for label, error in steps or found.steps:
         rungs.append(Rung(f"+ {label}", search.blocks.rms(error), search.blocks.interval(error)))
     return (*rungs, Rung("noise floor", search.floor, (search.floor, search.floor)))
-
-
-def _singles(search: Search, found: Found) -> tuple[SingleFit, ...]:
-    """Return every candidate alone: fitted where it was, else as screening predicts."""
-    fitted = {c.candidate.label: c for c in found.singles}
-    rows = []
-    for guess in found.guesses:
-        option = guess.candidate
-        contender = fitted.get(option.label)
-        if contender is not None:
-            closed, ci = search.blocks.closed(search.base, contender.error, search.floor)
-            value = float(contender.fit.mean[0])
-        else:
-            closed = (1 - np.sqrt(max(1 - guess.gain, 0.0))) if guess.gain > 0 else 0.0
-            closed = float(closed * search.before / max(search.before - search.floor, TINY_SQUARE))
-            ci, value = (0.0, min(closed, 1.0)), float(guess.start[0])
-        value = min(value, FREE)
-        rows.append(
-            SingleFit(
-                option.name,
-                option.place,
-                option.effect.side,
-                value,
-                option.effect.unit,
-                min(closed, 1.0),
-                ci,
-            )
-        )
-    return tuple(sorted(rows, key=lambda row: -row.closed))

@@ -9,7 +9,7 @@ files are escaped.
 
 from __future__ import annotations
 
-import math
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,21 +21,24 @@ from markupsafe import Markup
 
 from envs.effects import EFFECTS
 from sim2real.diagnosis.preflight.channels import NOTES
-from sim2real.diagnosis.report import figure, made, svg, words
-from sim2real.diagnosis.schema import Cause, Report, SingleFit, Trace, Where
-from sim2real.diagnosis.settings import TINY
+from sim2real.diagnosis.report import charts, figure, made, svg, words
+from sim2real.diagnosis.report.recordings import recordings
+from sim2real.diagnosis.schema import Cause, Report, Trace, Where
 from sim2real.runs.files import write_text
 
 PAGE = Path(__file__).parent / "page"
 SECONDS = 3.0  # of a window of a recording
 JOINTS = 3  # that get windows of their own
 SHOWN = 8  # candidates before the rest is folded
-LONGEST, BUDGET = 20_000, 100_000  # rows that a reader can browse, of a recording and in all
-DIGITS, FLOOR_DIGITS, TIME_DIGITS, TINT_DIGITS = 4, 6, 3, 3  # after the point
-SPARE = 1.05  # length of a scale, of the largest value on it
+TINT_DIGITS = 3  # after the point
 DARKEST, BEND = 0.8, 0.8  # tint of the whole gap, and the exponent of a share's
 START, SPAN = 0.04, 0.92  # of a line: where the typical values begin, and their length
-STEPPED = ("before", "after", "floor")  # rungs beside the steps
+FRAME = 900  # px: height of a page in a notebook
+STYLES = ("vendor/uplot.css", "colours.css", "style.css", "plots.css")
+SCRIPTS = (
+    *("decode", "theme", "panel", "browser", "gestures", "switches", "downloads", "links"),
+    "start",
+)
 
 
 def write_html(path: str | Path, report: Report) -> Path:
@@ -65,32 +68,59 @@ def render(report: Report) -> str:
     return environment.get_template("report.html").render(view(report))
 
 
+def framed(report: Report) -> str:
+    """Return the page as a frame that a notebook can show."""
+    frame = Markup(
+        '<iframe srcdoc="{}" width="100%" height="{}" style="border: 0"'
+        ' sandbox="allow-scripts allow-downloads"></iframe>'
+    )
+    return str(frame.format(render(report), FRAME))
+
+
+def _part(name: str) -> str:
+    """Return a part of the page."""
+    return (PAGE / name).read_text(encoding="utf-8")
+
+
+def _embedded(report: Report) -> Markup:
+    """Return report.json as it can stand in a page."""
+    text = json.dumps(report.to_json(), indent=1, ensure_ascii=True, allow_nan=False)
+    return Markup(text.replace("<", "\\u003c"))
+
+
 def view(report: Report) -> dict[str, Any]:
     """Return what the page shows, by name."""
-    evidence = report.evidence
+    evidence, causes = report.evidence, [_cause(n, c) for n, c in enumerate(report.causes, 1)]
+    found, total = recordings(evidence)
+    browsed = {"recordings": found, "causes": [cause["title"] for cause in causes]}
     return {
-        "style": Markup((PAGE / "style.css").read_text(encoding="utf-8")),
-        "script": Markup((PAGE / "script.js").read_text(encoding="utf-8")),
+        "style": Markup("\n".join(map(_part, STYLES))),
+        "library": Markup(_part("vendor/uplot.js")),
+        "licence": Markup(_part("vendor/uplot.LICENSE")),
+        "script": Markup("\n".join(_part(f"{name}.js") for name in SCRIPTS)),
         "report": report,
+        "answer": _embedded(report),
+        "header": made.header(evidence.inputs),
         "gap": report.gap,
         "badge": words.SUBTITLES[report.verdict],
         "sentence": words.sentence(report),
         "details": words.details(report),
         "findings": [f for f in report.preflight if f.check not in NOTES],
         "notes": [f for f in report.preflight if f.check in NOTES],
-        "ladder": _ladder(report),
+        "ladder": charts.ladder(report),
         "replay": _replay(report),
         "robot": _robot(report),
         "regimes": _regimes(report.where),
         "strip": _strip(report),
-        "causes": [_cause(number, cause) for number, cause in enumerate(report.causes, 1)],
+        "causes": causes,
         "windows": _windows(report),
-        "fitted": any(not trace.held_out.all() for trace in evidence.traces),
-        "recordings": _recordings(evidence.traces),
-        "traces": len(evidence.traces),
-        "singles": _singles(evidence.singles),
+        "restarts": any(len(trace.starts) > 1 for trace in evidence.traces),
+        "data": Markup(json.dumps(browsed, ensure_ascii=True).replace("<", "\\u003c")),
+        "recordings": browsed["recordings"],
+        "total": total,
+        "singles": charts.singles(report),
         "shown": SHOWN,
-        "bands": _bands(report),
+        "bands": charts.bands(report, _units(report)),
         "inputs": made.flat(evidence.inputs),
         "settings": [made.setting(row) for row in evidence.settings],
         "numerics": words.numerics(report.numerics),
@@ -115,28 +145,6 @@ def _replay(report: Report) -> str:
     return (
         f"{before}, {figure_of(report.replay.after)} with effects.yaml" if report.causes else before
     )
-
-
-def _ladder(report: Report) -> list[dict[str, Any]]:
-    """Return the rungs, each with its picture on one scale from 0."""
-    rungs, gap = report.evidence.ladder, report.gap
-    most = SPARE * max([r.ci[1] for r in rungs] + [r.gap for r in rungs] + [TINY])
-    kinds = ["before", *["step"] * (len(rungs) - len(STEPPED)), "after", "floor"]
-    if len(rungs) < len(STEPPED):
-        kinds = ["before", "floor"]
-    floor = gap.noise_floor / most
-    return [
-        {
-            "label": words.label(rung.label),
-            "value": words.quantity(rung.gap, gap.unit, gap.before),
-            "ci": words.interval(rung.ci, gap.unit, gap.before),
-            "picture": svg.track(
-                rung.ci[0] / most, rung.ci[1] / most, [(rung.gap / most, kind)], floor=floor
-            ),
-            "kind": kind,
-        }
-        for rung, kind in zip(rungs, kinds, strict=False)
-    ]
 
 
 def _robot(report: Report) -> Markup:
@@ -285,74 +293,13 @@ def _window(title: str, trace: Trace, span: svg.Span) -> dict[str, Any]:
         "before": numbers[0],
         "after": numbers[1],
         "picture": svg.window(trace, span, spoken),
-    }
-
-
-def _recordings(traces: Sequence[Trace]) -> list[dict[str, Any]]:
-    """Return the recordings that a reader can browse: those with the largest gaps, thinned."""
-    found, rows = [], 0
-    for trace in sorted(traces, key=lambda t: -_relative(t)):
-        made = _recording(trace, max(1, math.ceil(len(trace.time) / LONGEST)))
-        rows += len(made["time"])
-        if found and rows > BUDGET:
-            break
-        found.append(made)
-    return found
-
-
-def _relative(trace: Trace) -> float:
-    """Return the error of the model as given in units of the joint's own motion."""
-    error = float(np.sqrt(np.mean((trace.nominal - trace.measured) ** 2)))
-    return error / max(float(trace.measured.std()), TINY)
-
-
-def _recording(trace: Trace, stride: int) -> dict[str, Any]:
-    part = slice(None, None, stride)
-    lines = {k: np.round(getattr(trace, k)[part], DIGITS).tolist() for k in svg.lines(trace)}
-    return {
-        "label": f"{trace.joint} – {trace.log}, episode {trace.episode}",
-        "unit": trace.unit,
-        "floor": round(float(trace.floor), FLOOR_DIGITS),
-        "time": np.round(trace.time[part], TIME_DIGITS).tolist(),
-        "held": trace.held_out[part].astype(int).tolist(),
-        **lines,
-    }
-
-
-def _singles(singles: Sequence[SingleFit]) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": words.name(c.effect, c.where, c.side),
-            "value": words.quantity(c.value, c.unit),
-            "closed": words.percent(c.closed),
-            "ci": f"{words.percent(c.ci[0])} to {words.percent(c.ci[1])}",
-            "picture": svg.track(c.ci[0], c.ci[1], [(c.closed, "after")]),
-        }
-        for c in singles
-    ]
-
-
-def _bands(report: Report) -> list[dict[str, Any]]:
-    """Return rows of the table of frequencies, each with a picture on its joint's scale."""
-    bands, units = report.evidence.bands, _units(report)
-    most = {b.joint: 0.0 for b in bands}
-    for band in bands:
-        most[band.joint] = max(most[band.joint], band.before, band.after, TINY)
-    rows = []
-    for band in bands:
-        scale = SPARE * most[band.joint]
-        dots = [(band.after / scale, "after"), (band.before / scale, "before")]
-        rows.append(
+        "view": json.dumps(
             {
-                "joint": band.joint,
-                "unit": units[band.joint],
-                "range": f"{band.low:.3g} to {band.high:.3g}\N{NO-BREAK SPACE}Hz"
-                if math.isfinite(band.high)
-                else f"above {band.low:.3g}\N{NO-BREAK SPACE}Hz",
-                "before": band.before,
-                "after": band.after,
-                "floor": band.floor,
-                "picture": svg.track(dots[0][0], dots[1][0], dots[::-1], band.floor / scale),
+                "log": trace.log,
+                "episode": trace.episode,
+                "joint": trace.joint,
+                "from": round(span.start, TINT_DIGITS),
+                "to": round(span.end, TINT_DIGITS),
             }
-        )
-    return rows
+        ),
+    }

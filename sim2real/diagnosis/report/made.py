@@ -10,6 +10,8 @@ from typing import Any
 
 from sim2real.diagnosis.settings import Row
 
+HASH, HASHES = 12, 3  # digits of a hash beside the verdict, and how many stand there
+
 
 def number(value: Any) -> str:
     """Return a number, or a list of them, with four digits."""
@@ -30,10 +32,29 @@ def setting(row: Row) -> dict[str, str]:
     }
 
 
+def header(inputs: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what stands below the verdict: date, robot, versions, logs with their hashes."""
+    versions = inputs.get("versions", {})
+    rows = [
+        ("Made", str(inputs.get("made", ""))),
+        ("Robot", ", ".join(inputs.get("robots", []))),
+        ("With", ", ".join(f"{name} {version}" for name, version in versions.items())),
+    ]
+    hashes = [
+        (f"SHA-256 of {Path(log).name}", text[:HASH])
+        for log, text in inputs.get("sha256", {}).items()
+    ]
+    if len(hashes) > HASHES:
+        hashes = [("SHA-256 of the logs", f"{len(hashes)}, see below")]
+    return [(name, value) for name, value in [*rows, *hashes] if value]
+
+
 def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
     """Return a tree of names and values as lines of a list."""
     lines = []
     for key, value in tree.items():
+        if key == "command":
+            continue  # it stands above the list
         title = f"{head}{str(key).replace('_', ' ')}"
         if isinstance(value, Mapping):
             lines += flat(value, f"{title}: ")

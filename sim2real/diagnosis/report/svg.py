@@ -10,25 +10,26 @@ in their dashes too.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 
+from sim2real.diagnosis.report.axes import Linear, Signed
 from sim2real.diagnosis.schema import Trace
 from sim2real.diagnosis.settings import TINY
 
 WIDTH, TOP, MAIN, GAP, ERROR, LEFT, BOTTOM = 330, 6, 118, 14, 56, 52, 22  # of a window, units
 EDGE = 6  # right of a window, units
 POINTS = 700  # of a line, at most
-FULL = 0.6  # of the most held-out rows in any piece, that a piece must hold to be shown
+FULL = 0.6  # of the most compared rows in any piece, that a piece must hold to be shown
 MILLI = 1e-3
 SPARE, BANDS = 1.08, 2.5  # height of the error plot: of the largest error, and in noise floors
 ROOM = 0.05  # above and below the positions, of their range
+NEAR = 0.04  # share of a scale's length from its ends, at which its numbers stand inside it
 TICKS, FEW_TICKS, TALL = 4, 3, 100  # numbers on an axis; on one that is less tall, units
-EVEN = 0.401  # of an axis about 0: the least step that puts one number on either side
-ROUND = (1, 2, 5, 10)  # steps between numbers, of a power of ten
+BENT = 12.0  # largest error, in twice the noise floor, from which the error axis is logarithmic
 NUMBER, UNIT, TIME, LAST = 5, 11, 14, 9  # distances of numbers and of the last one, units
 LEAST = 1e-6  # rad or m: room above and below positions that do not change
 LINES = ("measured", "nominal", "corrected")  # drawn in this order
@@ -42,13 +43,13 @@ class Span(NamedTuple):
 
 
 def spans(trace: Trace, seconds: float) -> list[Span]:
-    """Return half overlapping pieces of a trace that hold many rows which were not fitted to."""
-    time = trace.time
+    """Return half overlapping pieces of a trace that hold many rows which are compared."""
+    time, known = trace.time, compared(trace)
     if time[-1] - time[0] <= seconds:
-        return [Span(float(time[0]), float(time[-1]))] if trace.held_out.any() else []
+        return [Span(float(time[0]), float(time[-1]))] if known.any() else []
     starts = np.arange(time[0], time[-1] - seconds, seconds / 2)
     every = [Span(float(s), float(s + seconds)) for s in starts]
-    counts = [int(trace.held_out[rows(trace, span)].sum()) for span in every]
+    counts = [int(known[rows(trace, span)].sum()) for span in every]
     return [s for s, n in zip(every, counts, strict=True) if n > 0 and n >= FULL * max(counts)]
 
 
@@ -57,15 +58,21 @@ def rows(trace: Trace, span: Span) -> np.ndarray:
     return (trace.time >= span.start) & (trace.time <= span.end)
 
 
+def compared(trace: Trace) -> np.ndarray:
+    """Return which rows of a trace the simulation is compared with, (T,) bool."""
+    return np.isfinite(trace.nominal)
+
+
 def error(trace: Trace, line: str, span: Span) -> float:
-    """Return the root mean square of a simulation's error over the held-out rows of a piece."""
-    chosen = rows(trace, span) & trace.held_out
+    """Return the root mean square of a simulation's error over the compared rows of a piece."""
+    chosen = rows(trace, span) & compared(trace)
     return float(np.sqrt(np.mean((getattr(trace, line) - trace.measured)[chosen] ** 2)))
 
 
 def lines(trace: Trace) -> tuple[str, ...]:
     """Return what is drawn: without causes there is no corrected line."""
-    return LINES[:2] if np.array_equal(trace.nominal, trace.corrected) else LINES
+    same = np.array_equal(trace.nominal, trace.corrected, equal_nan=True)
+    return LINES[:2] if same else LINES
 
 
 def window(trace: Trace, span: Span, title: str) -> Markup:
@@ -84,18 +91,19 @@ def window(trace: Trace, span: Span, title: str) -> Markup:
     names = lines(trace)
     values = {line: getattr(trace, line)[index] for line in names}
     errors = {line: scale * (values[line] - values["measured"]) for line in names[1:]}
-    x = _Axis(span.start, span.end, LEFT, WIDTH - EDGE)
-    upper = _Axis(*_limits([*values.values()]), TOP + MAIN, TOP)
-    most = max(float(np.abs(e).max()) for e in errors.values())
-    most = SPARE * max(most, BANDS * floor * scale, TINY)
+    x = Linear(span.start, span.end, LEFT, WIDTH - EDGE)
+    upper = Linear(*_limits([*values.values()]), TOP + MAIN, TOP)
     base = TOP + MAIN + GAP
-    lower = _Axis(-most, most, base + ERROR, base)
-    parts = [_fitted(trace, index, x, base + ERROR)]
+    lower = _errors([*errors.values()], 2 * floor * scale, base)
+    runs = _runs(trace, index)
+    parts = [_restarts(trace, span, x, base + ERROR)]
     parts += [_frame(x, upper, labels=False), _frame(x, lower, labels=True)]
     flat = np.full(2, 2 * floor * scale)
     parts.append(_band(x(np.array(span)), lower(-flat), lower(flat)))
-    parts += [_line(x(time), upper(values[line]), line) for line in names]
-    parts += [_line(x(time), lower(errors[line]), line) for line in names[1:]]
+    parts.append(_line(x(time), upper(values["measured"]), "measured"))
+    for line in names[1:]:
+        parts += [_line(x(time[run]), upper(values[line][run]), line) for run in runs]
+        parts += [_line(x(time[run]), lower(errors[line][run]), line) for run in runs]
     unit = trace.unit
     small = f"error, m{unit}" if scale != 1 else f"error, {unit}"
     parts.append(_upright(TOP + MAIN / 2, unit))
@@ -104,38 +112,40 @@ def window(trace: Trace, span: Span, title: str) -> Markup:
     return _svg(WIDTH, height, title, parts)
 
 
-class _Axis:
-    """A linear map from values to coordinates, and round numbers on it."""
-
-    def __init__(self, low: float, high: float, start: float, end: float) -> None:
-        self.low, self.high, self.start, self.end = low, max(high, low + TINY), start, end
-
-    def __call__(self, values: np.ndarray | float) -> np.ndarray:
-        share = (np.asarray(values) - self.low) / (self.high - self.low)
-        return self.start + share * (self.end - self.start)
-
-    def ticks(self, count: int) -> Iterator[tuple[float, str]]:
-        """Yield round numbers within the axis and their text; one on each side about 0."""
-        even = self.low == -self.high
-        step = _round_step(EVEN * self.high if even else (self.high - self.low) / count)
-        digits = max(0, -math.floor(math.log10(step) + TINY))
-        first = math.ceil(self.low / step - TINY)
-        for k in range(first, math.floor(self.high / step + TINY) + 1):
-            yield k * step, f"{k * step:.{digits}f}".replace("-", "−")
+def _errors(errors: Sequence[np.ndarray], floor: float, base: float) -> Linear | Signed:
+    """Return an axis for errors, logarithmic where the largest is far above the noise."""
+    most = SPARE * max(max(float(np.nanmax(np.abs(e))) for e in errors), BANDS / 2 * floor, TINY)
+    if floor > 0 and most > BENT * floor:
+        return Signed(floor, most, base + ERROR, base)
+    return Linear(-most, most, base + ERROR, base)
 
 
-def _round_step(rough: float) -> float:
-    power = float(ROUND[-1]) ** math.floor(math.log10(rough))
-    return next(m * power for m in ROUND if m * power >= rough * (1 - TINY))
+def _runs(trace: Trace, index: np.ndarray) -> list[np.ndarray]:
+    """Return the stretches of rows, as places in `index`, through which a simulation runs on."""
+    known = compared(trace)[index]
+    number = np.searchsorted(trace.starts, index, side="right")
+    breaks = np.flatnonzero((np.diff(number) != 0) | (np.diff(known.astype(int)) != 0)) + 1
+    runs = np.split(np.arange(len(index)), breaks)
+    return [run for run in runs if len(run) and known[run[0]]]
+
+
+def _restarts(trace: Trace, span: Span, x: Linear, bottom: float) -> Markup:
+    """Mark where the simulation starts again from the measured state."""
+    times = trace.time[trace.starts]
+    line = Markup('<path class="restart" d="M{:.1f} {}V{}"/>')
+    return Markup("").join(
+        line.format(float(x(t)), TOP, bottom) for t in times if span.start < t < span.end
+    )
 
 
 def _limits(values: Sequence[np.ndarray]) -> tuple[float, float]:
-    low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+    low = min(float(np.nanmin(v)) for v in values)
+    high = max(float(np.nanmax(v)) for v in values)
     room = max(ROOM * (high - low), LEAST)
     return low - room, high + room
 
 
-def _frame(x: _Axis, y: _Axis, labels: bool) -> Markup:
+def _frame(x: Linear, y: Linear | Signed, labels: bool) -> Markup:
     """Draw grid lines and numbers; those of time below the lower plot only."""
     out = []
     for value, text in y.ticks(TICKS if y.start - y.end > TALL else FEW_TICKS):
@@ -154,18 +164,6 @@ def _frame(x: _Axis, y: _Axis, labels: bool) -> Markup:
                 Markup('<text class="t" x="{:.1f}" y="{}">{} s</text>').format(at, low, text)
             )
     return Markup("").join(out)
-
-
-def _fitted(trace: Trace, index: np.ndarray, x: _Axis, bottom: float) -> Markup:
-    """Mark the rows that the fit has seen."""
-    seen = np.concatenate([[False], ~trace.held_out[index], [False]]).astype(int)
-    edges = np.flatnonzero(np.diff(seen))
-    time = np.append(trace.time[index], trace.time[index[-1]])
-    rect = Markup('<rect class="fitted" x="{:.1f}" y="{}" width="{:.1f}" height="{}"/>')
-    return Markup("").join(
-        rect.format(float(x(time[a])), TOP, float(x(time[b]) - x(time[a])), bottom - TOP)
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-    )
 
 
 def _line(x: np.ndarray, y: np.ndarray, kind: str) -> Markup:
@@ -192,8 +190,8 @@ def _svg(width: float, height: float, title: str, parts: Sequence[Markup]) -> Ma
 
 
 def track(
-    low: float,
-    high: float,
+    low: float | None,
+    high: float | None,
     dots: Sequence[tuple[float, str]],
     floor: float = 0.0,
     ticks: Sequence[float] = (),
@@ -201,7 +199,7 @@ def track(
     """Draw an interval and dots on a line; all numbers are shares of its length.
 
     Args:
-        low: start of the interval.
+        low: start of the interval; None where there is none.
         high: its end.
         dots: values, each with its class of colours: before, after, step or floor. The first one's
             is the interval's too.
@@ -215,11 +213,23 @@ def track(
     for tick in ticks:
         line = Markup('<line class="tick" x1="{0}" x2="{0}" y1="0" y2="22"/>')
         out.append(line.format(_part(tick)))
-    bar = Markup('<line class="bar {}" x1="{}" x2="{}" y1="11" y2="11"/>')
-    out.append(bar.format(dots[0][1], _part(low), _part(high)))
+    if low is not None and high is not None:
+        bar = Markup('<line class="bar {}" x1="{}" x2="{}" y1="11" y2="11"/>')
+        out.append(bar.format(dots[0][1], _part(low), _part(high)))
     circle = Markup('<circle class="dot {}" cx="{}" cy="11" r="5"/>')
     out += [circle.format(kind, _part(at)) for at, kind in dots]
     return Markup("").join([*out, Markup("</svg>")])
+
+
+def numbers(ticks: Sequence[tuple[float, str]]) -> Markup:
+    """Draw the numbers of a scale: shares of its length, with their text."""
+    text = Markup('<text x="{}" y="12" text-anchor="{}">{}</text>')
+    out = []
+    for at, said in ticks:
+        side = "start" if at < NEAR else "end" if at > 1 - NEAR else "middle"
+        out.append(text.format(_part(at), side, said))
+    head = Markup('<svg class="numbers" height="16" role="presentation">')
+    return Markup("").join([head, *out, Markup("</svg>")])
 
 
 def fill(share: float, kind: str) -> Markup:

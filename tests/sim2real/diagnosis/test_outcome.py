@@ -41,7 +41,7 @@ def test_the_verdict_is_written_before_what_may_fail(
     def fail(*_: object) -> None:
         raise ValueError("size 1 must be positive in geom")
 
-    monkeypatch.setattr(module, "_traces", fail)
+    monkeypatch.setattr(module, "traces", fail)
     (tmp_path / "arm.xml").write_text(arm.XML)
     early: list[Diagnosis] = []
     log = arm.make_log(seconds=4.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,12 @@ MOTIONS = ("ramp", "chirp", "steps", "swing")
 EXCLUDED = ("cogging", "joint_compliance", "stribeck_friction", "load_dependent_friction")
 EXCLUDED += ("backlash", "supply_sag", "thermal_derating", "dead_zone", "profile_velocity")
 EXCLUDED += ("profile_acceleration",)  # those that take most time
+
+
+def subsets(count: int) -> list[tuple[int, ...]]:
+    """Return the subsets of so many causes that are not empty."""
+    return [some for size in range(1, count + 1) for some in combinations(range(count), size)]
+
 
 SHARES: list[float] = []  # of the work done, as the last diagnosis told them
 
@@ -85,9 +92,14 @@ def test_the_evidence_shows_what_the_report_says() -> None:
     assert evidence.ladder[-2].gap == pytest.approx(report.gap.after, rel=1e-6)
     assert evidence.singles[0].effect == "coulomb_friction"
     trace = evidence.traces[0]
-    errors = [np.std(path - trace.measured) for path in (trace.nominal, trace.corrected)]
+    errors = [np.nanstd(path - trace.measured) for path in (trace.nominal, trace.corrected)]
     assert errors[1] < 0.3 * errors[0]
-    assert 0 < trace.held_out.mean() < 1
+    pieces = [path - trace.measured for path in (trace.nominal, trace.corrected)]
+    squares = [float(np.sqrt(np.nanmean(piece**2))) for piece in pieces]
+    assert squares == pytest.approx([report.gap.before, report.gap.after], rel=1e-6)
+    assert trace.starts[0] == 0 and len(trace.starts) > 1
+    assert set(trace.subsets) == {frozenset(), *map(frozenset, subsets(len(report.causes)))}
+    assert {signal.kind for signal in evidence.signals} == {"command", "current", "voltage"}
     before, after = (
         np.sqrt(sum(getattr(band, side) ** 2 for band in evidence.bands))
         for side in ("before", "after")

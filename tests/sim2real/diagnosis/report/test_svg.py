@@ -14,27 +14,47 @@ from sim2real.diagnosis.schema import Trace
 
 @pytest.fixture
 def trace() -> Trace:
-    """Return 12 s of a joint, of which 6 to 9 s were not fitted."""
+    """Return 12 s of a joint, of which 6 to 9 s are compared."""
     time = np.arange(0, 12, 0.02)
     q = np.sin(time)
-    held = (time >= 6) & (time < 9)
-    return Trace("a.csv", 0, "elbow", "rad", time, q, q + 0.1, q + 0.01, 0.002, held)
+    known = np.where((time >= 6) & (time < 9), 0.0, np.nan)
+    return Trace("a.csv", 0, "elbow", "rad", time, q, q + 0.1 + known, q + 0.01 + known, 0.005)
 
 
-def test_pieces_are_those_that_were_not_fitted(trace: Trace) -> None:
-    """Pieces with few held-out rows are left out; without any there are none."""
+def test_pieces_are_those_that_are_compared(trace: Trace) -> None:
+    """Pieces with few compared rows are left out; without any there are none."""
     found = svg.spans(trace, 3.0)
     assert found
-    assert all(trace.held_out[svg.rows(trace, span)].mean() > 0.5 for span in found)
-    assert svg.spans(replace(trace, held_out=np.zeros_like(trace.held_out)), 3.0) == []
-    assert len(svg.spans(replace(trace, held_out=np.ones_like(trace.held_out)), 20.0)) == 1
+    assert all(svg.compared(trace)[svg.rows(trace, span)].mean() > 0.5 for span in found)
+    assert svg.spans(replace(trace, nominal=np.full_like(trace.time, np.nan)), 3.0) == []
+    assert len(svg.spans(replace(trace, nominal=trace.measured), 20.0)) == 1
 
 
-def test_errors_are_of_held_out_rows_alone(trace: Trace) -> None:
-    """What was fitted to does not make a piece look better."""
-    nominal = np.where(trace.held_out, trace.nominal, trace.measured)
-    flattered = replace(trace, nominal=nominal)
-    assert svg.error(flattered, "nominal", svg.Span(5.0, 8.0)) == pytest.approx(0.1)
+def test_errors_are_of_compared_rows_alone(trace: Trace) -> None:
+    """Rows that nothing is known of do not make a piece look better."""
+    assert svg.error(trace, "nominal", svg.Span(5.0, 8.0)) == pytest.approx(0.1)
+
+
+def test_a_line_breaks_where_the_simulation_starts_again(trace: Trace) -> None:
+    """A model that runs off and comes back is two lines and a mark, not a jump."""
+    starts = np.array([300, 375])  # at 6 s and 7.5 s
+    off = np.where(trace.time < 7.5, trace.time - 6, trace.time - 7.5)
+    running = replace(trace, nominal=trace.nominal + off, starts=starts)
+    picture = svg.window(running, svg.Span(6.0, 9.0), "an elbow")
+    assert len(re.findall('<path class="nominal"', picture)) == 4  # two positions, two errors
+    assert len(re.findall('<path class="restart"', picture)) == 1
+
+
+def test_errors_that_span_decades_have_a_logarithmic_axis(trace: Trace) -> None:
+    """Next to an error of 1 rad one of 10 mrad is still seen off zero."""
+    far = replace(trace, nominal=trace.nominal + 0.9)
+    picture = svg.window(far, svg.Span(6.0, 9.0), "an elbow")
+    heights = {
+        kind: float(re.findall(f'<path class="{kind}" d="M[\\d.]+ ([\\d.]+)', picture)[1])
+        for kind in ("nominal", "corrected")
+    }
+    zero = float(re.findall(r'class="n" x=".*?" y="([\d.]+)">0<', picture)[-1])
+    assert heights["nominal"] < heights["corrected"] < zero - 3
 
 
 def test_lines_are_where_the_numbers_are(trace: Trace) -> None:

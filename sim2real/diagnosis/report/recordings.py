@@ -1,0 +1,118 @@
+"""Recordings as the page's script reads them: compact, thinned, those with the largest gaps first.
+
+    data, total = recordings(report.evidence)    # what fits into a page, and how many there are
+
+Numbers are 16-bit steps between a line's smallest and largest value, times 32-bit floats; both are
+little-endian and in base64, so that an hour of a robot stays a page that can be mailed.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from sim2real.diagnosis.report import svg
+from sim2real.diagnosis.schema import Evidence, Signal, Trace
+from sim2real.diagnosis.settings import TINY
+
+LONGEST = 20_000  # rows of a recording
+BUDGET = 1_500_000  # numbers in all
+STEPS, NOTHING = 65_000, 65_535  # between the smallest and the largest value; what stands for NaN
+FLOOR_DIGITS = 6
+
+
+def recordings(evidence: Evidence) -> tuple[list[dict[str, Any]], int]:
+    """Return the recordings that a reader can browse, and how many there are."""
+    groups: dict[tuple[str, int], list[Trace]] = {}
+    for trace in evidence.traces:
+        groups.setdefault((trace.log, trace.episode), []).append(trace)
+    order = sorted(groups, key=lambda key: -max(map(relative, groups[key])))
+    found, count = [], 0
+    for key in order:
+        signals = [s for s in evidence.signals if (s.log, s.episode) == key]
+        count += _size(groups[key], signals)
+        if found and count > BUDGET:
+            break
+        found.append(_recording(groups[key], signals))
+    return found, len(groups)
+
+
+def relative(trace: Trace) -> float:
+    """Return the error of the model as given in units of the joint's own motion."""
+    known = svg.compared(trace)
+    if not known.any():
+        return 0.0
+    error = float(np.sqrt(np.mean((trace.nominal - trace.measured)[known] ** 2)))
+    return error / max(float(trace.measured.std()), TINY)
+
+
+def _size(traces: Sequence[Trace], signals: Sequence[Signal]) -> int:
+    """Return how many numbers a recording has on the page."""
+    rows = math.ceil(len(traces[0].time) / _stride(traces[0].time))
+    lines = sum(2 + max(len(trace.subsets), len(svg.lines(trace))) for trace in traces)
+    return rows * (lines + len(signals))
+
+
+def _stride(time: np.ndarray) -> int:
+    return max(1, math.ceil(len(time) / LONGEST))
+
+
+def _recording(traces: Sequence[Trace], signals: Sequence[Signal]) -> dict[str, Any]:
+    first = traces[0]
+    part = slice(None, None, _stride(first.time))
+    starts = np.unique(np.searchsorted(np.arange(len(first.time))[part], first.starts))
+    return {
+        "label": f"{first.log}, episode {first.episode}",
+        "log": first.log,
+        "episode": first.episode,
+        "starts": starts.tolist(),
+        "joints": [_joint(trace, part) for trace in traces],
+        "signals": [_signal(signal, part) for signal in signals],
+    }
+
+
+def _joint(trace: Trace, part: slice) -> dict[str, Any]:
+    return {
+        "name": trace.joint,
+        "unit": trace.unit,
+        "floor": round(float(trace.floor), FLOOR_DIGITS),
+        "time": floats(trace.time[part]),
+        "measured": packed(trace.measured[part]),
+        "lines": {key: packed(line[part]) for key, line in _lines(trace).items()},
+    }
+
+
+def _lines(trace: Trace) -> Mapping[str, np.ndarray]:
+    """Return the simulated lines by the causes in the model: "" for none, "0,1", "all"."""
+    named = {",".join(map(str, sorted(some))): line for some, line in trace.subsets.items()}
+    named[""] = trace.nominal
+    if len(svg.lines(trace)) > 2:
+        named["all"] = trace.corrected
+    whole = max(trace.subsets, key=len, default=frozenset())
+    if whole:
+        del named[",".join(map(str, sorted(whole)))]
+    return named
+
+
+def _signal(signal: Signal, part: slice) -> dict[str, Any]:
+    about = {k: getattr(signal, k) for k in ("kind", "actuator", "unit", "joint")}
+    return {**about, "time": floats(signal.time[part]), "values": packed(signal.values[part])}
+
+
+def floats(values: np.ndarray) -> str:
+    """Return numbers as base64 of 32-bit floats."""
+    return base64.b64encode(np.asarray(values, "<f4").tobytes()).decode("ascii")
+
+
+def packed(values: np.ndarray) -> dict[str, Any]:
+    """Return numbers as base64 of 16-bit steps of a size from a lowest value on."""
+    known = np.isfinite(values)
+    low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0, 0)
+    step = (high - low) / STEPS or 1.0
+    counts = np.full(len(values), NOTHING, "<u2")
+    counts[known] = np.round((values[known] - low) / step)
+    return {"low": low, "step": step, "counts": base64.b64encode(counts.tobytes()).decode("ascii")}

@@ -1,0 +1,118 @@
+"""Recordings as a reader of a report sees them: each joint measured and simulated, and the signals.
+
+    found = traces(data, errors, floors)         # one Trace for each joint of each episode
+    found[0].nominal, found[0].corrected         # (T,), NaN where nothing was compared
+    signals(data.logs, data.models)              # commands, currents, voltages
+
+The simulated lines are those that the gap's numbers are made of: every window is replayed from the
+measured state at its start, under values that were fitted to other windows. So what is seen is held
+out throughout, and a model that runs off comes back where the next window begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
+
+import mujoco
+import numpy as np
+
+from envs.effects.servo import is_joint_servo
+from hardware.log import Log
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.schema import Signal, Trace
+
+Errors = Mapping[frozenset[int], np.ndarray]
+SWITCHED = 4  # causes at most that a reader can switch: of more there are too many combinations
+KINDS = {"ctrl": "command", "current": "current", "voltage": "voltage"}  # of columns
+UNITS = {"current": "A", "voltage": "V"}
+
+
+def traces(data: Data, errors: Errors, floors: np.ndarray) -> tuple[Trace, ...]:
+    """Return every joint of every episode.
+
+    Args:
+        data: the windows.
+        errors: held-out errors (W, T, M) with these causes in the model; those of none and of all
+            are there.
+        floors: noise floor of each joint [rad or m], (M,).
+    """
+    return tuple(
+        trace
+        for number, log in enumerate(data.logs)
+        for rows in _episodes(log)
+        for trace in _traces(data, errors, floors, number, rows)
+    )
+
+
+def _episodes(log: Log) -> Iterator[slice]:
+    start = 0
+    for part in log.episodes():
+        yield slice(start, start + len(part))
+        start += len(part)
+
+
+def _traces(
+    data: Data, errors: Errors, floors: np.ndarray, number: int, rows: slice
+) -> Iterator[Trace]:
+    """Yield the joints of one episode: rows of a log."""
+    log = data.logs[number]
+    name = log.path.name if log.path else f"log {number + 1}"
+    whole = max(errors, key=len)
+    inside = [
+        i
+        for i, w in enumerate(data.windows)
+        if w.log == number and rows.start <= w.first < rows.stop
+    ]
+    starts = np.array([data.windows[i].first - rows.start for i in inside], int)
+    for j, joint in enumerate(data.joints):
+        measured = log.column(f"qpos.{joint.name}")[rows]
+        clock = log.columns.get(f"stamp.{joint.name}", log.time)[rows]
+        lines = {}
+        for causes, error in errors.items():
+            line = np.full(len(measured), np.nan)
+            for i in inside:
+                window = data.windows[i]
+                own = slice(window.first - rows.start, window.last - rows.start)
+                count = window.last - window.first
+                gap = np.where(window.usable, joint.scale * error[i, :count, j], np.nan)
+                line[own] = window.measured[:, j] + gap
+            lines[causes] = line
+        about = (name, int(log.episode[rows.start]), joint.name, joint.unit)
+        ends = (lines[frozenset()], lines[whole])
+        subsets = lines if 0 < len(whole) <= SWITCHED and len(lines) == 2 ** len(whole) else {}
+        yield Trace(*about, clock, measured, *ends, float(floors[j]), starts, subsets)
+
+
+def signals(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> tuple[Signal, ...]:
+    """Return the commands of every episode, and its currents and voltages where they are logged.
+
+    Args:
+        logs: the logs.
+        models: the model of each.
+    """
+    return tuple(
+        chain.from_iterable(_signals(*one) for one in enumerate(zip(logs, models, strict=True)))
+    )
+
+
+def _signals(number: int, pair: tuple[Log, mujoco.MjModel]) -> Iterator[Signal]:
+    log, model = pair
+    name = log.path.name if log.path else f"log {number + 1}"
+    for rows in _episodes(log):
+        about = (name, int(log.episode[rows.start]))
+        for column, values in log.columns.items():
+            kind, _, actuator = column.partition(".")
+            if kind in KINDS:
+                joint, unit = _driven(model, actuator) if kind == "ctrl" else (None, UNITS[kind])
+                rest = (joint, log.time[rows], values[rows])
+                yield Signal(*about, KINDS[kind], actuator, unit, *rest)
+
+
+def _driven(model: mujoco.MjModel, actuator: str) -> tuple[str | None, str]:
+    """Return the joint whose position an actuator's command is, and its unit; None for none."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator)
+    if number < 0 or not is_joint_servo(model, number):
+        return None, ""
+    joint = model.joint(int(model.actuator_trnid[number, 0]))
+    return joint.name, "m" if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"

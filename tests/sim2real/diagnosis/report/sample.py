@@ -1,0 +1,97 @@
+"""A report with something in every part of its page."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from sim2real.diagnosis.schema import (
+    Band,
+    Cause,
+    Equivalent,
+    Evidence,
+    Finding,
+    GapNumbers,
+    Regime,
+    Report,
+    Rung,
+    Signal,
+    SingleFit,
+    Trace,
+    Unexplained,
+    Where,
+)
+
+
+def trace(joint: str) -> Trace:
+    """Return 12 s of a joint, replayed in two windows, with each subset of two causes."""
+    time = np.arange(0, 12, 0.02)
+    measured, starts = np.sin(time), np.array([0, 300])
+    shares = {(): 0.9, (0,): 0.95, (1,): 0.92, (0, 1): 0.99}
+    lines = {frozenset(some): share * measured for some, share in shares.items()}
+    ends = lines[frozenset()], lines[frozenset((0, 1))]
+    return Trace("a.csv", 0, joint, "rad", time, measured, *ends, 0.002, starts, lines)
+
+
+def signal(kind: Literal["command", "current", "voltage"], unit: str) -> Signal:
+    """Return 12 s of what was logged of the elbow's servo."""
+    time = np.arange(0, 12, 0.02)
+    joint = "elbow" if kind == "command" else None
+    return Signal("a.csv", 0, kind, "elbow_servo", unit, joint, time, np.sin(time + 0.1))
+
+
+def report() -> Report:
+    """Return a report with something in every part of the page."""
+    causes = (
+        Cause(
+            *("backlash", "elbow", "link", 0.049, (0.045, 0.053), "rad", {}, 0.97, 0.8),
+            equivalent=(Equivalent("joint_compliance", "elbow"),),
+        ),
+        Cause("command_delay", None, None, 0.018, (0.017, 0.02), "s", {}, 0.9, 0.15),
+    )
+    evidence = Evidence(
+        traces=(trace("elbow"), trace("shoulder")),
+        ladder=(
+            Rung("model as given", 0.07, (0.06, 0.08)),
+            Rung("+ backlash", 0.02, (0.018, 0.022)),
+            Rung("+ command_delay", 0.005, (0.004, 0.006)),
+            Rung("noise floor", 0.002, (0.002, 0.002)),
+        ),
+        singles=(
+            *(
+                SingleFit("armature", f"joint{k}", None, 0.01, "kg·m²", 0.5 - 0.06 * k, (-0.1, 0.6))
+                for k in range(10)
+            ),
+            SingleFit("damping", "elbow", None, 0.03, "N·m·s/rad", 0.07, None),
+        ),
+        bands=(Band("elbow", 0.0, 1.0, 0.06, 0.004, 0.001),),
+        inputs={
+            "logs": ["a.csv"],
+            "models": ["arm.xml"],
+            "seed": 3,
+            "versions": {"mujoco": "4"},
+            "made": "2026-11-22 10:00+00:00",
+            "robots": ["arm2"],
+            "sha256": {"logs/a.csv": "0123456789abcdef" * 4},
+        },
+        signals=(signal("command", "rad"), signal("current", "A"), signal("voltage", "V")),
+    )
+    return Report(
+        verdict="explained",
+        gap=GapNumbers("rad", 0.07, 0.005, 0.002, 0.956, (0.93, 0.97), True),
+        where=(
+            Where("elbow", 0.8, 0.09, 0.006, (Regime("reversal", 0.5), Regime("hold", 0.25))),
+            Where("shoulder", 0.2, 0.02, 0.003, (Regime("reversal", 0.1),)),
+        ),
+        causes=causes,
+        unexplained=Unexplained(0.04, "slow, at the shoulder"),
+        preflight=(
+            Finding("sign", "wrist", "it moves the other way", "negate qpos.wrist"),
+            Finding("quantization", "elbow", "It comes in steps.", "Nothing to mend."),
+        ),
+        numerics={"timestep": "ok", "solver": "halves the gap"},
+        next_experiment="ramps without load",
+        seconds=31.0,
+        evidence=evidence,
+    )
