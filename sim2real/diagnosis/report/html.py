@@ -91,7 +91,7 @@ def _embedded(report: Report) -> Markup:
 def view(report: Report) -> dict[str, Any]:
     """Return what the page shows, by name."""
     evidence, causes = report.evidence, [_cause(n, c) for n, c in enumerate(report.causes, 1)]
-    found, total = recordings(evidence)
+    found, total = recordings(report)
     browsed = {"recordings": found, "causes": [cause["title"] for cause in causes]}
     return {
         "style": Markup("\n".join(map(_part, STYLES))),

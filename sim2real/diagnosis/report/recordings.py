@@ -1,6 +1,6 @@
 """Recordings as the page's script reads them: compact, thinned, those with the largest gaps first.
 
-    data, total = recordings(report.evidence)    # what fits into a page, and how many there are
+    data, total = recordings(report)             # what fits into a page, and how many there are
 
 Numbers are 16-bit steps between a line's smallest and largest value, times 32-bit floats; both are
 little-endian and in base64, so that an hour of a robot stays a page that can be mailed.
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sim2real.diagnosis.report import svg
-from sim2real.diagnosis.schema import Evidence, Signal, Trace
+from sim2real.diagnosis.schema import Report, Signal, Trace
 from sim2real.diagnosis.settings import TINY
 
 LONGEST = 20_000  # rows of a recording
@@ -25,10 +25,15 @@ STEPS, NOTHING = 65_000, 65_535  # between the smallest and the largest value; w
 FLOOR_DIGITS = 6
 
 
-def recordings(evidence: Evidence) -> tuple[list[dict[str, Any]], int]:
-    """Return the recordings that a reader can browse, and how many there are."""
+def recordings(report: Report) -> tuple[list[dict[str, Any]], int]:
+    """Return the recordings that a reader can browse, and how many there are.
+
+    Joints are in the order of their shares of the gap.
+    """
+    evidence = report.evidence
+    places = {where.joint: place for place, where in enumerate(report.where)}
     groups: dict[tuple[str, int], list[Trace]] = {}
-    for trace in evidence.traces:
+    for trace in sorted(evidence.traces, key=lambda t: places.get(t.joint, len(places))):
         groups.setdefault((trace.log, trace.episode), []).append(trace)
     order = sorted(groups, key=lambda key: -max(map(relative, groups[key])))
     found, count = [], 0

@@ -17,6 +17,10 @@ const links = () => {
     if ((target.joint !== undefined && !known.has(target.joint)) || (target.without !== undefined && !switchable)) continue;
     link.hidden = false;
     link.closest("div[hidden]")?.removeAttribute("hidden");
-    link.addEventListener("click", () => follow(target));
+    link.addEventListener("click", (event) => { // in a notebook's frame the address is another page's
+      event.preventDefault();
+      follow(target);
+      document.getElementById("browser").scrollIntoView();
+    });
   }
 };

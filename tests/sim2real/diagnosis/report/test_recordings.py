@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.report.recordings import NOTHING, floats, packed, recordings
-from sim2real.diagnosis.schema import Evidence, Signal, Trace
+from sim2real.diagnosis.schema import (
+    Evidence,
+    GapNumbers,
+    Report,
+    Signal,
+    Trace,
+    Unexplained,
+    Where,
+)
 
 
 def unpacked(line: dict[str, Any]) -> np.ndarray:
@@ -46,9 +54,12 @@ def test_joints_and_signals_of_an_episode_are_together() -> None:
     signal = Signal("a.csv", 0, "current", "servo", "A", None, time, time)
     other = Signal("b.csv", 0, "current", "servo", "A", None, time, time)
     evidence = Evidence(traces=(trace("elbow"), trace("wrist")), signals=(signal, other))
-    [found], total = recordings(evidence)
+    where = (Where("wrist", 0.8, 0.2), Where("elbow", 0.2, 0.1))
+    gap = GapNumbers("rad", 0.2, 0.1, 0.01, 0.5, (0.4, 0.6), True)
+    rest = Unexplained(0.5, "none")
+    [found], total = recordings(Report("unexplained", gap, where, (), rest, evidence=evidence))
     assert total == 1
-    assert [joint["name"] for joint in found["joints"]] == ["elbow", "wrist"]
+    assert [joint["name"] for joint in found["joints"]] == ["wrist", "elbow"]
     assert set(found["joints"][0]["lines"]) == {"", "0", "1", "all"}
     assert found["starts"] == [0, 50]
     assert len(found["signals"]) == 1
