@@ -141,7 +141,7 @@ def of_actor(
     """Return the actor of a policy of tensordict modules as a trained policy.
 
     Args:
-        policy: has `actor` and `primers()`, as `modules.policies.Policy`.
+        policy: has `actor`, `primers()`, `network()` and `squash`, as `modules.policies.Policy`.
         environment: what it was trained in.
         statistics: state of the environment's transforms.
         frames: environment steps of its training.
@@ -171,7 +171,7 @@ def _program(
 
     def program(theta: np.ndarray) -> nn.Module:
         network = policy.network(with_parameters(policy.actor, theta))
-        return Actor(network, *affine, low, high)
+        return Actor(network, *affine, low, high, policy.squash)
 
     return program
 
@@ -265,5 +265,6 @@ class Pilot:
             before = self._now
             now = self._env.reset() if before is None else step_mdp(self._env.step(before))
             self._now = self._actor(now)
-        action = self._now["action"].numpy().astype(np.float64)
+            acted = self._env.transform.inv(self._now)  # in the units of the robot's limits
+        action = acted["action"].numpy().astype(np.float64)
         return np.clip(action, self._fed.action_low, self._fed.action_high) if self._cut else action

@@ -18,6 +18,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import (
+    ActionScaling,
     InitTracker,
     RewardSum,
     StepCounter,
@@ -77,7 +78,14 @@ class Moments:
         self.mean, self.squares = state["mean"].clone(), state["squares"].clone()
 
 
-BLIND = (RandomizeParams, StepCounter, RewardSum, InitTracker, TensorDictPrimer)  # see no entry
+BLIND = (  # what they do is not to what is seen
+    RandomizeParams,
+    StepCounter,
+    RewardSum,
+    InitTracker,
+    TensorDictPrimer,
+    ActionScaling,
+)
 
 
 def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:

@@ -52,6 +52,7 @@ class Collecting:
         """Return all that the next batches depend on besides the policy."""
         return {
             "rows": self.env.batch_size[0],
+            "frames": self._collector._frames,  # the first may be of random actions
             "transforms": _plain(self.env.transform.state_dict()),
             "episodes": None if self._rows is None else self._rows.episodes(),
             "carrier": _tree(self._collector._carrier),
@@ -71,6 +72,7 @@ class Collecting:
                 f"algorithm.num_rows={state['rows']}"
             )
         self._load(state["transforms"])
+        self._collector._frames = state["frames"]
         self.returns.load_state_dict(state["returns"])
         if self._rows is None or state["episodes"] is None:
             log.warning(

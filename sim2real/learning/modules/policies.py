@@ -13,7 +13,7 @@ as `torchrl.modules.ConvNet`; a memory is made like `torchrl.modules.GRUModule`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import torch
 from tensordict.nn import (
@@ -44,7 +44,12 @@ class Policy(nn.Module):
             after the actor; None where they share nothing.
         memory: the recurrent module in the actor; None for a policy without.
         window: steps that a gradient reaches back.
+
+    Attributes:
+        squash: how a mean becomes an action between its limits.
     """
+
+    squash: ClassVar[Literal["clip", "tanh"]] = "clip"
 
     def __init__(
         self,
