@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from hardware.config import ASSETS
 from sim2real.diagnosis.report.html import render
 from sim2real.diagnosis.schema import Report
 from tests.sim2real.diagnosis.report.sample import report, trace
@@ -73,11 +74,12 @@ def drive(browser: str, folder: Path, script: str, width: int = 1100, dark: bool
 
 
 def sample() -> Report:
-    """Return a report with a log whose name is too long for a phone."""
+    """Return a report with a robot, and with a log whose name is too long for a phone."""
     made = report()
+    inputs = {**made.evidence.inputs, "models": [str(ASSETS / "arm2.xml")]}
     long = replace(trace("elbow"), log="a_recording_with_a_long_name" * 3 + ".parquet")
     traces = (*made.evidence.traces, long)
-    return replace(made, evidence=replace(made.evidence, traces=traces))
+    return replace(made, evidence=replace(made.evidence, traces=traces, inputs=inputs))
 
 
 def test_one_cursor_reads_all_joints(browser: str, tmp_path: Path) -> None:
@@ -224,15 +226,18 @@ def test_it_fits_a_phone(browser: str, tmp_path: Path) -> None:
           .filter((one) => one.textContent.trim() && !one.children.length)
           .map((one) => parseFloat(getComputedStyle(one).fontSize));
         const drawn = all(".robot text").map((one) => one.getBoundingClientRect().height);
+        const cut = all(".scroll").filter((one) => one.scrollWidth > one.clientWidth + 1)
+          .map((one) => one.firstElementChild.className).filter((name) => name !== "strip");
         const ends = all(".panel canvas").map((one) => one.getBoundingClientRect().right);
         const widest = Math.max(...ends);
-        return { wide, widest, smallest: Math.min(...sizes), drawn, plots: ends.length };
+        return { wide, widest, cut, smallest: Math.min(...sizes), drawn, plots: ends.length };
         """,
         width=390,
     )
     assert told["wide"] <= 390 and told["widest"] <= 390
     assert told["smallest"] >= 10
-    assert all(height >= 10 for height in told["drawn"])
+    assert len(told["drawn"]) == 2 and all(height >= 10 for height in told["drawn"])
+    assert told["cut"] == []
     assert told["plots"] == 4
 
 
