@@ -15,22 +15,17 @@ up to there are whole.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from envs.errors import RenderError
 from sim2real.evaluation.evaluate import Assessment
 from sim2real.evaluation.films import Video
+from sim2real.evaluation.finish import finish
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.population.cluster import Cluster
 from sim2real.learning.training import train
-from sim2real.runs import figures as plots
 from sim2real.runs.loggers import Loggers
-from sim2real.runs.progress import Progress
 from sim2real.runs.run_files import RunFiles
-
-log = logging.getLogger(__name__)
 
 
 def run(
@@ -94,24 +89,3 @@ def run(
         out=out,
         finish=after,
     )
-
-
-def finish(
-    algorithm: Algorithm,
-    files: RunFiles,
-    evaluation: Assessment | None,
-    video: Video | None,
-    seed: int,
-) -> None:
-    """Draw the learning curve, film the policy and evaluate it; all is already saved."""
-    if files.metrics.path.exists():
-        plots.learning_curve({"": [files.metrics.path]}, files.out / "plots" / "learning_curve.png")
-    if video is not None:
-        try:
-            log.info("video: %s", video.record(algorithm, seed, files.out / "videos"))
-        except RenderError as error:
-            log.warning("no video: %s", error)
-    if evaluation is not None:
-        with Progress(1, "task") as progress:
-            scores = evaluation.assess(algorithm, seed, f"seed {seed}", progress.report)
-        evaluation.report([scores], seed, files.out)

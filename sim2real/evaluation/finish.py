@@ -1,0 +1,47 @@
+"""The end of a training: its learning curve, a film of the policy, and what the policy is worth.
+
+finish(learner, files, evaluation, video, seed=0)
+"""
+
+from __future__ import annotations
+
+import logging
+
+from envs.errors import RenderError
+from sim2real.evaluation.evaluate import Assessment
+from sim2real.evaluation.films import Video
+from sim2real.learning.algorithms.base import Algorithm
+from sim2real.runs import figures as plots
+from sim2real.runs.progress import Progress
+from sim2real.runs.run_files import RunFiles
+
+log = logging.getLogger(__name__)
+
+
+def finish(
+    algorithm: Algorithm,
+    files: RunFiles,
+    evaluation: Assessment | None,
+    video: Video | None,
+    seed: int,
+) -> None:
+    """Draw the learning curve, film the policy and evaluate it; all is already saved.
+
+    Args:
+        algorithm: the trained one.
+        files: of its run.
+        evaluation: what to evaluate; None for nothing.
+        video: the film; None for none. Where nothing can be drawn, a warning says why.
+        seed: of the film's and the evaluation's luck.
+    """
+    if files.metrics.path.exists():
+        plots.learning_curve({"": [files.metrics.path]}, files.out / "plots" / "learning_curve.png")
+    if video is not None:
+        try:
+            log.info("video: %s", video.record(algorithm, seed, files.out / "videos"))
+        except RenderError as error:
+            log.warning("no video: %s", error)
+    if evaluation is not None:
+        with Progress(1, "task") as progress:
+            scores = evaluation.assess(algorithm, seed, f"seed {seed}", progress.report)
+        evaluation.report([scores], seed, files.out)
