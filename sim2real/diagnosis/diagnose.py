@@ -129,7 +129,14 @@ def run_diagnosis(
     null = null_test(logs, specs, fixed, settings.numerics)
     made = _search(search, data, floors, rng)
     on_progress("telling what was found", TELLING)
-    evidence = Evidence((), made.ladder, made.singles, made.bands, settings=tuple(rows(settings)))
+    evidence = Evidence(
+        (),
+        made.ladder,
+        made.singles,
+        made.bands,
+        settings=tuple(rows(settings)),
+        correlations=made.correlations,
+    )
     report = replace(
         made.report,
         preflight=(*findings, *made.report.preflight),

@@ -249,13 +249,14 @@ class Evidence:
 
     Args:
         traces: every joint of every episode.
-        signals: commands, currents and voltages of every episode.
         ladder: before, after each effect that was added, all together; the last one is the floor.
         singles: every effect alone: the causes in their order, then those that were fitted, then
             those that were screened, best first.
         bands: joint by joint, low frequencies first.
         inputs: names of logs and models, seed, versions, how the data was divided.
         settings: every number that steered the answer.
+        signals: commands, currents and voltages of every episode.
+        correlations: of the causes' first values, over blocks that are drawn again, (n, n).
     """
 
     traces: tuple[Trace, ...] = ()
@@ -265,6 +266,7 @@ class Evidence:
     inputs: Mapping[str, Any] = field(default_factory=dict)
     settings: tuple[Row, ...] = ()
     signals: tuple[Signal, ...] = ()
+    correlations: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import Fit, columns
 from sim2real.diagnosis.attribution.locate import bands, locate
 from sim2real.diagnosis.attribution.quantify import (
+    Spread,
     as_gaps,
     coalitions,
     contradicted,
@@ -61,6 +62,7 @@ class Conclusion:
     bands: tuple[Band, ...]
     intervals: np.ndarray  # (P, 2)
     errors: Mapping[Set, np.ndarray]  # held out, (W, T, M), with these causes, by their places
+    correlations: np.ndarray  # (n, n) of the causes' first values
     alike: tuple[tuple[str, Fit], ...] = ()  # labels and fits that the data cannot tell apart
 
 
@@ -128,7 +130,9 @@ def nothing(search: Search, floors: np.ndarray, rng: np.random.Generator) -> Con
     floor = Rung("noise floor", search.floor, (search.floor, search.floor))
     empty = np.zeros((0, 2))
     errors = {frozenset[int](): base}
-    return Conclusion(report, search.none, (rung, floor), (), spectrum, empty, errors)
+    return Conclusion(
+        report, search.none, (rung, floor), (), spectrum, empty, errors, np.zeros((0, 0))
+    )
 
 
 def conclude(
@@ -153,7 +157,9 @@ def conclude(
     rests = np.array([blocks.rms(subsets[every - {number}]) for number in order])
     least = limits.left_min * after**2 + TINY_SQUARE
     left = after / np.sqrt(np.maximum(rests**2 - after**2, least))
-    spans = intervals(search.problem, fit, left, rng) if order else np.zeros((0, 2))
+    nothing_found = Spread(np.zeros((0, 2)), np.zeros((0, 0)))
+    spread = intervals(search.problem, fit, left, rng) if order else nothing_found
+    spans, starts = spread.ends, [place.start for place in columns(fit.members)]
     causes, findings, alike = [], [], ()
     for place, number in enumerate(order):
         member = found.fit.members[number]
@@ -185,6 +191,7 @@ def conclude(
         spectrum,
         spans,
         _by_place(subsets, order, search.base),
+        spread.correlation[np.ix_(starts, starts)],
         alike,
     )
 

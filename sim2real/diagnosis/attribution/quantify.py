@@ -1,7 +1,7 @@
 """How much each cause closes, how sure its value is, and where the gap lies before and after.
 
 shares = shapley(problem, racing, fit, closed)       # of the closable gap, one a member
-low, high = intervals(problem, fit, blocks)          # (P,), (P,)
+spread = intervals(problem, fit, left, rng)          # spread.ends: (P, 2)
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import combinations
 from math import factorial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -91,8 +92,15 @@ def shapley(values: dict[Set, float], count: int) -> np.ndarray:
     return shares
 
 
-def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return the 90 % intervals of a fit's values, (P, 2).
+class Spread(NamedTuple):
+    """How far P values may be off."""
+
+    ends: np.ndarray  # (P, 2) 90 % intervals
+    correlation: np.ndarray  # (P, P) of the values over blocks that are drawn again
+
+
+def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Generator) -> Spread:
+    """Return the 90 % intervals of a fit's values, and how the values go together.
 
     One Gauss-Newton step on blocks of a second that are drawn again, in each fold; never less than
     the two folds differ, than clocks and counts can resolve, and than what is left of the gap may
@@ -130,7 +138,17 @@ def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Gener
     half = np.maximum.reduce([spread, apart, _doubt(fit, left, limits), _resolution(problem, fit)])
     low = np.concatenate([m.low for m in fit.members])
     high = np.concatenate([m.high for m in fit.members])
-    return np.stack([np.clip(fit.mean - half, low, high), np.clip(fit.mean + half, low, high)], 1)
+    ends = [np.clip(fit.mean - half, low, high), np.clip(fit.mean + half, low, high)]
+    return Spread(np.stack(ends, 1), _correlation(both))
+
+
+def _correlation(values: np.ndarray) -> np.ndarray:
+    """Return the correlation of P values, (P, P), over draws (D, P); none with what stays fixed."""
+    apart = values - values.mean(axis=0)
+    size = np.maximum(np.sqrt((apart**2).mean(axis=0)), TINY_SQUARE)
+    found = (apart / size).T @ (apart / size) / len(values)
+    np.fill_diagonal(found, 1.0)
+    return found
 
 
 def _doubt(fit: Fit, left: np.ndarray, limits: Causes = DEFAULT.causes) -> np.ndarray:

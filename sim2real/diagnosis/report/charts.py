@@ -80,6 +80,23 @@ def _single(row: SingleFit, order: Mapping[Any, int]) -> dict[str, Any]:
     }
 
 
+def correlations(report: Report) -> list[dict[str, Any]]:
+    """Return rows of the table of how the causes' values go together; none for a single cause."""
+    matrix = report.evidence.correlations
+    if len(report.causes) < 2 or len(matrix) != len(report.causes):
+        return []
+    return [
+        {
+            "name": words.name(cause.effect, cause.extra.get("body") or cause.where, cause.side),
+            "cells": [
+                {"text": f"{value:.2f}".replace("-", "−"), "tint": round(abs(float(value)) / 2, 3)}
+                for value in row
+            ],
+        }
+        for cause, row in zip(report.causes, matrix, strict=True)
+    ]
+
+
 def bands(report: Report, units: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the tables of frequencies, one for each unit, each on one scale.
 

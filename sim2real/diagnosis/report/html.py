@@ -120,6 +120,7 @@ def view(report: Report) -> dict[str, Any]:
         "total": total,
         "singles": charts.singles(report),
         "shown": SHOWN,
+        "correlations": charts.correlations(report),
         "bands": charts.bands(report, _units(report)),
         "inputs": made.flat(evidence.inputs),
         "settings": [made.setting(row) for row in evidence.settings],

@@ -97,7 +97,9 @@ def test_shapley_shares_sum_to_all_and_intervals_cover(
     shares = shapley(closed, 2)
     assert shares.sum() == pytest.approx(closed[frozenset({0, 1})])
     assert shares.min() > 0.1
-    spans = intervals(problem, fit, np.full(2, 0.05), np.random.default_rng(0))
+    spans, together = intervals(problem, fit, np.full(2, 0.05), np.random.default_rng(0))
+    assert np.diag(together) == pytest.approx([1.0, 1.0])
+    assert together[0, 1] == pytest.approx(together[1, 0]) and abs(together[0, 1]) <= 1
     assert (spans[:, 0] <= truth).all() and (truth <= spans[:, 1]).all()
     assert (spans[:, 1] - spans[:, 0] < 0.3 * truth).all()
 

@@ -75,6 +75,7 @@ def report() -> Report:
             "robots": ["arm2"],
             "sha256": {"logs/a.csv": "0123456789abcdef" * 4},
         },
+        correlations=np.array([[1.0, -0.62], [-0.62, 1.0]]),
         signals=(signal("command", "rad"), signal("current", "A"), signal("voltage", "V")),
     )
     return Report(

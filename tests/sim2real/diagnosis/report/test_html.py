@@ -67,6 +67,7 @@ def test_it_says_all_of_the_report(report: Report) -> None:
         "python -m sim2real run=diagnose log=a.csv model=arm.xml seed=3",
         "versions: mujoco 4",
         "The other 2",
+        "1 backlash at elbow (link side) 1.00 −0.62 2 command delay −0.62 1.00",
         "damping at elbow 0.0300 N·m·s/rad ≈ 7 % estimate",
         "Made 2026-11-22 10:00+00:00 Robot arm2 With mujoco 4 SHA-256 of a.csv 0123456789ab",
     ):
