@@ -87,7 +87,7 @@ const makePanel = (host, about, events) => {
   plot = new uPlot({
     width: Math.max(200, host.clientWidth), height: about.height, legend: { show: false }, padding: [8, 10, 0, 0],
     scales: { x: { time: false }, y: scale }, axes: [x, y], series: [{}, ...about.series.map(style)],
-    cursor: { drag: { x: true, y: true, uni: 24 }, points: { size: 6 }, focus: { prox: -1 } },
+    cursor: { drag: { x: true, y: true, uni: 24 }, y: false, points: { size: 6 }, focus: { prox: -1 } },
     hooks: {
       drawAxes: [(u) => marks(u, about)],
       setScale: [(u, key) => { if (key === "x") events.zoomed(u); }],
