@@ -29,6 +29,7 @@ from sim2real.runs.files import write_text
 SCHEMA = 1
 Verdict = Literal["explained", "partly_explained", "unexplained", "no_gap"]
 Form = Literal["holds", "contradicted"]
+Kind = Literal["command", "current", "voltage"]
 Pair = tuple[float, float]
 
 
@@ -197,7 +198,7 @@ class Signal:
 
     log: str
     episode: int
-    kind: Literal["command", "current", "voltage"]
+    kind: Kind
     actuator: str
     unit: str
     joint: str | None

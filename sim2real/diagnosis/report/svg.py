@@ -22,6 +22,7 @@ from sim2real.diagnosis.settings import TINY
 
 WIDTH, TOP, MAIN, GAP, ERROR, LEFT, BOTTOM = 330, 6, 118, 14, 56, 52, 22  # of a window, units
 EDGE = 6  # right of a window, units
+SPREAD = 1e4  # between the largest error and that from which on the axis is linear, at most
 POINTS = 700  # of a line, at most
 FULL = 0.6  # of the most compared rows in any piece, that a piece must hold to be shown
 MILLI = 1e-3
@@ -116,7 +117,7 @@ def _errors(errors: Sequence[np.ndarray], floor: float, base: float) -> Linear |
     """Return an axis for errors, logarithmic where the largest is far above the noise."""
     most = SPARE * max(max(float(np.nanmax(np.abs(e))) for e in errors), BANDS / 2 * floor, TINY)
     if floor > 0 and most > BENT * floor:
-        return Signed(floor, most, base + ERROR, base)
+        return Signed(max(floor, most / SPREAD), most, base + ERROR, base)
     return Linear(-most, most, base + ERROR, base)
 
 

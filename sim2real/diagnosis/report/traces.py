@@ -20,11 +20,15 @@ import numpy as np
 from envs.effects.servo import is_joint_servo
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.schema import Signal, Trace
+from sim2real.diagnosis.schema import Kind, Signal, Trace
 
 Errors = Mapping[frozenset[int], np.ndarray]
 SWITCHED = 4  # causes at most that a reader can switch: of more there are too many combinations
-KINDS = {"ctrl": "command", "current": "current", "voltage": "voltage"}  # of columns
+KINDS: dict[str, Kind] = {
+    "ctrl": "command",
+    "current": "current",
+    "voltage": "voltage",
+}  # of columns
 UNITS = {"current": "A", "voltage": "V"}
 
 

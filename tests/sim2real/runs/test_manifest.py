@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2real.runs.manifest import git, write_manifest
+from sim2real.runs.manifest import command_line, git, write_manifest
 
 
 def test_manifest_says_how_a_run_was_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,6 +22,18 @@ def test_manifest_says_how_a_run_was_made(tmp_path: Path, monkeypatch: pytest.Mo
     assert manifest["machine"]["cores"] >= 1
     assert manifest["machine"]["memory"] > 2**28
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["manifest.json"]
+
+
+def test_the_command_can_be_given_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is quoted for a shell; a folder that no command made has none."""
+    assert command_line(tmp_path) is None
+    for program, start in (
+        ("/a/bin/sim2real", "sim2real"),
+        ("x/__main__.py", "python -m sim2real"),
+    ):
+        monkeypatch.setattr(sys, "argv", [program, "run=diagnose", "log=my arm.csv"])
+        write_manifest(tmp_path, seed=0)
+        assert command_line(tmp_path) == f"{start} run=diagnose 'log=my arm.csv'"
 
 
 def test_git_revision_and_dirty_flag(tmp_path: Path) -> None:

@@ -47,6 +47,7 @@ const picture = () => {
 
 const downloads = () => {
   const on = (id, act) => document.getElementById(id)?.addEventListener("click", act);
+  document.getElementById("json").hidden = false;
   on("csv", () => save(new Blob([csv()], { type: "text/csv" }), `${stem()}.csv`));
   on("png", () => picture().toBlob((blob) => save(blob, `${stem()}.png`)));
   on("json", () => save(new Blob([document.getElementById("answer").textContent], { type: "application/json" }), "report.json"));

@@ -60,12 +60,18 @@ const STROKES = {
   measured: { width: 5 }, nominal: { width: 1.7, dash: [6, 4] }, corrected: { width: 1.7 },
   command: { width: 1.2, dash: [2, 3] }, signal: { width: 1.3 },
 };
-const FAR = 12; // errors that many floors large are on a logarithmic scale
+const FAR = 12, SPREAD = 1e4; // errors of so many floors are on a logarithmic scale of so many steps
 
-const errorScale = (most, floor) => (floor && most > FAR * floor
-  ? { scale: { distr: 4, asinh: floor, range: (u, low, high) => { const m = Math.max(Math.abs(low), Math.abs(high), 2.5 * floor) * 1.1; return [-m, m]; } },
-    splits: (u, index, low, high) => decades(floor, Math.max(high, -low)) }
-  : { scale: { range: (u, low, high) => { const m = Math.max(Math.abs(low || 0), Math.abs(high || 0), 2.5 * floor, 1e-9) * 1.1; return [-m, m]; } } });
+const errorScale = (most, floor) => {
+  const range = (u, low, high) => {
+    const end = 1.1 * Math.max(Math.abs(low || 0), Math.abs(high || 0), 2.5 * floor, 1e-9);
+    return [-end, end];
+  };
+  if (!floor || most <= FAR * floor) return { scale: { range } };
+  const linear = Math.max(floor, most / SPREAD);
+  const splits = (u, index, low, high) => decades(linear, Math.max(high, -low));
+  return { scale: { distr: 4, asinh: linear, range }, splits };
+};
 
 // about: {title, series: [{label, kind, values, stepped}], time, starts, floor, isError, height, last, digits}
 const makePanel = (host, about, events) => {

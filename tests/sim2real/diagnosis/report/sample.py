@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from sim2real.diagnosis.schema import (
@@ -13,6 +11,7 @@ from sim2real.diagnosis.schema import (
     Evidence,
     Finding,
     GapNumbers,
+    Kind,
     Regime,
     Report,
     Rung,
@@ -34,7 +33,7 @@ def trace(joint: str) -> Trace:
     return Trace("a.csv", 0, joint, "rad", time, measured, *ends, 0.002, starts, lines)
 
 
-def signal(kind: Literal["command", "current", "voltage"], unit: str) -> Signal:
+def signal(kind: Kind, unit: str) -> Signal:
     """Return 12 s of what was logged of the elbow's servo."""
     time = np.arange(0, 12, 0.02)
     joint = "elbow" if kind == "command" else None
