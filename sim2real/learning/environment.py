@@ -34,6 +34,7 @@ from envs.tasks.base import Task
 from envs.torch_env import RandomizeParams, RowsEnv
 from envs.toys.env import ToyEnv
 from sim2real.config.targets import build, build_named
+from sim2real.learning.population.env_rows import EnvRows
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -178,15 +179,18 @@ class Environment:
     def rows(self, num_rows: int, threads: int = 1) -> Rows:
         """Make the world as rows, which restart one by one and where each may have its own policy.
 
+        Rows of a simulator are taken as they are, unless transforms change what they show.
+
         Raises:
-            Sim2RealError: a world, or transforms, that rows cannot have.
+            Sim2RealError: a world, or transforms, that rows cannot have; see `EnvRows`.
         """
-        if not self.plain:
-            raise Sim2RealError(
-                f"a population sees rows as they are, not through the transforms "
-                f"{', '.join(self.transforms)}; use transforms=none, or algorithm=ppo"
-            )
-        return self.base_rows(num_rows, threads)
+        if self.plain:
+            base = self._base(num_rows, threads, "cpu")
+            if isinstance(base, RowsEnv):
+                return base.rows
+            base.close()
+        others = {name: one for name, one in self.transforms.items() if not _randomizes(one)}
+        return EnvRows(replace(self, transforms=others).make(num_rows, threads))
 
     def base_rows(self, num_rows: int, threads: int = 0) -> Any:
         """Make the rows under the environment, without what transforms do to what they show.

@@ -19,15 +19,16 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
+from torch import nn
 
 from envs.rows import Rows
 from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.adapt.first_order import FirstOrder, FirstOrderCohort
 from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.randomness import Randomness
 from sim2real.learning.environment import Environment
-from sim2real.learning.modules.acting import Acting
 from sim2real.learning.modules.normalizer import Normalizer
-from sim2real.learning.modules.policy import MLPPolicy, PolicyModule
+from sim2real.learning.population.actors import flat_policy
 from sim2real.learning.population.es import Estimator, EvolutionStrategy, Shaping
 from sim2real.learning.population.population import (
     AdaptationScores,
@@ -38,6 +39,7 @@ from sim2real.learning.population.population import (
     evaluate_adaptation,
 )
 from sim2real.learning.trained import Trained
+from sim2real.learning.transforms import affine
 from sim2real.runs.errors import CheckpointError, Sim2RealError
 
 
@@ -63,7 +65,7 @@ class ESMAML(Algorithm):
 
     Args:
         parts: the environment, whose tasks members adapt to, one draw each; the policy, an
-            `MLPPolicy`; the adaptation operator.
+            `MLPPolicy` or any with an actor of tensordict modules; the adaptation operator.
         num_rows: episodes that run side by side, in all shards.
         shards: environments with a thread each.
         refill: see `Population`.
@@ -135,12 +137,10 @@ class ESMAML(Algorithm):
         self.parts, self.tasks, self.adapt = parts, parts.tasks, parts.adapt
         tasks, adapt = self.tasks, self.adapt
         rows = make_shards(parts.environment, num_rows, shards)
-        self.policy = parts.policy(parts.environment.make(1, threads=1))
-        if not isinstance(self.policy, MLPPolicy):
-            raise Sim2RealError(
-                "algorithm=esmaml searches parameters of an MLPPolicy, "
-                f"{type(self.policy).__name__} is none; use policy=linear or policy=mlp"
-            )
+        with Randomness(parts.seed, "cpu"):
+            env = parts.environment.make(1, threads=1)
+            self.policy = flat_policy(parts.policy(env), env)
+        self._raw = affine(env) is not None  # whether the policy sees what the base shows
         self.population: Population = Population(rows, self.policy, refill)
         tasks.check(self.population.space)
         self._clean = [self.population.space.index(name) for name in clean_final]
@@ -186,18 +186,19 @@ class ESMAML(Algorithm):
         seen = self.normalizer or Normalizer(self.policy.observation_size)
         policy, mean, std = self.policy, seen.mean.copy(), seen.std.copy()
 
-        def program(theta: np.ndarray) -> PolicyModule:
+        def program(theta: np.ndarray) -> nn.Module:
             return policy.module(theta, mean, std)
 
         return Trained(
             self.theta,
-            lambda theta: Acting(program(theta)),
+            lambda theta: policy.acting(theta, mean, std),
             self.parts.environment,
             {},
             self.frames,
-            program=program,
+            primers=policy.primers,
+            program=program if policy.is_function and self._raw else None,
             dtype=torch.float64,
-            cut=False,
+            cut=policy.cut,
         )
 
     def scores(self, values: np.ndarray, seeds: np.ndarray, episodes: int) -> AdaptationScores:

@@ -15,14 +15,16 @@ that.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 from torch import nn
-from torchrl.envs import TransformedEnv
+from torchrl.data import Unbounded
+from torchrl.envs import EnvBase, Transform, TransformedEnv
 
 from envs.torch_env import RowsEnv
+from sim2real.learning.modules.acting import Acting
 from sim2real.runs.errors import Sim2RealError
 
 Activation = Literal["tanh", "relu"]
@@ -55,6 +57,8 @@ class MLPPolicy:
     Raises:
         Sim2RealError: for sizes, names or limits that make no policy.
     """
+
+    cut, is_function = False, True  # see `FlatPolicy`
 
     def __init__(
         self,
@@ -162,6 +166,14 @@ class MLPPolicy:
         """
         return PolicyModule(self, theta, mean, std)
 
+    def acting(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> Acting:
+        """Return `module` as TorchRL steps with it."""
+        return Acting(self.module(theta, mean, std))
+
+    def primers(self) -> list[Transform]:
+        """Return nothing: there is no memory."""
+        return []
+
 
 def mlp_policy(
     env: TransformedEnv,
@@ -171,28 +183,55 @@ def mlp_policy(
     output: Literal["tanh", "linear"],
     initial: Literal["normal", "zero"],
 ) -> MLPPolicy:
-    """Make the policy for an environment over rows; see `MLPPolicy`.
+    """Make the policy for an environment; see `MLPPolicy`.
 
     Raises:
-        Sim2RealError: an environment of another kind, or sizes and names that make no policy.
+        Sim2RealError: sizes and names that make no policy.
     """
-    base = env.base_env
-    if not isinstance(base, RowsEnv):
-        raise Sim2RealError(
-            f"policy=linear and policy=mlp see the rows of a simulator, not {type(base).__name__}; "
-            "use policy=actor_critic"
-        )
-    rows = base.rows
+    low, high = action_limits(env)
     return MLPPolicy(
-        rows.observation_size,
-        rows.action_size,
-        rows.action_low,
-        rows.action_high,
+        observation_size(env),
+        len(low),
+        low,
+        high,
         hidden=hidden,
         activation=activation,
         output=output,
         initial=initial,
     )
+
+
+def action_limits(env: EnvBase) -> tuple[np.ndarray, np.ndarray]:
+    """Return the actions' limits, (A,) float64 each; those of rows as exactly as they know them.
+
+    Raises:
+        Sim2RealError: actions that are no vector.
+    """
+    base = env.base_env if isinstance(env, TransformedEnv) else env
+    if isinstance(base, RowsEnv):
+        return base.rows.action_low, base.rows.action_high
+    spec: Any = env.action_spec_unbatched
+    if spec.ndim != 1 or not spec.dtype.is_floating_point:
+        raise Sim2RealError(
+            f"policy: actions are vectors of numbers, the environment takes {spec.dtype} of shape "
+            f"{tuple(spec.shape)}"
+        )
+    if isinstance(spec, Unbounded):
+        return np.full(spec.shape, -np.inf), np.full(spec.shape, np.inf)
+    low, high = (np.asarray(x.cpu(), np.float64) for x in (spec.space.low, spec.space.high))
+    return low, high
+
+
+def observation_size(env: EnvBase) -> int:
+    """Return how many numbers the entry "observation" has; raises Sim2RealError without one."""
+    shown = dict(env.full_observation_spec.items())
+    spec = shown.get("observation")
+    if spec is None or spec.ndim != len(env.batch_size) + 1:
+        raise Sim2RealError(
+            "policy: it sees a vector under 'observation', which is not shown; the environment "
+            f"shows: {', '.join(map(str, shown))}"
+        )
+    return spec.shape[-1]
 
 
 class Slots:

@@ -1,6 +1,6 @@
 """Any tensordict actor as the policy of a population: a flat vector, and many of them at once.
 
-    policy = ActorPolicy(actor, env)                  # sees "observation", writes "action"
+    policy = flat_policy(actor_critic(env, ...), env) # its actor sees "observation"
     slots = policy.slots(256)
     slots.load(np.arange(256), thetas)                # a parameter vector per row; memories start
     action = slots.act(None, observation)             # (256, 3), each row by its own parameters
@@ -9,32 +9,74 @@ A perceptron around whose output a Gaussian draws acts as `MLPPolicy` does, at i
 actor is called for all rows at once by `torch.func`, and so must be one that `vmap` can call; a
 recurrent one takes `GRUModule(python_based=True)`, and each row has a memory of its own. As there,
 a row's action depends on nothing but its own parameters, memory and observation, to the last bit.
+Actions are cut at their limits, as `RowsEnv` cuts them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
 from tensordict import TensorDict
-from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModuleBase
+from tensordict.nn import (
+    InteractionType,
+    ProbabilisticTensorDictModule,
+    ProbabilisticTensorDictSequential,
+    TensorDictModuleBase,
+)
 from torch import nn
 from torch.func import functional_call, vmap
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
-from torchrl.envs import EnvBase
-from torchrl.envs.utils import ExplorationType, set_exploration_type
+from torchrl.envs import EnvBase, Transform
 from torchrl.modules import GRUModule, IndependentNormal, LSTMModule
 
+from sim2real.learning.modules.acting import Actor
 from sim2real.learning.modules.dense import Dense, read_dense
-from sim2real.learning.modules.policy import MLPPolicy, Slots
+from sim2real.learning.modules.policy import MLPPolicy, Slots, action_limits, observation_size
+from sim2real.learning.population.flat_policy import FlatPolicy
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
 BLOCK = 32  # rows that are called at once, always as many: vector units round what is left over
 # otherwise than whole vectors, so that with blocks of one size a row's neighbours do not matter
+
+
+@runtime_checkable
+class Acts(Protocol):
+    """A policy of tensordict modules, as `sim2real.learning.modules.policies.Policy` is."""
+
+    actor: TensorDictModuleBase
+
+    def network(self, actor: Any) -> nn.Module | None:
+        """Return what makes an actor's means of one entry; None where it is more than that."""
+        ...
+
+    def primers(self) -> Sequence[Transform]:
+        """Return the transforms that the actor needs."""
+        ...
+
+
+def flat_policy(made: Any, env: EnvBase) -> FlatPolicy:
+    """Return a policy as one whose parameters are a vector; of tensordict modules its actor counts.
+
+    Args:
+        made: an `MLPPolicy`, or a policy with an actor.
+        env: what it was made for.
+
+    Raises:
+        Sim2RealError: for anything else, or an actor that a population cannot have.
+    """
+    if isinstance(made, MLPPolicy):
+        return made
+    if not isinstance(made, Acts) or not isinstance(made.actor, TensorDictModuleBase):
+        raise Sim2RealError(
+            f"algorithm=esmaml searches the parameters of an actor, {type(made).__name__} has no "
+            "tensordict module of that name; use policy=linear, policy=mlp or policy=actor_critic"
+        )
+    return ActorPolicy(made.actor, env, made.network, made.primers)
 
 
 class ActorPolicy:
@@ -43,18 +85,30 @@ class ActorPolicy:
     Args:
         actor: from "observation" to "action", on the CPU. Its present parameters are the first.
         env: its specs say what is seen and the actions' limits.
+        network: see `Acts`; the default is that of an actor that is no function.
+        primers: see `Acts`.
 
     Raises:
         Sim2RealError: for an actor that reads other entries, or that many rows cannot call at once.
     """
 
-    def __init__(self, actor: TensorDictModuleBase, env: EnvBase) -> None:
+    cut = True
+
+    def __init__(
+        self,
+        actor: TensorDictModuleBase,
+        env: EnvBase,
+        network: Callable[[Any], nn.Module | None] = lambda actor: None,
+        primers: Callable[[], Sequence[Transform]] = tuple,
+    ) -> None:
         self.actor = deepcopy(actor).requires_grad_(False)
-        space = env.action_spec_unbatched.space
-        self.action_low, self.action_high = (
-            np.asarray(x.cpu(), np.float64) for x in (space.low, space.high)
-        )
-        self.observation_size = env.observation_spec["observation"].shape[-1]
+        for module in self.actor.modules():
+            # Not by set_exploration_type: that is one switch for the threads of all shards.
+            if isinstance(module, ProbabilisticTensorDictModule):
+                module.default_interaction_type = InteractionType.DETERMINISTIC
+        self._network, self.primers = network, primers
+        self.action_low, self.action_high = action_limits(env)
+        self.observation_size = observation_size(env)
         self.action_size = len(self.action_low)
         self.memory = _memory(self.actor)
         others = {*self.actor.in_keys} - {"observation", "is_init", *self.memory}
@@ -92,7 +146,12 @@ class ActorPolicy:
             return PerceptronSlots(self._perceptron, read_dense(self.actor), num_rows)
         return ActorSlots(self, num_rows)
 
-    def module(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> NormalizedActor:
+    @property
+    def is_function(self) -> bool:
+        """Whether an action follows from one observation, by a network of the actor's."""
+        return self._network(self.actor) is not None
+
+    def acting(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> NormalizedActor:
         """Return the actor with parameters (num_parameters,), shown raw observations.
 
         Args:
@@ -100,9 +159,18 @@ class ActorPolicy:
             mean: what normalization subtracts from an observation, (O,).
             std: what it divides by, (O,).
         """
+        return NormalizedActor(self._with(theta), mean, std)
+
+    def module(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> Actor:
+        """Return the same as a torch module of raw observations; see `acting`."""
+        network = self._network(self._with(theta))
+        assert network is not None
+        return Actor(network, mean, std, self.action_low, self.action_high)
+
+    def _with(self, theta: np.ndarray) -> TensorDictModuleBase:
         actor = deepcopy(self.actor)
         vector_to_parameters(torch.from_numpy(np.array(theta, np.float32)), actor.parameters())
-        return NormalizedActor(actor, mean, std)
+        return actor
 
 
 class NormalizedActor(TensorDictModuleBase):
@@ -142,6 +210,7 @@ class PerceptronSlots:
 
     def __init__(self, policy: MLPPolicy, network: Dense, num_rows: int) -> None:
         self._slots, self._order = Slots(policy, num_rows), _order(network)
+        self._low, self._high = policy.action_low, policy.action_high
 
     def load(self, ids: np.ndarray, thetas: np.ndarray) -> None:
         """Put parameter vectors (n, num_parameters) into rows (n,)."""
@@ -149,7 +218,7 @@ class PerceptronSlots:
 
     def act(self, ids: np.ndarray | None, observation: np.ndarray) -> np.ndarray:
         """Compute the actions (n, A) of rows ids (n,), or all, from observations (n, O)."""
-        return self._slots.act(ids, observation)
+        return np.clip(self._slots.act(ids, observation), self._low, self._high)
 
 
 class ActorSlots:
@@ -161,7 +230,14 @@ class ActorSlots:
     """
 
     def __init__(self, policy: ActorPolicy, num_rows: int) -> None:
-        self._actor, self._size = policy.actor, policy.observation_size
+        self._actor = deepcopy(
+            policy.actor
+        )  # functional_call swaps parameters: one for each thread
+        self._size, self._low, self._high = (
+            policy.observation_size,
+            policy.action_low,
+            policy.action_high,
+        )
         count = -(-num_rows // BLOCK) * BLOCK  # whole blocks
         named = dict(policy.actor.named_parameters())
         self._params = {name: p.expand(count, *p.shape).clone() for name, p in named.items()}
@@ -187,17 +263,13 @@ class ActorSlots:
         ids = self._all if ids is None else ids
         seen = torch.zeros(len(next(iter(self._params.values()))), self._size)
         seen[torch.from_numpy(ids)] = torch.from_numpy(observation.astype(np.float32))
-        action = None
-        with set_exploration_type(ExplorationType.DETERMINISTIC):
-            for block in np.unique(ids // BLOCK).tolist():
-                rows = slice(block * BLOCK, (block + 1) * BLOCK)
-                said, after = self._call(*self._of(rows), seen[rows])
-                if action is None:
-                    action = torch.zeros(len(seen), said.shape[-1])
-                action[rows] = said
-                self._remember(rows, ids, after)
-        assert action is not None
-        return action[torch.from_numpy(ids)].numpy().astype(np.float64)
+        action = np.zeros((len(seen), len(self._low)))
+        for block in np.unique(ids // BLOCK).tolist():
+            rows = slice(block * BLOCK, (block + 1) * BLOCK)
+            said, after = self._call(*self._of(rows), seen[rows])
+            action[rows] = said.numpy()
+            self._remember(rows, ids, after)
+        return np.clip(action[ids], self._low, self._high)
 
     def _of(self, rows: slice) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         params = {name: stack[rows] for name, stack in self._params.items()}

@@ -31,7 +31,7 @@ from typing import Any
 from envs.rows import Rows
 from sim2real.learning.algorithms.base import Algorithm
 from sim2real.learning.environment import Environment
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.population.flat_policy import FlatPolicy
 from sim2real.learning.population.remote import (
     Batch,
     ClusterError,
@@ -55,14 +55,14 @@ class RayLink:
 
     Args:
         make: makes its environment.
-        policy: the network.
+        policy: of all members.
         refill: see `Population`.
 
     Raises:
         Lost: when the cluster has no place for it, or it died at once.
     """
 
-    def __init__(self, make: Make, policy: MLPPolicy, refill: int) -> None:
+    def __init__(self, make: Make, policy: FlatPolicy, refill: int) -> None:
         self._ray = importlib.import_module("ray")
         remote = self._ray.remote(Worker).options(num_cpus=1)
         self.handle = remote.remote(make, policy, refill)
@@ -183,7 +183,7 @@ def _rows(environment: Environment, num_rows: int) -> Rows:
     return environment.rows(num_rows)
 
 
-def _start(make: Make, policy: MLPPolicy, refill: int, patience: float) -> Link | None:
+def _start(make: Make, policy: FlatPolicy, refill: int, patience: float) -> Link | None:
     """Start a worker where a CPU is free within `patience` [s]; None if there is none."""
     ray, end = importlib.import_module("ray"), time.monotonic() + patience
     while ray.available_resources().get("CPU", 0) < 1:

@@ -15,6 +15,7 @@ are of Salimans et al.; keeping the best directions is augmented random search (
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any, Literal
 
 import numpy as np
@@ -213,7 +214,7 @@ class EvolutionStrategy:
         """Return all that the next iterations depend on: tensors, numbers and names."""
         return {
             "mean": self._mean.clone(),
-            "optimizer": self._optimizer.state_dict(),
+            "optimizer": deepcopy(self._optimizer.state_dict()),
             "rng": self._rng.bit_generator.state,
             "noise": None if self._noise is None else torch.from_numpy(self._noise.copy()),
         }
@@ -221,7 +222,7 @@ class EvolutionStrategy:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over a state that `state_dict` returned."""
         self._mean.copy_(torch.as_tensor(state["mean"]))
-        self._optimizer.load_state_dict(state["optimizer"])
+        self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
         self._rng.bit_generator.state = state["rng"]
         noise = state["noise"]
         self._noise = None if noise is None else noise.numpy().copy()

@@ -23,7 +23,7 @@ import numpy as np
 from envs.rows import Rows
 from sim2real.learning.adapt import Adaptation, Cohort, NoAdaptation
 from sim2real.learning.modules.normalizer import Normalizer
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.population.flat_policy import FlatPolicy
 from sim2real.learning.population.shard import Shard
 from sim2real.runs.errors import Sim2RealError
 
@@ -99,14 +99,14 @@ class Population:
 
     Args:
         shards: environments of the same task. One shard runs in the calling thread.
-        policy: the network that all members have.
+        policy: what all members are, with parameters of their own.
         refill: rows of a shard that must be free before the queue fills them; half of them always
             will do. Starting several episodes at once costs little more than starting one, so that
             more than 1 pays where episodes are short, or where a step of few rows costs as much as
             one of many.
     """
 
-    def __init__(self, shards: Sequence[Rows], policy: MLPPolicy, refill: int = 1) -> None:
+    def __init__(self, shards: Sequence[Rows], policy: FlatPolicy, refill: int = 1) -> None:
         if not shards or refill < 1:
             raise Sim2RealError(
                 f"population: {len(shards)} shards and refill={refill}; both must be at least 1"

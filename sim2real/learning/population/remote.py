@@ -23,7 +23,7 @@ import numpy as np
 
 from envs.params import ParamSpace
 from envs.rows import Rows
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.population.flat_policy import FlatPolicy
 from sim2real.learning.population.population import Job, Population
 from sim2real.learning.population.shard import Shard
 from sim2real.runs.errors import Sim2RealError
@@ -71,11 +71,11 @@ class Stream:
 
     Args:
         capacity: episodes held at a time.
-        policy: the network.
+        policy: of all members.
         space_size: Q, numbers of a task.
     """
 
-    def __init__(self, capacity: int, policy: MLPPolicy, space_size: int) -> None:
+    def __init__(self, capacity: int, policy: FlatPolicy, space_size: int) -> None:
         size = policy.observation_size
         self.returns, self.lengths = np.zeros((capacity, 1)), np.zeros((capacity, 1), np.int64)
         self.failed = np.zeros((capacity, 1), bool)
@@ -140,11 +140,11 @@ class Worker:
 
     Args:
         make: makes its environment.
-        policy: the network.
+        policy: of all members.
         refill: see `Population`.
     """
 
-    def __init__(self, make: Make, policy: MLPPolicy, refill: int) -> None:
+    def __init__(self, make: Make, policy: FlatPolicy, refill: int) -> None:
         rows = make()
         self._shard = Shard(rows, policy, min(refill, rows.num_rows))
         self._stream = Stream(AHEAD * rows.num_rows, policy, rows.space.size)
@@ -267,11 +267,13 @@ class RemotePopulation(Population):
 
     Args:
         shards: the workers' stand-ins.
-        policy: the network that all members have.
+        policy: what all members are, with parameters of their own.
         space: parameters of the task.
     """
 
-    def __init__(self, shards: Sequence[RemoteShard], policy: MLPPolicy, space: ParamSpace) -> None:
+    def __init__(
+        self, shards: Sequence[RemoteShard], policy: FlatPolicy, space: ParamSpace
+    ) -> None:
         self.policy, self.space = policy, space
         self._shards = list(shards)  # type: ignore[assignment]
         for shard in shards:

@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from envs.rows import Rows
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.population.flat_policy import FlatPolicy
 
 
 class Feed(Protocol):
@@ -67,7 +67,7 @@ class SharedFeed(Feed, Protocol):
 class Shard:
     """One batched environment, its policies and the books of the episodes in its rows."""
 
-    def __init__(self, rows: Rows, policy: MLPPolicy, refill: int) -> None:
+    def __init__(self, rows: Rows, policy: FlatPolicy, refill: int) -> None:
         count, size = rows.num_rows, policy.observation_size
         self.num_rows, self._refill = count, refill
         self._rows, self._slots = rows, policy.slots(count)

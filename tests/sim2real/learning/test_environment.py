@@ -49,10 +49,10 @@ def test_effects_need_a_robot(tmp_path: Path) -> None:
     ("words", "sentence"),
     [
         (["algorithm=ppo", "adapt=hillclimb"], "PPO trains no policy that adapts; use adapt=none"),
-        (["policy=actor_critic"], "Policy is none; use policy=linear or policy=mlp"),
+        (["policy=gru"], "a GRU needs policy.memory.python_based=true"),
         (["loss=clip_ppo"], "ESMAML uses no loss; leave it out, or use loss=none"),
         (["algorithm=ppo", "optimizer=none"], "optimizer=null, but the algorithm needs one"),
-        (["transforms=normalized", "advantage=gae"], "a population sees rows as they are"),
+        (["transforms=normalized", "advantage=gae"], "went otherwise the second time: ToyEnv"),
         (["algorithm=ppo_sb3", "transforms=pixels"], "reads 'pixels', which is not there"),
         (["algorithm=ppo_sb3", "policy.in_keys=[image]"], "'image' is not shown"),
     ],

@@ -112,6 +112,20 @@ def test_a_user_s_transform_actor_and_loss_are_trained_with(own: Path) -> None:
     assert (first.trained().play(np.arange(2, dtype=np.uint64)).lengths > 0).all()
 
 
+def test_a_user_s_actor_and_transform_are_trained_by_evolution_strategies(own: Path) -> None:
+    """The same parts adapt: members see what the transform shows, by the user's own network."""
+    small = ["algorithm.pairs=2", "algorithm.num_rows=4", "env.task.max_steps=20"]
+    words = ["+experiment=esmaml", "policy=mine", "transforms=mine", "video=none", "eval=none"]
+    _, given = prepare(compose([*words, *small]), own / "out")
+    algorithm = build(given["algorithm"], given["parts"])
+    first = algorithm.trained()
+    assert {type(m).__name__ for m in first.actor(first.theta).modules()} >= {"Sine"}
+    algorithm.iterate()
+    assert np.abs(algorithm.trained().theta - first.theta).max() > 1e-4
+    adapted = algorithm.adapted(np.array([4.0, 1.0]), np.random.default_rng(0))
+    assert adapted is not None and adapted.shape == first.theta.shape
+
+
 def test_what_does_not_fit_is_a_sentence(own: Path) -> None:
     """An actor that is no tensordict module, a loss that reads what is not there, no such class."""
     for words, sentence in (

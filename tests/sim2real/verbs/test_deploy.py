@@ -128,6 +128,16 @@ def test_a_policy_of_ppo_adapts_too(tmp_path):
     assert robot == pytest.approx(twin, abs=0.02)
 
 
+def test_an_actor_with_a_memory_adapts_on_the_robot(tmp_path):
+    """What evolution strategies trained with tensordict modules is driven like any other."""
+    words = [*SMALL_ES, "policy=gru", "policy.memory.python_based=true"]
+    done = go(train(tmp_path / "run", words), tmp_path / "out", *CLIMB)
+    assert (len(done.before), len(done.adapting), len(done.after)) == (2, 4, 2)
+    (first, _) = csv.DictReader((tmp_path / "out" / "table.csv").open())
+    robot, twin = float(first["return on the robot"]), float(first["return in its simulator"])
+    assert robot == pytest.approx(twin, abs=0.02)
+
+
 def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
     """On the robot the network sees what it saw in training: mean and deviation taken out."""
     run = train(tmp_path / "run", SMALL_PPO)
