@@ -40,7 +40,14 @@ def browser() -> str:
     return found
 
 
-def drive(browser: str, folder: Path, script: str, width: int = 1100, dark: bool = False) -> Any:
+def drive(
+    browser: str,
+    folder: Path,
+    script: str,
+    width: int = 1100,
+    dark: bool = False,
+    shown: Report | None = None,
+) -> Any:
     """Return what a script that runs in the page returns; the browser must not complain.
 
     Args:
@@ -49,13 +56,14 @@ def drive(browser: str, folder: Path, script: str, width: int = 1100, dark: bool
         script: the body of an asynchronous function.
         width: of the page [px].
         dark: whether the system says that it is dark.
+        shown: the report; None for the sample.
     """
     probe = f"""<script>{HELPERS}
     (async () => {{ await later(200); {script} }})()
       .then((told) => parent.postMessage(JSON.stringify({{ told }}), "*"))
       .catch((error) => parent.postMessage(JSON.stringify({{ error: error.stack }}), "*"));
     </script>"""
-    text = render(sample()).replace("</body>", probe + "</body>")
+    text = render(shown or sample()).replace("</body>", probe + "</body>")
     page = folder / "report.html"
     page.write_text(FRAME.format(width, html.escape(text)), encoding="utf-8")
     command = [
@@ -239,6 +247,31 @@ def test_it_fits_a_phone(browser: str, tmp_path: Path) -> None:
     assert len(told["drawn"]) == 2 and all(height >= 10 for height in told["drawn"])
     assert told["cut"] == []
     assert told["plots"] == 4
+
+
+def test_names_from_a_log_run_nothing(browser: str, tmp_path: Path) -> None:
+    """Joints, logs and actuators whose names are markup are text wherever the script puts them."""
+    evil = '<img src="x" onerror="window.evil = 1"><script>window.evil = 1</script>'
+    made = report()
+    traces = (replace(trace(evil), log=evil),)
+    signals = tuple(replace(one, log=evil, actuator=evil) for one in made.evidence.signals)
+    evidence = replace(made.evidence, traces=traces, signals=signals)
+    causes = tuple(replace(cause, where=evil) for cause in made.causes)
+    where = (replace(made.where[0], joint=evil),)
+    told = drive(
+        browser,
+        tmp_path,
+        """
+        all("#kinds input").forEach((box) => { if (!box.checked) box.click(); });
+        all('[data-view]:not([hidden])').forEach((link) => link.click());
+        await later(300);
+        return { evil: window.evil ?? null, titles: titles(), images: all("img").length };
+        """,
+        shown=replace(made, evidence=evidence, causes=causes, where=where),
+    )
+    assert told["evil"] is None and told["images"] == 0
+    assert told["titles"][0] == f"{evil}, rad"
+    assert f"{evil}, current, A" in told["titles"]
 
 
 def test_what_is_shown_can_be_saved(browser: str, tmp_path: Path) -> None:
