@@ -14,12 +14,14 @@ from __future__ import annotations
 
 import errno
 import os
+import time
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
 from hardware.errors import LineError
 
+ENDING = 1.0  # s that a lock without a visible holder is waited for
 PROCESSES = Path("/proc")
 SERVER = "/dev/ptmx"  # who has this open serves pseudo terminals, and is no client of theirs
 
@@ -49,14 +51,22 @@ class PortLock:
         import fcntl
 
         file = os.open(self._name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(file)
-            if error.errno not in (errno.EAGAIN, errno.EACCES):
-                raise
-            held = list(_holders(self._name)) or ["a program that cannot be seen from here"]
-            raise self._refusal(" and ".join(held)) from None
+        ends = time.monotonic() + ENDING
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except OSError as error:
+                holders = list(_holders(self._name))
+                busy = error.errno in (errno.EAGAIN, errno.EACCES)
+                if busy and not holders and time.monotonic() < ends:
+                    time.sleep(0.05)  # whoever held it is ending, and closes its files last
+                    continue
+                os.close(file)
+                if not busy:
+                    raise
+                held = holders or ["a program that cannot be seen from here"]
+                raise self._refusal(" and ".join(held)) from None
         self._file = file
 
     def release(self) -> None:

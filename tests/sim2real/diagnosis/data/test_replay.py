@@ -17,7 +17,7 @@ from sim2real.diagnosis.data.replay import measure
 from sim2real.diagnosis.data.simulate import Simulator
 
 ASSETS = Path("envs/assets")
-ROWS = 60  # of an episode
+ROWS = 100  # of an episode
 EFFECTS = {
     "nothing": (),
     "command delay": (("command_delay", {}, 0.013),),
