@@ -30,7 +30,7 @@ from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import write
 from sim2real.exam.inject import ARM, told
 from sim2real.exam.measure import apart
-from sim2real.runs.figures import COLOURS, figure
+from sim2real.runs.figures import AFTER, BEFORE, FLOOR, figure
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap
 from sim2real.runs.tables import Table
@@ -136,17 +136,15 @@ def draw(degrees: Sequence[np.ndarray], path: Path) -> None:
     """Draw each joint's error before and after, and its floor."""
     with figure(path, 1, 1, (6.4, 3.2)) as (_, axes):
         panel, places = axes[0, 0], np.arange(len(ARM))
-        for number, (part, label) in enumerate(zip(degrees, LABELS, strict=True)):
+        for number, (part, (label, colour)) in enumerate(zip(degrees, LABELS.items(), strict=True)):
             heights = [float(overall(part[:, i : i + 1])) for i in range(len(ARM))]
-            panel.bar(
-                places + 0.26 * (number - 1), heights, 0.24, color=COLOURS[number], label=label
-            )
+            panel.bar(places + 0.26 * (number - 1), heights, 0.24, color=colour, label=label)
         panel.set_xticks(places, [name.replace("_", " ") for name in ARM])
         panel.set_ylabel("RMS error, held-out logs (degrees)")
         panel.legend()
 
 
-LABELS = ("stock model", "with what was found", "noise floor")
+LABELS = {"stock model": BEFORE, "with what was found": AFTER, "noise floor": FLOOR}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+BEFORE, AFTER, FLOOR = COLOURS[1], COLOURS[0], "#a9afb9"  # a gap, here as in a diagnosis's report
 INK, FAINT, BOX = "#222222", "#d9d9d9", "#e31a1c"
 STYLE: dict[Any, Any] = {
     "font.size": 9,
