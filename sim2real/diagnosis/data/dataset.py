@@ -24,7 +24,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.recording import check_log, load_model, with_bus_delay
-from sim2real.diagnosis.data.windows import Joint, Window, cut, cut_one
+from sim2real.diagnosis.data.windows import Joint, Window, cut
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 from sim2real.runs.errors import Sim2RealError
 
@@ -132,25 +132,6 @@ class Data:
             mask=self.mask[chosen],
             measured=self.measured[chosen],
         )
-
-
-def whole_episodes(data: Data) -> Data:
-    """Return the same logs with each episode as one window, for what is slow and for pictures."""
-    windows = []
-    for number, log in enumerate(data.logs):
-        which = next(w.model for w in data.windows if w.log == number)
-        start = 0
-        for part in log.episodes():
-            rows = (start, start, start + len(part))
-            model, settings = data.models[which], data.settings.windows
-            windows.append(cut_one(log, number, which, model, data.joints, rows, settings))
-            start += len(part)
-    longest = max(len(w.measured) for w in windows)
-    mask = _masks(windows, longest)
-    measured = np.array([_padded(w.measured, longest) for w in windows])
-    return replace(
-        data, windows=tuple(windows), fold=np.zeros(len(windows), int), mask=mask, measured=measured
-    )
 
 
 def _masks(windows: Sequence[Window], length: int) -> np.ndarray:

@@ -9,7 +9,7 @@ import pytest
 
 from envs.effects import make
 from hardware.log import Log
-from sim2real.diagnosis.data.dataset import Data, _folds, whole_episodes
+from sim2real.diagnosis.data.dataset import Data, _folds
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
@@ -73,12 +73,6 @@ def test_the_true_model_has_no_error(data: Data) -> None:
     right = simulator.run(effect, every, np.full((len(every), 1), 0.1))
     assert np.sqrt(np.mean(right.error**2)) < 0.1 * np.sqrt(np.mean(wrong.error**2))
     assert np.isinf(right.lost).all()
-
-
-def test_a_whole_episode_is_one_window(data: Data) -> None:
-    """Slow effects are looked at from the episode's start."""
-    whole = whole_episodes(data)
-    assert [len(w.measured) for w in whole.windows] == [len(data.logs[0])]
 
 
 def test_a_model_that_breaks_is_lost_and_bounded(data: Data) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import mujoco
@@ -11,10 +13,11 @@ import pytest
 from envs.effects import make
 from envs.plant import Fixed
 from hardware.log import Log
-from sim2real.diagnosis.data.dataset import Data, whole_episodes
+from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.windows import cut_one
 
 ASSETS = Path("envs/assets")
 ROWS = 100  # of an episode
@@ -53,6 +56,20 @@ def wander(model: mujoco.MjModel, seed: int) -> Log:
     return Log(columns, {"command_delay": 0.0045})
 
 
+def whole(data: Data) -> Data:
+    """Return the data of a log with each episode, all as long, as one window."""
+    [log], [model] = data.logs, data.models
+    ends = np.append(np.flatnonzero(np.diff(log.episode)) + 1, len(log))
+    windows = tuple(
+        cut_one(log, 0, 0, model, data.joints, (start, start, end))
+        for start, end in pairwise([0, *ends.tolist()])
+    )
+    mask = np.array([window.usable for window in windows])
+    measured = np.array([window.measured for window in windows])
+    folds = np.zeros(len(windows), int)
+    return replace(data, windows=windows, fold=folds, mask=mask, measured=measured)
+
+
 @pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS)
 @pytest.mark.parametrize("robot", ["bench1", "hopper2", "arm6"])
 def test_both_verbs_replay_a_log_alike(
@@ -68,7 +85,7 @@ def test_both_verbs_replay_a_log_alike(
     ]
     log = wander(model, seed=len(effects))
     gap = measure(log, load_model(log, path), fixed)
-    data = whole_episodes(Data.of([log], path))
+    data = whole(Data.of([log], path))
     found = Simulator(data, fixed).run((), np.arange(2), np.zeros((2, 0)))
     columns = [gap.joints.index(joint.name) for joint in data.joints]
     apart = (gap.simulated - gap.measured)[:, columns].reshape(2, ROWS, -1)
