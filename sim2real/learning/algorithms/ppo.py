@@ -18,13 +18,13 @@ from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from torch import nn
 from torchrl.modules import set_recurrent_mode
 
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.algorithms.checks import check_at_least, check_loss, refuse_other_policy
 from sim2real.learning.algorithms.collecting import Collecting
 from sim2real.learning.algorithms.randomness import Randomness
+from sim2real.learning.modules.flat import FlatParameters
 from sim2real.learning.modules.policies import Policy, check_policy
 from sim2real.learning.trained import Trained, of_actor
 from sim2real.learning.transforms import affine
@@ -93,6 +93,7 @@ class PPO(Algorithm):
             self._loss = parts.part("loss")(self.policy.actor, self.policy.loss_critic)
             self._buffer = parts.part("buffer")(batch_size=max(1, minibatch_size // self._window))
             self._optimizer = parts.part("optimizer")(self.policy.parameters())
+        self._flat = FlatParameters(list(self.policy.parameters()))
         self._rate = self._optimizer.param_groups[0]["lr"]
         self.frames = self.iteration = 0
 
@@ -120,13 +121,13 @@ class PPO(Algorithm):
         self._anneal()
         self._buffer.empty()
         self._buffer.extend(self._samples(data))
-        logged: dict[str, float] = {}
-        for epoch in range(self._epochs):
+        for epoch in range(self._epochs - 1):
             losses = [self._step(minibatch) for minibatch in self._buffer]
-            logged = _logged(losses)
-            if self._target_kl is not None and logged["train/kl"] > self._target_kl:
-                return epoch + 1, logged
-        return self._epochs, logged
+            if self._target_kl is not None:
+                logged = _logged(losses)
+                if logged["train/kl"] > self._target_kl:
+                    return epoch + 1, logged
+        return self._epochs, _logged([self._step(minibatch) for minibatch in self._buffer])
 
     def _samples(self, data: TensorDictBase) -> TensorDictBase:
         """Return steps (N, T) one by one, or as windows (S, L) for a policy with a memory."""
@@ -145,12 +146,11 @@ class PPO(Algorithm):
         """Take a gradient step; return the losses."""
         with set_recurrent_mode(self._window > 1):
             losses = self._loss(minibatch)
-        total = sum(value for name, value in losses.items() if name.startswith("loss_"))
         self._optimizer.zero_grad()
-        total.backward()
-        nn.utils.clip_grad_norm_(self.policy.parameters(), self._max_norm)
+        torch.autograd.backward([x for name, x in losses.items() if name.startswith("loss_")])
+        self._flat.clip_gradient(self._max_norm)
         self._optimizer.step()
-        return losses.detach()
+        return losses
 
     def _anneal(self) -> None:
         left = 1.0
@@ -225,7 +225,7 @@ def _made(policy: Any) -> Policy:
 
 def _logged(losses: list[TensorDictBase]) -> dict[str, float]:
     """Return the means of what minibatches logged, besides the losses."""
-    mean = torch.stack(losses).mean()
+    mean = torch.stack([one.detach() for one in losses]).mean()
     found = {f"train/{k}": float(v) for k, v in mean.items() if not k.startswith("loss_")}
     kept = ("train/clip_fraction", "train/entropy")
     out = {name: value for name, value in found.items() if name in kept}

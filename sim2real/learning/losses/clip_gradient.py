@@ -43,11 +43,11 @@ class Samples(NamedTuple):
 class Settings(NamedTuple):
     """What weighs and limits the losses."""
 
-    limits: tuple[Tensor, Tensor]  # logarithms that the ratio's is clipped to
-    critic_coeff: Tensor  # weight of the critic's loss
-    entropy_coeff: Tensor  # weight of the entropy
+    limits: tuple[float, float]  # least and largest ratio
+    critic_coeff: float  # weight of the critic's loss
+    entropy_coeff: float  # weight of the entropy
     distance: str  # of values and targets: a key of SLOPES
-    clip_value: Tensor | None  # how far a value may leave the old one
+    clip_value: float | None  # how far a value may leave the old one
     explained_variance: bool  # whether it is logged
 
 
@@ -70,7 +70,7 @@ class ClipGradient:
 
     def __init__(self, actor: Dense, critic: Dense) -> None:
         assert isinstance(actor.head, AddStateIndependentNormalScale)
-        self.networks, self._floor = (actor, critic), actor.head.scale_lb
+        self.networks, self._floor = (actor, critic), float(actor.head.scale_lb)
         self.flat, starts = flatten(self.networks)
         self.middle = starts[1]  # where the critic's parameters begin
         self._trunks = Trunks(self.networks, starts)
@@ -109,38 +109,30 @@ class ClipGradient:
         """Return objective, loss of the entropy, its gradient by the scale, and what is logged."""
         weight, bias, _, _, log_scale = self._heads
         weight_slope, bias_slope, _, _, scale_slope = self._heads_slope
-        scale = log_scale.exp()
-        held = scale < self._floor
-        scale.clamp_min_(self._floor)
+        count, actions = samples.action.shape
+        raw = log_scale.exp()
+        scale = raw.clamp_min(self._floor)
+        free = raw >= self._floor  # elsewhere the scale is held at its floor
         scaled = torch.addmm(bias, hidden, weight.T).sub_(samples.action).div_(scale)  # (B, A)
         squared = scaled.square()
-        constant = scale.log().sum() + 0.5 * scaled.shape[1] * LOG_2PI
+        constant = scale.log().sum() + 0.5 * actions * LOG_2PI
         log_ratio = squared.sum(1).mul_(-0.5).sub_(constant).sub_(samples.log_prob)
-        ratio, inside = log_ratio.exp(), log_ratio.clamp(*settings.limits)
+        ratio = log_ratio.exp()
+        inside = ratio.clamp(*settings.limits)
         gain = ratio * samples.advantage
-        least = torch.minimum(gain, inside.exp() * samples.advantage)
+        least = torch.minimum(gain, inside * samples.advantage)
         # beyond the limit on the side that the advantage pulls to, the objective is flat
-        flat = (log_ratio - inside).mul_(samples.advantage) > 0
-        step = gain.masked_fill(flat, 0).div_(len(gain)).unsqueeze(1)  # (B, 1)
+        step = torch.where(least < gain, 0, gain).div_(count).unsqueeze(1)  # (B, 1)
         to_mean = (scaled * step).div_(scale)
-        torch.sum(squared.sub_(1).mul_(step.neg()), 0, out=scale_slope)
-        scale_slope.masked_fill_(held, 0)
+        torch.sum(squared.neg_().add_(1).mul_(step), 0, out=scale_slope)
+        scale_slope.mul_(free)
         torch.mm(to_mean.T, hidden, out=weight_slope)
         torch.sum(to_mean, 0, out=bias_slope)
         torch.mm(to_mean, weight, out=to_hidden)
-        entropy = constant + 0.5 * scaled.shape[1]
-        shaped = ratio.view(samples.shape)
-        logged = {
-            "clip_fraction": (inside != log_ratio).to(ratio.dtype).mean(),
-            "kl_approx": log_ratio.mean().neg_(),
-            "entropy": entropy,
-            "ESS": shaped.sum(0).square_().div_(shaped.square().sum(0)).div_(len(shaped)),
-            "max_ratio": ratio.max(),
-            "mean_ratio": ratio.mean(),
-        }
+        entropy = constant + 0.5 * actions
         coefficient = -settings.entropy_coeff
-        by_scale = coefficient * (~held).to(scale.dtype)
-        return least.mean().neg_(), coefficient * entropy, by_scale, logged
+        logged = {**_ratios(ratio, inside, log_ratio, samples.shape), "entropy": entropy}
+        return least.mean().neg_(), coefficient * entropy, coefficient * free, logged
 
     def _judge(
         self, samples: Samples, settings: Settings, hidden: Tensor, to_hidden: Tensor
@@ -154,16 +146,36 @@ class ClipGradient:
         slope, logged = SLOPES[settings.distance](error), {}
         if settings.clip_value is not None:
             cost, slope, logged = _clipped(samples, settings, value, cost, slope)
-        to_value = slope.mul_(settings.critic_coeff).div_(len(value)).unsqueeze(1)
+        to_value = slope.mul_(settings.critic_coeff / len(value)).unsqueeze(1)
         torch.mm(to_value.T, hidden, out=weight_slope)
         torch.sum(to_value, 0, out=bias_slope)
         torch.mm(to_value, weight, out=to_hidden)
         if settings.explained_variance:
             target = samples.target.view(*samples.shape, 1)
-            left = torch.var(error.view_as(target), correction=0, dim=0)
-            total = torch.var(target, correction=0, dim=0)
+            both = torch.stack([error.view_as(target), target])
+            left, total = torch.var(both, correction=0, dim=1)
             logged["explained_variance"] = 1 - left / (total + torch.finfo(target.dtype).eps)
         return cost.mean() * settings.critic_coeff, logged
+
+
+def _ratios(
+    ratio: Tensor, inside: Tensor, log_ratio: Tensor, shape: torch.Size
+) -> dict[str, Tensor]:
+    """Return what is logged of the ratios (B,) of samples of a shape."""
+    squared = ratio.square()
+    means = torch.stack([log_ratio, ratio, squared, (inside != ratio).to(ratio.dtype)]).mean(1)
+    log_mean, mean, square_mean, moved = means.unbind()
+    effective = mean.square() / square_mean
+    if len(shape) > 1:  # along the first dimension
+        count = shape[0]
+        effective = ratio.view(shape).sum(0).square() / squared.view(shape).sum(0) / count
+    return {
+        "clip_fraction": moved,
+        "kl_approx": -log_mean,
+        "ESS": effective,
+        "max_ratio": ratio.max(),
+        "mean_ratio": mean,
+    }
 
 
 def _clipped(

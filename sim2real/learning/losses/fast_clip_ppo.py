@@ -17,6 +17,7 @@ and `forward` computes the gradient along with the losses; autograd only hands i
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import torch
@@ -36,6 +37,14 @@ from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
 TINY = torch.finfo(torch.float32).resolution  # least deviation that advantages are divided by
+COEFFICIENTS = (  # what a schedule may change of a loss
+    "clip_epsilon",
+    "clip_epsilon_low",
+    "clip_epsilon_high",
+    "critic_coeff",
+    "entropy_coeff",
+    "clip_value",
+)
 SUPPORTED: dict[str, tuple[Any, ...]] = {  # the values that it knows of options it has in part
     "normalize_advantage_exclude_dims": ((), []),
     "advantage_norm": (None,),
@@ -72,7 +81,7 @@ class FastClipPPOLoss(ClipPPOLoss):
         actor, critic = (read_dense(network) for network in networks)
         _refuse_distribution(networks[0], actor)
         super().__init__(*networks, **options)
-        self._gradient = ClipGradient(actor, critic)
+        self._gradient, self._present = ClipGradient(actor, critic), []
         if {id(p) for p in self.parameters()} != {id(p) for p in self._gradient.flat.parameters}:
             raise Sim2RealError("loss: a network has parameters beside those of its layers")
 
@@ -89,14 +98,21 @@ class FastClipPPOLoss(ClipPPOLoss):
         return TensorDict._new_unsafe(out, batch_size=torch.Size([]))  # type: ignore[arg-type]
 
     def _settings(self) -> Settings:
-        return Settings(
-            self._clip_bounds,
-            self.critic_coeff,
-            self.entropy_coeff,
-            self.loss_critic_type,
-            self.clip_value,
-            self.log_explained_variance,
-        )
+        """Return the settings as numbers, read anew where a schedule has changed one."""
+        buffers = [self._buffers.get(name) for name in COEFFICIENTS]
+        present = [(id(x), None if x is None else x._version) for x in buffers]
+        if present != self._present:
+            self._present = present
+            low, high = (math.exp(float(x)) for x in self._clip_bounds)
+            self._numbers = Settings(
+                (low, high),
+                float(self.critic_coeff),
+                float(self.entropy_coeff),
+                self.loss_critic_type,
+                None if self.clip_value is None else float(self.clip_value),
+                self.log_explained_variance,
+            )
+        return self._numbers
 
     def _samples(self, tensordict: TensorDictBase) -> Samples:
         keys = self.tensor_keys
@@ -108,14 +124,14 @@ class FastClipPPOLoss(ClipPPOLoss):
             target = self.target_critic_network_params
             self.value_estimator(tensordict, params=critic, target_params=target)
         shape, (actor, critic) = tensordict.batch_size, self._gradient.networks
-        old = tensordict[keys.value].flatten() if self.clip_value else None
+        old = tensordict.get(keys.value).flatten() if self.clip_value else None
         return Samples(
             _joined(tensordict, actor),
             _joined(tensordict, critic),
-            tensordict[keys.action].flatten(0, len(shape) - 1),
-            tensordict[keys.sample_log_prob].flatten(),
-            self._advantage(tensordict[keys.advantage].flatten()),
-            tensordict[keys.value_target].flatten(),
+            tensordict.get(keys.action).flatten(0, len(shape) - 1),
+            tensordict.get(keys.sample_log_prob).flatten(),
+            self._advantage(tensordict.get(keys.advantage).flatten()),
+            tensordict.get(keys.value_target).flatten(),
             old,
             shape,
         )
@@ -159,7 +175,7 @@ def _refuse_distribution(network: Any, actor: Dense) -> None:
 
 def _joined(tensordict: TensorDictBase, network: Dense) -> Tensor:
     """Return what a network reads, (B, in)."""
-    parts = [tensordict[key] for key in network.in_keys]
+    parts = [tensordict.get(key) for key in network.in_keys]
     whole = parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
     return whole.flatten(0, -2)
 

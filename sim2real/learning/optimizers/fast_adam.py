@@ -10,12 +10,12 @@ is that of `torch.optim.Adam`, either of which goes on with that of the other.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
 import torch
 from torch import nn
+from torch.optim.adam import adam
 
 from sim2real.learning.modules.flat import FlatParameters, side_by_side, split
 from sim2real.runs.errors import Sim2RealError
@@ -28,6 +28,18 @@ SUPPORTED: dict[str, tuple[Any, ...]] = {  # the values that it knows of options
     "capturable": (False,),
     "differentiable": (False,),
     "decoupled_weight_decay": (False,),
+}
+FIXED: dict[str, Any] = {  # the options of torch's function that are not used here
+    "amsgrad": False,
+    "weight_decay": 0.0,
+    "maximize": False,
+    "foreach": False,
+    "capturable": False,
+    "differentiable": False,
+    "grad_scale": None,
+    "found_inf": None,
+    "has_complex": False,
+    "decoupled_weight_decay": False,
 }
 MOMENTS = ("exp_avg", "exp_avg_sq")  # the names of the first and second in torch's state
 
@@ -55,6 +67,7 @@ class FastAdam(torch.optim.Adam):
             _refuse("parameters of several dtypes or devices")
         super().__init__(given, **options)
         self._flat = FlatParameters(given)
+        self._moments: dict[str, tuple[Tensor, list[Tensor]]] = {}  # as vector, and its parts
 
     @torch.no_grad()
     def step(self, closure: Callable[[], Any] | None = None) -> Any:
@@ -77,13 +90,22 @@ class FastAdam(torch.optim.Adam):
         return loss
 
     def _move(self, vector: Tensor, gradient: Tensor) -> None:
-        group = self.param_groups[0]
-        (beta1, beta2), number = group["betas"], self._count()
+        group, step = self.param_groups[0], self.state[self._flat.parameters[0]]["step"]
         first, second = (self._moment(name) for name in MOMENTS)
-        first.lerp_(gradient, 1 - beta1)
-        second.mul_(beta2).addcmul_(gradient, gradient, value=1 - beta2)
-        root = second.sqrt().div_(math.sqrt(1 - beta2**number)).add_(group["eps"])
-        vector.addcdiv_(first, root, value=-float(group["lr"]) / (1 - beta1**number))
+        adam(
+            [vector],
+            [gradient],
+            [first],
+            [second],
+            [],
+            [step],
+            fused=True,
+            lr=float(group["lr"]),
+            beta1=group["betas"][0],
+            beta2=group["betas"][1],
+            eps=group["eps"],
+            **FIXED,
+        )
 
     def _together(self) -> bool:
         """Say whether all parameters have made as many steps; if so, they share one count."""
@@ -94,7 +116,7 @@ class FastAdam(torch.optim.Adam):
         counts = {float(state.get("step", 0.0)) for state in states}
         if len(counts) > 1:
             return False
-        step = torch.tensor(counts.pop())
+        step = torch.tensor(counts.pop(), device=self._flat.parameters[0].device)
         for state in states:
             state["step"] = step
         return True
@@ -105,26 +127,21 @@ class FastAdam(torch.optim.Adam):
             if "step" in self.state[p]:
                 self.state[p]["step"] = self.state[p]["step"].clone()
 
-    def _count(self) -> int:
-        """Count the step; return which it is."""
-        step = self.state[self._flat.parameters[0]]["step"]
-        step += 1
-        return int(step)
-
     def _moment(self, name: str) -> Tensor:
         """Return a moment of all parameters, (P,), of which each parameter's is a view."""
         parameters = self._flat.parameters
         states = [self.state[p] for p in parameters]
-        if name not in states[0]:
-            vector = torch.zeros_like(self._flat.vector)
+        vector, parts = self._moments.get(name, (torch.empty(0), []))
+        if parts and all(state[name] is part for state, part in zip(states, parts, strict=True)):
+            return vector
+        if name in states[0]:
+            vector = torch.cat([state[name].flatten() for state in states])
         else:
-            own = [state[name] for state in states]
-            found = side_by_side(own)
-            if found is not None:
-                return found
-            vector = torch.cat([m.flatten() for m in own])
-        for state, part in zip(states, split(vector, parameters), strict=True):
+            vector = torch.zeros_like(self._flat.vector)
+        parts = split(vector, parameters)
+        for state, part in zip(states, parts, strict=True):
             state[name] = part
+        self._moments[name] = vector, parts
         return vector
 
     def zero_grad(self, set_to_none: bool = True) -> None:

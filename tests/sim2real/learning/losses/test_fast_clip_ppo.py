@@ -183,6 +183,22 @@ def test_advantages_and_keys_are_those_of_its_parent() -> None:
     assert "advantage" not in data
 
 
+def test_a_schedule_is_followed() -> None:
+    """Coefficients that change during training count from the next minibatch on, as there."""
+    torch.manual_seed(0)
+    actor, critic = networks([8], [8])
+    data = samples(actor, (16,))
+    losses = [kind(actor, critic, clip_value=0.3) for kind in (FastClipPPOLoss, ClipPPOLoss)]
+    for change in ({"clip_epsilon": 0.05}, {"entropy_coeff": 0.3, "critic_coeff": 0.7}):
+        for loss in losses:
+            loss(data)
+            for name, value in change.items():
+                setattr(loss, name, value)
+        ours, theirs = (loss(data) for loss in losses)
+        for name, value in theirs.items():
+            torch.testing.assert_close(ours[name], value, atol=1e-7, rtol=1e-7, msg=name)
+
+
 def bare(module: nn.Module, distribution: Any = IndependentNormal, **kwargs: Any) -> Any:
     """Return an actor of a network."""
     return ProbabilisticActor(
