@@ -31,7 +31,7 @@ from envs.rows import Rows
 from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D, ToyEnv
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.algorithms.esmaml import ESMAML
+from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.policy import mlp_policy
 from sim2real.learning.population.population import evaluate_adaptation
@@ -116,11 +116,13 @@ def run(name: str, operator: str, seed: int) -> dict[str, Any]:
     world = Environment(partial(ToyEnv, experiment.env), experiment.tasks())
     algorithm = ESMAML(
         Parts(world, POLICY, seed, experiment.operators[operator]),
-        pairs=experiment.pairs,
-        num_rows=2 * experiment.pairs,
-        refill=2 * experiment.pairs // 3,
-        clean_final=experiment.clean,
-        **TRAINING,
+        ESMAMLSettings(
+            pairs=experiment.pairs,
+            num_rows=2 * experiment.pairs,
+            refill=2 * experiment.pairs // 3,
+            clean_final=experiment.clean,
+            **TRAINING,
+        ),
     )
     start = time.thread_time()
     for _ in range(experiment.iterations):

@@ -1,7 +1,7 @@
 """ES-MAML: evolution strategies over policies that are scored after they have adapted.
 
     parts = Parts(environment, policy, adapt=HillClimb(...), seed=0)
-    algorithm = ESMAML(parts, num_rows=64, shards=2, ...)
+    algorithm = ESMAML(parts, ESMAMLSettings(num_rows=64, shards=2, sigma=0.05, ...))
     while algorithm.frames < 20_000_000:
         metrics = algorithm.iterate()
 
@@ -15,6 +15,7 @@ parameters as tasks it is plain evolution strategies.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -29,7 +30,7 @@ from sim2real.learning.algorithms.randomness import Randomness
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.population.actors import flat_policy
-from sim2real.learning.population.es import Estimator, EvolutionStrategy, Shaping
+from sim2real.learning.population.es import EvolutionStrategy, StrategySettings
 from sim2real.learning.population.population import (
     AdaptationScores,
     Members,
@@ -60,24 +61,26 @@ def make_shards(environment: Environment, num_rows: int, shards: int) -> list[Ro
     return [environment.rows(count) for count in counts]
 
 
-class ESMAML(Algorithm):
-    """Meta-learns parameters that adapt well.
+@dataclass(frozen=True, kw_only=True)
+class RowsSettings:
+    """Where episodes run; the numbers change the speed and no result.
 
     Args:
-        parts: the environment, whose tasks members adapt to, one draw each; the policy, an
-            `MLPPolicy` or any with an actor of tensordict modules; the adaptation operator.
         num_rows: episodes that run side by side, in all shards.
         shards: environments with a thread each.
         refill: see `Population`.
-        pairs: perturbation directions per iteration (first order: tasks per iteration).
-        sigma: standard deviation of the perturbations, in parameter units.
-        learning_rate: step size of the optimizer.
-        optimizer: "sgd" or "adam".
-        estimator: "antithetic" or "forward_fd"; see `EvolutionStrategy`.
-        shaping: "centred_ranks", "standardized" or "none".
-        top_k: directions kept; 0 keeps all.
-        orthogonal: whether directions are orthogonal.
-        weight_decay: pull towards 0.
+    """
+
+    num_rows: int
+    shards: int
+    refill: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitnessSettings:
+    """What a candidate is worth.
+
+    Args:
         paired_tasks: whether both members of a pair (forward_fd: all members) get the same tasks,
             perturbations and episode seeds; false draws each member's own, as the reference does.
         tasks_per_member: tasks that a candidate's fitness averages over.
@@ -85,90 +88,96 @@ class ESMAML(Algorithm):
         step_cost: subtracted from the fitness for each control step of the final episodes. The
             task's bonus for being upright, taken out again, no longer rewards standing still (Mania
             et al. 2018, section 4.1); returns that are logged and seen by adaptation keep it.
-        normalize_observations: whether the policy sees observations with the running mean and std
-            taken out, frozen within an iteration.
-        meta_estimator: "zeroth_order" perturbs the meta-parameters and scores what they adapt to;
-            "first_order" takes the gradient at the adapted parameters.
-        first_order_queries: episodes of each gradient estimate of "first_order".
         clean_final: names of parameters that are neutral in the final episodes, such as a task's
             return noise.
 
     Raises:
-        Sim2RealError: for values out of range, or tasks that the environment cannot have.
+        Sim2RealError: for values out of range.
+    """
+
+    paired_tasks: bool
+    tasks_per_member: int
+    final_episodes: int
+    step_cost: float
+    clean_final: Sequence[str]
+
+    def __post_init__(self) -> None:
+        if self.tasks_per_member < 1 or self.final_episodes < 1:
+            raise Sim2RealError(
+                f"algorithm: tasks_per_member={self.tasks_per_member} and "
+                f"final_episodes={self.final_episodes} must be at least 1"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ESMAMLSettings(StrategySettings, FitnessSettings, RowsSettings):
+    """All settings of ES-MAML under one name each; called with parts, they make the algorithm.
+
+    Args:
+        normalize_observations: whether the policy sees observations with the running mean and std
+            taken out, frozen within an iteration.
+        meta_estimator: "zeroth_order" perturbs the meta-parameters and scores what they adapt to;
+            "first_order" takes the gradient at the adapted parameters, of `pairs` tasks.
+        first_order_queries: episodes of each gradient estimate of "first_order".
+
+    Raises:
+        Sim2RealError: for values out of range.
+    """
+
+    normalize_observations: bool
+    meta_estimator: Literal["zeroth_order", "first_order"]
+    first_order_queries: int
+
+    def __post_init__(self) -> None:
+        StrategySettings.__post_init__(self)
+        FitnessSettings.__post_init__(self)
+        if self.meta_estimator not in ("zeroth_order", "first_order"):
+            raise Sim2RealError(
+                f"algorithm.meta_estimator={self.meta_estimator!r} is not one of "
+                "zeroth_order, first_order"
+            )
+
+    def __call__(self, parts: Parts) -> ESMAML:
+        """Return the algorithm."""
+        return ESMAML(parts, self)
+
+
+class ESMAML(Algorithm):
+    """Meta-learns parameters that adapt well.
+
+    Args:
+        parts: the environment, whose tasks members adapt to, one draw each; the policy, an
+            `MLPPolicy` or any with an actor of tensordict modules; the adaptation operator.
+        settings: how it searches, what counts and where episodes run.
+
+    Raises:
+        Sim2RealError: for tasks or a policy that the environment cannot have.
     """
 
     uses = frozenset({"adapt"})
 
-    def __init__(
-        self,
-        parts: Parts,
-        *,
-        num_rows: int,
-        shards: int,
-        refill: int,
-        pairs: int,
-        sigma: float,
-        learning_rate: float,
-        optimizer: Literal["sgd", "adam"],
-        estimator: Estimator,
-        shaping: Shaping,
-        top_k: int,
-        orthogonal: bool,
-        weight_decay: float,
-        paired_tasks: bool,
-        tasks_per_member: int,
-        final_episodes: int,
-        step_cost: float,
-        normalize_observations: bool,
-        meta_estimator: Literal["zeroth_order", "first_order"],
-        first_order_queries: int,
-        clean_final: Sequence[str],
-    ) -> None:
-        if tasks_per_member < 1 or final_episodes < 1:
-            raise Sim2RealError(
-                f"algorithm: tasks_per_member={tasks_per_member} and "
-                f"final_episodes={final_episodes} must be at least 1"
-            )
-        if meta_estimator not in ("zeroth_order", "first_order"):
-            raise Sim2RealError(
-                f"algorithm.meta_estimator={meta_estimator!r} is not one of "
-                "zeroth_order, first_order"
-            )
+    def __init__(self, parts: Parts, settings: ESMAMLSettings) -> None:
         self.parts, self.tasks, self.adapt = parts, parts.tasks, parts.adapt
-        tasks, adapt = self.tasks, self.adapt
-        rows = make_shards(parts.environment, num_rows, shards)
+        self._settings = settings
+        rows = make_shards(parts.environment, settings.num_rows, settings.shards)
         with Randomness(parts.seed, "cpu"):
             env = parts.environment.make(1, threads=1)
             self.policy = flat_policy(parts.policy(env), env)
         self._raw = affine(env) is not None  # whether the policy sees what the base shows
-        self.population: Population = Population(rows, self.policy, refill)
-        tasks.check(self.population.space)
-        self._clean = [self.population.space.index(name) for name in clean_final]
-        self._paired, self._tasks_per_member = paired_tasks, tasks_per_member
-        self._final_episodes, self._step_cost, self._pairs = final_episodes, step_cost, pairs
-        start, search, draws = (
+        self.population: Population = Population(rows, self.policy, settings.refill)
+        space = self.population.space
+        self.tasks.check(space)
+        self._clean = [space.index(name) for name in settings.clean_final]
+        start, search, self._rng = (
             np.random.default_rng(s) for s in np.random.SeedSequence(parts.seed).spawn(3)
         )
-        self.strategy = EvolutionStrategy(
-            self.policy.initial(start),
-            search,
-            pairs=pairs,
-            sigma=sigma,
-            learning_rate=learning_rate,
-            optimizer=optimizer,
-            estimator=estimator,
-            shaping=shaping,
-            top_k=top_k,
-            orthogonal=orthogonal,
-            weight_decay=weight_decay,
-        )
+        self.strategy = EvolutionStrategy(self.policy.initial(start), search, settings)
+        first_order = settings.meta_estimator == "first_order"
         self._first_order = (
-            FirstOrder(adapt, first_order_queries) if meta_estimator == "first_order" else None
+            FirstOrder(self.adapt, settings.first_order_queries) if first_order else None
         )
-        self._rng = draws
-        self.normalizer = (
-            Normalizer(self.policy.observation_size) if normalize_observations else None
-        )
+        size = self.policy.observation_size
+        self.normalizer = Normalizer(size) if settings.normalize_observations else None
         self.frames = self.iteration = 0
 
     @property
@@ -238,17 +247,17 @@ class ESMAML(Algorithm):
 
     def _zeroth_order(self) -> tuple[Results, dict[str, float]]:
         candidates = self.strategy.ask().astype(np.float32)  # (J, P)
-        repeats = self._tasks_per_member
+        repeats = self._settings.tasks_per_member
         thetas = np.repeat(candidates, repeats, axis=0)  # (J T, P)
         results = self._run(self.adapt, thetas, self._draws(len(candidates)))
         lengths = results.lengths[:, results.adaptation_episodes :]
-        scores = results.final - self._step_cost * lengths  # (J T, F)
+        scores = results.final - self._settings.step_cost * lengths  # (J T, F)
         fitness = scores.reshape(len(candidates), -1).mean(axis=1)
         return results, self.strategy.tell(fitness)
 
     def _first_order_step(self) -> tuple[Results, dict[str, float]]:
         assert self._first_order is not None
-        count = self._pairs * self._tasks_per_member
+        count = self._settings.pairs * self._settings.tasks_per_member
         members = self._members(
             self._first_order, np.tile(self.theta, (count, 1)), np.arange(count)
         )
@@ -258,13 +267,13 @@ class ESMAML(Algorithm):
 
     def _draws(self, candidates: int) -> np.ndarray:
         """Return which draw of task and luck each member gets, (J T,): equal numbers share one."""
-        if not self._paired:
+        if not self._settings.paired_tasks:
             groups = np.arange(candidates)
         elif self.strategy.estimator == "antithetic":
-            groups = np.tile(np.arange(self._pairs), 2)
+            groups = np.tile(np.arange(self._settings.pairs), 2)
         else:
             groups = np.zeros(candidates, np.int64)
-        repeats = self._tasks_per_member
+        repeats = self._settings.tasks_per_member
         return (groups[:, None] * repeats + np.arange(repeats)).ravel()
 
     def _run(self, adapt: Adaptation, thetas: np.ndarray, draws: np.ndarray) -> Results:
@@ -275,7 +284,7 @@ class ESMAML(Algorithm):
         count = int(draws.max()) + 1
         values = self.tasks.sample(self._rng, count)
         noise_seeds = draw_seeds(self._rng, count)
-        seeds = draw_seeds(self._rng, (count, adapt.episodes + self._final_episodes))
+        seeds = draw_seeds(self._rng, (count, adapt.episodes + self._settings.final_episodes))
         final_values = values.copy()
         final_values[:, self._clean] = self.population.space.neutral[self._clean]
         noise = np.empty((count, adapt.queries, thetas.shape[1]), np.float32)

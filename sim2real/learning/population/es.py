@@ -1,9 +1,10 @@
 """Evolution strategy on a flat vector: ask for candidates, tell their fitness.
 
-    strategy = EvolutionStrategy(
-        theta, rng, pairs=64, sigma=0.05, learning_rate=0.01, optimizer="adam",
+    settings = StrategySettings(
+        pairs=64, sigma=0.05, learning_rate=0.01, optimizer="adam",
         estimator="antithetic", shaping="centred_ranks",
     )
+    strategy = EvolutionStrategy(theta, rng, settings)
     for _ in range(100):
         strategy.tell(fitness(strategy.ask()))      # higher is better
     strategy.mean
@@ -16,6 +17,7 @@ are of Salimans et al.; keeping the best directions is augmented random search (
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -66,12 +68,11 @@ def orthogonal_directions(rng: np.random.Generator, count: int, size: int) -> np
     return np.concatenate(blocks) * norms[:, None]
 
 
-class EvolutionStrategy:
-    """Estimates the gradient of the smoothed fitness and climbs it.
+@dataclass(frozen=True, kw_only=True)
+class StrategySettings:
+    """How an evolution strategy searches.
 
     Args:
-        mean: where to start, (P,).
-        rng: source of the perturbations, owned by this object from now on.
         pairs: n, directions per iteration.
         sigma: standard deviation of the perturbations, in parameter units.
         learning_rate: step size of the optimizer.
@@ -88,45 +89,29 @@ class EvolutionStrategy:
         Sim2RealError: for values out of range.
     """
 
-    def __init__(
-        self,
-        mean: np.ndarray,
-        rng: np.random.Generator,
-        *,
-        pairs: int,
-        sigma: float,
-        learning_rate: float,
-        optimizer: Literal["sgd", "adam"],
-        estimator: Estimator,
-        shaping: Shaping,
-        top_k: int = 0,
-        orthogonal: bool = False,
-        weight_decay: float = 0.0,
-    ) -> None:
-        self.pairs, self.sigma = pairs, sigma
-        self.estimator: Estimator = estimator
-        self.shaping: Shaping = shaping
-        self.top_k, self.orthogonal = top_k, orthogonal
-        self._check(learning_rate, optimizer)
-        self._rng = rng
-        self._mean = torch.tensor(np.asarray(mean), dtype=torch.float64)  # (P,)
-        make = torch.optim.Adam if optimizer == "adam" else torch.optim.SGD
-        self._optimizer = make(
-            [self._mean], lr=learning_rate, weight_decay=weight_decay, maximize=True
-        )
-        self._noise: np.ndarray | None = None
+    pairs: int
+    sigma: float
+    learning_rate: float
+    optimizer: Literal["sgd", "adam"]
+    estimator: Estimator
+    shaping: Shaping
+    top_k: int = 0
+    orthogonal: bool = False
+    weight_decay: float = 0.0
 
-    def _check(self, learning_rate: float, optimizer: str) -> None:
-        for name, value in (("sigma", self.sigma), ("learning_rate", learning_rate)):
-            if not value > 0:
-                raise Sim2RealError(f"evolution strategy: {name}={value} must be above 0")
+    def __post_init__(self) -> None:
+        for name in ("sigma", "learning_rate"):
+            if not getattr(self, name) > 0:
+                raise Sim2RealError(
+                    f"evolution strategy: {name}={getattr(self, name)} must be above 0"
+                )
         if self.pairs < 1 or not 0 <= self.top_k <= self.pairs:
             raise Sim2RealError(
                 f"evolution strategy: pairs={self.pairs} must be at least 1 and top_k={self.top_k} "
                 "between 0 (off) and pairs"
             )
         allowed = {
-            "optimizer": (optimizer, ("sgd", "adam")),
+            "optimizer": (self.optimizer, ("sgd", "adam")),
             "estimator": (self.estimator, ("antithetic", "forward_fd")),
             "shaping": (self.shaping, ("centred_ranks", "standardized", "none")),
         }
@@ -135,6 +120,34 @@ class EvolutionStrategy:
                 raise Sim2RealError(
                     f"evolution strategy: {name}={value!r} is not one of {', '.join(choices)}"
                 )
+
+
+class EvolutionStrategy:
+    """Estimates the gradient of the smoothed fitness and climbs it.
+
+    Args:
+        mean: where to start, (P,).
+        rng: source of the perturbations, owned by this object from now on.
+        settings: how it searches.
+    """
+
+    def __init__(
+        self, mean: np.ndarray, rng: np.random.Generator, settings: StrategySettings
+    ) -> None:
+        self.pairs, self.sigma = settings.pairs, settings.sigma
+        self.estimator: Estimator = settings.estimator
+        self.shaping: Shaping = settings.shaping
+        self.top_k, self.orthogonal = settings.top_k, settings.orthogonal
+        self._rng = rng
+        self._mean = torch.tensor(np.asarray(mean), dtype=torch.float64)  # (P,)
+        make = torch.optim.Adam if settings.optimizer == "adam" else torch.optim.SGD
+        self._optimizer = make(
+            [self._mean],
+            lr=settings.learning_rate,
+            weight_decay=settings.weight_decay,
+            maximize=True,
+        )
+        self._noise: np.ndarray | None = None
 
     @property
     def mean(self) -> np.ndarray:

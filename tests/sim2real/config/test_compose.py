@@ -43,7 +43,7 @@ MISTAKES = {
     ("seed=-1",): ["seed=-1", "negative"],
     ("device=gpu",): ["auto, cpu, cuda", "did you mean 'cpu'"],
     ("algorithm.sigmaa=1",): ["algorithm.sigmaa", "did you mean 'sigma'"],
-    ("+algorithm.sigmaa=1",): ["ESMAML takes no 'sigmaa'", "did you mean 'sigma'"],
+    ("+algorithm.sigmaa=1",): ["ESMAMLSettings takes no 'sigmaa'", "did you mean 'sigma'"],
     ("algorithm.sigma=abc",): ["algorithm.sigma='abc'", "a number"],
     ("algorithm.optimizer=adm",): ["sgd, adam", "did you mean 'adam'"],
     ("policy.hidden=[8,x]",): ["policy.hidden", "list of which each is a whole number"],

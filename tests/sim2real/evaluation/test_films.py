@@ -25,7 +25,7 @@ from sim2real.evaluation import films as video
 from sim2real.evaluation.films import Camera, Clip, Video, compose, film, write_mp4
 from sim2real.learning.adapt import HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.algorithms.esmaml import ESMAML
+from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.acting import Acting
 from sim2real.learning.modules.policy import mlp_policy
@@ -49,7 +49,7 @@ def learner(env: Any, tasks: Any, adapt: Any) -> ESMAML:
     """Return an untrained algorithm."""
     shape = {"hidden": (), "activation": "tanh", "output": "tanh", "initial": "normal"}
     parts = Parts(Environment(env, tasks), partial(mlp_policy, **shape), 0, adapt)
-    return ESMAML(parts, **ES)  # type: ignore[arg-type]
+    return ESMAML(parts, ESMAMLSettings(**ES))  # type: ignore[arg-type]
 
 
 class Still(nn.Module):

@@ -13,7 +13,8 @@ from torchrl.data import Composite, Unbounded
 from torchrl.envs import EnvBase, RewardScaling, StepCounter
 
 from envs import Hopper, MujocoEnv
-from envs.errors import EffectError, TaskError
+from envs.errors import EffectError, ParameterError, TaskError
+from envs.params import ParamSpace
 from envs.torch_env import RandomizeParams
 from envs.toys import AngleBias, BiasedCartPole, Nav2D, ToyEnv
 from sim2real.config.compose import compose, prepare
@@ -116,8 +117,10 @@ class Stiff:
     effects = ()
     per = "reset"
 
-    def check(self, space: object) -> None:
-        """Anything goes."""
+    def check(self, space: ParamSpace) -> None:
+        """Only a spring has one."""
+        if space.names != ("stiffness",):
+            raise ParameterError("these tasks draw a stiffness")
 
     def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Draw them."""

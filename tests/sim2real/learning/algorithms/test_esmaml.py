@@ -19,7 +19,7 @@ from envs.tasks.hopper import Hopper
 from envs.toys import AngleBias, BiasedCartPole, Nav2D, NavGoals, NoisyNav2D, ToyEnv
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.algorithms.esmaml import ESMAML, make_shards
+from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings, make_shards
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.policy import mlp_policy
 from sim2real.learning.population.population import evaluate_adaptation
@@ -63,7 +63,7 @@ SMALL = {
 def made(env: Any, tasks: Any, policy: Any, adapt: Adaptation, seed: int, **options: Any) -> ESMAML:
     """Return the algorithm in a world: a toy, or a task of the simulator."""
     base = partial(MujocoEnv, task=env) if isinstance(env, Task) else partial(ToyEnv, env)
-    return ESMAML(Parts(Environment(base, tasks), policy, seed, adapt), **options)
+    return ESMAML(Parts(Environment(base, tasks), policy, seed, adapt), ESMAMLSettings(**options))
 
 
 def make_nav(adapt: Adaptation, seed: int = 0, **changes: Any) -> ESMAML:

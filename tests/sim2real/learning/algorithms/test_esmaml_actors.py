@@ -18,7 +18,7 @@ from envs.randomization import Draw, Randomization
 from envs.tasks import Hopper
 from sim2real.learning.adapt import GradientAdaptation, HillClimb
 from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.algorithms.esmaml import ESMAML
+from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.policies import actor_critic
 from sim2real.learning.population.actors import ActorSlots, PerceptronSlots
@@ -56,7 +56,8 @@ def made(policy: Any, adapt: Any = CLIMB, seed: int = 0, **changes: Any) -> ESMA
     tasks = Randomization([Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0)])
     environment = Environment(partial(MujocoEnv, task=Hopper(max_steps=15)), tasks, transforms)
     return ESMAML(
-        Parts(environment, policy, seed, adapt), **{**OPTIONS, **SMALL, "pairs": 3, **changes}
+        Parts(environment, policy, seed, adapt),
+        ESMAMLSettings(**{**OPTIONS, **SMALL, "pairs": 3, **changes}),
     )
 
 

@@ -19,7 +19,7 @@ import pytest
 from envs.toys import Nav2D, NavGoals, ToyEnv
 from sim2real.learning.adapt import HillClimb
 from sim2real.learning.algorithms.base import Algorithm, Parts
-from sim2real.learning.algorithms.esmaml import ESMAML
+from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.policy import MLPPolicy, mlp_policy
 from sim2real.learning.population.cluster import Cluster
@@ -50,7 +50,7 @@ def learner() -> ESMAML:
     policy = partial(mlp_policy, hidden=(4,), activation="tanh", output="tanh", initial="normal")
     climb = HillClimb(mode="batch", queries=3, parallel=2, sigma=0.1)
     world = Environment(partial(ToyEnv, SHORT), NavGoals())
-    return ESMAML(Parts(world, policy, 0, climb), **ES)  # type: ignore[arg-type]
+    return ESMAML(Parts(world, policy, 0, climb), ESMAMLSettings(**ES))  # type: ignore[arg-type]
 
 
 def iterated(algorithm: ESMAML, count: int = 4) -> tuple[list[dict[str, float]], np.ndarray]:

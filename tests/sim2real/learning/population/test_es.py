@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from sim2real.learning.population.es import EvolutionStrategy, orthogonal_directions, shape_fitness
+from sim2real.learning.population.es import (
+    EvolutionStrategy,
+    StrategySettings,
+    orthogonal_directions,
+    shape_fitness,
+)
 
 CURVATURE = np.diag([1.0, 2.0, 3.0, 0.5])
 START = np.array([1.0, -1.0, 0.5, 2.0])
@@ -24,7 +29,9 @@ def make(**changes) -> EvolutionStrategy:
         "estimator": "antithetic",
         "shaping": "none",
     }
-    return EvolutionStrategy(START, np.random.default_rng(0), **(options | changes))
+    return EvolutionStrategy(
+        START, np.random.default_rng(0), StrategySettings(**(options | changes))
+    )
 
 
 def quadratic(thetas: np.ndarray) -> np.ndarray:
@@ -53,12 +60,14 @@ def test_gradient_equals_finite_differences_of_the_smoothed_fitness() -> None:
     strategy = EvolutionStrategy(
         np.array([0.3]),
         np.random.default_rng(1),
-        pairs=200_000,
-        sigma=sigma,
-        learning_rate=1.0,
-        optimizer="sgd",
-        estimator="antithetic",
-        shaping="none",
+        StrategySettings(
+            pairs=200_000,
+            sigma=sigma,
+            learning_rate=1.0,
+            optimizer="sgd",
+            estimator="antithetic",
+            shaping="none",
+        ),
     )
     strategy.tell(np.sin(3 * strategy.ask()[:, 0]))
     assert strategy.mean[0] - 0.3 == pytest.approx(expected, abs=0.01)
