@@ -89,7 +89,7 @@ class Dataset:
         1e-6, "rad", "least spread that errors of mixed robots are divided by", JUDGED
     )
     seconds_min: float = setting(
-        3.0, "s", "recordings needed in all", "derived: blocks of one second for an interval"
+        1.0, "s", "recordings needed in all", "derived: a block of a second for an interval"
     )
     whole_episodes_min: int = setting(
         4, "1", "episodes from which folds share no episode", "derived: two of each kind a fold"
