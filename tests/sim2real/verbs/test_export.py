@@ -15,7 +15,6 @@ import pytest
 import torch
 from torch import nn
 
-from envs import MujocoEnv
 from envs.tasks import Bench1, Quad8
 from hardware.exported import ExportedPolicy, PolicyError
 from sim2real.config.compose import compose, prepare
@@ -101,7 +100,6 @@ import sys
 for name in ("torch", "torchrl", "tensordict"):
     sys.modules[name] = None
 import numpy as np
-from envs import MujocoEnv
 from envs.tasks import Bench1
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
