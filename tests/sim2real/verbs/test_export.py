@@ -15,6 +15,7 @@ import pytest
 import torch
 from torch import nn
 
+from envs import MujocoEnv
 from envs.tasks import Bench1, Quad8
 from hardware.exported import ExportedPolicy, PolicyError
 from sim2real.config.compose import compose, prepare
