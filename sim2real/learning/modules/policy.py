@@ -224,7 +224,7 @@ def action_limits(env: EnvBase) -> tuple[np.ndarray, np.ndarray]:
 
 def observation_size(env: EnvBase) -> int:
     """Return how many numbers the entry "observation" has; raises Sim2RealError without one."""
-    shown = dict(env.full_observation_spec.items())
+    shown: dict[Any, Any] = dict(env.full_observation_spec.items())
     spec = shown.get("observation")
     if spec is None or spec.ndim != len(env.batch_size) + 1:
         raise Sim2RealError(

@@ -13,6 +13,8 @@ transforms that keep statistics of all rows, and environments that draw by a gen
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -83,7 +85,8 @@ class EnvRows:
         return Step(self._seen()[ids], reward[ids], *(flag[ids] for flag in ends))
 
     def _seen(self) -> np.ndarray:
-        return self._now["observation"].cpu().numpy().astype(np.float64)
+        seen: torch.Tensor = self._now["observation"]
+        return np.asarray(seen.cpu(), np.float64)
 
     def _flag(self, data: TensorDictBase, name: str) -> np.ndarray:
         """Return a flag of each row, (N,); one that is not there is not set."""
@@ -117,9 +120,8 @@ class EnvRows:
         first, second = self._play(kept, np.empty(0, np.int64)), self._play(kept, others)
         if np.array_equal(first, second, equal_nan=True):
             return
-        names = ", ".join(
-            type(one).__name__ for one in self._env.transform if one is not self._given
-        )
+        chain: Any = self._env.transform
+        names = ", ".join(type(one).__name__ for one in chain if one is not self._given)
         raise Sim2RealError(
             "a population plays an episode by its robot, seed and actions alone, and this one went "
             f"otherwise the second time: {type(self._env.base_env).__name__} with the transforms "

@@ -10,7 +10,7 @@ depends on nothing but its own parameters, memory and observation, to the last b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -38,13 +38,16 @@ class FlatPolicy(Protocol):
         observation_size: O, numbers that it sees.
         num_parameters: P.
         cut: whether its actions are cut at their limits.
-        is_function: whether an action follows from one observation, by `module`.
     """
 
     observation_size: int
     num_parameters: int
     cut: bool
-    is_function: bool
+
+    @property
+    def is_function(self) -> bool:
+        """Whether an action follows from one observation, by `module`."""
+        ...
 
     @property
     def shape(self) -> dict[str, Any]:
@@ -59,8 +62,9 @@ class FlatPolicy(Protocol):
         """Make room for parameter vectors that act side by side."""
         ...
 
-    def primers(self) -> Sequence[Transform]:
-        """Return the transforms that `acting` needs."""
+    @property
+    def primers(self) -> Callable[[], Sequence[Transform]]:
+        """What makes the transforms that `acting` needs."""
         ...
 
     def acting(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> TensorDictModuleBase:
