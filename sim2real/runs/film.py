@@ -114,5 +114,5 @@ def write_mp4(path: Path, frames: np.ndarray, fps: int) -> None:
             raise RenderError(f"the encoder failed on {path}: {error}") from error
         finally:
             writer.close()
-        if not temporary.stat().st_size:
+        if not (temporary.is_file() and temporary.stat().st_size):
             raise RenderError(f"the encoder wrote nothing to {path}; is the disk full?")
