@@ -20,6 +20,13 @@ from benchmarks.memory import measure
 from benchmarks.rows.base import Row, Timing
 
 BUSY = 0.15  # cores: above this a run is taken again
+FAST = (  # PPO's parts that are faster, at the settings of Stable-Baselines3
+    "collector=fast",
+    "loss=fast_clip_ppo",
+    "buffer=fast",
+    "optimizer=fast_adam",
+    "optimizer.lr=3e-4",
+)
 PATIENCE = 90.0  # s that taking runs again may cost in all
 
 
@@ -128,9 +135,10 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     Args:
         scale: of the work of a run; at 1 it is 2 to 5 seconds for most rows.
     """
+    from torchrl.collectors import Collector
     from torchrl.envs import GymEnv
 
-    from benchmarks.rows.batched import BatchedEnv, Collected, make_env
+    from benchmarks.rows.batched import BatchedEnv, Collected, TrainingCollected, make_env
     from benchmarks.rows.diagnosis import Diagnose, Fit
     from benchmarks.rows.learning import Ours, StableBaselines3, TorchRLPPO
     from benchmarks.rows.others import TASK, EnvPool, GymnasiumTorch, TorchRLParallel, Vectorized
@@ -138,6 +146,7 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     from benchmarks.rows.pixels import BatchedPixels, Pixels
     from benchmarks.rows.population import ESPopulation, Evaluation, TwoProcesses
     from benchmarks.world import THREADS, Gait, make_simulation
+    from sim2real.learning.collectors.fast import FastCollector
 
     def of(count: int) -> int:
         return max(1, round(count * scale))
@@ -163,6 +172,22 @@ def default_rows(scale: float = 1.0) -> list[Row]:
             4,
             gait,
             f"Collector over N = 256, {THREADS} physics threads, {of(64)} steps a batch",
+        ),
+        TrainingCollected(
+            "collector_training",
+            Collector,
+            256 * of(64),
+            4,
+            gait,
+            "the same with the transforms and the actor of the preset ppo",
+        ),
+        TrainingCollected(
+            "collector_training_fast",
+            FastCollector,
+            256 * of(64),
+            4,
+            gait,
+            "the same with our collector",
         ),
         RawPhysics("raw_physics_n1024", 1024, large.record, THREADS),
         large,
@@ -203,7 +228,7 @@ def default_rows(scale: float = 1.0) -> list[Row]:
             of(24_000),
             "env steps",
             "16 rows, 2048 steps, minibatches of 64, 10 epochs, all fast parts",
-            ("collector=fast", "loss=fast_clip_ppo", "buffer=fast"),
+            FAST,
         ),
         Ours(
             "ppo_fast_loss",
@@ -221,6 +246,16 @@ def default_rows(scale: float = 1.0) -> list[Row]:
             of(6_000),
             "env steps",
             "the same, all parts TorchRL's",
+        ),
+        Ours(
+            "ppo_clip_loss_compiled",
+            "ppo_sb3",
+            "ppo_sb3",
+            of(6_000),
+            "env steps",
+            "the same, the loss compiled beforehand",
+            ("loss=clip_ppo_compiled",),
+            long=True,
         ),
         Ours("ppo_tuned", "ppo", "ppo_sb3", of(48_000), "env steps", "the preset ppo"),
         TorchRLPPO(of(2048)),

@@ -91,6 +91,11 @@ class Controller:
         """Return the same function as a plain torch network."""
         return torch_network(self.layers())
 
+    def unfolded(self) -> nn.Sequential:
+        """Return the network alone, of normalized observations."""
+        plain = Controller(self.policy, self.theta, np.zeros(11), np.ones(11))
+        return torch_network(plain.layers())
+
 
 def controller(gait: Gait) -> Controller:
     """Return the policy of that gait; the same at each call."""

@@ -12,17 +12,25 @@ from typing import ClassVar
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
+from tensordict.nn import (
+    AddStateIndependentNormalScale,
+    TensorDictModule,
+    TensorDictModuleBase,
+)
+from torch import nn
 from torchrl.collectors import Collector
-from torchrl.envs import EnvBase
+from torchrl.envs import Compose, EnvBase, TransformedEnv
+from torchrl.modules import IndependentNormal, ProbabilisticActor
 
 from benchmarks.rows.base import Row, Timing
 from benchmarks.rows.physics import Recorder, Tape
 from benchmarks.world import THREADS, Gait, controller, make_simulation, make_tasks
 from envs.rows import Rows
-from envs.torch_env import RowsEnv
+from envs.torch_env import RandomizeParams, RowsEnv
+from sim2real.learning.transforms import RewardScaling, RunningNorm
 
 SEED = 7
+QUIET = -5.0  # logarithm of the deviation of actions that are drawn
 WARM_UP = 60  # control steps before the clock starts: the rows are then spread over their episodes
 
 
@@ -170,3 +178,57 @@ class Collected(Row):
     def close(self) -> None:
         """End the collector and its environment."""
         self._collector.shutdown()
+
+
+class TrainingCollected(Collected):
+    """A collector as PPO has it: its transforms, and an actor that draws its actions.
+
+    The normalizer begins with what it would converge to, and the actions' deviation is small, so
+    that the robots do what they do in the other rows.
+
+    Args:
+        name: the row's.
+        kind: of collector.
+        frames: environment steps a batch.
+        batches: timed batches a run.
+        gait: which policy.
+        setup: in words.
+    """
+
+    def __init__(
+        self, name: str, kind: type[Collector], frames: int, batches: int, gait: Gait, setup: str
+    ) -> None:
+        super().__init__(name, 256, self._world, frames, batches, gait, setup)
+        self._kind = kind
+
+    def build(self) -> None:
+        """Make the collector and let it deliver one batch."""
+        self._collector = self._kind(
+            self._world(),
+            self._drawing(),
+            frames_per_batch=self._frames,
+            total_frames=-1,
+            no_cuda_sync=True,
+            track_traj_ids=False,
+            trust_policy=True,
+            auto_register_policy_transforms=False,
+        )
+        self._batch = iter(self._collector)
+        next(self._batch)
+
+    def _world(self) -> EnvBase:
+        norm, known = RunningNorm(), controller(self._gait).normalizer()
+        norm.set_extra_state({"observation": known.state_dict()})
+        base = RowsEnv(make_simulation(self.simulations), seed=SEED)
+        transforms = (RandomizeParams(make_tasks()), norm, RewardScaling(0.99))
+        return TransformedEnv(base, Compose(*transforms))
+
+    def _drawing(self) -> ProbabilisticActor:
+        scale = AddStateIndependentNormalScale(3, init_value=QUIET)
+        body = nn.Sequential(controller(self._gait).unfolded(), scale)
+        return ProbabilisticActor(
+            TensorDictModule(body, in_keys=["observation"], out_keys=["loc", "scale"]),
+            in_keys=["loc", "scale"],
+            distribution_class=IndependentNormal,
+            return_log_prob=True,
+        )

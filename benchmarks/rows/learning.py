@@ -34,6 +34,7 @@ class Ours(Row):
         unit: what is counted: "env steps" or "updates".
         setup: sizes, in words.
         words: further overrides, such as loss=fast_clip_ppo.
+        long: whether it runs only where it is named.
     """
 
     def __init__(
@@ -45,7 +46,9 @@ class Ours(Row):
         unit: Literal["env steps", "updates"],
         setup: str,
         words: tuple[str, ...] = (),
+        long: bool = False,
     ) -> None:
+        self.long = long
         self.name, self.of, self.unit, self.setup = name, of, unit, setup
         self._words = words
         self._preset, self._amount = preset, amount

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 RENAMED = {
     "algorithm.adam_eps": "optimizer.eps",
+    "algorithm.alpha": "loss.alpha_init",
+    "algorithm.buffer_size": "buffer.storage.max_size",
     "algorithm.clip_epsilon": "loss.clip_epsilon",
     "algorithm.critic_coeff": "loss.critic_coeff",
     "algorithm.entropy_coeff": "loss.entropy_coeff",
@@ -13,6 +15,7 @@ RENAMED = {
     "algorithm.normalize_advantage": "loss.normalize_advantage",
     "algorithm.normalize_observations": "transforms.observation_norm (transforms=normalized)",
     "algorithm.normalize_rewards": "transforms.reward_scaling (transforms=normalized)",
+    "algorithm.target_entropy": "loss.target_entropy",
     "env.frames": "transforms.stack.N",
     "env.grey": "transforms=pixels, or transforms=colour",
     "policy.activation": "policy.actor.activation_class and policy.critic.activation_class",
