@@ -147,7 +147,8 @@ class PPO(Algorithm):
         with set_recurrent_mode(self._window > 1):
             losses = self._loss(minibatch)
         self._optimizer.zero_grad()
-        torch.autograd.backward([x for name, x in losses.items() if name.startswith("loss_")])
+        terms = [x for name, x in losses.items() if name.startswith("loss_")]
+        torch.autograd.backward([x for x in terms if x.requires_grad])
         self._flat.clip_gradient(self._max_norm)
         self._optimizer.step()
         return losses
