@@ -65,7 +65,9 @@ class PortLock:
                 os.close(file)
                 if not busy:
                     raise
-                held = holders or ["a program that cannot be seen from here"]
+                held = holders or [
+                    "an open driver of this program, or one that cannot be seen from here"
+                ]
                 raise self._refusal(" and ".join(held)) from None
         self._file = file
 

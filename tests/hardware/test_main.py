@@ -193,15 +193,17 @@ def test_a_feetech_arm_behind_a_device_file(capsys):
 
         def drive() -> None:
             driver = make_driver(robot)
-            driver.connect()
-            driver.configure()
-            with Guard(driver, StopLimits(misses=50, patience=5.0)) as guard:
-                guard.arm()
-                guard.move_to(np.array([0, 0, 0.3, 0, 0, 0]), speed=2.0)
-                time.sleep(0.3)
-                assert guard.read().position[2] == pytest.approx(0.3, abs=0.1)
-            assert not driver.health(2).torque
-            driver.close()
+            try:
+                driver.connect()
+                driver.configure()
+                with Guard(driver, StopLimits(misses=50, patience=5.0)) as guard:
+                    guard.arm()
+                    guard.move_to(np.array([0, 0, 0.3, 0, 0, 0]), speed=2.0)
+                    time.sleep(0.3)
+                    assert guard.read().position[2] == pytest.approx(0.3, abs=0.1)
+                assert not driver.health(2).torque
+            finally:
+                driver.close()
 
         in_real_time(drive)
         assert abs(position(device) - 2048) < 250

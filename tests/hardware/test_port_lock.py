@@ -65,7 +65,7 @@ def test_a_holder_that_cannot_be_seen_is_still_refused(device, program, monkeypa
     """Where the system does not show other programs' files, the lock itself refuses."""
     program(HOLD)
     monkeypatch.setattr(port_lock, "PROCESSES", tmp_path)
-    with pytest.raises(LineError, match="is held by a program that cannot be seen from here"):
+    with pytest.raises(LineError, match="or one that cannot be seen from here"):
         PortLock(device).take()
 
 
