@@ -83,7 +83,8 @@ class SAC(Algorithm):
             for primer in self.policy.primers():
                 env.append_transform(primer)
             check_policy(env, self.policy)
-            begun = partial(parts.part("collector"), init_random_frames=warmup_frames)
+            random = -(-warmup_frames // num_rows) * num_rows  # whole steps of all rows
+            begun = partial(parts.part("collector"), init_random_frames=random)
             self.collecting = Collecting(
                 replace(parts, collector=begun), env, self.policy.actor, num_rows
             )

@@ -80,4 +80,5 @@ class FlatParameters:
         if gradient is None:
             nn.utils.clip_grad_norm_(self.parameters, limit)
         else:
-            gradient.mul_((limit / (gradient.norm() + 1e-6)).clamp_(max=1.0))
+            norm = torch.linalg.vector_norm(gradient)
+            gradient.mul_(norm.add_(1e-6).reciprocal_().mul_(limit).clamp_(max=1.0))

@@ -17,7 +17,7 @@ import torch
 from torch import nn
 from torch.optim.adam import adam
 
-from sim2real.learning.modules.flat import FlatParameters, side_by_side, split
+from sim2real.learning.modules.flat import FlatParameters, side_by_side
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -68,6 +68,8 @@ class FastAdam(torch.optim.Adam):
         super().__init__(given, **options)
         self._flat = FlatParameters(given)
         self._moments: dict[str, tuple[Tensor, list[Tensor]]] = {}  # as vector, and its parts
+        self._seen: Any = None  # the states as they were when they were looked up
+        self._each: list[dict[str, Any]] = []
 
     @torch.no_grad()
     def step(self, closure: Callable[[], Any] | None = None) -> Any:
@@ -90,7 +92,7 @@ class FastAdam(torch.optim.Adam):
         return loss
 
     def _move(self, vector: Tensor, gradient: Tensor) -> None:
-        group, step = self.param_groups[0], self.state[self._flat.parameters[0]]["step"]
+        group, step = self.param_groups[0], self._states()[0]["step"]
         first, second = (self._moment(name) for name in MOMENTS)
         adam(
             [vector],
@@ -107,9 +109,15 @@ class FastAdam(torch.optim.Adam):
             **FIXED,
         )
 
+    def _states(self) -> list[dict[str, Any]]:
+        """Return the state of each parameter, looked up again where another was loaded."""
+        if self.state is not self._seen:
+            self._seen, self._each = self.state, [self.state[p] for p in self._flat.parameters]
+        return self._each
+
     def _together(self) -> bool:
         """Say whether all parameters have made as many steps; if so, they share one count."""
-        states = [self.state[p] for p in self._flat.parameters]
+        states = self._states()
         step = states[0].get("step")
         if step is not None and all(state.get("step") is step for state in states):
             return True
@@ -123,14 +131,13 @@ class FastAdam(torch.optim.Adam):
 
     def _part(self) -> None:
         """Give each parameter a count of its own."""
-        for p in self._flat.parameters:
-            if "step" in self.state[p]:
-                self.state[p]["step"] = self.state[p]["step"].clone()
+        for state in self.state.values():
+            if "step" in state:
+                state["step"] = state["step"].clone()
 
     def _moment(self, name: str) -> Tensor:
         """Return a moment of all parameters, (P,), of which each parameter's is a view."""
-        parameters = self._flat.parameters
-        states = [self.state[p] for p in parameters]
+        states = self._states()
         vector, parts = self._moments.get(name, (torch.empty(0), []))
         if parts and all(state[name] is part for state, part in zip(states, parts, strict=True)):
             return vector
@@ -138,7 +145,7 @@ class FastAdam(torch.optim.Adam):
             vector = torch.cat([state[name].flatten() for state in states])
         else:
             vector = torch.zeros_like(self._flat.vector)
-        parts = split(vector, parameters)
+        parts = self._flat.split(vector)
         for state, part in zip(states, parts, strict=True):
             state[name] = part
         self._moments[name] = vector, parts
