@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDictBase
@@ -220,7 +220,7 @@ class TrainingCollected(Collected):
         norm, known = RunningNorm(), controller(self._gait).normalizer()
         norm.set_extra_state({"observation": known.state_dict()})
         base = RowsEnv(make_simulation(self.simulations), seed=SEED)
-        transforms = (RandomizeParams(make_tasks()), norm, RewardScaling(0.99))
+        transforms: Any = (RandomizeParams(make_tasks()), norm, RewardScaling(0.99))
         return TransformedEnv(base, Compose(*transforms))
 
     def _drawing(self) -> ProbabilisticActor:

@@ -129,9 +129,8 @@ class SAC(Algorithm):
         drawn = self._buffer.sample(count * self._batch).to(self.parts.device)
         for minibatch in drawn.split(self._batch):
             losses = self._loss(minibatch)
-            total = sum(value for name, value in losses.items() if name.startswith("loss_"))
             self._optimizer.zero_grad()
-            total.backward()
+            torch.autograd.backward([x for name, x in losses.items() if name.startswith("loss_")])
             self._optimizer.step()
             self._target.step()
         self.updates += count

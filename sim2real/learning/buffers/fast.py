@@ -49,8 +49,9 @@ class FastReplayBuffer(ReplayBuffer):
     def __iter__(self) -> Iterator[TensorDictBase]:
         """Yield the minibatches that are left of the sampler's order."""
         count, size = len(self), self.batch_size
-        sampler, storage = self.sampler, self.storage
-        assert isinstance(sampler, SamplerWithoutReplacement)
+        sampler: Any = self.sampler
+        storage: Any = self.storage
+        assert size is not None
         sampler.ran_out = False
         if not sampler.can_sample(storage, size):
             raise Sim2RealError(f"buffer: {count} samples are no minibatch of {size}")

@@ -65,8 +65,8 @@ class Gaussian:
     """
 
     def __init__(self, actor: ProbabilisticTensorDictSequential) -> None:
-        *networks, self._last = actor.module
-        self._networks: Sequence[TensorDictModule] = networks
+        modules: Sequence[Any] = list(actor.module)
+        self._networks, self._last = modules[:-1], modules[-1]
 
     def __call__(self, tensordict: TensorDictBase) -> None:
         """Write what the networks say, the action and its log-probability."""

@@ -60,13 +60,16 @@ class FastCollector(Collector):
         env = self.env
         self._transformed = isinstance(env, TransformedEnv)
         self._base = env.base_env if isinstance(env, TransformedEnv) else env
-        self._transform = env.transform if isinstance(env, TransformedEnv) else Compose()
+        self._transform: Any = Compose(*())
+        if isinstance(env, TransformedEnv):
+            self._transform = env.transform
         self._acts_through = any(_changes_actions(one) for one in self._transform)
         for one in self._transform:
             if type(one)._post_step_mdp_hooks is not Transform._post_step_mdp_hooks:
                 _refuse(f"transforms that act between steps, as {type(one).__name__} does")
         self._whole = isinstance(self._base, RowsEnv)  # its ends are never incomplete
-        self._act = acting(self._wrapped_policy)
+        whole: Any = self._wrapped_policy
+        self._act = acting(whole)
         self._unsaid = self._new({})  # what a policy writes, where actions are random instead
         if self._use_buffers:
             said = set(self._policy_output_keys) - set(env.action_keys)
@@ -98,7 +101,7 @@ class FastCollector(Collector):
             frame.update(self._unsaid)
         else:
             self._act(frame)
-        chosen = frame.pop("next", None)  # what a policy with a memory remembers
+        chosen: Any = frame.pop("next", None)  # what a policy with a memory remembers
         given = self._transform.inv(frame) if self._acts_through else frame
         after = self._completed(self._base._step(given))
         if chosen is not None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from tensordict.nn import AddStateIndependentNormalScale
@@ -70,7 +70,8 @@ class ClipGradient:
 
     def __init__(self, actor: Dense, critic: Dense) -> None:
         assert isinstance(actor.head, AddStateIndependentNormalScale)
-        self.networks, self._floor = (actor, critic), float(actor.head.scale_lb)
+        floor: Any = actor.head.scale_lb
+        self.networks, self._floor = (actor, critic), float(floor)
         self.flat, starts = flatten(self.networks)
         self.middle = starts[1]  # where the critic's parameters begin
         self._trunks = Trunks(self.networks, starts)

@@ -80,12 +80,17 @@ class FastClipPPOLoss(ClipPPOLoss):
             raise Sim2RealError("loss=fast_clip_ppo: there is no critic; give the policy one")
         actor, critic = (read_dense(network) for network in networks)
         _refuse_distribution(networks[0], actor)
+        if critic.head is not None or critic.sizes[-1] != 1:
+            raise Sim2RealError(
+                "loss=fast_clip_ppo knows no critic that ends otherwise than in a linear layer of "
+                "one value; use loss=clip_ppo"
+            )
         super().__init__(*networks, **options)
         self._gradient, self._present = ClipGradient(actor, critic), []
         if {id(p) for p in self.parameters()} != {id(p) for p in self._gradient.flat.parameters}:
             raise Sim2RealError("loss: a network has parameters beside those of its layers")
 
-    @dispatch
+    @dispatch  # type: ignore[arg-type]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Return the losses of a minibatch, and what is logged of it."""
         with torch.no_grad():
@@ -104,12 +109,14 @@ class FastClipPPOLoss(ClipPPOLoss):
         if present != self._present:
             self._present = present
             low, high = (math.exp(float(x)) for x in self._clip_bounds)
+            critic, entropy, clip = (None if x is None else float(x) for x in buffers[3:])
+            assert critic is not None and entropy is not None
             self._numbers = Settings(
                 (low, high),
-                float(self.critic_coeff),
-                float(self.entropy_coeff),
+                critic,
+                entropy,
                 self.loss_critic_type,
-                None if self.clip_value is None else float(self.clip_value),
+                clip,
                 self.log_explained_variance,
             )
         return self._numbers

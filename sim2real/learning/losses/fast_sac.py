@@ -58,8 +58,8 @@ class FastSACLoss(SACLoss):
 
     def __init__(
         self,
-        actor_network: TensorDictModuleBase,
-        qvalue_network: TensorDictModuleBase | list[TensorDictModuleBase],
+        actor_network: Any,
+        qvalue_network: Any,
         **options: Any,
     ) -> None:
         if options.pop("value_network", None) is not None:
@@ -77,7 +77,7 @@ class FastSACLoss(SACLoss):
         self._actor, self._shape = actor, shapes[0]
         self._names = _names(critics[0], shapes[0])
 
-    @dispatch
+    @dispatch  # type: ignore[arg-type]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Return the losses of transitions, and write their errors under the priority's key."""
         self._refuse_weights(tensordict)
@@ -112,19 +112,19 @@ class FastSACLoss(SACLoss):
             _refuse("masked samples")
 
     def _discount(self) -> Tensor:
-        estimator = self.value_estimator
+        estimator: Any = self.value_estimator
         if type(estimator) is not TD0Estimator or estimator.average_rewards:
             _refuse("another value estimator than TD0")
         return estimator.gamma
 
     def _transitions(self, tensordict: TensorDictBase) -> Transitions:
-        keys, after = self.tensor_keys, tensordict["next"]
+        keys, after = self.tensor_keys, tensordict.get("next")
         return Transitions(
             _joined(tensordict, self._actor.in_keys),
-            tensordict[keys.action].flatten(0, -2),
-            after[keys.reward].flatten(),
+            tensordict.get(keys.action).flatten(0, -2),
+            after.get(keys.reward).flatten(),
             _joined(after, self._actor.in_keys),
-            after[keys.terminated].flatten(),
+            after.get(keys.terminated).flatten(),
         )
 
 

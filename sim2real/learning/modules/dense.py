@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
+from typing import Any
 
 import torch
 from tensordict.nn import (
@@ -60,7 +61,7 @@ class Dense:
     @property
     def parameters(self) -> list[nn.Parameter]:
         """Weights and biases by layer, then those of the head."""
-        own = [p for layer in self.linears for p in (layer.weight, layer.bias)]
+        own: list[Any] = [p for layer in self.linears for p in (layer.weight, layer.bias)]
         return own + ([] if self.head is None else list(self.head.parameters()))
 
 
@@ -89,7 +90,7 @@ def read_dense(network: TensorDictModuleBase) -> Dense:
     return Dense(*keys, tuple(linears), ACTIVATIONS[kinds.pop()], head)  # type: ignore[arg-type]
 
 
-def _modules(network: TensorDictModuleBase) -> Iterator[TensorDictModule]:
+def _modules(network: Any) -> Iterator[Any]:
     """Yield the modules that compute something, in order."""
     if isinstance(network, TensorDictSequential):
         for module in network.module:
@@ -100,7 +101,7 @@ def _modules(network: TensorDictModuleBase) -> Iterator[TensorDictModule]:
         _refuse(type(network).__name__)
 
 
-def _layers(module: nn.Module) -> Iterator[nn.Module]:
+def _layers(module: Any) -> Iterator[Any]:
     """Yield the layers of nested sequences."""
     if type(module) is nn.Sequential or (type(module) is MLP and not module._reshape_out):
         for layer in module:
@@ -145,7 +146,9 @@ class Trunks:
     def __init__(self, networks: Sequence[Dense], starts: Sequence[int]) -> None:
         if any(len(network.linears) < 2 for network in networks):
             _refuse("no hidden layer")
-        shapes = [(network.in_keys, network.sizes[:-1], network.activation) for network in networks]
+        shapes: list[tuple[Any, ...]] = [
+            (network.in_keys, network.sizes[:-1], network.activation) for network in networks
+        ]
         self._groups = [
             (
                 Perceptrons(shapes.count(shape), shape[1], shape[2], "activated"),
@@ -191,5 +194,6 @@ class Trunks:
         out: list[Layers],
     ) -> None:
         """Write the parameters' gradients, given those by the last outputs, by group."""
-        for (body, _), *rest in zip(self._groups, weights, outputs, upstream, out, strict=True):
-            body.backward(*rest)
+        groups = zip(self._groups, weights, outputs, upstream, out, strict=True)
+        for (body, _), layers, seen, gradient, slopes in groups:
+            body.backward(layers, seen, gradient, slopes)

@@ -111,5 +111,6 @@ def soft_actor_critic(
         return_log_prob=True,
     )
     made = [qvalue(in_features=size + count, out_features=1) for _ in range(num_qvalues)]
-    critics = [ValueOperator(one, [*seen, "action"]) for one in made]
+    keys: list[Any] = [*seen, "action"]
+    critics = [ValueOperator(one, keys) for one in made]
     return SoftPolicy(squashed, critics, space.low, space.high)

@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 from tensordict.nn import (
+    AddStateIndependentNormalScale,
     InteractionType,
     ProbabilisticTensorDictModule,
     ProbabilisticTensorDictSequential,
@@ -313,6 +314,8 @@ def _perceptron(policy: ActorPolicy) -> MLPPolicy | None:
         network = read_dense(actor)
     except Sim2RealError:
         return None
+    if not isinstance(network.head, AddStateIndependentNormalScale):
+        return None  # the means are not what the last layer says
     return MLPPolicy(
         policy.observation_size,
         policy.action_size,

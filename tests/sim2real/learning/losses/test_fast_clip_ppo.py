@@ -235,7 +235,10 @@ def test_what_it_cannot_differentiate_is_refused() -> None:
     for options in ({"delay_actor": True}, {"reduction": "sum"}, {"entropy_coeff": {"a": 0.1}}):
         with pytest.raises(Sim2RealError, match=rf"loss\.{next(iter(options))}=.*use clip_ppo"):
             FastClipPPOLoss(bare(body), critic, **options)
-    with pytest.raises(Sim2RealError, match="no critic"):
+    squashed = nn.Sequential(nn.Linear(5, 8), nn.Tanh(), nn.Linear(8, 1), nn.Softplus())
+    with pytest.raises(Sim2RealError, match="no critic that ends otherwise"):
+        FastClipPPOLoss(bare(body), ValueOperator(squashed, ["observation"]))
+    with pytest.raises(Sim2RealError, match="there is no critic"):
         FastClipPPOLoss(bare(body))
 
 

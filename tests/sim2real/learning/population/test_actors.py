@@ -10,6 +10,7 @@ import torch
 from tensordict import TensorDict
 from tensordict.nn import (
     AddStateIndependentNormalScale,
+    NormalParamExtractor,
     ProbabilisticTensorDictSequential,
     TensorDictModule,
     TensorDictSequential,
@@ -74,6 +75,18 @@ def alone(actor: ProbabilisticTensorDictSequential, theta: np.ndarray, seen: np.
 
 MAKERS = [perceptron, lambda: perceptron(TanhNormal), recurrent]
 NAMES = ["perceptron", "squashed", "recurrent"]
+
+
+def test_a_scale_of_the_state_is_no_part_of_the_means() -> None:
+    """An actor whose network says means and scales acts by the means alone."""
+    body = nn.Sequential(nn.Linear(11, 7), nn.Tanh(), nn.Linear(7, 6), NormalParamExtractor())
+    module = TensorDictModule(body, in_keys=["observation"], out_keys=KEYS)
+    actor = ProbabilisticActor(module, in_keys=KEYS, distribution_class=IndependentNormal)
+    one, seen = policy(actor), np.random.default_rng(1).standard_normal((3, 1, 11))
+    given, slots = thetas(one, 1), one.slots(1)
+    slots.load(np.arange(1), given)
+    acted = np.array([slots.act(None, now)[0] for now in seen])
+    np.testing.assert_allclose(acted, alone(actor, given[0], seen[:, 0]), atol=1e-5)
 
 
 @pytest.mark.parametrize("make", MAKERS, ids=NAMES)
