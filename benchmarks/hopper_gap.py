@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import study
+from benchmarks import real_logs, study
 from benchmarks.study import Row
 from benchmarks.transfer import LONG, STUDY
 from envs.effects import load_effects
@@ -155,7 +155,7 @@ def _notes(plan: Plan, found: dict[str, dict[int, TransferScores]]) -> list[str]
     )
     intervals = "; ".join(
         "{} {:.5g} to {:.5g} {}".format(cause["effect"], *cause["value_ci"], cause["unit"])
-        for cause in answer["causes"]
+        for cause in real_logs.values(answer)
     )
     notes = [
         f"The diagnosis of ten episodes of the target: {named} (90 % interval {intervals}); the "

@@ -2,6 +2,7 @@
 
 chosen = arguments("so101", __doc__, "so101", None)     # None, and a word why, without the logs
 before, after = gap(answer)                             # of a report.json
+values(answer)                                          # its causes, or what is only fitted
 """
 
 from __future__ import annotations
@@ -54,3 +55,8 @@ def gap(answer: Mapping[str, Any]) -> tuple[float, float]:
     """Return a report's gap before and after; the same where nothing was found."""
     found = answer["gap"]
     return found["before"], found["before"] if found["after"] is None else found["after"]
+
+
+def values(answer: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    """Return the effects with a value: the causes, or what a verdict of `fitted` has instead."""
+    return answer["causes"] or answer.get("fitted", ())

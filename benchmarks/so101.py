@@ -112,7 +112,7 @@ def report(data: Path, out: Path, results: Path) -> Table:
         f"What is left: {answer['unexplained']['structure']}.",
     ]
     causes = Table(("effect", "where", "value", "unit", "closed"))
-    for cause in answer["causes"]:
+    for cause in real_logs.values(answer):
         low, high = cause["value_ci"]
         value = f"{cause['value']:.3g} [{low:.2g}, {high:.2g}]"
         causes.add(

@@ -131,7 +131,7 @@ def _causes(out: Path, name: str, words: str) -> Table:
     """Return what one diagnosis found."""
     answer: dict[str, Any] = json.loads((out / name / "report.json").read_text(encoding="utf-8"))
     table = Table((words, "where", "value", "unit", "closed", "as good"))
-    for cause in answer["causes"]:
+    for cause in real_logs.values(answer):
         value = Interval(cause["value"], *cause["value_ci"])
         others = ", ".join(one["effect"] for one in cause["equivalent"]) or None
         where = cause["where"] or "robot"

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from envs.tasks import (
         Ant,
         Bench1,
+        Follow,
         HalfCheetah,
         Hopper,
         Hopper2,
@@ -48,6 +49,7 @@ __all__ = [
     "Effect",
     "EffectError",
     "EnvsError",
+    "Follow",
     "HalfCheetah",
     "Hopper",
     "Hopper2",

@@ -28,8 +28,8 @@ class MujocoEnv(RowsEnv):
         effects: what may differ per row; the values travel under ("params", name).
         threads: CPU threads of the physics; 0 for all cores.
         device: where tensors go.
-        dtype: of observations, actions and rewards.
-        seed: of the episodes.
+        dtype: the dtype of observations, actions and rewards.
+        seed: the seed of the episodes.
         tasks: draws each episode's parameters (see `RowsEnv`).
         fixed: effects that every row has, with their values, as `load_effects` returns them.
 

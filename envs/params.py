@@ -33,7 +33,7 @@ class Parameter:
             append `.scalar`.
         effect: standard name of the effect that it belongs to.
         where: joint, actuator, body or geom that it acts on; None for the robot.
-        side: for backlash and compliance, on which side of them the encoder sits.
+        side: for backlash and compliance, the side of them on which the encoder sits.
         unit: SI unit of the value, "" for a pure number.
         neutral: the value at which the effect is absent.
         low: smallest value that means something (physics, not a randomization range).

@@ -23,6 +23,7 @@ Contracts:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import Any, TypeVar
 
 import mujoco
@@ -59,7 +60,7 @@ class Plant:
         ctrl: the commands in force, (N, nu).
         applied: torques and forces that substep rules add to the simulated model's dofs, (N, nv of
             `model`).
-        time: of each simulation [s], (N,).
+        time: the time of each simulation [s], (N,).
 
     Raises:
         EffectError: an effect that the robot cannot have, or the same one fixed and drawn where
@@ -215,9 +216,7 @@ class Plant:
 
     def _set(self, ids: np.ndarray, values: np.ndarray) -> None:
         for name, live in self._fields.items():
-            live[ids] = (
-                self.model.opt.gravity if name == "opt.gravity" else getattr(self.model, name)
-            )
+            live[ids] = attrgetter(name)(self.model)
         for bound, constants in self._fixed:
             bound.write(ids, np.repeat(constants, len(ids), axis=0))
         for bound, columns in self._drawn:

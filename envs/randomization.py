@@ -52,7 +52,7 @@ class Draw:
         distribution: "uniform" in [low, high]; "normal" (mean, std); "truncated_normal" (all four).
         low: smallest value, in the parameter's unit and way (set, add or scale).
         high: largest value.
-        mean: of the normal law before truncation.
+        mean: the mean of the normal law before truncation.
         std: standard deviation of the normal law before truncation.
 
     Raises:

@@ -9,8 +9,8 @@ Contracts:
   that ended.
 * An episode is a pure function of the actions it is given, of its parameter values and of its seed.
   Which row it runs in, what the other rows do, and the number of threads change no bit of it.
-  Resuming a run, spreading it over machines and comparing two policies under the same luck all rest
-  on that.
+  Resuming a run, spreading it over machines and comparing two policies with common random numbers
+  all rest on that.
 """
 
 from __future__ import annotations

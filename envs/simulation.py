@@ -62,6 +62,8 @@ class Simulation:
                 fixed=_fixed(task, effects, fixed),
             )
         self.num_rows = num_rows
+        if task.max_steps < 1:
+            raise TaskError(f"max_steps={task.max_steps} must be at least 1 control step")
         self.max_steps = task.max_steps
         self.space = self.plant.space
         task.setup(self.plant.nominal)

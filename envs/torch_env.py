@@ -8,7 +8,7 @@ Rows that end are reset by mask while the others go on, as TorchRL's collectors 
 Parameters travel in the tensordict under ("params", name): at a reset the environment writes those
 that it is given into the rows that reset, and keeps the rest. Actions are cut at their limits.
 
-    env.reset(values=values, seeds=seeds)               # these robots (N, P), under this luck (N,)
+    env.reset(values=values, seeds=seeds)               # these robots (N, P), with these seeds (N,)
     state = env.episodes()                              # the episodes in progress, as plain data
     env.resume(state)                                   # ... played again, to the last bit
 """
@@ -36,8 +36,8 @@ class RowsEnv(EnvBase):
     Args:
         rows: the world; its N rows are the batch.
         device: where tensors go; the simulation itself runs on the CPU.
-        dtype: of observations, actions and rewards.
-        seed: of the episodes; `set_seed` changes it.
+        dtype: the dtype of observations, actions and rewards.
+        seed: the seed of the episodes; `set_seed` changes it.
         tasks: draws the parameters, as `RandomizeParams` does, but faster: an environment without
             transforms restarts its rows without TorchRL's general machinery.
 

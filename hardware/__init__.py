@@ -8,7 +8,7 @@
     port_lock.py    one program a port             rehearsal.py    how long steps really take
     ending.py       torque off at any end          stop_limits.py  when the guard stops
     scan.py         servos at any speed            setup.py        IDs, speeds and settings
-    settings.py     what a servo must be set to    readings.py     what servos tell
+    settings.py     what a servo must be set to    readings.py     what servos report
     feetech/        the same for Feetech servos
     driver.py       servos in SI units             handshake.py    checks before any torque
     safety.py       the hand that moves a robot    pace.py         a fixed rate

@@ -9,11 +9,12 @@
 Keys:
     robot=NAME       a robot of conf/robot, or a path (default: bench1; scan with port=: none)
     model=PATH       the robot's MJCF, where its file leaves it open and it is emulated
-    port=DEVICE      the serial port, such as /dev/ttyUSB0; without it an emulated robot
+    port=DEVICE      the serial port, such as /dev/ttyUSB0; without it an emulated robot; of several
+                     buses a port each, in their order, with commas between
     file=PATH        calibrate: where to write (default: NAME.json); monitor: a calibration to apply
     seconds=NUMBER   monitor, emulate: how long (default: until Ctrl-C)
     hidden=PATH      emulate: a file of effects that the robot hides
-    link=PATH        emulate: a symbolic link to make to the device
+    link=PATH        emulate: a symbolic link to make to the device; of several PATH-NAME to each
     held=BOOL        emulate: hold the robot in its pose `home` until its servos have torque
                      (default: true); the signal SIGUSR1 puts it back there and holds it again
     seed=NUMBER      emulate: of its randomness (default: 0)
@@ -44,6 +45,7 @@ from hardware.driver import Driver
 from hardware.emulator.pty import check_link, serve
 from hardware.emulator.world import World
 from hardware.errors import HardwareError, LineError, did_you_mean, listed
+from hardware.imu.rvc import BAUD
 from hardware.scan import scan as find
 from hardware.setup import set_up
 
@@ -72,7 +74,8 @@ def main(arguments: list[str], ask: Ask = input) -> int:
     try:
         open_model = "port" in keys  # only an emulated robot needs it
         robot = load_robot(keys.get("robot", "bench1"), keys.get("model"), not open_model)
-        robot = replace(robot, port=keys.get("port"))
+        port = keys.get("port")
+        robot = robot.at(port.split(",") if port is not None and robot.buses else port)
         _VERBS[verb](robot, keys, ask)
     except HardwareError as error:
         print(error, file=sys.stderr)
@@ -117,12 +120,15 @@ def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
     driver = make_driver(robot)
     try:
         found = 0
-        for client, maker in _clients(driver, alone):
-            for servo in find(client, maker):
-                print(servo)
-                found += 1
-            if alone:
-                client.close()
+        for part in driver.parts:
+            if len(driver.parts) > 1:
+                print(f"{part.robot.name} at {part.bus_client.port.port_name}:")
+            for client, maker in _clients(part, alone):
+                for servo in find(client, maker):
+                    print(servo)
+                    found += 1
+                if alone:
+                    client.close()
         if not found:
             print("no servo answers at any speed: check supply, cable and adapter")
         if alone:
@@ -152,7 +158,8 @@ def setup(robot: Robot, keys: Keys, ask: Ask) -> None:
         raise HardwareError("setup needs robot=NAME: its file says what is written")
     driver = make_driver(robot)
     try:
-        set_up(robot, driver.bus_client, ask, print)
+        for part in driver.parts:
+            set_up(part.robot, part.bus_client, ask, print)
         driver.connect()
         print(f"{robot.name}: all {len(driver)} servos are as its file says")
     finally:
@@ -178,7 +185,7 @@ def _print_state(driver: Driver) -> None:
     reading = driver.read()
     for i, servo in enumerate(driver.robot.servos):
         health = driver.health(i)
-        counters = driver.bus_client.counters[servo.id]
+        counters = driver.counters[servo.name]
         lost = counters.timeout + counters.corrupt + counters.short + counters.stale
         state = "no answer"
         if health is not None:
@@ -230,7 +237,7 @@ def _count(driver: Driver, i: int, ask: Ask, where: str) -> int:
         ask(f"move {driver.robot.names[i]} to {where}, then press Enter ")
     except EOFError:
         raise HardwareError(
-            "calibrate asks a person at a terminal, and nobody answers here; "
+            "calibrate needs a person at a terminal, and there is none; "
             "nothing was written: run it in a terminal"
         ) from None
     driver.clock.sleep_until(driver.clock.now() + 0.05)
@@ -241,18 +248,22 @@ def _count(driver: Driver, i: int, ask: Ask, where: str) -> int:
 
 
 def emulate(robot: Robot, keys: Keys, ask: Ask) -> None:
-    """Serve an emulated robot at a device file until it is told to end, also in the background."""
+    """Serve an emulated robot at a device file until it is stopped, also in the background."""
     link = Path(keys["link"]) if "link" in keys else None
-    if link is not None:
-        check_link(link)
     held = _yes_or_no(keys, "held", True)
     hidden = Path(keys["hidden"]) if "hidden" in keys else robot.hidden
+    if link is not None:
+        check_link(link)
     world = World(replace(robot, hidden=hidden), seed=int(_number(keys, "seed", 0)))
     end = time.perf_counter() + _number(keys, "seconds", math.inf)
     told, back = threading.Event(), threading.Event()
 
-    def ready(device: str) -> None:
-        print(f"{robot.name} at {device}, {robot.bus.baud} bits/s; Ctrl-C ends it", flush=True)
+    def ready(devices: dict[str, str]) -> None:
+        bauds = {bus.name: bus.baud for bus in robot.buses} or {"": robot.bus.baud}
+        for number, (name, device) in enumerate(devices.items(), 1):
+            words = f"{robot.name} {name}".rstrip()
+            end = "; Ctrl-C ends it" if number == len(devices) else ""
+            print(f"{words} at {device}, {bauds.get(name, BAUD)} bits/s{end}", flush=True)
 
     def stopped() -> bool:
         if back.is_set():

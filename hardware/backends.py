@@ -22,13 +22,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from hardware.body import BodySensors, EmulatedBody
-from hardware.bus_client import Counters
 from hardware.clock import VirtualClock
 from hardware.config import Robot
 from hardware.connect import make_driver
+from hardware.counters import Counters
 from hardware.driver import Driver, Health, Reading
 from hardware.emulator.world import World
-from hardware.errors import SafetyError
+from hardware.errors import LineError, SafetyError
+from hardware.imu.reader import SerialImu, make_imu
 from hardware.pace import Pace
 from hardware.safety import Guard, Sent, StopLimits
 
@@ -91,10 +92,11 @@ class ServoBackend:
             robot comes to rest, a real one is put back on its feet.
         world: the emulated robot; None makes one as the file says.
         dry_run: read everything and compute commands, but write nothing to the servos.
-        sensors: an IMU or a tracker beside the servos; the emulated robot has its own.
+        sensors: an IMU or a tracker beside the servos, in place of the IMU at the port that the
+            robot's file names; the emulated robot has its own.
         limits: when the guard stops the robot.
-        seed: of the emulated robot's randomness.
-        clock: of the emulated robot; None makes one.
+        seed: the seed of the emulated robot's randomness.
+        clock: the clock of the emulated robot; None makes one.
     """
 
     def __init__(
@@ -111,7 +113,7 @@ class ServoBackend:
         self.robot, self.real, self.dry_run = robot, robot.port is not None, dry_run
         self.world = world if self.real or world is not None else World(robot, seed=seed)
         emulated = EmulatedBody(self.world) if self.world is not None and not self.real else None
-        self.sensors = sensors or emulated
+        self.sensors = sensors or emulated or make_imu(robot)
         self.stopped: str | None = None  # why the guard stopped the robot
         self._limits, self._settle, self._clock = limits, settle, clock
         self._driver: Driver | None = None
@@ -146,8 +148,7 @@ class ServoBackend:
     @property
     def counters(self) -> dict[str, Counters]:
         """What happened to the requests to each servo."""
-        client = self.guard.driver.bus_client
-        return {servo.name: client.counters[servo.id] for servo in self.robot.servos}
+        return self.guard.driver.counters
 
     @property
     def health(self) -> list[Health | None]:
@@ -170,11 +171,13 @@ class ServoBackend:
             return
         driver = make_driver(self.robot, self.world, self._clock)
         try:
+            if isinstance(self.sensors, SerialImu):
+                self.sensors.open()
             driver.connect()
             if not self.dry_run:
                 driver.configure()
         except BaseException:
-            driver.close()
+            self._let_go(driver)
             raise
         self._driver = driver
         self._guard = Guard(driver, self._limits, self.dry_run).__enter__()
@@ -182,8 +185,8 @@ class ServoBackend:
     def arm(self) -> None:
         """Switch torque on where the robot is; whoever calls this has cleared the space around it.
 
-        After a stop everything is connected, checked and set up anew before: the cable may have
-        been out, and a servo that has started anew has lost its settings.
+        After a stop everything is connected, checked and set up again before: the cable may have
+        been out, and a servo that rebooted has lost its settings.
 
         Raises:
             LineError: the port did not come back.
@@ -222,6 +225,7 @@ class ServoBackend:
         for _ in range(max(1, round(self._settle * self.robot.rate))):
             pace.wait()
             guard.read()
+            self._sense(guard.driver.clock.now())  # a port that is not read runs over
             self._send(guard.last)
         pace.jitter.clear()
         self.missed = self._step = 0
@@ -229,7 +233,7 @@ class ServoBackend:
         return self._measure(self._began)
 
     def _ready(self) -> Guard:
-        """Return the armed guard; arm it anew after a pause in which the watchdogs tripped."""
+        """Return the armed guard; arm it again after a pause in which the watchdogs tripped."""
         name, armed = self.robot.name, self._guard is not None and self._guard.armed
         if self.stopped is not None:
             raise SafetyError(f"{name} was stopped: {self.stopped}; remove the cause, then arm()")
@@ -291,8 +295,17 @@ class ServoBackend:
         self.missed += max(step - self._step - 1, 0)
         self._step = step
         now = self.guard.driver.clock.now()
-        body = {} if self.sensors is None else self.sensors.measure(now)
+        body = self._sense(now)
         return Measured(step, reading.time - self._began, reading, self._torque(reading), body)
+
+    def _sense(self, now: float) -> Mapping[str, np.ndarray]:
+        """Return what the sensors beside the servos measure; stop the robot if they do not."""
+        if self.sensors is None:
+            return {}
+        try:
+            return self.sensors.measure(now)
+        except LineError as error:
+            self.guard.give_up(str(error))
 
     def _torque(self, reading: Reading) -> np.ndarray:
         """Return the motors' torques [N·m], (n,), from current or, where there is none, from duty.
@@ -340,4 +353,10 @@ class ServoBackend:
             try:
                 guard.__exit__(None, None, None)
             finally:
-                driver.close()
+                self._let_go(driver)
+
+    def _let_go(self, driver: Driver) -> None:
+        """Close the ports of the servos and of the IMU."""
+        driver.close()
+        if isinstance(self.sensors, SerialImu):
+            self.sensors.close()

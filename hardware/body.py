@@ -3,9 +3,11 @@
     names: "orientation"  a unit quaternion w x y z, (4,)
            "gyro"         angular velocity about the base's own axes [rad/s], (3,)
            "position"     of the base, from an external tracker [m], (3,)
+           "acceleration" along the axes of the IMU's site, gravity in it [m/s^2], (3,)
 
-A real robot's are whatever you plug in: write a class with these three members and hand it to
-`ServoBackend(sensors=...)`. The emulated robot has all that its model has.
+A real robot's IMU is the one that its file names (`hardware/imu`), or whatever you plug in: write a
+class with these members and hand it to `ServoBackend(sensors=...)`. Other names that it measures
+go into the log. The emulated robot has all that its model has.
 """
 
 from __future__ import annotations
@@ -18,11 +20,19 @@ import numpy as np
 from hardware.emulator.model import home_pose
 from hardware.emulator.world import World
 
-SIZES = {"orientation": 4, "gyro": 3, "position": 3}
+SIZES = {"orientation": 4, "gyro": 3, "position": 3}  # what a task may observe or be paid for
+OF_THE_IMU = {  # quantity: kind of a log's column, and its parts
+    "orientation": ("quat", "wxyz"),
+    "gyro": ("gyro", "xyz"),
+    "acceleration": ("accelerometer", "xyz"),
+}
 
 
 class BodySensors(Protocol):
-    """What is measured beside the servos, and how the robot gets back to its start."""
+    """What is measured beside the servos, and how the robot gets back to its start.
+
+    One that has to be opened and closed has methods `open` and `close` too; see `SerialImu`.
+    """
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -30,12 +40,24 @@ class BodySensors(Protocol):
         ...
 
     def measure(self, now: float) -> Mapping[str, np.ndarray]:
-        """Return the newest values by name; `now` is the clock's time [s]."""
+        """Return the newest values by name; `now` is the clock's time [s].
+
+        Raises:
+            LineError: there are none; the robot is then stopped.
+        """
         ...
 
     def put_back(self, now: float) -> None:
         """Put the robot where episodes start; by hand, it can only be waited for."""
         ...
+
+
+def columns(name: str, size: int, site: str | None) -> list[str]:
+    """Return a log's columns for a quantity: those of an IMU where its site is known."""
+    if site is not None and name in OF_THE_IMU:
+        kind, parts = OF_THE_IMU[name]
+        return [f"{kind}.{site}.{part}" for part in parts]
+    return [f"sensor.{name}_{i}" for i in range(size)]
 
 
 class EmulatedBody:

@@ -21,15 +21,16 @@ from __future__ import annotations
 
 import struct
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from dynamixel_sdk import PacketHandler
 
 from hardware import protocol
 from hardware.clock import Clock
+from hardware.counters import Counters
 from hardware.errors import LineError
 from hardware.port_lock import PortLock
 from hardware.protocol import BROADCAST, Packet, Parser, crc16
@@ -41,25 +42,6 @@ SHIELD = 2  # bytes read beyond the wanted ones
 NOBODY = 252  # an ID that no servo of a robot may have
 MORE_PATIENT = 10  # times the usual patience, where a machine may be busy
 TURN_ROUND = 1e-4  # s, the most that a servo takes beyond its return delay
-
-
-@dataclass
-class Counters:
-    """What happened to the requests to one servo."""
-
-    asked: int = 0
-    answered: int = 0
-    timeout: int = 0  # no answer in time
-    corrupt: int = 0  # an answer with a wrong CRC
-    short: int = 0  # an answer of another length than asked
-    foreign: int = 0  # an answer that was not asked for
-    stale: int = 0  # an answer from before
-    alert: int = 0  # an answer with the hardware error bit
-    error: int = 0  # an answer with an error number
-
-    def as_dict(self) -> dict[str, int]:
-        """Return the counts by name."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -150,7 +132,7 @@ class BusClient:
         return [_reply(p) for p in packets]
 
     def broadcast_ping(self) -> dict[int, tuple[int, int]]:
-        """Return {ID: (model number, firmware)} of every servo that hears this speed."""
+        """Return {ID: (model number, firmware)} of every servo at this speed."""
         sizes = [(number, 3) for number in range(253)]
         found = {}
         for packet in self._ask(BROADCAST, protocol.PING, b"", sizes, to_the_end=True):
@@ -174,7 +156,7 @@ class BusClient:
         self._ask(BROADCAST, protocol.WRITE, struct.pack("<H", address) + data, [])
 
     def reboot(self, number: int) -> Reply | None:
-        """Start a servo anew; None if no good answer came."""
+        """Reboot a servo; None if no good answer came."""
         packets = self._ask(number, protocol.REBOOT, b"", [(number, 0)])
         return _reply(packets[0]) if packets else None
 
@@ -193,14 +175,28 @@ class BusClient:
         self, address: int, size: int, numbers: Sequence[int], fast: bool
     ) -> dict[int, Reply]:
         """Read the same registers of several servos; those without a good answer are left out."""
+        return self.begin_sync_read(address, size, numbers, fast)()
+
+    def begin_sync_read(
+        self, address: int, size: int, numbers: Sequence[int], fast: bool
+    ) -> Callable[[], dict[int, Reply]]:
+        """Ask for a group read and return what waits for its answers.
+
+        In between other buses can be asked; this one cannot.
+        """
         body = struct.pack("<HH", address, size + SHIELD) + bytes(numbers)
         wanted = [(number, size + SHIELD) for number in numbers]
         if not fast:
-            packets = self._ask(BROADCAST, protocol.SYNC_READ, body, wanted)
-            return {p.id: _reply(p, size) for p in packets}
+            finish = self._begin(BROADCAST, protocol.SYNC_READ, body, wanted)
+            return lambda: {p.id: _reply(p, size) for p in finish()}
         length = 8 + sum(s + 4 for _, s in wanted)
-        packets = self._ask(BROADCAST, protocol.FAST_SYNC_READ, body, wanted, fast=length)
-        return self._split(packets[0], wanted, size) if packets else {}
+        finish = self._begin(BROADCAST, protocol.FAST_SYNC_READ, body, wanted, fast=length)
+
+        def split() -> dict[int, Reply]:
+            packets = finish()
+            return self._split(packets[0], wanted, size) if packets else {}
+
+        return split
 
     def _split(
         self, packet: Packet, wanted: Sequence[tuple[int, int]], kept: int
@@ -235,9 +231,20 @@ class BusClient:
         body: bytes,
         wanted: Sequence[tuple[int, int]],
         to_the_end: bool = False,
-        fast: int = 0,
     ) -> list[Packet]:
-        """Send an instruction and return the good answers, in order.
+        """Send an instruction and return the good answers, in order; see `_begin`."""
+        return self._begin(number, instruction, body, wanted, to_the_end)()
+
+    def _begin(
+        self,
+        number: int,
+        instruction: int,
+        body: bytes,
+        wanted: Sequence[tuple[int, int]],
+        to_the_end: bool = False,
+        fast: int = 0,
+    ) -> Callable[[], list[Packet]]:
+        """Send an instruction and return what waits for the good answers, in order.
 
         Args:
             number: to whom.
@@ -253,14 +260,22 @@ class BusClient:
             self._parser.clear()
             sent = self._send(number, instruction, body)
             if not wanted:
-                return []
+                return list
             for each, _ in wanted if number == BROADCAST and not to_the_end else wanted[:1]:
                 self.counters[each].asked += 1
             answer = fast or sum(self.overhead + size for _, size in wanted)
             waits = 1 if fast else len(wanted)
             span = (sent + answer) * 10 / self.port.getBaudRate()
             span += waits * (self.return_delay + TURN_ROUND) + self.latency + self.patience
-            return self._receive(wanted, span, to_the_end, fast)
+            self.port.setPacketTimeoutMillis(span * 1000)
+            # the SDK's own deadline is of the wall clock, which can be set
+            deadline = self.clock.now() + span
+
+        def finish() -> list[Packet]:
+            with self._cable():
+                return self._receive(wanted, deadline, span, to_the_end, fast)
+
+        return finish
 
     def _send(self, number: int, instruction: int, body: bytes) -> int:
         """Send an instruction and return how many bytes it has, less what is stuffed."""
@@ -274,11 +289,14 @@ class BusClient:
         return len(packet)
 
     def _receive(
-        self, wanted: Sequence[tuple[int, int]], span: float, to_the_end: bool, fast: int
+        self,
+        wanted: Sequence[tuple[int, int]],
+        deadline: float,
+        span: float,
+        to_the_end: bool,
+        fast: int,
     ) -> list[Packet]:
         port, good = self.port, []
-        port.setPacketTimeoutMillis(span * 1000)
-        deadline = self.clock.now() + span  # the SDK's own is of the wall clock, which can be set
         left = [BROADCAST] if fast else [number for number, _ in wanted]
         sizes = {BROADCAST: fast} if fast else {n: self.overhead + size for n, size in wanted}
         while True:
@@ -293,8 +311,8 @@ class BusClient:
                 break  # with data: somebody floods the bus
             if not data:
                 self.clock.pause()
+        self._doubtful = not good or not to_the_end
         if not to_the_end:
-            self._doubtful = True
             for number in (n for n, _ in wanted) if fast else left:
                 self.counters[number].timeout += 1
         return good

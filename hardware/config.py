@@ -9,83 +9,24 @@ The keys are explained where they are set, in `conf/robot/*.yaml`. Hydra reads t
 
 from __future__ import annotations
 
+import math
 import os
-import types
-import typing
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from hardware.errors import RobotError, did_you_mean, listed
-from hardware.tables import ServoType, servo_type
+from hardware.parts import IMUS, Bus, BusSettings, Imu, Servo, Supply
+from hardware.typed import mapping, typed_fields
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = ROOT / "conf" / "robot"
 ASSETS = ROOT / "envs" / "assets"
 NO_MODEL = Path("no model was given")
-
-
 LIMITING = {"dynamixel": "goal_pwm", "feetech": "torque_limit"}  # registers that limit the duty
-
-
-@dataclass(frozen=True)
-class Servo:
-    """One servo of a robot and the joint it turns.
-
-    Args:
-        name: the actuator of the model that it stands for.
-        id: its number on the bus, 0 to 251.
-        model: its type.
-        sign: 1 or -1: the direction of its counts along the joint.
-        zero: the count at the joint's zero; a calibration may put it between two.
-        position: least and largest angle to command [rad].
-        velocity: fastest motion of a command [rad/s].
-        torque: largest torque [N·m], None for all it has.
-        registers: registers of this servo beside the robot's.
-    """
-
-    name: str
-    id: int
-    model: str
-    sign: int
-    zero: float
-    position: tuple[float, float]
-    velocity: float
-    torque: float | None
-    registers: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def type(self) -> ServoType:
-        """Its type's data."""
-        return servo_type(self.model)
-
-    def angle(self, count: float) -> float:
-        """Return the joint's angle [rad] at this count of the encoder."""
-        return self.sign * (count - self.zero) * self.type.units.angle
-
-    def count(self, angle: float) -> int:
-        """Return the nearest count of the encoder at this angle [rad]."""
-        return round(self.zero + self.sign * angle / self.type.units.angle)
-
-
-@dataclass(frozen=True)
-class BusSettings:
-    """The serial bus: baud [bits/s], return_delay [s], latency of the USB adapter [s]."""
-
-    baud: int
-    return_delay: float
-    latency: float
-
-
-@dataclass(frozen=True)
-class Supply:
-    """The power supply: voltage without load [V], inner resistance [ohm]."""
-
-    voltage: float
-    resistance: float
 
 
 @dataclass(frozen=True)
@@ -95,17 +36,19 @@ class Robot:
     Args:
         name: carried by calibration files and logs.
         model: its MJCF.
-        servos: in the order of the file.
+        servos: the servos, in the order of the file.
         registers: written to every servo before its torque goes on, raw values.
-        bus: the serial bus.
+        bus: the serial bus; of several the first.
         rate: control steps a second.
-        command_delay: from writing a command to its effect [s].
-        reading_age: from a reading to writing the command made of it [s].
+        command_delay: the time from writing a command to its effect [s].
+        reading_age: the time from a reading to writing the command computed from it [s].
         max_step: largest change of a command in one control step [rad].
         watchdog: the servos stop after this long without a command [s].
         supply: the power supply.
-        port: the serial port, None for the emulated bus.
+        port: the serial port, None for the emulated bus; of several the first.
         hidden: a file of effects that the emulated robot hides, or None.
+        buses: the buses, where there are several.
+        imu: the IMU, or None.
     """
 
     name: str
@@ -121,6 +64,63 @@ class Robot:
     supply: Supply
     port: str | None = None
     hidden: Path | None = None
+    buses: tuple[Bus, ...] = ()
+    imu: Imu | None = None
+
+    def parts(self) -> list[Robot]:
+        """Return the robot bus by bus: each part's servos are on one bus, and of one maker."""
+        if not self.buses:
+            return [self]
+        parts = []
+        for bus in self.buses:
+            servos = tuple(servo for servo in self.servos if servo.bus == bus.name)
+            name = f"{self.name}, bus {bus.name}"
+            part = replace(self, name=name, servos=servos, bus=bus, port=bus.port, buses=())
+            stops = any(servo.type.maker != "feetech" for servo in servos)
+            parts.append(part if stops else replace(part, watchdog=0.0))
+        return parts
+
+    def at(self, ports: str | Sequence[str] | None) -> Robot:
+        """Return the robot at other ports: one for each bus in their order, None for emulated ones.
+
+        Raises:
+            RobotError: more or fewer ports than buses, or one twice.
+        """
+        given = [ports] if ports is None or isinstance(ports, str) else list(ports)
+        if not self.buses and len(given) == 1:
+            return replace(self, port=given[0])
+        if ports is None:
+            given = [None] * len(self.buses)
+        if len(given) != max(len(self.buses), 1):
+            names = f" ({listed(bus.name for bus in self.buses)})" if self.buses else ""
+            raise RobotError(
+                f"{self.name}: port: {listed(map(str, given))} for {max(len(self.buses), 1)} "
+                f"buses{names}; each has one, in this order"
+            )
+        buses = [replace(b, port=port) for b, port in zip(self.buses, given, strict=True)]
+        _check_ports(buses, self.name)
+        return replace(self, buses=tuple(buses), port=buses[0].port)
+
+    def with_imu_at(self, port: str) -> Robot:
+        """Return the robot with its IMU at a port.
+
+        Raises:
+            RobotError: its file names no IMU, or the port is that of a bus.
+        """
+        if self.imu is None:
+            raise RobotError(f"{self.name}: imu_port={port}, but its file names no IMU (key imu)")
+        if port in [bus.port for bus in self.buses] + [self.port]:
+            raise RobotError(f"{self.name}: imu_port={port} is the port of its servos")
+        return replace(self, imu=replace(self.imu, port=port))
+
+    def bus_of(self, servo: Servo) -> BusSettings:
+        """Return the bus that a servo is on."""
+        return next((bus for bus in self.buses if bus.name == servo.bus), self.bus)
+
+    @property
+    def maker(self) -> str:
+        """The maker of its servos, as far as they are on one bus."""
+        return self.servos[0].type.maker
 
     @property
     def names(self) -> list[str]:
@@ -181,7 +181,7 @@ def load_robot(
     except yaml.YAMLError as error:
         raise RobotError(f"{path}: this cannot be read as YAML: {error}") from None
     if model is not None:
-        data = {**_mapping(data, str(path)), "model": model}
+        data = {**mapping(data, str(path)), "model": model}
     return make_robot(data, str(path), needs_model)
 
 
@@ -196,19 +196,71 @@ def make_robot(data: Mapping[str, Any], place: str = "robot", needs_model: bool 
     Raises:
         RobotError: a key is missing, unknown or has a wrong value.
     """
-    values = _fields(Robot, data, place)
+    ports = data.get("port") if isinstance(data, Mapping) else None
+    several = isinstance(data, Mapping) and "buses" in data
+    data = _with_first_bus(data, place) if several else data
+    values = typed_fields(Robot, data, place)
     open_model = values["model"] is None and not needs_model
     values["model"] = NO_MODEL if open_model else _model(values["model"], f"{place}: model")
-    values["bus"] = BusSettings(**_fields(BusSettings, values["bus"], f"{place}: bus"))
-    values["supply"] = Supply(**_fields(Supply, values["supply"], f"{place}: supply"))
+    if not several:
+        values["bus"] = BusSettings(**typed_fields(BusSettings, values["bus"], f"{place}: bus"))
+    values["supply"] = Supply(**typed_fields(Supply, values["supply"], f"{place}: supply"))
+    if values.get("imu") is not None:
+        values["imu"] = _imu(values["imu"], f"{place}: imu")
     values["hidden"] = None if values.get("hidden") is None else Path(values["hidden"])
     values["servos"] = tuple(
-        Servo(**_fields(Servo, {"name": name, **_mapping(entry, place)}, f"{place}: servos.{name}"))
-        for name, entry in _mapping(values["servos"], f"{place}: servos").items()
+        Servo(
+            **typed_fields(
+                Servo, {"name": name, **mapping(entry, place)}, f"{place}: servos.{name}"
+            )
+        )
+        for name, entry in mapping(values["servos"], f"{place}: servos").items()
     )
     robot = Robot(**values)
+    robot = robot.at(ports) if ports is not None else robot
     _check(robot, place)
     return robot
+
+
+def _with_first_bus(data: Mapping[str, Any], place: str) -> dict[str, Any]:
+    """Return the keys of a robot of several buses, their settings read."""
+    if "bus" in data:
+        raise RobotError(f"{place}: it has both bus and buses; give one")
+    table = mapping(data["buses"], f"{place}: buses")
+    buses = tuple(
+        Bus(
+            **typed_fields(
+                Bus, {"name": str(name), **mapping(entry, place)}, f"{place}: buses.{name}"
+            )
+        )
+        for name, entry in table.items()
+    )
+    if not buses:
+        raise RobotError(f"{place}: buses: there is at least one")
+    _check_ports(buses, f"{place}: buses")
+    return {**data, "buses": buses, "bus": buses[0], "port": buses[0].port}
+
+
+def _imu(data: Any, place: str) -> Imu:
+    imu = Imu(**typed_fields(Imu, data, place))
+    if imu.model not in IMUS:
+        hint = did_you_mean(imu.model, IMUS)
+        raise RobotError(f"{place}: model: unknown part {imu.model!r}{hint}: {listed(IMUS)}")
+    length = math.sqrt(sum(part**2 for part in imu.mount))
+    if abs(length - 1) > 1e-3:
+        raise RobotError(f"{place}: mount: {list(imu.mount)} is no unit quaternion w x y z")
+    w, x, y, z = (part / length for part in imu.mount)
+    return replace(imu, mount=(w, x, y, z))
+
+
+def _check_ports(buses: Sequence[Bus], place: str) -> None:
+    """Refuse ports that are given twice, or not for all buses."""
+    ports = [bus.port for bus in buses]
+    if None in ports and any(ports):
+        missing = listed(bus.name for bus in buses if bus.port is None)
+        raise RobotError(f"{place}: no port for {missing}; give one for each bus, or for none")
+    if len(set(ports)) < len(ports) and None not in ports:
+        raise RobotError(f"{place}: {listed(map(str, ports))}: each bus has a port of its own")
 
 
 def _check(robot: Robot, place: str) -> None:
@@ -216,15 +268,8 @@ def _check(robot: Robot, place: str) -> None:
         raise RobotError(f"{place}: servos: a robot has at least one")
     for servo in robot.servos:
         _check_servo(robot, servo, f"{place}: servos.{servo.name}")
-    ids = [servo.id for servo in robot.servos]
-    for servo in robot.servos:
-        if ids.count(servo.id) > 1:
-            raise RobotError(
-                f"{place}: servos.{servo.name}: id {servo.id} is taken; each has its own"
-            )
-    bauds = servo_type(robot.servos[0].model).bauds
-    if robot.bus.baud not in bauds:
-        raise RobotError(f"{place}: bus.baud: {robot.bus.baud} is not one of {bauds}")
+    for part in robot.parts():
+        _check_bus(part, place)
     positive = {
         "rate": robot.rate,
         "max_step": robot.max_step,
@@ -234,8 +279,6 @@ def _check(robot: Robot, place: str) -> None:
         if not value > 0:
             raise RobotError(f"{place}: {key}: {value} is not above 0")
     at_least_0 = {
-        "bus.return_delay": robot.bus.return_delay,
-        "bus.latency": robot.bus.latency,
         "command_delay": robot.command_delay,
         "reading_age": robot.reading_age,
         "supply.resistance": robot.supply.resistance,
@@ -243,19 +286,41 @@ def _check(robot: Robot, place: str) -> None:
     for key, value in at_least_0.items():
         if not value >= 0:
             raise RobotError(f"{place}: {key}: {value} is below 0")
-    makers = {servo.type.maker for servo in robot.servos}
-    if len(makers) > 1:
-        raise RobotError(
-            f"{place}: servos of {listed(sorted(makers))} on one bus; each has its own"
-        )
-    if makers == {"feetech"} and robot.watchdog:
+    if {servo.type.maker for servo in robot.servos} == {"feetech"} and robot.watchdog:
         raise RobotError(f"{place}: watchdog: {robot.watchdog} s; Feetech servos have none: give 0")
     if not 0 <= robot.watchdog <= 2.54:
         raise RobotError(f"{place}: watchdog: {robot.watchdog} s; it can be 0 (off) to 2.54 s")
 
 
+def _check_bus(part: Robot, place: str) -> None:
+    """Check the servos and settings of one bus."""
+    bus = part.bus
+    key = f"{place}: buses.{bus.name}" if isinstance(bus, Bus) else f"{place}: bus"
+    if not part.servos:
+        raise RobotError(f"{key}: it has no servo; each servo's key bus names its own")
+    ids = [servo.id for servo in part.servos]
+    for servo in part.servos:
+        if ids.count(servo.id) > 1:
+            raise RobotError(
+                f"{place}: servos.{servo.name}: id {servo.id} is taken; each has its own on its bus"
+            )
+    makers = {servo.type.maker for servo in part.servos}
+    if len(makers) > 1:
+        raise RobotError(f"{key}: servos of {listed(sorted(makers))} on one bus; each has its own")
+    bauds = part.servos[0].type.bauds
+    if bus.baud not in bauds:
+        raise RobotError(f"{key}.baud: {bus.baud} is not one of {bauds}")
+    for name in ("return_delay", "latency"):
+        if not getattr(bus, name) >= 0:
+            raise RobotError(f"{key}.{name}: {getattr(bus, name)} is below 0")
+
+
 def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
     kind = servo.type
+    names = [bus.name for bus in robot.buses] or [None]
+    if servo.bus not in names:
+        remedy = f"give one of {listed(map(str, names))}" if robot.buses else "leave it out"
+        raise RobotError(f"{place}: bus {servo.bus!r}: the robot has no such bus; {remedy}")
     if not 0 <= servo.id <= 251:
         raise RobotError(f"{place}: id {servo.id}; it can be 0 to 251")
     if servo.sign not in (1, -1):
@@ -272,9 +337,13 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
         raise RobotError(f"{place}: velocity {servo.velocity} rad/s is not above 0")
     if servo.torque is not None and not servo.torque > 0:
         raise RobotError(f"{place}: torque {servo.torque} N·m is not above 0; null means no limit")
-    for name in robot.registers_of(servo):
-        if not kind.register(name).writable:
+    for name, value in robot.registers_of(servo).items():
+        register = kind.register(name)
+        if not register.writable:
             raise RobotError(f"{place}: registers: {name!r} can only be read")
+        low, high = register.fixed_range
+        if not low <= value <= high:
+            raise RobotError(f"{place}: registers: {name} = {value}; it can be {low} to {high}")
 
 
 def _model(name: Any, place: str) -> Path:
@@ -289,46 +358,3 @@ def _model(name: Any, place: str) -> Path:
     known = sorted(file.name for file in ASSETS.glob("*.xml"))
     hint = did_you_mean(str(name), known)
     raise RobotError(f"{place}: there is no file {str(name)!r}{hint}; {ASSETS} has {listed(known)}")
-
-
-def _mapping(value: Any, place: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise RobotError(f"{place}: {value!r} is not a table of names and values")
-    return value
-
-
-def _fields(cls: type, data: Any, place: str) -> dict[str, Any]:
-    """Check names and plain types of a table against the fields of a dataclass."""
-    data = _mapping(data, place)
-    hints = typing.get_type_hints(cls)
-    for key in data:
-        if key not in hints:
-            hint = did_you_mean(str(key), hints)
-            raise RobotError(f"{place}: unknown key {key!r}{hint}; it can have {listed(hints)}")
-    for item in fields(cls):
-        needed = item.default is MISSING and item.default_factory is MISSING
-        if needed and item.name not in data:
-            raise RobotError(f"{place}: the key {item.name!r} is missing")
-    return {key: _typed(value, hints[key], f"{place}: {key}") for key, value in data.items()}
-
-
-def _typed(value: Any, wanted: Any, place: str) -> Any:
-    """Return the value as the wanted plain type; raise RobotError if it cannot be that."""
-    options = typing.get_args(wanted) if isinstance(wanted, types.UnionType) else (wanted,)
-    if value is None and types.NoneType in options:
-        return None
-    if float in options and isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    if int in options and isinstance(value, int) and not isinstance(value, bool):
-        return value
-    if str in options and isinstance(value, str):
-        return value
-    if wanted == tuple[float, float]:
-        if not isinstance(value, list | tuple) or len(value) != 2:
-            raise RobotError(f"{place}: {value!r} is not a pair of numbers")
-        low, high = (_typed(part, float, place) for part in value)
-        return (low, high)
-    if {int, float, str}.isdisjoint(options):
-        return value
-    names = " or ".join("null" if o is types.NoneType else o.__name__ for o in options)
-    raise RobotError(f"{place}: {value!r} is not {names}")

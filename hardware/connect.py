@@ -1,4 +1,4 @@
-"""From a robot's file to a driver: over its serial port, or the emulated bus if it has none."""
+"""From a robot's file to a driver: over its serial ports, or the emulated buses if it has none."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dynamixel_sdk import PortHandler
 from hardware.clock import RealClock, VirtualClock
 from hardware.config import Robot
 from hardware.driver import Driver
-from hardware.emulator.loopback import LoopbackPort
+from hardware.emulator.loopback import loopback_ports
 from hardware.emulator.world import World
 from hardware.feetech.driver import FeetechDriver
+from hardware.several import SeveralDriver
 
 DRIVERS = {"dynamixel": Driver, "feetech": FeetechDriver}
 
@@ -20,12 +21,17 @@ def make_driver(
     """Return a driver for the robot; nothing is opened yet.
 
     Args:
-        robot: with `port` set the servos at that port, else an emulated robot in virtual time.
+        robot: the robot; with `port` the servos at its ports, else emulated in virtual time.
         world: the emulated robot; None makes one that is as the file says.
         clock: the emulated robot's time; None makes one.
     """
-    kind = DRIVERS[robot.servos[0].type.maker]
+    parts = robot.parts()
     if robot.port is not None:
-        return kind(robot, PortHandler(robot.port), RealClock())
-    clock = clock or VirtualClock()
-    return kind(robot, LoopbackPort(world or World(robot), clock), clock)
+        time, ports = RealClock(), [PortHandler(part.port) for part in parts]
+    else:
+        time = clock or VirtualClock()
+        ports = loopback_ports(world or World(robot), time)
+    drivers = [
+        DRIVERS[part.maker](part, port, time) for part, port in zip(parts, ports, strict=True)
+    ]
+    return drivers[0] if len(drivers) == 1 else SeveralDriver(robot, drivers)

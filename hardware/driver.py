@@ -20,14 +20,16 @@ from __future__ import annotations
 import itertools
 import logging
 import struct
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from hardware import handshake, rehearsal
-from hardware.bus_client import BusClient
+from hardware.bus_client import BusClient, Reply
 from hardware.clock import Clock
 from hardware.config import Robot, Servo
+from hardware.counters import Counters
 from hardware.errors import LineError, ServoError, listed
 from hardware.freshness import Freshness
 from hardware.readings import Health, Reading, errors_of
@@ -43,6 +45,7 @@ HEALTH, HEALTH_SIZE = 64, 83  # torque enable to present temperature
 TORQUE, ERROR_STATUS, WATCHDOG, GOAL = 64, 70, 98, 116
 TURN = 4096
 Values = tuple[float, float, float, float]
+Replies = dict[int, Reply]
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0  # s between attempts to reconnect
 
 
@@ -84,7 +87,17 @@ class Driver:
         self._rehearsed = False
 
     def __len__(self) -> int:
-        return len(self.ids)
+        return len(self.robot.servos)
+
+    @property
+    def parts(self) -> Sequence[Driver]:
+        """The drivers of the robot's buses: this one, where there is one."""
+        return [self]
+
+    @property
+    def counters(self) -> dict[str, Counters]:
+        """What happened to the requests to each servo, by its name."""
+        return {servo.name: self.bus_client.counters[servo.id] for servo in self.robot.servos}
 
     def connect(self) -> None:
         """Open the port and check every servo; nothing is written, nothing moves.
@@ -98,20 +111,23 @@ class Driver:
         handshake.check_latency_timer(self.robot, self.bus_client)
         self.bus_client.open(self.robot.bus.baud)
         handshake.check_servos(self.robot, self.bus_client)
-        self._adopt()
         self._rehearsed = False
-        self.fast = self._answers_fast()
-        self._values[3] = self._zero
-        self._ages = [Freshness() for _ in self.ids]
-        self._health_ages = [Freshness() for _ in self.ids]
+        self._ages, self._health_ages = ([Freshness() for _ in self.ids] for _ in range(2))
+        with self.bus_client.more_patient():
+            self._adopt()
+            self._values[3] = self._zero
+            self.fast = self._answers_fast()
+            self._read_first()
+        self._find_turns()
+
+    def _read_first(self) -> None:
+        """Read until every servo has answered anew."""
         for _ in range(RETRIES):
             reading = self.read()
             if reading.fresh.all():
-                break
-        else:
-            name = self.robot.names[int(np.argmin(reading.fresh))]
-            raise ServoError(f"{name}: it answers pings, but not reads; check cable and supply")
-        self._find_turns()
+                return
+        name = self.robot.names[int(np.argmin(reading.fresh))]
+        raise ServoError(f"{name}: it answers pings, but not reads; check cable and supply")
 
     def reconnect(self, patience: float) -> None:
         """After a lost cable: try again, ever more slowly, until the servos are back; torque off.
@@ -125,7 +141,7 @@ class Driver:
         """
         end, pause = self.clock.now() + patience, FIRST_PAUSE
         while True:
-            self.bus_client.close()
+            self.close()
             try:
                 self.connect()
                 return self.configure()
@@ -152,7 +168,8 @@ class Driver:
             self.health(next(turns))
 
         times = rehearsal.check(step, self.clock, self.robot)
-        self.bus_client.patience = max(self.clock.jitter, min(times.reply, 1 / self.robot.rate))
+        for part in self.parts:
+            part.bus_client.patience = max(self.clock.jitter, min(times.reply, 1 / self.robot.rate))
         self._rehearsed = True
 
     def configure(self) -> None:
@@ -162,16 +179,25 @@ class Driver:
             ServoError: a register does not take its value.
         """
         self.torque_off()
-        for servo in self.robot.servos:
-            for name, value in self.robot.registers_of(servo).items():
-                self.write_register(servo, name, value)
+        with self.bus_client.more_patient():
+            for servo in self.robot.servos:
+                for name, value in self.robot.registers_of(servo).items():
+                    self.write_register(servo, name, value)
         self.read()
         self._find_turns()  # another operating mode may count turns anew
 
     def read(self) -> Reading:
         """Read all servos once, and those that did not answer once more."""
+        return self.begin_read()()
+
+    def begin_read(self) -> Callable[[], Reading]:
+        """Ask all servos and return what waits for their answers; see `read`."""
         asked = self.clock.now()
-        replies = self.bus_client.sync_read(*self.block, self.ids, self.fast)
+        finish = self.bus_client.begin_sync_read(*self.block, self.ids, self.fast)
+        return lambda: self._read(asked, finish())
+
+    def _read(self, asked: float, replies: Replies) -> Reading:
+        """Make a reading of the answers, and ask those once more that gave none."""
         stamps = asked + sample_times(self.robot, self.fast)
         fresh = self._take(replies, self.ids, asked)
         left = [number for number, new in zip(self.ids, fresh, strict=True) if not new]
@@ -210,19 +236,6 @@ class Driver:
         goals = zip(self.ids, counts.tolist(), strict=True)
         self.bus_client.sync_write(self.goal, {n: register.encode(count) for n, count in goals})
         return self.angles(counts)
-
-    def full_duty_errors(self) -> np.ndarray:
-        """Return how far from its goal each position loop drives at full duty [rad], (n,).
-
-        Short of that a soft servo may merely sag under its load.
-        """
-        return np.array([self._full_duty_error(servo) for servo in self.robot.servos])
-
-    def _full_duty_error(self, servo: Servo) -> float:
-        kind = servo.type
-        gain = {**kind.defaults, **self.robot.registers_of(servo)}.get("position_p_gain", 0)
-        counts = kind.units.full_pwm * kind.gain_divisor / gain if gain else 0.0
-        return counts * kind.units.angle
 
     def health(self, i: int) -> Health | None:
         """Read one servo's state; None if it did not answer anew."""
@@ -283,16 +296,21 @@ class Driver:
         Raises:
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
         """
-        for _ in range(2):
-            self.bus_client.write_all(self.torque, b"\x00")
+        self.cry_off()
         unsure = []
-        for servo in self.robot.servos:
-            try:
-                self.write_register(servo, "torque_enable", 0)
-            except ServoError:
-                unsure.append(servo.name)
+        with self.bus_client.more_patient():
+            for servo in self.robot.servos:
+                try:
+                    self.write_register(servo, "torque_enable", 0)
+                except ServoError:
+                    unsure.append(servo.name)
         if unsure:
             raise ServoError(f"torque may still be on in {listed(unsure)}: cut the supply")
+
+    def cry_off(self) -> None:
+        """Tell all servos at once to switch their torque off; nobody answers."""
+        for _ in range(2):
+            self.bus_client.write_all(self.torque, b"\x00")
 
     def torque_off_when_back(self, patience: float) -> None:
         """Open the port again and again until torque is off, and verified, in every servo.
@@ -307,13 +325,17 @@ class Driver:
         end = self.clock.now() + patience
         while True:
             try:
-                self.bus_client.close()
-                self.bus_client.open(self.robot.bus.baud)
-                return self.torque_off()
+                return self.reopen_and_switch_off()
             except (LineError, ServoError):
                 if self.clock.now() + FIRST_PAUSE > end:
                     raise
             self.clock.sleep_until(self.clock.now() + FIRST_PAUSE)
+
+    def reopen_and_switch_off(self) -> None:
+        """Open the port anew and switch torque off; raises what `open` and `torque_off` raise."""
+        self.bus_client.close()
+        self.bus_client.open(self.robot.bus.baud)
+        self.torque_off()
 
     def cycle_time(self) -> float:
         """Return how long commanding and reading all servos takes on the wire [s]."""
@@ -323,7 +345,7 @@ class Driver:
         """Close the port; torque stays as it is."""
         self.bus_client.close()
 
-    def _take(self, replies: dict, numbers: list[int], asked: float) -> np.ndarray:
+    def _take(self, replies: Replies, numbers: list[int], asked: float) -> np.ndarray:
         """Keep the new answers; return which servos gave one, (n,) bool."""
         received = self.clock.now()
         fresh = np.zeros(len(self), bool)
@@ -358,11 +380,7 @@ class Driver:
         """Take over what the servos are set to, and the robot's file leaves open: nothing here."""
 
     def set_watchdogs(self, steps: int) -> None:
-        """Let each servo stop by itself after so many steps of 20 ms in silence; 0 for never.
-
-        Raises:
-            ServoError: a servo does not obey.
-        """
+        """Let servos stop by themselves after so many silent steps of 20 ms; 0 for never."""
         for servo in self.robot.servos:
             self.write_register(servo, "bus_watchdog", steps)
 

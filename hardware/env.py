@@ -56,8 +56,8 @@ class HardwareEnv(RowsEnv):
         backend: the robot; see `hardware/backends.py` and `hardware/replayed.py`.
         folder: where each episode's log goes; None writes none.
         device: where tensors go.
-        dtype: of observations, actions and rewards.
-        seed: of the episodes' starting poses.
+        dtype: the dtype of observations, actions and rewards.
+        seed: the seed of the episodes' starting poses.
         num_envs: 1: there is one robot.
 
     Raises:

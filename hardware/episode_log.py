@@ -1,4 +1,4 @@
-"""The log of an episode on a robot, a row a control step: what was measured, asked for and sent.
+"""The log of an episode on a robot, one row per control step: measured, requested and sent.
 
     log = EpisodeLog(robot, folder=Path("logs"))
     log.begin(measured)
@@ -10,7 +10,8 @@
 Beside the columns of every log there are `action.<i>` (what the policy said), `action.<servo>` (the
 goal that the task made of it) where `ctrl.<servo>` is what was sent; `sensor.count_`, `duty_`,
 `torque_`, `fresh_` and `lost_<servo>` (raw position, duty, N·m, whether the answer is new, answers
-lost so far), `sensor.<name>_<i>` of an IMU or tracker, `flag.late` (a deadline was missed in this
+lost so far), those of the IMU if the robot's file says its site, `sensor.<name>_<i>` of another
+sensor, `flag.late` (a deadline was missed in this
 step), `flag.limited` (the guard sent less than the goal), `flag.stopped` and `flag.end` (the
 episode's last measurement: nothing was sent any more, the last command holds).
 """
@@ -24,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from hardware.backends import Measured
-from hardware.bus_client import Counters
+from hardware.body import columns
 from hardware.config import Robot
+from hardware.counters import Counters
 from hardware.driver import Health
 from hardware.log import Log, write_log
 from hardware.record import joint_names
@@ -147,8 +149,9 @@ class EpisodeLog:
                 f"sensor.torque_{name}": float(measured.torque[i]),
                 f"sensor.fresh_{name}": float(reading.fresh[i]),
             }
+        site = None if self.robot.imu is None else self.robot.imu.site
         for name, values in measured.body.items():
-            row |= {f"sensor.{name}_{i}": float(value) for i, value in enumerate(values)}
+            row |= zip(columns(name, len(values), site), map(float, values), strict=True)
         return row | {"flag.fresh": float(reading.fresh.all())}
 
     def _meta(self, facts: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ class LineError(HardwareError):
 
 
 class ServoError(HardwareError):
-    """A servo is missing, is another one, or does not do what it is told."""
+    """A servo is missing, is another one, or does not do what it is commanded."""
 
 
 class SafetyError(HardwareError):

@@ -30,6 +30,7 @@ _logger = logging.getLogger(__name__)
 
 Kind = Literal["ramp", "chirp", "steps", "multisine", "hold", "swing"]
 Wave = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
+LONGEST = 86400.0  # s
 FADE = 0.5  # s in which a motion grows from, and falls back to, the middle pose
 SLOW, FAST = 0.2, 3.0  # Hz, the ends of a chirp
 SWING = 0.4  # of a swing's time, that torque is off
@@ -77,18 +78,20 @@ def excite(
     Args:
         robot: its limits of position and velocity hold.
         pose: the middle of the motion [rad], (n,); each kind starts and ends there.
-        seconds: of the whole motion, shared evenly.
+        seconds: the duration of the whole motion, shared evenly.
         kinds: see the module.
-        rng: for phases, poses and sizes.
+        rng: the random generator of phases, poses and sizes.
         size: part of the way from the pose to the nearer limit that is used, in (0, 1].
 
     Raises:
-        RobotError: an unknown kind, a size out of range, or a pose outside the limits.
+        RobotError: an unknown kind, a size or a time out of range, or a pose outside the limits.
     """
     for kind in kinds:
         if kind not in get_args(Kind):
             hint = did_you_mean(kind, get_args(Kind))
             raise RobotError(f"unknown motion {kind!r}{hint}; there are {listed(get_args(Kind))}")
+    if not 0 < seconds <= LONGEST:
+        raise RobotError(f"seconds={seconds:g}: a motion lasts up to {LONGEST:g} s (a day)")
     if not kinds or not 0 < size <= 1:
         raise RobotError(f"a motion needs kinds ({list(kinds)}) and a size in (0, 1], not {size}")
     low, high = np.array([servo.position for servo in robot.servos]).T

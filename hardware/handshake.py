@@ -85,12 +85,15 @@ def check_servos(robot: Robot, client: BusClient) -> None:
 
 
 def _pinged(client: BusClient, number: int) -> list[list[Reply]]:
-    """Return the answers to several pings; a servo that seems to be missing is given more time."""
-    replies = [found for _ in range(RETRIES) if (found := client.ping(number))]
-    if not replies:
+    """Return the answers to several pings; what is odd is asked again with more patience.
+
+    On a busy machine an answer may come after the next question, and look like another servo's.
+    """
+    replies = [client.ping(number) for _ in range(RETRIES)]
+    if any(len(each) != 1 for each in replies):
         with client.more_patient():
-            replies = [found for _ in range(RETRIES) if (found := client.ping(number))]
-    return replies
+            replies = [client.ping(number) for _ in range(RETRIES)]
+    return [each for each in replies if each]
 
 
 def _other_model(servo: Servo, number: int) -> list[str]:
@@ -101,7 +104,8 @@ def _other_model(servo: Servo, number: int) -> list[str]:
 
 
 def _dangers(robot: Robot, client: BusClient, servo: Servo) -> list[str]:
-    return [f"{each.sentence} {BY_SETUP}" for each in dangers(client, robot, servo)]
+    with client.more_patient():
+        return [f"{each.sentence} {BY_SETUP}" for each in dangers(client, robot, servo)]
 
 
 def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:

@@ -1,4 +1,4 @@
-"""The trajectory log: what a robot, its emulator and a simulation write, one row a control step.
+"""The trajectory log: what a robot, its emulator and a simulation write, one row per control step.
 
     log = Log({"episode": [0, 0], "time": [0, 0.02], "ctrl.hinge": [1, 1], "qpos.hinge": [0, 0.1]})
     write_log("swing.csv", log)                     # and swing.json, if there is metadata
@@ -41,6 +41,9 @@ from hardware.files import whole_file
 from hardware.formats import csv_file, find, parquet
 from hardware.formats.names import ACTUATOR_KINDS, JOINT_KINDS, REQUIRED
 from hardware.formats.registry import known, refuse
+
+MOTIONS = ("ctrl", "qpos", "qvel")
+LARGEST = 1e9  # of these, in any unit that a robot may have
 
 
 @dataclass(frozen=True)
@@ -250,6 +253,13 @@ def _check(columns: dict[str, np.ndarray], place: str, first_line: int | None) -
         if bad.size:
             value = values[bad[0]]
             raise LogError(f"{at(bad[0], name)}: {value} is not finite; remove or repair the row")
+        moves = name.partition(".")[0] in MOTIONS
+        bad = np.flatnonzero(np.abs(values) > LARGEST) if moves else bad
+        if bad.size:
+            raise LogError(
+                f"{at(bad[0], name)}: {values[bad[0]]:g} is no position, speed or command of a "
+                "robot; remove or repair the row"
+            )
     episode, time = columns["episode"], columns["time"]
     bad = np.flatnonzero(episode != np.round(episode))
     if bad.size:
@@ -266,15 +276,19 @@ def _check(columns: dict[str, np.ndarray], place: str, first_line: int | None) -
 
 
 def _check_columns(columns: dict[str, np.ndarray], place: str) -> None:
-    for name in REQUIRED:
-        if name not in columns:
-            hint = did_you_mean(name, columns)
-            has = listed(columns)
-            raise LogError(f"{place}: the column {name!r} is missing{hint}; it has {has}")
+    lacking = [repr(name) for name in REQUIRED if name not in columns]
+    hints = "".join(did_you_mean(name, columns) for name in REQUIRED if name not in columns)
     for kind, what in (("ctrl", "actuator"), ("qpos", "joint")):
         if not any(name.startswith(f"{kind}.") for name in columns):
-            has = listed(columns)
-            raise LogError(f"{place}: a column '{kind}.<{what}>' is missing; it has {has}")
+            lacking.append(f"'{kind}.<{what}>'")
+    if lacking:
+        what = "the column" if len(lacking) == 1 else "the columns"
+        verb = "is" if len(lacking) == 1 else "are"
+        raise LogError(
+            f"{place}: {what} {' and '.join(lacking)} {verb} missing{hints}; it has "
+            f"{listed(columns)}. If they have other names, `sim2real convert LOG "
+            "columns=columns.yaml` writes a mapping to check (docs/logs.md)"
+        )
 
 
 def _check_episodes(episode: np.ndarray, same: np.ndarray, place: str, at: Any) -> None:
@@ -292,5 +306,5 @@ def _check_episodes(episode: np.ndarray, same: np.ndarray, place: str, at: Any) 
         row = starts[again[0]]
         raise LogError(
             f"{at(row, 'episode')}: episode {episode[row]:g} comes back after another; "
-            "keep its rows together, or number it anew"
+            "keep its rows together, or renumber it"
         )

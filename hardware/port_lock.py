@@ -1,13 +1,14 @@
-"""One program at a serial port: others are refused, and told who holds it.
+"""One program at a serial port: others are refused with the name of the holder.
 
     lock = PortLock("/dev/ttyUSB0")
     lock.take()                 # LineError: ... is held by 'python -m ...' (process 4711) ...
     lock.release()
 
-Two masters on one bus spoil each other's packets, and no servo tells. The lock is the system's
-advisory lock (flock) on the device, which pyserial's `exclusive` takes and respects too, and which
-goes with the program that held it. Programs that take no lock are found where /proc shows their
-open files (Linux). Where the system has no such locks (Windows), a port opens only once anyway.
+Two masters on one bus corrupt each other's packets, and no servo reports it. The lock is the
+system's advisory lock (flock) on the device, which pyserial's `exclusive` takes and respects too,
+and which goes with the program that held it. Programs that take no lock are found where /proc shows
+their open files (Linux). Where the system has no such locks (Windows), a port opens only once
+anyway.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class PortLock:
     """The right to use one serial port.
 
     Args:
-        name: of the device; a name that is no device, such as the emulated bus's, is never locked.
+        name: the device's name; one that is no device, such as the emulated bus's, is not locked.
     """
 
     def __init__(self, name: str) -> None:

@@ -1,4 +1,4 @@
-"""What servos tell: their motion, all at once, and their state, one at a time."""
+"""What servos report: their motion, all at once, and their state, one at a time."""
 
 from __future__ import annotations
 

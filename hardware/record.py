@@ -67,7 +67,7 @@ class Recording:
         return len(self._rows)
 
     def drive(self, plan: Plan | np.ndarray) -> None:
-        """Command a plan, one row a control step.
+        """Command a plan, one row per control step.
 
         Torque goes off and on at the time of the row that says so; switching can cost a step or
         two. While it is off, `ctrl` is where the joints are.

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from hardware.backends import Measured
-from hardware.body import SIZES
+from hardware.body import SIZES, columns
 from hardware.config import Robot
 from hardware.driver import Reading
 from hardware.errors import LogError
@@ -24,7 +24,7 @@ class LogBackend:
     """Plays the episodes of a log.
 
     Args:
-        log: as episodes on a robot write it.
+        log: a log as an episode on a robot writes it.
         robot: whose log it is.
 
     Raises:
@@ -47,7 +47,16 @@ class LogBackend:
     @property
     def senses(self) -> tuple[str, ...]:
         """The sensors beside the servos that the log has."""
-        return tuple(name for name in SIZES if f"sensor.{name}_0" in self._log.columns)
+        return tuple(name for name in SIZES if self._columns(name))
+
+    def _columns(self, name: str) -> list[str]:
+        """Return the log's columns for a quantity; none if it lacks one."""
+        sites = [None] if self.robot.imu is None else [self.robot.imu.site, None]
+        for site in sites:  # logs without the site's columns have those of a sensor
+            found = columns(name, SIZES[name], site)
+            if all(column in self._log.columns for column in found):
+                return found
+        return []
 
     def open(self) -> None:
         """Do nothing: there is nothing to open."""
@@ -97,8 +106,9 @@ class LogBackend:
         )
         torque = self._row_of("sensor", [f"torque_{name}" for name in names], np.nan)
         torque = np.where(np.isnan(torque), self._constant * current, torque)
+        values = self._episode.columns
         body = {
-            name: self._row_of("sensor", [f"{name}_{i}" for i in range(SIZES[name])])
+            name: np.array([values[column][self._row] for column in self._columns(name)])
             for name in self.senses
         }
         step = int(time * self.robot.rate + 1e-6)

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hardware.backends import Backend, Measured, ServoBackend
+from hardware.body import SIZES
 from hardware.episode_log import EpisodeLog
 from hardware.errors import RobotError, SafetyError, ServoError, did_you_mean, listed
 from hardware.safety import Sent
@@ -200,7 +201,11 @@ class RobotRows:
     def _take(self, measured: Measured, action: np.ndarray, goal: np.ndarray) -> None:
         """Make the task's state of a measurement, the last action (1, A) and goals (1, n)."""
         order, reading = self._from_robot, measured.reading
-        body = {name: np.asarray(value, float)[None] for name, value in measured.body.items()}
+        body = {
+            name: np.asarray(value, float)[None]
+            for name, value in measured.body.items()
+            if name in SIZES
+        }
         self._measured = measured
         self._state = self.task.measured(
             reading.position[order][None],
@@ -280,6 +285,6 @@ def _check_sensors(rows: RobotRows, needs: tuple[set[str], set[str]]) -> None:
     if lacking:
         raise RobotError(
             f"{type(rows.task).__name__} observes {listed(lacking)}, and "
-            f"{rows.backend.robot.name} has no such sensor; give ServoBackend(sensors=...) one, "
-            "see hardware/body.py"
+            f"{rows.backend.robot.name} has no such sensor; give imu_port= if its file names an "
+            "IMU that measures it, or ServoBackend(sensors=...), see hardware/body.py"
         )

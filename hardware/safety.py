@@ -21,7 +21,7 @@ import logging
 import math
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, NoReturn, Self
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from hardware.driver import Driver, Health, Reading
 from hardware.ending import Ending
 from hardware.errors import LineError, SafetyError, ServoError, listed
 from hardware.pace import Pace
-from hardware.stop_limits import StopLimits
+from hardware.stop_limits import StopLimits, full_duty_errors
 
 _logger = logging.getLogger(__name__)
 
@@ -63,7 +63,7 @@ class Guard:
         self.most_step = np.minimum(robot.max_step, speed / robot.rate)
         self.last: np.ndarray | None = None  # the last command [rad], (n,)
         self.health: list[Health | None] = [None] * len(driver)  # the newest of each servo
-        self._stray = np.maximum(self.limits.stray, driver.full_duty_errors())
+        self._stray = np.maximum(self.limits.stray, full_duty_errors(robot))
         self._goals = np.zeros(len(driver), np.int64)
         self._commanded, self._pause = math.nan, 0.0  # s: the last command, the longest pause
         self._misses = np.zeros(len(driver), int)
@@ -92,7 +92,7 @@ class Guard:
         Raises:
             SafetyError: a servo is outside its limits, or reports an error.
             ServoError: this machine or port is too slow for the robot's rate or watchdog, or a
-                servo does not do as it is told; torque is off again.
+                servo does not follow its command; torque is off again.
         """
         driver = self.driver
         driver.rehearse()
@@ -279,7 +279,7 @@ class Guard:
         """What the servos do by themselves when nobody commands them."""
         span = self.driver.robot.watchdog
         if span == 0:
-            return "the servos have no watchdog and go on to their last goals"
+            return "the servos have no watchdog and continue to their last goals"
         return f"the servos' watchdogs stop them after {span:g} s, but keep them powered"
 
     def _whole_reading(self) -> Reading:
@@ -338,7 +338,7 @@ class Guard:
         self.health[i] = health or self.health[i]
         if health is None:
             if self._unheard[i] >= limits.misses:
-                self._stop_for(f"{servo.name} does not tell its state")
+                self._stop_for(f"{servo.name} does not report its state")
             return
         limit = servo.type.defaults["temperature_limit"] - limits.hottest
         volts = self.driver.robot.supply.voltage
@@ -353,7 +353,7 @@ class Guard:
                 f"command, and {allowed:.0f} ms are allowed"
             )
         if not self.dry_run and not health.torque:
-            self._stop_for(f"{servo.name} has no torque: it started anew; configure and arm again")
+            self._stop_for(f"{servo.name} has no torque: it rebooted; configure and arm again")
         if health.temperature >= limit:
             self._stop_for(f"{servo.name} has {health.temperature:.0f} °C; let it cool")
         if abs(health.voltage - volts) > limits.odd_voltage * volts:
@@ -386,7 +386,11 @@ class Guard:
                 raise SafetyError(f"{error}; {still}") from error
             raise SafetyError(f"{error}; it came back, and torque is off") from error
 
-    def _stop_for(self, reason: str) -> None:
+    def give_up(self, reason: str) -> NoReturn:
+        """Stop the robot for a reason that its servos do not know, and raise it."""
+        self._stop_for(reason)
+
+    def _stop_for(self, reason: str) -> NoReturn:
         """Stop the robot and raise the reason."""
         _logger.error("stopped: %s", reason)
         try:

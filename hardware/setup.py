@@ -165,5 +165,5 @@ def _asked(ask: Ask, question: str) -> str:
         return ask(question)
     except EOFError:
         raise HardwareError(
-            "setup asks a person at a terminal, and nobody answers here; nothing was written"
+            "setup needs a person at a terminal, and there is none; nothing was written"
         ) from None

@@ -2,10 +2,10 @@
 
     robot = hung(load_robot("quad8"), folder)       # its model is folder/model.xml now
 
-What is recorded there shows servos and links without the chaos of contacts. The model is the honest
-nominal one of the robot's user: position actuators with gain, torque limit and back-EMF from the
-data sheet, and the robot's declared bus delay in its actuators. An arm, which stands anyway, only
-gets the delay.
+What is recorded there shows servos and links without the chaos of contacts. The model is the
+nominal one that the robot's user has: position actuators with gain, torque limit and back-EMF from
+the data sheet, and the robot's declared bus delay in its actuators. An arm, which stands anyway,
+only gets the delay.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def home_pose(robot: Robot) -> np.ndarray:
 
 
 def delay(spec: mujoco.MjSpec, seconds: float) -> None:
-    """Delay what actuators are told by this time [s], and let a longer delay interpolate too."""
+    """Delay the actuators' commands by this time [s], and let a longer delay interpolate too."""
     for actuator in spec.actuators:
         actuator.delay = seconds
         actuator.nsample = int(np.ceil(seconds / spec.option.timestep)) + 1

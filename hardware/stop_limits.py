@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from hardware.config import Robot, Servo
+
 
 @dataclass(frozen=True)
 class StopLimits:
@@ -21,7 +25,7 @@ class StopLimits:
         outside: arm only if no joint is further outside its limits than this [rad]; the first
             commands then lead it back in.
         odd_voltage: stop when the supply differs from the robot's file by this part of it.
-        return_time: for this long a bus that went away is tried again for torque-off [s].
+        return_time: how long to retry a bus that disappeared, for torque-off [s].
     """
 
     misses: int = 5
@@ -31,3 +35,18 @@ class StopLimits:
     outside: float = 0.2
     odd_voltage: float = 0.2
     return_time: float = 4.0
+
+
+def full_duty_errors(robot: Robot) -> np.ndarray:
+    """Return how far from its goal each position loop drives at full duty [rad], (n,).
+
+    Short of that a soft servo may merely sag under its load.
+    """
+    return np.array([_full_duty_error(robot, servo) for servo in robot.servos])
+
+
+def _full_duty_error(robot: Robot, servo: Servo) -> float:
+    kind = servo.type
+    gain = {**kind.defaults, **robot.registers_of(servo)}.get("position_p_gain", 0)
+    counts = kind.units.full_pwm * kind.gain_divisor / gain if gain else 0.0
+    return counts * kind.units.angle

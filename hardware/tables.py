@@ -54,6 +54,13 @@ class Register:
         """Whether it survives a reboot, and can only be written while torque is off."""
         return self.address < self.first_ram
 
+    @property
+    def fixed_range(self) -> tuple[float, float]:
+        """Least and largest value that no other register sets; infinite where none is known."""
+        low = self.low if isinstance(self.low, int) else -math.inf
+        high = self.high if isinstance(self.high, int) else math.inf
+        return low, high
+
     def encode(self, value: int) -> bytes:
         """Return the value's bytes, least first."""
         if self.sign_bit is not None:
@@ -179,8 +186,21 @@ def _data() -> dict[str, Any]:
 @cache
 def _models() -> dict[str, Any]:
     """Return the entry of each type: those of the emulated ones, then those by data sheet."""
-    sheets = _read("servos_by_sheet.yaml")["types"].items()
-    return _data()["models"] | {name: _by_sheet(**entry) for name, entry in sheets}
+    sheets, limits = (_read("servos_by_sheet.yaml")[key] for key in ("types", "limits"))
+    found = {name: _by_sheet(**entry) for name, entry in sheets.items()}
+    for name, page in limits.items():
+        for register, values in page.items():
+            if register != "page":
+                _limit(found[name], register, values)
+    return _data()["models"] | found
+
+
+def _limit(entry: dict[str, Any], register: str, values: int | list[int]) -> None:
+    """Put a register's factory value, and its range if it is known, into a type's entry."""
+    *span, factory = [values] if isinstance(values, int) else values
+    entry["defaults"][register] = factory
+    if span:
+        entry["ranges"][register] = span
 
 
 def _by_sheet(

@@ -49,7 +49,7 @@ class Refused(BaseException):
 
 def main() -> None:
     """Run the command line."""
-    os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL tells of each buffer
+    os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL logs each buffer
     for name in THREADS:  # the physics has a thread on each core: more would wait for each other
         os.environ.setdefault(name, "1")
     if "--version" in sys.argv[1:]:
@@ -105,12 +105,14 @@ def precheck(arguments: list[str]) -> list[str]:
     options = [a for a in arguments if a.startswith("-")]
     if {a.split("=")[0] for a in options} & set(PASSED_ON + OTHER_ROOT):
         return own + arguments
-    from sim2real.config.compose import compose, sweep_jobs, with_checkpoint
+    from sim2real.config.compose import compose, sweep_jobs, used_keys, with_checkpoint
+    from sim2real.config.folders import refuse_missing
 
     given = [a for a in arguments if not a.startswith("-")]
     sweep = {"--multirun", "-m"} & set(options)
     for overrides in sweep_jobs(given) if sweep else [given]:
-        compose(overrides)
+        tree = compose(overrides)
+        refuse_missing(tree, used_keys(tree))
     return own + options + with_checkpoint(given)
 
 
@@ -149,7 +151,7 @@ def job(config: Any) -> None:
 
 
 def _write_to_log(sentence: str) -> None:
-    """Write why a run ended into its log file; the terminal hears it from `main`."""
+    """Write why a run ended into its log file; `main` prints it to the terminal."""
     record = logging.LogRecord("sim2real", logging.ERROR, "", 0, sentence, None, None)
     for handler in logging.getLogger().handlers:
         if isinstance(handler, logging.FileHandler):
@@ -159,7 +161,8 @@ def _write_to_log(sentence: str) -> None:
 def _run(config: Any) -> None:
     from hydra.core.hydra_config import HydraConfig
 
-    from sim2real.config.compose import checked, prepare, refuse_used, save
+    from sim2real.config.compose import checked, prepare, save
+    from sim2real.config.folders import refuse_used
     from sim2real.runs.manifest import write_manifest
 
     hydra = HydraConfig.get()
@@ -180,6 +183,13 @@ def explained(error: Exception) -> str | None:
     from omegaconf.errors import OmegaConfBaseException
 
     from sim2real.config.compose import explain
+    from sim2real.runs.errors import DiskError
+
+    if isinstance(error, MemoryError) or str(error).endswith("bad_alloc"):
+        return f"this needs more memory than there is ({error}); ask for fewer or smaller parts"
+    if isinstance(error, OSError) and error.errno in DiskError.USUAL:
+        where = f"{error.filename}: " if error.filename else "a file of this run: "
+        return f"{where}{error.strerror}; {DiskError.remedy(error)}, then start again"
 
     if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
         extra = EXTRAS[error.name]

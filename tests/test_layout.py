@@ -36,6 +36,7 @@ KNOWS = {  # each room of sim2real/, and the other rooms that it may import
 }
 FLOORS = (
     "settings",
+    "evidence",
     "schema",
     "data",
     "preflight",

@@ -194,7 +194,7 @@ def diagnosed(recorded: Recorded) -> Worked:
     begin = time.perf_counter()
     report = diagnose(list(recorded.logs), recorded.model)
     seconds = time.perf_counter() - begin
-    return Worked(length, seconds, _peak(), tuple(cause.value for cause in report.causes))
+    return Worked(length, seconds, _peak(), tuple(cause.value for cause in report.values))
 
 
 def fitted(recorded: Recorded) -> Worked:

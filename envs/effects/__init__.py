@@ -24,11 +24,13 @@ from envs.effects.base import (
     Sizes,
     SubstepRule,
 )
+from envs.effects.clock import ClockDrift
 from envs.effects.cogging import Cogging
 from envs.effects.combine import combined
 from envs.effects.command import CommandDelay, PacketLoss, ProfileAcceleration, ProfileVelocity
 from envs.effects.contact import ContactStiffness, GroundFriction
 from envs.effects.drive import ActuatorLag, IntegralAction, TorqueSpeedKnee
+from envs.effects.eccentricity import EncoderEccentricity
 from envs.effects.field import FieldEffect
 from envs.effects.file import load_effects, write_effects
 from envs.effects.friction import Armature, CoulombFriction, ViscousFriction
@@ -37,6 +39,7 @@ from envs.effects.friction_rules import (
     LoadDependentFriction,
     StribeckFriction,
 )
+from envs.effects.hysteresis import HystereticCompliance
 from envs.effects.inertia import CenterOfMass, GravityTilt, LinkInertia, LinkMass, Payload
 from envs.effects.registry import EFFECTS, make, register
 from envs.effects.sampling import ObservationDelay
@@ -54,12 +57,13 @@ from envs.effects.supply import SupplySag, SupplyVoltage, ThermalDerating
 for _effect in (
     *(CoulombFriction, ViscousFriction, StribeckFriction, LoadDependentFriction, Cogging, Armature),
     AsymmetricFriction,
-    *(Backlash, JointCompliance),
+    *(Backlash, JointCompliance, HystereticCompliance),
     *(PositionGain, DerivativeGain, MotorStrength, TorqueLimit, DeadZone),
     *(TorqueSpeedKnee, ActuatorLag, IntegralAction),
     *(SupplyVoltage, SupplySag, ThermalDerating),
     *(CommandDelay, PacketLoss, ProfileVelocity, ProfileAcceleration),
-    *(ObservationDelay, EncoderOffset, SensorNoise, Quantization, VelocityFilter),
+    *(ObservationDelay, EncoderOffset, EncoderEccentricity, ClockDrift),
+    *(SensorNoise, Quantization, VelocityFilter),
     *(LinkMass, CenterOfMass, Payload, GravityTilt, GroundFriction, ContactStiffness),
     LinkInertia,
     *(Colour, LightLevel, LightDirection, CameraShift, CameraTurn),

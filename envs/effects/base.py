@@ -158,7 +158,7 @@ class Effect(ABC):
     shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
     servo_rank: ClassVar[int | None] = None  # its turn among what every servo's model guesses
     tied: ClassVar[str] = ""  # effects of one such name start from one factor
-    no_mjcf: ClassVar[str | None] = "its class does not say that MJCF can"  # None: MJCF can
+    no_mjcf: ClassVar[str | None] = "its class does not declare that MJCF can"  # None: MJCF can
     own_mjcf: ClassVar[bool] = False  # whether `to_mjcf` writes it, and not its model fields
     comparable: ClassVar[bool] = False  # whether the emulator's law takes the same value
     sizes: ClassVar[Sizes | None] = None  # what an exam hides of it; None: nothing
@@ -342,7 +342,7 @@ class Effect(ABC):
             model: the same compiled.
             values: of its parameters.
         """
-        raise NotImplementedError(f"{self.name} is said by the model fields that its plant writes")
+        raise NotImplementedError(f"{self.name} is written through the model fields of its plant")
 
     @classmethod
     def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:

@@ -49,7 +49,9 @@ class CommandDelay(Effect):
     place = "robot"
     unit = "s"
     composes = True
-    extras = (Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that can be asked for"),)
+    extras = (
+        Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that a parameter may have"),
+    )
     typical = (0.0, 0.04)
     no_mjcf = None
     comparable = True
@@ -291,5 +293,6 @@ class ProfileAcceleration(_ProfileEffect):
     )
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return limits from a quick servo to a slow one."""
-        return np.array([120.0, 50.0, 20.0, 8.0])
+        """Return limits at which the usual speed is reached within 15 to 400 ms."""
+        usual, _ = scale.speeds_at(self.where)
+        return usual / np.array([0.015, 0.05, 0.15, 0.4])

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import PLAIN, BoundEffect, Effect
-from envs.effects.field import FieldEffect
+from envs.effects.field import FieldEffect, Several
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -50,7 +50,10 @@ def _meet(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarr
 
 
 def touching(model: mujoco.MjModel, poses: np.ndarray) -> tuple[str, ...]:
-    """Return the names of the geoms that stand on the ground in any of the poses (K, nq)."""
+    """Return what stands on the ground in any of the poses (K, nq), by name.
+
+    A geom's own name, or that of its body where it has none.
+    """
     near, data = copy(model), mujoco.MjData(model)
     near.geom_margin[:] = model.geom_margin + STANDING
     still, feet, found = set(ground(model)), set(soles(model)), set()
@@ -60,12 +63,19 @@ def touching(model: mujoco.MjModel, poses: np.ndarray) -> tuple[str, ...]:
         mujoco.mj_collision(near, data)
         for pair in data.contact.geom:
             found |= set(pair) & feet if set(pair) & still else set()
-    return tuple(name for i in sorted(found) if (name := model.geom(int(i)).name))
+    names = [_name_of(model, int(i)) for i in sorted(found)]
+    return tuple(dict.fromkeys(name for name in names if name))
+
+
+def _name_of(model: mujoco.MjModel, geom: int) -> str:
+    """Return how `where` calls a geom: its own name, or its body's where it has none."""
+    return model.geom(geom).name or model.body(int(model.geom_bodyid[geom])).name
 
 
 class _ContactEffect(Effect):
-    """An effect on the contacts of one geom with the ground, or of all the robot's feet.
+    """An effect on the contacts of one foot with the ground, or of all the robot's feet.
 
+    `where` is a geom, or a body whose geoms have no names: all of those that can touch the ground.
     Without `where` the feet are the geoms with `foot` in their names; of a robot that names none,
     every geom that can touch the ground.
     """
@@ -79,9 +89,10 @@ class _ContactEffect(Effect):
         return [None, *each] if scale.touching else []
 
     def _feet(self, model: mujoco.MjModel) -> list[int]:
-        if self.where is not None:
-            return [find(model, "geom", self.where)]
         can = soles(model).tolist()
+        if self.where is not None:
+            named = [i for i in can if _name_of(model, i) == self.where]
+            return named or [find(model, "geom", self.where)]
         if not can:
             raise EffectError(f"{self.name}: no geom of this model can touch the ground")
         return [i for i in can if "foot" in model.geom(i).name] or can
@@ -103,8 +114,9 @@ class GroundFriction(_ContactEffect, FieldEffect):
     which makes Hopper's links frictionless.
 
     Args:
-        where: the geom of the robot; None for all its feet, with one value: the geoms with "foot"
-            in their names, or, where there is none, every geom that can touch the ground.
+        where: the geom of the robot, or a body whose geoms have no names; None for all its feet,
+            with one value: the geoms with "foot" in their names, or, where there is none, every
+            geom that can touch the ground.
         how: `set` (default) or `scale`.
         friction_mode: "contact" or "seed".
     """
@@ -157,32 +169,32 @@ class GroundFriction(_ContactEffect, FieldEffect):
         if self.where is None or self.friction_mode == "seed":
             return super().bind(plant)
         (parameter,) = self.parameters(plant.model)
-        foot, floor = self._feet(plant.model)[0], self._ground(plant.model)
+        foot, floor = np.array(self._feet(plant.model)), self._ground(plant.model)
         return _Grip(plant, foot, np.array(floor), parameter)
 
 
 class _Grip(BoundEffect):
-    """Writes the friction of one geom on the ground, and leaves that of the others as it is."""
+    """Writes the friction of one foot on the ground, and leaves that of the others as it is."""
 
     def __init__(
-        self, plant: PlantView, foot: int, floor: np.ndarray, parameter: Parameter
+        self, plant: PlantView, foot: np.ndarray, floor: np.ndarray, parameter: Parameter
     ) -> None:
         self._friction, self._foot, self._floor = plant.field("geom_friction"), foot, floor
-        self._others = np.setdiff1d(soles(plant.model), [foot])
+        self._others = np.setdiff1d(soles(plant.model), foot)
         self._how, self._neutral = parameter.how, parameter.neutral
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         changed = values[:, 0] != (1.0 if self._how == "scale" else self._neutral)
         ids, value = ids[changed], values[changed, 0]
         row, friction = ids[:, None], self._friction
-        own, floor = friction[ids, self._foot, 0], friction[row, self._floor, 0]
+        own, floor = friction[row, self._foot, 0].max(axis=1), friction[row, self._floor, 0]
         highest = floor.max(axis=1)
         new = value * np.maximum(own, highest) if self._how == "scale" else value
         friction[row, self._others, 0] = np.maximum(
             friction[row, self._others, 0], highest[:, None]
         )
         friction[row, self._floor, 0] = np.minimum(floor, new[:, None])
-        friction[ids, self._foot, 0] = new
+        friction[row, self._foot, 0] = new[:, None]
 
 
 class _Stiffness(BoundEffect):
@@ -270,7 +282,7 @@ class ContactStiffness(_ContactEffect):
 
     def _shared(self, model: mujoco.MjModel) -> bool:
         """Return whether other geoms than this one can touch the same ground."""
-        return len(soles(model)) > 1
+        return len(soles(model)) > len(self._feet(model))
 
     def batch(self) -> str:
         """Return the group of effects that only write model fields."""
@@ -280,5 +292,5 @@ class ContactStiffness(_ContactEffect):
         """Write the contacts' reference of each row."""
         feet, floor = self._feet(plant.model), self._ground(plant.model)
         if self.where is not None and self._shared(plant.model):
-            return _OwnStiffness(plant, feet[0], floor[0])
+            return Several([_OwnStiffness(plant, foot, floor[0]) for foot in feet])
         return _Stiffness(plant, np.array(feet + floor))

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import RULES, BoundEffect, Extra, SubstepRule
-from envs.effects.history import arriving
+from envs.effects.history import Arrivals
 from envs.effects.places import joint_driven
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -26,7 +26,7 @@ class _DriveRule(SubstepRule):
 
     def __init__(self, plant: PlantView, index: np.ndarray) -> None:
         model = plant.model
-        self.plant, self.index = plant, index
+        self.plant, self.index, self.arrivals = plant, index, Arrivals.of(plant)
         self.gear = model.actuator_gear[index, 0]  # (k,)
         joint = model.actuator_trnid[index, 0]
         self.q, self.v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
@@ -44,7 +44,7 @@ class _DriveRule(SubstepRule):
 
     def command(self, ids: np.ndarray | slice) -> np.ndarray:
         """Return what reaches the actuators in the coming substep, (n, k)."""
-        return np.stack([arriving(self.plant, int(i), ids) for i in self.index], axis=1)
+        return self.arrivals.at(ids, self.index)
 
     def law(self, ids: np.ndarray | slice) -> np.ndarray:
         """Return the force that the actuators' laws ask for in the coming substep, (n, k)."""

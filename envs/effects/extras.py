@@ -9,7 +9,7 @@ class Extra(NamedTuple):
     """A further scalar of an effect: a constant, or a parameter where it is in `free`.
 
     Args:
-        name: of the argument.
+        name: the name of the argument.
         unit: SI unit, "" for a pure number.
         default: its value where none is given; None: one must be given.
         low: smallest value.

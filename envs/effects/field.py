@@ -7,6 +7,7 @@ field = "jnt_stiffness"
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import mujoco
@@ -38,6 +39,18 @@ class FieldBound(BoundEffect):
             self._field[index] = own * value
         else:  # absent means the model's own values, which may differ between the elements
             self._field[index] = np.where(value == self._parameter.neutral, own, value)
+
+
+class Several(BoundEffect):
+    """Writes the same value into several places."""
+
+    def __init__(self, parts: Sequence[BoundEffect]) -> None:
+        self._parts = parts
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Write values (n, 1) into each."""
+        for part in self._parts:
+            part.write(ids, values)
 
 
 class FieldEffect(Effect):

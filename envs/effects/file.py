@@ -19,9 +19,11 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import secrets
 from collections.abc import Sequence
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any
 
 import yaml
@@ -31,6 +33,7 @@ from envs.effects.registry import make
 from envs.errors import EffectError, did_you_mean
 
 KEYS = ("effect", "where", "side", "value", "ci", "unit", "extra")
+EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")  # YAML takes 1e-3 for text
 Values = tuple[float, ...]
 
 
@@ -65,19 +68,18 @@ def load_effects(path: str | os.PathLike[str]) -> list[tuple[Effect, Values]]:
 
 def _parse(entry: Any) -> tuple[Effect, Values]:
     if not isinstance(entry, dict):
-        raise EffectError(f"{entry!r} is not a mapping with the keys {', '.join(KEYS)}")
+        raise EffectError(f"{short(entry)} is not a mapping with the keys {', '.join(KEYS)}")
     for key in entry:
         if key not in KEYS:
-            raise EffectError(
-                f"unknown key {key!r}{did_you_mean(str(key), KEYS)}; there are: {', '.join(KEYS)}"
-            )
+            hint = did_you_mean(str(key), KEYS)
+            raise EffectError(f"unknown key {short(key)}{hint}; there are: {', '.join(KEYS)}")
     for key in ("effect", "value"):
         if entry.get(key) is None:
             raise EffectError(f"the key {key!r} is missing")
     effect = _effect(entry)
     if entry.get("unit") not in (None, effect.unit):
         raise EffectError(
-            f"{effect.label()} is in {effect.unit or 'no unit'}, not {entry['unit']!r};"
+            f"{effect.label()} is in {effect.unit or 'no unit'}, not {short(entry['unit'])};"
             " convert the value"
         )
     given = entry["value"] if isinstance(entry["value"], list) else [entry["value"]]
@@ -92,9 +94,11 @@ def _effect(entry: dict[str, Any]) -> Effect:
         or not isinstance(extra, dict)
         or not all(isinstance(k, str) for k in extra)
     ):
-        raise EffectError(f"effect={name!r} must be a name and extra={extra!r} a mapping of names")
+        raise EffectError(
+            f"effect={short(name)} must be a name and extra={short(extra)} a mapping of names"
+        )
     if not isinstance(entry.get("where"), str | None):
-        raise EffectError(f"{name}: where={entry['where']!r} must be a name or null")
+        raise EffectError(f"{name}: where={short(entry['where'])} must be a name or null")
     side = {} if entry.get("side") is None else {"side": entry["side"]}
     try:
         return make(name, where=entry.get("where"), **side, **extra)
@@ -103,8 +107,10 @@ def _effect(entry: dict[str, Any]) -> Effect:
 
 
 def _number(value: Any, label: str) -> float:
+    if isinstance(value, str) and EXPONENT.fullmatch(value):
+        value = float(value)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise EffectError(f"{label}: value={value!r} must be a finite number")
+        raise EffectError(f"{label}: value={short(value)} must be a finite number")
     return float(value)
 
 
@@ -118,7 +124,7 @@ def write_effects(
     Args:
         path: the file.
         effects: each with one value a parameter: its own, then those of its free extras.
-        intervals: of each effect's first value.
+        intervals: the intervals of each effect's first value.
 
     Raises:
         EffectError: a value that is no finite number.

@@ -13,11 +13,14 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
+from envs.effects.bristles import Bristles
 from envs.effects.friction import PARTS, Grip, stiffen
 from envs.effects.places import joint_driven, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.params import Parameter
+
+BENT = np.array([0.012, 0.02, 0.034, 0.058, 0.1, 0.17])  # of a motor's torque: steep friction
 
 
 class _FrictionRule(SubstepRule):
@@ -53,19 +56,29 @@ class _Stribeck(_FrictionRule):
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect.where, effect)
         self.speed, self.shape = np.ones((plant.num_rows, 1)), np.ones((plant.num_rows, 1))
+        self.bristles = plant.share(
+            f"{effect.label()} bristles", lambda: Bristles(plant, self.dofs)
+        )
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         super().write(ids, values)
         self.speed[ids, 0] = self.effect.scalar("speed", values)
         self.shape[ids, 0] = self.effect.scalar("shape", values)
+        self.bristles.bend[ids, 0] = self.effect.scalar("bristle", values)
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         slowness = np.abs(self.qvel[ids][:, self.dofs]) / self.speed[ids]
-        self.add(ids, self.value[ids] * np.exp(-(slowness ** self.shape[ids])))
+        excess = self.value[ids] * np.exp(-(slowness ** self.shape[ids]))
+        self.add(ids, excess)
+        self.bristles.faded[ids] = self.value[ids] - excess
 
 
 class StribeckFriction(Effect):
-    """More dry friction near standstill than in motion, by value exp(-|w / speed|^shape)."""
+    """More dry friction near standstill than in motion, by value exp(-|w / speed|^shape).
+
+    With `bristle` the joint gives way elastically before it breaks away: the LuGre model, through
+    whose bristles all of the joint's dry friction goes, its own and that of other effects.
+    """
 
     name = "stribeck_friction"
     place = "joint"
@@ -82,6 +95,16 @@ class StribeckFriction(Effect):
             typical=(0.1, 2.0),
         ),
         Extra("shape", "", 2.0, 0.1, 10.0, "the exponent of its decay: 1 exponential, 2 Gaussian"),
+        Extra(
+            "bristle",
+            "rad",
+            0.0,
+            0.0,
+            0.1,
+            "how far the joint gives way before it breaks away, in all its dry friction; 0: rigid",
+            fit=(0.0, 0.02),
+            typical=(0.0, 0.01),
+        ),
     )
     typical = (0.0, 0.15)
     words = "Stribeck friction"
@@ -89,7 +112,10 @@ class StribeckFriction(Effect):
     sizes = Sizes("add", "stall", 2e-3, 0.3)
     shared = True
     symptom = "stick-slip: slow motions go in jumps, fast ones are smooth"
-    source = "Armstrong-Hélouvry 1991; Kcs exp(-|w/ws|^a), as in Rhoban's BAM (arXiv 2410.08650) M2"
+    source = (
+        "Armstrong-Hélouvry 1991; Kcs exp(-|w/ws|^a), as in Rhoban's BAM (arXiv 2410.08650) M2;"
+        " bristles: Canudas de Wit, Olsson, Åström, Lischinsky 1995, in linearly implicit steps"
+    )
     experiment = "ramps at several slow speeds, one after the other, with reversals"
 
     def edit(self, spec: mujoco.MjSpec) -> None:
@@ -106,9 +132,14 @@ class StribeckFriction(Effect):
         return _Stribeck(plant, self)
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return parts of the motor's torque, each with two speeds."""
-        sizes = PARTS * scale.torque_at(self.where)
-        return np.array(list(itertools.product(sizes, (0.25, 0.8))))
+        """Return parts of the motor's torque, each with two speeds, and closer ones on bristles.
+
+        What falls fast sticks and slips: a fit finds it only from nearby.
+        """
+        torque = scale.torque_at(self.where)
+        rigid = [(part, speed, 0.0) for part in PARTS for speed in (0.25, 0.8)]
+        bent = [(part, 0.13, 0.004) for part in BENT]
+        return np.array([*rigid, *bent]) * [torque, 1.0, 1.0]
 
     def batch(self) -> str:
         """Return the group of rules that are stepped from Python."""
@@ -157,10 +188,10 @@ class LoadDependentFriction(Effect):
 
     The external torque is that of gravity and inertia, minus the engine's bias force; contacts are
     left out of it. At a hold the motor's and the external torque are opposite, so that the friction
-    is value times twice the gravity torque where `external` is 1. Gears differ in how much a load
-    that drives them back rubs: with 0 only the motor's own torque does. Of that, what the
-    actuator's damping takes, the back-EMF, never gets to the gear. The torques are those of the
-    substep before.
+    is value times twice the gravity torque where `external` is 1. Gears differ in how much friction
+    a back-driving load causes: with `external` 0 only the motor's own torque counts. The part of it
+    that the actuator's damping takes, the back-EMF, never reaches the gear. The torques are those
+    of the previous substep.
     """
 
     name = "load_dependent_friction"
@@ -173,7 +204,7 @@ class LoadDependentFriction(Effect):
             1.0,
             0.0,
             1.0,
-            "the part of the external torque that rubs",
+            "the part of the external torque that causes friction",
             fit=(0.0, 1.0),
         ),
     )

@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.effects.base import BoundEffect
+from envs.effects.base import BoundEffect, SubstepRule
 from envs.effects.plant_view import PlantView
+
+UNBOUNDED = (-np.inf, np.inf)
+SAME = 1e-10  # s: times this close are equal, as the engine takes them
 
 
 class CommandHistory(BoundEffect):
@@ -40,50 +43,82 @@ class CommandHistory(BoundEffect):
             self._history[ids[:, None], np.arange(first, first + samples)] = ctrl[:, column, None]
 
 
-def arriving(plant: PlantView, actuator: int, rows: np.ndarray | slice) -> np.ndarray:
-    """Return the command that reaches an actuator in the coming substep, clamped, (n,)."""
-    model = plant.model
-    column, address = (
-        int(model.actuator_ctrladr[actuator]),
-        int(model.actuator_historyadr[actuator]),
-    )
-    ctrl = plant.ctrl[rows, column]
-    if address >= 0:
-        ctrl = _read(plant, actuator, rows, address, ctrl)
-    low, high = control_range(plant, rows)[:, column].T
-    return np.clip(ctrl, low, high)
+class Arrivals(SubstepRule):
+    """What reaches the actuators in the coming substep; read once for all who ask.
+
+    Between two substeps nothing but a goal profile (order 10) changes it, and nobody asks before
+    that has acted.
+    """
+
+    order = 0
+
+    def __init__(self, plant: PlantView) -> None:
+        self._plant, model = plant, plant.model
+        self._columns = model.actuator_ctrladr[: model.nactuator]
+        self._lines = np.flatnonzero(
+            (model.actuator_historyadr >= 0) & (model.actuator_ctrlnum == 1)
+        )
+        self._history = plant.batch.bind("history") if model.nhistory else None  # (N, nhistory)
+        self._found = np.zeros((plant.num_rows, model.nactuator))
+        self._stale = True
+
+    @classmethod
+    def of(cls, plant: PlantView) -> Arrivals:
+        """Return the plant's one; to be asked for while effects are bound."""
+        return plant.share("arrivals", lambda: cls(plant))
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        """Forget what reached the actuators before."""
+        self._stale = True
+
+    def at(self, rows: np.ndarray | slice, actuators: np.ndarray) -> np.ndarray:
+        """Return the command that reaches actuators (k,), clamped, (n, k)."""
+        if self._stale:
+            self._read()
+            self._stale = False
+        return self._found[rows][:, actuators]
+
+    def _read(self) -> None:
+        plant = self._plant
+        found = plant.ctrl[:, self._columns]
+        for i in self._lines.tolist():
+            found[:, i] = self._late(i, found[:, i])
+        limits = control_range(plant, slice(None))[:, self._columns]
+        self._found = np.clip(found, limits[..., 0], limits[..., 1])
+
+    def _late(self, actuator: int, now: np.ndarray) -> np.ndarray:
+        """Return the delay line's value at the time minus the delay, as mj_readCtrl does, (N,)."""
+        plant, model = self._plant, self._plant.model
+        samples, interp = model.actuator_history[actuator]
+        delays = plant.batch.expanded("actuator_delay")
+        delay = model.actuator_delay[actuator] if delays is None else delays[:, actuator]
+        delay = np.broadcast_to(delay, now.shape)
+        rows = np.flatnonzero(delay > 0)
+        if self._history is None or not rows.size:
+            return now
+        first = int(model.actuator_historyadr[actuator])
+        line = self._history[rows, first : first + 2 + 2 * samples]  # (n, 2 + 2 samples)
+        times, values = line[:, 2 : 2 + samples], line[:, 2 + samples :]
+        oldest = line[:, 1].astype(int) + 1
+        when = plant.time[rows] - delay[rows]
+        each = np.arange(len(rows))
+        after = np.clip((times <= (when + SAME)[:, None]).sum(axis=1), 1, samples - 1)
+        here, there = (oldest + after - 1) % samples, (oldest + after) % samples
+        t0, t1 = times[each, here], times[each, there]
+        v0, v1 = values[each, here], values[each, there]
+        weight = np.clip((when - t0) / np.where(t1 > t0, t1 - t0, 1.0), 0.0, 1.0)
+        if interp == 0:
+            weight = np.floor(weight + 1e-9)
+        late = now.copy()
+        late[rows] = v0 + weight * (v1 - v0)
+        return late
 
 
 def control_range(plant: PlantView, rows: np.ndarray | slice) -> np.ndarray:
     """Return the range to which the engine clamps each control, (n, nu, 2)."""
     model, expanded = plant.model, plant.batch.expanded("actuator_ctrlrange")
-    n = len(plant.ctrl[rows])
-    ranges = np.tile(model.actuator_ctrlrange, (n, 1, 1)) if expanded is None else expanded[rows]
     limited = model.actuator_ctrllimited.astype(bool)[:, None]
-    return np.where(limited, ranges, [-np.inf, np.inf])
-
-
-def _read(
-    plant: PlantView, actuator: int, rows: np.ndarray | slice, address: int, ctrl: np.ndarray
-) -> np.ndarray:
-    """Return the delay line's value at the time minus the delay, as mj_readCtrl does, (n,)."""
-    samples, interp = plant.model.actuator_history[actuator]
-    delays = plant.batch.expanded("actuator_delay")
-    delay = plant.model.actuator_delay[actuator] if delays is None else delays[rows, actuator]
-    history = plant.batch.bind("history")[
-        rows, address : address + 2 + 2 * samples
-    ]  # (n, 2 + 2 samples)
-    slots = (history[:, 1:2].astype(int) + 1 + np.arange(samples)) % samples  # oldest first
-    times = np.take_along_axis(history[:, 2 : 2 + samples], slots, 1)
-    values = np.take_along_axis(history[:, 2 + samples :], slots, 1)
-    when = (plant.time[rows] - delay)[:, None]
-    after = np.clip((times <= when + 1e-10).sum(1), 1, samples - 1)[
-        :, None
-    ]  # first sample later than `when`
-    t0, t1 = np.take_along_axis(times, after - 1, 1), np.take_along_axis(times, after, 1)
-    v0, v1 = np.take_along_axis(values, after - 1, 1), np.take_along_axis(values, after, 1)
-    weight = np.clip((when - t0) / np.where(t1 > t0, t1 - t0, 1.0), 0.0, 1.0)
-    if interp == 0:
-        weight = np.floor(weight + 1e-9)
-    read = (v0 + weight * (v1 - v0))[:, 0]
-    return np.where(delay > 0, read, ctrl)
+    if expanded is None:
+        own = np.where(limited, model.actuator_ctrlrange, UNBOUNDED)
+        return np.broadcast_to(own, (len(plant.ctrl[rows]), *own.shape))
+    return expanded[rows] if limited.all() else np.where(limited, expanded[rows], UNBOUNDED)

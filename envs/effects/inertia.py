@@ -50,7 +50,7 @@ class LinkInertia(FieldEffect):
     field = "body_inertia"
     constants = True
     typical = (0.5, 2.0)
-    symptom = "turning is harder or easier than mass and lever arm say, while static sag is right"
+    symptom = "turning is harder or easier than mass and lever arm predict; static sag is right"
     source = "MuJoCo XML reference, body/inertial/diaginertia; J = f J_cm + m r²"
     experiment = "fast swings of the last link about its own joint, next to slow loaded holds"
 
@@ -145,7 +145,7 @@ class CenterOfMass(Effect):
         " changes otherwise"
     )
     source = "rigid body; CAD models are off by 5 to 20 %"
-    experiment = "torque-off swings: the period tells inertia from gravity's lever arm"
+    experiment = "torque-off swings: the period separates inertia from gravity's lever arm"
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the distance."""

@@ -25,7 +25,7 @@ class SeriesJoint(Protocol):
     joint: int  # its own id there
     q: int  # its columns in the simulated model's qpos and qvel
     v: int
-    motor_side: bool  # whether the encoder is on the motor's side of it
+    motor_side: bool  # whether the log's encoder is on the motor's side of it
 
     def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Return where it rests under the load (n,) [N·m] that the motor carries, (n,) [rad]."""

@@ -32,7 +32,7 @@ class PlantView(Protocol):
         layout: where the nominal model's state is in the simulated one's.
         ctrl: the commands in force, (N, nu).
         applied: torques and forces that substep rules add, (N, nv of `model`).
-        time: of each simulation [s], (N,).
+        time: the time of each simulation [s], (N,).
     """
 
     nominal: mujoco.MjModel

@@ -123,12 +123,14 @@ class ObservationDelay(Effect):
     name = "observation_delay"
     place = "robot"
     unit = "s"
-    extras = (Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that can be asked for"),)
+    extras = (
+        Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that a parameter may have"),
+    )
     typical = (0.0, 0.04)
     no_mjcf = READ
     comparable = True
     sizes = Sizes("add", "one", 1e-3, 0.1)
-    symptom = "the log is late against the commands, and the robot is not slower"
+    symptom = "the log lags the commands, but the robot is not slower"
     source = "y(t) = q(t - d): return delay, bus turn-round and the USB timer"
     experiment = (
         "steps from rest next to a second, fast sensor; else the same as command_delay"

@@ -1,4 +1,4 @@
-"""Sizes of a robot, from which an effect tells what it may be there.
+"""Sizes of a robot, from which an effect estimates its likely values there.
 
     scale = RobotScale(model, speeds=lambda actuator: (2.0, 6.0))
     make("coulomb_friction", where="elbow").probes(scale)      # N·m, from the elbow's own torque
@@ -37,25 +37,31 @@ def no_heat(actuator: str) -> float:
     return 0.0
 
 
+def any_span(joint: str) -> float:
+    """Return through how much an unknown motion moves a joint."""
+    return float("inf")
+
+
 class RobotScale:
     """How large things are on one robot.
 
     Args:
         model: the robot.
         joints: those whose motion is compared; None for every hinge and slide.
-        voltage: of its supply [V]; 0: not known.
-        speeds: how fast an actuator is told to move in all but 3 % of the time, and at most
+        voltage: the voltage of its supply [V]; 0 if unknown.
+        speeds: how fast an actuator is commanded to move in all but 3 % of the time, and at most
             [rad/s], by its name.
         heat: what an actuator's squared torque adds up to in the hardest of the logs [N²·m²·s].
         commands: the largest command of an actuator without its sign, in the actuator's own unit.
         touching: names of the geoms that were seen to touch the ground.
+        span: through how much a joint moved [rad or m], by its name.
 
     Attributes:
         actuators: names, in the model's order.
         driven: joint of each actuator that acts on one, by name.
         torque: the largest of each actuator at its joint [N·m], by actuator.
         joint_torque: the same by joint.
-        mass: of the whole robot [kg].
+        mass: the mass of the whole robot [kg].
         bodies: names of those that compared joints move.
     """
 
@@ -68,11 +74,12 @@ class RobotScale:
         heat: Callable[[str], float] = no_heat,
         commands: Callable[[str], float] = no_command,
         touching: Sequence[str] = (),
+        span: Callable[[str], float] = any_span,
     ) -> None:
         self.model, self.voltage, self.touching = model, voltage, tuple(touching)
         every = [j for j in range(model.njnt) if model.jnt_type[j] in SCALAR]
         self.joints = [model.joint(j).name for j in every] if joints is None else list(joints)
-        self.speeds, self.heat, self.commands = speeds, heat, commands
+        self.speeds, self.heat, self.commands, self.span = speeds, heat, commands, span
         self.actuators = [model.actuator(i).name for i in range(model.nactuator)]
         self.driven = {
             name: model.joint(int(model.actuator_trnid[i, 0])).name

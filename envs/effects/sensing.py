@@ -137,7 +137,7 @@ class EncoderOffset(_SensorEffect):
 
     @property
     def variant(self) -> str:
-        """What tells an offset of the log from one of the servo."""
+        """What distinguishes an offset of the log from one of the servo."""
         return "" if self.extra["servo"] else "log only"
 
     @classmethod
@@ -215,7 +215,7 @@ class _Rounding(_JointSensor):
 
 
 class Quantization(_SensorEffect):
-    """The step between two readings of the position that the encoder can tell apart."""
+    """The encoder's resolution: the smallest step between two readings of the position."""
 
     name = "quantization"
     unit = "rad"

@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Sizes, SubstepRule
-from envs.effects.field import FieldBound, FieldEffect
-from envs.effects.history import arriving
+from envs.effects.field import FieldBound, FieldEffect, Several
+from envs.effects.history import Arrivals
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.effects.registry import EFFECTS
@@ -110,18 +110,6 @@ class _Gain(ActuatorEffect):
     def batch(self) -> str:
         """Return the group of effects that only write model fields."""
         return PLAIN
-
-
-class Several(BoundEffect):
-    """Writes the same value into several places."""
-
-    def __init__(self, parts: list[FieldBound]) -> None:
-        self._parts = parts
-
-    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        """Write values (n, 1) into each."""
-        for part in self._parts:
-            part.write(ids, values)
 
 
 class PositionGain(_Gain):
@@ -334,7 +322,7 @@ class _DeadZone(SubstepRule):
     order = 30
 
     def __init__(self, plant: PlantView, index: np.ndarray) -> None:
-        self.plant, self.index = plant, index
+        self.plant, self.index, self.arrivals = plant, index, Arrivals.of(plant)
         self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
         self.value = np.zeros(plant.num_rows)
         self.gear = plant.model.actuator_gear[index, 0]
@@ -346,10 +334,11 @@ class _DeadZone(SubstepRule):
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         rows = np.arange(self.plant.num_rows)[ids]
-        for actuator, gear, q in zip(self.index, self.gear, self.q, strict=True):
+        commands = self.arrivals.at(ids, self.index)  # (n, k)
+        for actuator, gear, q, ctrl in zip(self.index, self.gear, self.q, commands.T, strict=True):
             gain, bias = self.gain[rows, actuator, 0], self.bias[rows, actuator]
             length = gear * self.plant.layout.raw_qpos[rows, q]
-            law = gain * arriving(self.plant, int(actuator), ids) + bias[:, 0] + bias[:, 1] * length
+            law = gain * ctrl + bias[:, 0] + bias[:, 1] * length
             error = (
                 np.abs(law) / np.where(gain > 0, gain, 1.0) / abs(gear)
             )  # rad at the joint, (n,)

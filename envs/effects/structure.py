@@ -1,11 +1,12 @@
 """Effects that need a joint of their own between motor and link: play and elasticity.
 
 The motor's joint keeps its name, actuator, friction and armature; a second joint about the same
-axis follows it. Where the encoder sits decides what the servo's loop and the log see:
+axis follows it. Where encoders sit is two choices, since a robot may have two: `side` is where the
+servo's own sits, `encoder` where the log's does (left out: the same one):
 
-* `motor`: the motor's angle. The servo never knows of the play; `measured` leaves it out.
-* `link`: the sum. The loop closes over the play: the law's bias is shifted by it before each
-  substep.
+* `motor`: the motor's angle. Such a servo never knows of the play; such a log leaves it out.
+* `link`: the sum. Such a servo closes its loop over the play: the law's bias is shifted by it
+  before each substep.
 
 Neutral rows of a plant with such a joint hold it still with an inertia of 1e9 kg·m²: they agree
 with a plant without it to about 1e-7 rad in a second, not to the last bit. A motor without inertia
@@ -28,7 +29,7 @@ from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale, link_inertia
 from envs.effects.servo import is_joint_servo
 from envs.errors import EffectError, did_you_mean
-from envs.params import Parameter, Side
+from envs.params import How, Parameter, Side
 
 FROZEN = 1e9  # kg·m²: a joint that does not move
 BETWEEN = 0.05  # of the link's inertia: what lies between a spring and a play at one joint
@@ -50,7 +51,7 @@ class Series(BoundEffect):
             )
         )
         self.q, self.v = int(model.jnt_qposadr[self.joint]), int(model.jnt_dofadr[self.joint])
-        self.motor_side = effect.side == "motor"
+        self.motor_side = effect.encoder == "motor"
         self.rotor = int(model.jnt_dofadr[motor])
         self.armature, self.value = plant.field("dof_armature"), np.zeros(plant.num_rows)
         self.least = least_rotor(plant, motor)
@@ -118,6 +119,46 @@ class SeriesEffect(Effect):
     sides: ClassVar[tuple[Side, ...]] = ("motor", "link")
     bound: ClassVar[type[Series]]
 
+    def __init__(
+        self,
+        where: str | None = None,
+        how: How | None = None,
+        side: Side | None = None,
+        encoder: Side | None = None,
+        **arguments: Any,
+    ) -> None:
+        super().__init__(where, how, side, **arguments)
+        if encoder not in (None, *self.sides):
+            hint = did_you_mean(str(encoder), self.sides)
+            raise EffectError(
+                f"{self.label()}: encoder={encoder!r} is unknown{hint}; the log's encoder can be on"
+                f" the side of: {', '.join(self.sides)}"
+            )
+        self.encoder = encoder or self.side
+
+    def options(self) -> dict[str, Any]:
+        """Return where the log's encoder sits, if not beside the servo's."""
+        return {} if self.encoder == self.side else {"encoder": self.encoder}
+
+    @property
+    def variant(self) -> str:
+        """Where the servo's encoder sits, and the log's if that is elsewhere."""
+        apart = "" if self.encoder == self.side else f", logged on the {self.encoder} side"
+        return f"{self.side} side{apart}"
+
+    @classmethod
+    def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
+        """Return one encoder on either side, and a servo's on the motor with a log's on the link.
+
+        A servo that closes its loop on the link and a log of the motor are not tried; without any
+        servo it is the log's encoder alone that matters.
+        """
+        one = super().variants(scale)
+        if not any(is_joint_servo(scale.model, i) for i in range(scale.model.nactuator)):
+            return one
+        two = [{**more, "encoder": "link"} for more in one if more["side"] == "motor"]
+        return [*one, *two]
+
     def joint_name(self, motor: str) -> str:
         """Return the name of the joint that the effect adds after a motor's."""
         return f"{motor}{SERIES}{self.name}"
@@ -160,8 +201,10 @@ class SeriesEffect(Effect):
         """Make the added joints part of the plant's layout, and of what the encoder sees."""
         parts = [self.bound(plant, self, int(motor)) for motor in joints(plant.model, self.where)]
         for part in parts:
+            place = f"{self.label()} at {part.joint}"
             if part.motor_side:
-                plant.share(f"{self.label()} at {part.joint}", lambda part=part: MotorSide(part))
+                plant.share(f"log of {place}", lambda part=part: MotorSide(part))
+            if self.side == "motor":
                 continue
             servos = [
                 i
@@ -169,14 +212,12 @@ class SeriesEffect(Effect):
                 if is_joint_servo(plant.model, i) and plant.model.actuator_trnid[i, 0] == part.motor
             ]
             if servos:
-                plant.share(
-                    f"{self.label()} at {part.joint}", lambda part=part, s=servos: LinkSide(part, s)
-                )
+                plant.share(f"servo of {place}", lambda part=part, s=servos: LinkSide(part, s))
         return All(parts)
 
     def batch(self) -> str:
         """Return a group of its own: no other effect has its joint."""
-        return f"{self.label()} {self.side}"
+        return f"{self.label()} {self.variant}"
 
     def why_not_mjcf(self) -> str | None:
         """Return why a loop that is closed behind the joint cannot be said."""
@@ -244,10 +285,14 @@ class _Play(Series):
 
 
 class Backlash(SeriesEffect):
-    """Play: the link is free within value / 2 on both sides of the motor's angle."""
+    """Play: the link is free within value / 2 on both sides of the motor's angle.
+
+    `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere.
+    """
 
     name = "backlash"
     unit = "rad"
+    shared = True
     typical = (0.0, 0.06)
     bound = _Play
     comparable = True
@@ -273,7 +318,7 @@ class Backlash(SeriesEffect):
         return np.array([0.004, 0.015, 0.05, 0.15])
 
 
-class _Spring(Series):
+class Spring(Series):
     """See `JointCompliance`."""
 
     def __init__(self, plant: PlantView, effect: SeriesEffect, motor: int) -> None:
@@ -289,6 +334,7 @@ class _Spring(Series):
         self.smallest = model.opt.timestep**2 / (STABLE * reduced)  # rad/(N·m)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Free the spring where the value is not 0, and give it its stiffness and damping."""
         super().write(ids, values)
         value = np.maximum(values[:, 0], self.smallest)
         self.value[ids] = np.where(values[:, 0] > 0, value, 0.0)
@@ -305,6 +351,8 @@ class _Spring(Series):
 class JointCompliance(SeriesEffect):
     """A spring between motor and link: deflection = torque * value.
 
+    `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere.
+
     Values that the explicit integration cannot carry act as the smallest one that it can (time
     step² over a quarter of the reduced inertia of rotor and link).
     """
@@ -318,13 +366,14 @@ class JointCompliance(SeriesEffect):
             0.0,
             0.0,
             1e3,
-            "of the spring",
+            "the spring's damping",
             fit=(0.0, 1e3),
             typical=(0.0, 0.5),
         ),
     )
+    shared = True
     typical = (0.0, 0.5)
-    bound = _Spring
+    bound = Spring
     comparable = True
     sizes = Sizes("add", "softness", 0.01, 3.0)
     symptom = (

@@ -15,10 +15,11 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
+from envs.effects.field import Several
 from envs.effects.places import joint_driven
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
-from envs.effects.servo import ActuatorEffect, LawScale, Several, is_linear, is_servo
+from envs.effects.servo import ActuatorEffect, LawScale, is_linear, is_servo
 from envs.errors import EffectError
 from envs.params import How, Parameter
 
@@ -160,7 +161,7 @@ class _Sag(_Weakening):
 
 
 class SupplySag(Effect):
-    """A supply that gives way under current: V = V0 - value * sum of |torque| / kt.
+    """A supply whose voltage drops under current: V = V0 - value * sum of |torque| / kt.
 
     The torques are those of the substep before.
     """
@@ -170,7 +171,7 @@ class SupplySag(Effect):
     unit = "V/A"
     extras = (
         Extra("voltage", "V", None, 1e-3, 1e3, "the supply without load"),
-        Extra("torque_constant", "N·m/A", None, 1e-6, 1e3, "of the motors, seen at the joint"),
+        Extra("torque_constant", "N·m/A", None, 1e-6, 1e3, "the motors' constant at the joint"),
     )
     typical = (0.0, 2.0)
     no_mjcf = "MJCF has no supply that several actuators share"
@@ -181,7 +182,7 @@ class SupplySag(Effect):
         "V = V0 - Rs * sum I; 5.7 to 9.2 V measured around 7.4 V on an XL330 bench"
         " (Rhoban's BAM logs)"
     )
-    experiment = "one joint holds a load while another one makes steps; log the voltage"
+    experiment = "one joint holds a load while another makes steps; log the voltage"
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the supply's resistance."""

@@ -27,7 +27,7 @@ class Renderer(ABC):
 
     Args:
         simulation: whose rows are drawn.
-        size: of the square images [px].
+        size: the side of the square images [px].
         camera: the name of one of the model's cameras; None takes the task's own.
 
     Raises:

@@ -14,7 +14,7 @@ class Lens:
 
     Args:
         fovy: vertical field of view [degrees].
-        size: of the square image [px].
+        size: the side of the square image [px].
     """
 
     def __init__(self, fovy: float, size: int) -> None:

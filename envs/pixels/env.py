@@ -31,7 +31,7 @@ class PixelsEnv(MujocoEnv):
         task: what is simulated.
         num_envs: N.
         renderer: "rays" (no graphics library needed) or "gl".
-        size: of the square images [px].
+        size: the side of the square images [px].
         camera: one of the model's cameras; None takes the task's own.
         others: further arguments of `MujocoEnv`.
 

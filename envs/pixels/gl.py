@@ -32,7 +32,7 @@ class GLRenderer(Renderer):
 
     Args:
         simulation: whose rows are drawn.
-        size: of the square images [px].
+        size: the side of the square images [px].
         camera: the name of one of the model's cameras; None takes the task's own.
         processes: that draw; None for one a core.
 

@@ -14,7 +14,7 @@ class Texture:
     """A repeating image on a plane.
 
     Args:
-        model: of the robot.
+        model: the robot's model.
         plane: id of a plane geom.
     """
 

@@ -43,7 +43,7 @@ class Painter:
     Args:
         library: "egl" or "osmesa".
         model: its settings of quality are lowered.
-        size: of the square images [px].
+        size: the side of the square images [px].
         camera: id of the camera.
     """
 

@@ -18,6 +18,7 @@ Contracts:
 * What the encoders say is known at physics steps and linear in between. A recording says when each
   position was read (`read`); before the start there is nothing to read but the start.
 * An actuator that is switched off exerts nothing and does not brake.
+* A joint under impedance control has the gains of the row in force (`with_impedance`).
 * The same start, commands and effects give the same positions to the bit, in whichever row and
   beside whichever others. Rows may repeat a recording, to try many parameters on it side by side.
 """
@@ -31,6 +32,7 @@ from envs.replay.engine import (
     replay,
     simulate,
 )
+from envs.replay.impedance import with_impedance, without_impedance
 from envs.replay.recording import Recording, Schedule, schedule, switchable
 from envs.replay.roll import roll
 
@@ -47,4 +49,6 @@ __all__ = [
     "schedule",
     "simulate",
     "switchable",
+    "with_impedance",
+    "without_impedance",
 ]

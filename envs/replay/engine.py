@@ -81,7 +81,7 @@ def interpolate(qpos: np.ndarray, at: Readings) -> tuple[np.ndarray, np.ndarray]
     """Return positions at some moments, and their change until the next physics step.
 
     Args:
-        qpos: at physics steps, (N, K + 1, M).
+        qpos: positions at physics steps, (N, K + 1, M).
         at: moments, (N, T, M) or (N, T, 1).
 
     Returns:
@@ -110,14 +110,18 @@ def simulate(
     if len(plans) != plant.num_rows:
         raise TaskError(f"{len(plans)} recordings for a plant of {plant.num_rows} rows")
     every, steps = np.arange(plant.num_rows), np.array([plan.steps for plan in plans])
-    qpos, qvel, held = (np.stack([p[i] for p in plans]) for i in range(3))
+    qpos, qvel, held = (np.stack([getattr(p, n) for p in plans]) for n in ("qpos", "qvel", "held"))
     plant.reset(every, qpos, qvel, np.zeros(len(every), np.uint64), ctrl=held, measured=True)
     if warm is not None:
         warm()
     longest = int(steps.max())
     ctrl = np.stack([_extended(plan.ctrl, longest) for plan in plans])  # (N, K, nu)
     off = np.stack([_extended(plan.off, longest) for plan in plans])  # (N, K)
-    return Motion(plant.model.opt.timestep, roll(plant, ctrl, off), steps)
+    known = [plan.law for plan in plans if plan.law is not None]
+    if 0 < len(known) < len(plans):
+        raise TaskError("some recordings bring gains (impedance control) and others do not")
+    law = np.stack([_extended(one, longest) for one in known]) if known else None  # (N, K, nu, 4)
+    return Motion(plant.model.opt.timestep, roll(plant, ctrl, off, law), steps)
 
 
 def replay(

@@ -27,6 +27,9 @@ class Recording(NamedTuple):
     powered: np.ndarray | None = None  # (T, nu) bool: False while a servo was switched off
     held: np.ndarray | None = None  # (nu,) command in force before the start; None: the first one
     read: np.ndarray | None = None  # (T, nq) s: when each position was read; None: at `time`
+    # (T, nu, 4) kp, kd, desired speed and feed-forward of actuators under impedance control, in the
+    # actuators' own terms; see `impedance`
+    law: np.ndarray | None = None
 
 
 class Schedule(NamedTuple):
@@ -37,6 +40,7 @@ class Schedule(NamedTuple):
     held: np.ndarray  # (nu,)
     ctrl: np.ndarray  # (K, nu) command in force at each physics step
     off: np.ndarray  # (K,) bit masks of the actuators that are switched off then
+    law: np.ndarray | None = None  # (K, nu, 4) in force at each physics step
 
     @property
     def steps(self) -> int:
@@ -55,7 +59,8 @@ def schedule(recording: Recording, dt: float) -> Schedule:
         bits = np.arange(recording.powered.shape[1])
         off = (~recording.powered[latest] << bits).sum(axis=1)
     held = recording.ctrl[0] if recording.held is None else recording.held
-    return Schedule(recording.qpos, recording.qvel, held, recording.ctrl[latest], off)
+    law = None if recording.law is None else recording.law[latest]
+    return Schedule(recording.qpos, recording.qvel, held, recording.ctrl[latest], off, law)
 
 
 def switchable(spec: mujoco.MjSpec) -> mujoco.MjSpec:

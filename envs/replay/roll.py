@@ -14,9 +14,15 @@ from mujoco.batch import SimulationError
 from envs.effects.base import Measurement
 from envs.plant import Plant
 from envs.quiet import quiet_engine
+from envs.replay.impedance import Laws
 
 
-def roll(plant: Plant, ctrl: np.ndarray, off: np.ndarray | None = None) -> np.ndarray:
+def roll(
+    plant: Plant,
+    ctrl: np.ndarray,
+    off: np.ndarray | None = None,
+    law: np.ndarray | None = None,
+) -> np.ndarray:
     """Simulate K physics steps of every row.
 
     Args:
@@ -24,15 +30,19 @@ def roll(plant: Plant, ctrl: np.ndarray, off: np.ndarray | None = None) -> np.nd
         ctrl: the command in force at each physics step, (N, K, nu).
         off: bit masks of the actuators that are switched off then, (N, K); the plant's model must
             be `switchable`. None: none ever is.
+        law: of actuators under impedance control, (N, K, nu, 4); see `impedance.Laws`.
 
     Returns:
         What the encoders would have said at the start and after each step, (N, K + 1, nq); NaN from
         where a row diverged.
     """
-    power = _Power(plant, off)
-    if _is_plain(plant):
-        return _roll(plant, ctrl, power)
-    return _step(plant, ctrl, power)
+    power, laws = _Power(plant, off), Laws(plant, law)
+    if not (_is_plain(plant) and laws.steady):
+        return _step(plant, ctrl, power, laws)
+    laws.act(0)
+    paths = _roll(plant, ctrl, power)
+    laws.restore()
+    return paths
 
 
 def _is_plain(plant: Plant) -> bool:
@@ -135,7 +145,7 @@ def _measured(plant: Plant, raw: dict[str, np.ndarray]) -> np.ndarray:
     return qpos
 
 
-def _step(plant: Plant, ctrl: np.ndarray, power: _Power) -> np.ndarray:
+def _step(plant: Plant, ctrl: np.ndarray, power: _Power, laws: Laws) -> np.ndarray:
     """Step the plant, whose effects act between physics steps."""
     rows, steps, _ = ctrl.shape
     paths = np.empty((rows, steps + 1, plant.qpos.shape[1]))
@@ -145,9 +155,11 @@ def _step(plant: Plant, ctrl: np.ndarray, power: _Power) -> np.ndarray:
     for step in range(steps):
         if step in cuts:
             power.switch(step)
+        laws.act(step)
         broken |= plant.step(None, ctrl[:, step], 1)
         paths[:, step + 1] = plant.measured(None)[0]
         if broken.any():
             paths[broken, step + 1] = np.nan
     power.restore()
+    laws.restore()
     return paths

@@ -5,13 +5,14 @@ from envs.tasks.base import State, Task
 from envs.tasks.half_cheetah import HalfCheetah
 from envs.tasks.hopper import Hopper, HopperPolito
 from envs.tasks.inverted_pendulum import InvertedPendulum
-from envs.tasks.servo import Bench1, Hopper2, Quad8, ServoTask
+from envs.tasks.servo import Bench1, Follow, Hopper2, Quad8, ServoTask
 from envs.tasks.swimmer import Swimmer
 from envs.tasks.walker2d import Walker2d
 
 __all__ = [
     "Ant",
     "Bench1",
+    "Follow",
     "HalfCheetah",
     "Hopper",
     "Hopper2",

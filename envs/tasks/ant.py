@@ -1,4 +1,4 @@
-"""Ant: four legs in three dimensions, paid for moving along x and staying off the ground."""
+"""Ant: four legs in three dimensions, rewarded for moving along x and staying off the ground."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A task: what the robot sees, what it is paid for, and when an episode ends.
+"""A task: observation, reward, and when an episode ends.
 
 Its functions are pure functions of (n, ·) arrays. A task knows its model and its numbers, and
 holds no state of an episode: one object serves any number of rows.
@@ -45,7 +45,7 @@ class Task(ABC):
     """One task on one robot.
 
     Attributes:
-        frame_skip: physics substeps a control step.
+        frame_skip: physics substeps per control step.
         max_steps: control steps an episode.
         camera: name of the model's camera that shows the task, or None for a free one.
         extra_field: a further MjData field that `reward` or `observe` needs, one substep old as

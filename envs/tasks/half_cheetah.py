@@ -1,4 +1,4 @@
-"""HalfCheetah: a planar runner that is paid for speed and never falls."""
+"""HalfCheetah: a planar runner that is rewarded for speed and never falls."""
 
 from __future__ import annotations
 

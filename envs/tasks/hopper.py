@@ -1,4 +1,4 @@
-"""Hopper: one leg that is paid for moving forward and staying upright.
+"""Hopper: one leg that is rewarded for moving forward and staying upright.
 
 `Hopper` is Gymnasium's Hopper-v5. `HopperPolito` is the 500-step template of the sim-to-real
 studies: velocities are not clipped, the step on which it falls is paid too, and the source robot's

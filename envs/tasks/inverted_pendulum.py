@@ -1,4 +1,4 @@
-"""InvertedPendulum: the continuous CartPole, a pole on a cart, paid for each step upright."""
+"""InvertedPendulum: the continuous CartPole, a pole on a cart, rewarded for each step upright."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Swimmer: three links in a viscous fluid that are paid for swimming forward."""
+"""Swimmer: three links in a viscous fluid that are rewarded for swimming forward."""
 
 from __future__ import annotations
 

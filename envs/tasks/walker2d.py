@@ -1,4 +1,4 @@
-"""Walker2d: two legs that are paid for walking forward and staying upright."""
+"""Walker2d: two legs that are rewarded for walking forward and staying upright."""
 
 from __future__ import annotations
 

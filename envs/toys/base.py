@@ -18,7 +18,7 @@ Selection = np.ndarray | slice
 class Toy(ABC):
     """N rows of a task whose state is a few numbers.
 
-    A subclass says how an episode starts, moves, pays and is seen.
+    A subclass says how an episode starts and moves, its reward and its observation.
 
     Args:
         num_rows: N, episodes at a time.

@@ -22,9 +22,9 @@ class ToyEnv(RowsEnv):
         toy: makes the task from num_rows and `settings`.
         num_envs: N.
         device: where tensors go.
-        dtype: of observations, actions and rewards.
-        seed: of the episodes.
-        settings: of the task, such as max_steps.
+        dtype: the dtype of observations, actions and rewards.
+        seed: the seed of the episodes.
+        settings: the settings of the task, such as max_steps.
     """
 
     def __init__(

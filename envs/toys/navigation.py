@@ -1,7 +1,7 @@
 """A point in the plane that must find a goal it cannot see: Nav-2D, noisy too, and four corners.
 
 The observation is the position [m], the action a displacement per step within +-0.1 m in each
-direction, the start the origin. Only the reward tells where the goal is, so a policy that has not
+direction, the start the origin. Only the reward shows where the goal is, so a policy that has not
 adapted can do no better than its prior. After Song et al. 2020, "ES-MAML", and its released tasks.
 """
 
@@ -78,7 +78,7 @@ class Nav2D(Toy):
 class FourCorners(Nav2D):
     """Find the right one of four corners in the box [-5, 5]^2.
 
-    Reward: -4 + max(0, 4 - squared distance), so nothing tells the goal until the point is within 2
+    Reward: -4 + max(0, 4 - squared distance), so nothing shows the goal until the point is within 2
         m of it. The
     episode always lasts `max_steps`.
     """

@@ -8,14 +8,18 @@ Half duplex, 10 bits a byte. A servo answers after its return delay and a turn-r
 assumption), the next one of a chain after it; each is sampled when its answer starts, so later ones
 are seen later. The adapter hands bytes over at most `latency` after the last of them. A chain of
 answers ends at a servo that is missing. Two servos of one ID answer one after the other.
+
+A robot may have several buses: `together` carries out what each was told in the order of time.
 """
 
 from __future__ import annotations
 
+import heapq
 import struct
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Sequence
 
 from hardware import protocol
+from hardware.config import Robot
 from hardware.emulator.servo import Servo
 from hardware.emulator.world import World
 from hardware.protocol import BROADCAST, Packet, Parser
@@ -25,6 +29,7 @@ BYTE_GAP = 0.02  # s of silence after which an unfinished packet is forgotten
 LARGEST_ID = 252
 TOLERANCE = 0.03  # of a speed, that host and servo may differ by (from the manual)
 Arrival = tuple[float, bytes]
+Steps = Generator[float, None, list[Arrival]]  # yields when the robot must have got to [s]
 
 
 class Bus:
@@ -33,11 +38,14 @@ class Bus:
     Args:
         world: the servos, and the physics that goes on while bytes travel. Its robot's file says
             how long the adapter holds bytes back at most.
+        part: of the world's robot, the servos of this bus; None for all of them.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, part: Robot | None = None) -> None:
         self._world, self._rng = world, world.wire_rng
-        self._latency = world.robot.bus.latency  # s
+        self.part = part or world.robot
+        self._servos = [world.servos[world.robot.names.index(n)] for n in self.part.names]
+        self._latency = self.part.bus.latency  # s
         self._parser = Parser()
         self._free = 0.0  # s
         self._flushed = 0.0  # s, when the adapter last handed bytes over
@@ -61,6 +69,10 @@ class Bus:
         Returns:
             (time [s], bytes) in order of time.
         """
+        return together(self._world, [self.begin(data, now, baud)])[0]
+
+    def begin(self, data: bytes, now: float, baud: int) -> Steps:
+        """Do what `feed` does step by step: yield each time that the robot must have got to [s]."""
         self._byte, self._baud = 10 / baud, baud
         if now - self._free > BYTE_GAP:
             self._parser.clear()
@@ -68,16 +80,22 @@ class Bus:
         self._free = start + len(data) * self._byte
         arrivals: list[Arrival] = []
         for packet in self._parser.feed(self._world.faults.incoming(data, start)):
-            self._world.advance(self._free)
-            arrivals += self._handle(packet)
+            yield self._free
+            arrivals += yield from self._handle(packet)
         return sorted(arrivals, key=lambda arrival: arrival[0])
 
-    def _handle(self, packet: Packet) -> list[Arrival]:
+    def _handle(self, packet: Packet) -> Steps:
         """Let the servos carry out a packet, and return their answers."""
         if not packet.ok:
             return self._send([self._status(s, protocol.BAD_CRC, b"") for s in self._at(packet.id)])
-        if packet.instruction in _GROUPS:
-            return _GROUPS[packet.instruction](self, packet.params)
+        if packet.instruction in _READS:
+            return (yield from _READS[packet.instruction](self, packet.params))
+        return self._obey(packet)
+
+    def _obey(self, packet: Packet) -> list[Arrival]:
+        """Let servos carry out what takes no time."""
+        if packet.instruction in _WRITES:
+            return _WRITES[packet.instruction](self, packet.params)
         if packet.instruction == protocol.STATUS:
             return []
         if packet.id == BROADCAST:
@@ -97,7 +115,7 @@ class Bus:
         return self._send(answers)
 
     def _broadcast(self, packet: Packet) -> list[Arrival]:
-        listening = [s for s in self._world.servos if self._hears(s)]
+        listening = [s for s in self._servos if self._hears(s)]
         ordered = sorted(listening, key=lambda s: s.id)
         answers = []
         for servo in ordered:
@@ -108,22 +126,16 @@ class Bus:
                 answers.append(self._status(servo, error, params))
         return self._send(answers)
 
-    def _sync_read(self, params: bytes) -> list[Arrival]:
-        if len(params) < 5:
-            return []
-        address, size = struct.unpack_from("<HH", params)
-        return self._chain(protocol.SYNC_READ, [(n, address, size) for n in params[4:]])
+    def _sync_read(self, params: bytes) -> Steps:
+        return self._chain(protocol.SYNC_READ, _alike(params))
 
-    def _bulk_read(self, params: bytes) -> list[Arrival]:
+    def _bulk_read(self, params: bytes) -> Steps:
         return self._chain(protocol.BULK_READ, list(struct.iter_unpack("<BHH", _whole(params, 5))))
 
-    def _fast_sync_read(self, params: bytes) -> list[Arrival]:
-        if len(params) < 5:
-            return []
-        address, size = struct.unpack_from("<HH", params)
-        return self._fast_chain([(n, address, size) for n in params[4:]])
+    def _fast_sync_read(self, params: bytes) -> Steps:
+        return self._fast_chain(_alike(params))
 
-    def _fast_bulk_read(self, params: bytes) -> list[Arrival]:
+    def _fast_bulk_read(self, params: bytes) -> Steps:
         return self._fast_chain(list(struct.iter_unpack("<BHH", _whole(params, 5))))
 
     def _sync_write(self, params: bytes) -> list[Arrival]:
@@ -148,7 +160,7 @@ class Bus:
                 servo.heard = self._free
                 servo.write(address, data, self._free)
 
-    def _chain(self, instruction: int, wanted: list[tuple[int, int, int]]) -> list[Arrival]:
+    def _chain(self, instruction: int, wanted: list[tuple[int, int, int]]) -> Steps:
         """Answers of several servos, one after the other, each sampled as it starts."""
         answers: list[tuple[Servo, bytes]] = []
         when = self._free
@@ -158,7 +170,7 @@ class Bus:
                 break
             for servo in servos:
                 when += servo.return_delay + TURN_ROUND
-                self._world.advance(when)
+                yield when
                 servo.heard = self._free
                 error, data = servo.read(address, size)
                 answer = self._status(servo, error, data)
@@ -166,7 +178,7 @@ class Bus:
                 when += len(answer[1]) * self._byte
         return self._send(answers)
 
-    def _fast_chain(self, wanted: list[tuple[int, int, int]]) -> list[Arrival]:
+    def _fast_chain(self, wanted: list[tuple[int, int, int]]) -> Steps:
         """One answer to which every servo adds its part; it ends at a servo that is missing."""
         parts = []
         when = self._free + TURN_ROUND
@@ -178,7 +190,7 @@ class Bus:
             if first is None:
                 first = servo
                 when += servo.return_delay
-            self._world.advance(when)
+            yield when
             servo.heard = self._free
             error, data = servo.read(address, size)
             parts.append((servo.flagged(error), servo.id, data.ljust(size, b"\0")))
@@ -207,13 +219,13 @@ class Bus:
         return [(max(time, flush), data) for time, data in arrivals]
 
     def _at(self, number: int) -> Iterator[Servo]:
-        return (s for s in self._world.servos if s.id == number and self._hears(s))
+        return (s for s in self._servos if s.id == number and self._hears(s))
 
     def _group(self, number: int) -> list[Servo]:
         """Servos that obey this number as their group's, and have another one of their own."""
         if number > LARGEST_ID:
             return []
-        servos = self._world.servos
+        servos = self._servos
         return [s for s in servos if s.second_id == number != s.id and self._hears(s)]
 
     def _hears(self, servo: Servo) -> bool:
@@ -224,16 +236,43 @@ class Bus:
         return self._loss > 0 and self._rng.random() < self._loss
 
 
+def _alike(params: bytes) -> list[tuple[int, int, int]]:
+    """Return (ID, address, size) of each servo that a sync read asks."""
+    if len(params) < 5:
+        return []
+    address, size = struct.unpack_from("<HH", params)
+    return [(number, address, size) for number in params[4:]]
+
+
 def _whole(data: bytes, size: int) -> bytes:
     """The data without an unfinished entry at its end."""
     return data[: len(data) // size * size]
 
 
-_GROUPS = {
+def together(world: World, begun: Sequence[Steps]) -> list[list[Arrival]]:
+    """Carry out what several buses were told, each step at its time, and return their answers."""
+    arrivals: list[list[Arrival]] = [[] for _ in begun]
+    waiting: list[tuple[float, int]] = []
+
+    def go_on(i: int) -> None:
+        try:
+            heapq.heappush(waiting, (next(begun[i]), i))
+        except StopIteration as end:
+            arrivals[i] = end.value
+
+    for i in range(len(begun)):
+        go_on(i)
+    while waiting:
+        when, i = heapq.heappop(waiting)
+        world.advance(when)
+        go_on(i)
+    return arrivals
+
+
+_READS = {
     protocol.SYNC_READ: Bus._sync_read,
     protocol.BULK_READ: Bus._bulk_read,
     protocol.FAST_SYNC_READ: Bus._fast_sync_read,
     protocol.FAST_BULK_READ: Bus._fast_bulk_read,
-    protocol.SYNC_WRITE: Bus._sync_write,
-    protocol.BULK_WRITE: Bus._bulk_write,
 }
+_WRITES = {protocol.SYNC_WRITE: Bus._sync_write, protocol.BULK_WRITE: Bus._bulk_write}

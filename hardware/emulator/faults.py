@@ -18,12 +18,12 @@ On the wire, whenever a packet passes between `start` and `stop` (with `probabil
 
 In the servos, at `start`:
 
-    reboot          a servo starts anew
+    reboot          a servo reboots
     stuck           its joint does not move until `stop`
     slip            its horn slips by `value` rad
     heat            it warms by `value` K/s until `stop`
     supply          the supply is `value` volts until `stop`
-    blackout        no supply until `stop`; then all servos start anew
+    blackout        no supply until `stop`; then all servos reboot
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ class Fault:
 
     Args:
         kind: what happens.
-        start: from when [s].
-        stop: until when [s].
-        servo: the ID that it concerns, None for every one.
-        probability: of each packet, in [0, 1].
-        count: at most so many packets, None for any number.
+        start: the time from which it acts [s].
+        stop: the time until which it acts [s].
+        servo: the ID that it concerns; None for all.
+        probability: the probability that it hits a packet, in [0, 1].
+        count: the largest number of packets that it hits; None for any.
         value: the kind's own number.
 
     Raises:
@@ -85,7 +85,7 @@ class Faults:
 
     Args:
         faults: the schedule.
-        rng: for probabilities and noise.
+        rng: the random generator of probabilities and noise.
     """
 
     def __init__(self, faults: Sequence[Fault], rng: np.random.Generator) -> None:

@@ -17,7 +17,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from hardware.emulator.bus import TURN_ROUND, Arrival, Bus
+from hardware.config import Robot
+from hardware.emulator.bus import TURN_ROUND, Arrival, Bus, Steps
 from hardware.emulator.feetech_inner import LARGEST_PWM, InnerServo
 from hardware.emulator.firmware import Firmware
 from hardware.emulator.servo import Servo as Core
@@ -201,25 +202,28 @@ class FeetechBus(Bus):
     """The wire between a host and the Feetech servos of a world; see `Bus`.
 
     Args:
-        world: with inner servos.
+        world: a world with inner servos.
+        part: the part of the world's robot whose servos are on this bus; None for all of them.
     """
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world)
+    def __init__(self, world: World, part: Robot | None = None) -> None:
+        super().__init__(world, part)
         self._parser = protocol.Parser(answers=False)  # type: ignore[assignment]
         self.shells = []
-        for servo, core in zip(world.robot.servos, world.servos, strict=True):
+        for servo, core in zip(self.part.servos, self._servos, strict=True):
             assert isinstance(servo, InnerServo)
-            self.shells.append(Shell(servo, core, world.firmware, world.robot.bus.baud))
+            self.shells.append(Shell(servo, core, world.firmware, self.part.bus.baud))
 
-    def _handle(self, packet: Packet) -> list[Arrival]:
+    def _handle(self, packet: Packet) -> Steps:
         if not packet.ok:
             return []
-        match packet.instruction:
-            case protocol.SYNC_READ if len(packet.params) > 2:
-                return self._read_in_turn(packet.params)
-            case protocol.SYNC_WRITE if len(packet.params) > 2:
-                return self._write_each(packet.params)
+        if packet.instruction == protocol.SYNC_READ and len(packet.params) > 2:
+            return (yield from self._read_in_turn(packet.params))
+        return self._obey(packet)
+
+    def _obey(self, packet: Packet) -> list[Arrival]:
+        if packet.instruction == protocol.SYNC_WRITE and len(packet.params) > 2:
+            return self._write_each(packet.params)
         answers = []
         for shell in sorted(self._listening(packet.id), key=lambda s: s["id"]):
             if self._lost():
@@ -245,7 +249,7 @@ class FeetechBus(Bus):
                 return b"" if level else None
         return None
 
-    def _read_in_turn(self, params: bytes) -> list[Arrival]:
+    def _read_in_turn(self, params: bytes) -> Steps:
         """Answers of several servos, one after the other, each sampled as it starts."""
         address, size = params[:2]
         when, answers = self._free, []
@@ -254,7 +258,7 @@ class FeetechBus(Bus):
             if shell is None or self._lost():
                 continue
             when += shell.return_delay + TURN_ROUND
-            self._world.advance(when)
+            yield when
             answers.append(
                 (shell, protocol.status(number, shell.errors, shell.read(address, size)))
             )

@@ -49,12 +49,16 @@ def inner_type(name: str) -> ServoType:
 
 
 def inner(robot: Robot) -> Robot:
-    """Return a robot of inner servos; one of Dynamixel servos is returned as it is."""
-    if robot.servos[0].type.maker != "feetech" or isinstance(robot.servos[0], InnerServo):
+    """Return a robot with inner servos for Feetech ones; one without any is returned as it is."""
+    if all(s.type.maker != "feetech" or isinstance(s, InnerServo) for s in robot.servos):
         return robot
     servos = []
     for servo in robot.servos:
+        if servo.type.maker != "feetech":
+            own = {**robot.registers, **servo.registers}
+            servos.append(replace(servo, registers=own))
+            continue
         given = {f.name: getattr(servo, f.name) for f in fields(servo)}
         given |= {"registers": {}, "torque": None}
         servos.append(InnerServo(**given, settings=robot.registers_of(servo)))
-    return replace(robot, servos=tuple(servos), registers={}, watchdog=0.0)
+    return replace(robot, servos=tuple(servos), registers={})

@@ -46,7 +46,7 @@ class Firmware:
         memories: the servos' control tables.
         mechanics: the physics.
         hidden: what the robot hides.
-        rng: for the encoders' noise.
+        rng: the random generator of the encoders' noise.
     """
 
     def __init__(

@@ -80,7 +80,7 @@ class Hidden:
             packet_loss.
         body: (effect, body, value) of each body effect.
         contact: (effect, geom or None, value) of each contact effect.
-        tilt: of the base about its x, then its new y axis [rad].
+        tilt: the tilt of the base about its x, then its new y axis [rad].
     """
 
     servo: dict[str, np.ndarray]

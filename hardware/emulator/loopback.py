@@ -5,18 +5,21 @@
     PacketHandler(2.0).ping(port, 1)        # the SDK's own code over the emulator's bytes
 
 Waiting for bytes moves the clock to their arrival, or to the end of the packet's timeout. Nothing
-depends on how fast this machine is.
+depends on how fast this machine is. Of a robot with several buses each has a port, and what is
+written to them at one moment is carried out together.
 """
 
 from __future__ import annotations
 
 import errno
 import heapq
+import math
 
 from dynamixel_sdk import PortHandler
 
 from hardware.clock import VirtualClock
-from hardware.emulator.wires import bus_of
+from hardware.emulator.bus import Bus, Steps, together
+from hardware.emulator.wires import buses_of
 from hardware.emulator.world import World
 
 
@@ -26,12 +29,21 @@ class LoopbackPort(PortHandler):
     Args:
         world: the robot.
         clock: the host's time; the world's time follows it.
+        bus: of the world, the wire of this port; None for the only one.
+        wires: what the ports of one robot share; None if there is one.
     """
 
-    def __init__(self, world: World, clock: VirtualClock) -> None:
+    def __init__(
+        self,
+        world: World,
+        clock: VirtualClock,
+        bus: Bus | None = None,
+        wires: Wires | None = None,
+    ) -> None:
         super().__init__(f"loopback:{world.robot.name}")
         self.world, self.clock = world, clock
-        self._bus = bus_of(world)
+        self._bus = bus or buses_of(world)[0]
+        self._wires = wires or Wires(world)
         self.unplugged = False
         self._arrivals: list[tuple[float, int, bytes]] = []
         self._written = 0
@@ -53,7 +65,8 @@ class LoopbackPort(PortHandler):
     def clearPort(self) -> None:  # noqa: N802
         """Forget what has arrived; what is still on its way is not touched."""
         self._check_cable()
-        self._collect()
+        self._wires.carry_out(before=self.clock.now())
+        self._arrive()
         self._received.clear()
 
     def getBytesAvailable(self) -> int:  # noqa: N802
@@ -66,10 +79,13 @@ class LoopbackPort(PortHandler):
         """Write bytes to the bus and return how many."""
         self._check_cable()
         now = self.clock.now()
-        for arrival, data in self._bus.feed(bytes(packet), now, self.baudrate):
-            self._written += 1
-            heapq.heappush(self._arrivals, (arrival, self._written, data))
+        self._wires.tell(self, now, self._bus.begin(bytes(packet), now, self.baudrate))
         return len(packet)
+
+    def expect(self, arrival: float, data: bytes) -> None:
+        """Hand these bytes over at this time [s]."""
+        self._written += 1
+        heapq.heappush(self._arrivals, (arrival, self._written, data))
 
     def readPort(self, length: int) -> bytes:  # noqa: N802
         """Return up to `length` bytes; if there are none, wait for some or for the timeout."""
@@ -89,6 +105,10 @@ class LoopbackPort(PortHandler):
         return self.clock.now() * 1000
 
     def _collect(self) -> None:
+        self._wires.carry_out()
+        self._arrive()
+
+    def _arrive(self) -> None:
         while self._arrivals and self._arrivals[0][0] <= self.clock.now() + 1e-12:
             self._received += heapq.heappop(self._arrivals)[2]
 
@@ -96,3 +116,40 @@ class LoopbackPort(PortHandler):
         """Fail as the operating system does when the adapter was pulled out."""
         if self.unplugged:
             raise OSError(errno.EIO, "Input/output error")
+
+
+class Wires:
+    """What was written to the ports of one robot and is not carried out yet.
+
+    Args:
+        world: the robot.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._told: list[tuple[LoopbackPort, float, Steps]] = []
+
+    def tell(self, port: LoopbackPort, time: float, steps: Steps) -> None:
+        """Take what was written to a port at a time [s], after what was written to it before."""
+        if any(other is port for other, _, _ in self._told):
+            self.carry_out()
+        self._told.append((port, time, steps))
+        if not self._world.robot.buses:
+            self.carry_out()
+
+    def carry_out(self, before: float = math.inf) -> None:
+        """Carry out what was written before this time [s], all of it together."""
+        if not any(time < before for _, time, _ in self._told):
+            return
+        told, self._told = self._told, []
+        for (port, _, _), arrivals in zip(
+            told, together(self._world, [steps for _, _, steps in told]), strict=True
+        ):
+            for arrival, data in arrivals:
+                port.expect(arrival, data)
+
+
+def loopback_ports(world: World, clock: VirtualClock) -> list[LoopbackPort]:
+    """Return a port for each bus of a robot, in their order."""
+    wires = Wires(world)
+    return [LoopbackPort(world, clock, bus, wires) for bus in buses_of(world)]

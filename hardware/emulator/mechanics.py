@@ -77,6 +77,11 @@ class Mechanics:
         speeds = np.setdiff1d(np.arange(self.model.nv), self.dof[free])
         self._held = places, self.data.qpos[places].copy(), speeds
 
+    @property
+    def is_held(self) -> bool:
+        """Whether something holds the robot's base, see `hold`."""
+        return self._held is not None
+
     def _home_pose(self, robot: Robot) -> np.ndarray:
         qpos = self.model.qpos0.copy()
         for name, values in home_pose(robot).items():

@@ -16,7 +16,9 @@ import numpy as np
 from hardware.config import Robot
 from hardware.emulator.hidden import Hidden
 from hardware.errors import RobotError, listed
+from hardware.parts import Imu
 
+IMU_SENSOR = "imu acceleration"  # of the emulated IMU, beside the model's own sensors
 MOST_SERVOS = 30  # MuJoCo can switch 31 groups of actuators
 
 
@@ -28,7 +30,7 @@ def build_model(
     Args:
         robot: the robot.
         hidden: its hidden effects.
-        timestep: of the physics [s].
+        timestep: the timestep of the physics [s].
 
     Raises:
         RobotError: the model cannot be read, or servos and actuators do not go together.
@@ -54,9 +56,26 @@ def build_model(
             joint.parent.add_joint(
                 name=plays[i], type=joint.type, axis=joint.axis, pos=joint.pos, armature=1e-6
             )
+    if robot.imu is not None:
+        _add_imu(spec, robot, robot.imu)
     _edit_bodies(spec, base, hidden)
     _edit_contacts(spec, base, hidden)
     return spec.compile(), plays
+
+
+def _add_imu(spec: mujoco.MjSpec, robot: Robot, imu: Imu) -> None:
+    """Let the model tell the acceleration at the IMU's site."""
+    sites = [site.name for site in spec.sites]
+    if imu.site not in sites:
+        raise RobotError(
+            f"{robot.model}: imu: there is no site {imu.site!r}; it has {listed(sites)}"
+        )
+    spec.add_sensor(
+        name=IMU_SENSOR,
+        type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=imu.site,
+    )
 
 
 def home_pose(robot: Robot) -> dict[str, np.ndarray]:

@@ -1,10 +1,11 @@
-"""An emulated robot behind a device file, in real time: any program can open it as a serial port.
+"""An emulated robot behind device files, in real time: any program can open them as serial ports.
 
-    serve(World(load_robot("quad8")), ready=lambda path: ..., stopped=event.is_set)
+    serve(World(load_robot("quad8")), ready=lambda devices: ..., stopped=event.is_set)
 
-The device is the far end of a pseudo terminal. Clients may come and go, or die; the robot stays.
-Servos understand the speed that the client set, as on a wire, and bytes are taken no faster than a
-wire of that speed carries them. Answers that nobody reads are lost, as in a full serial port.
+Each bus has a device, and so has the IMU if there is one: the far end of a pseudo terminal. Clients
+may come and go, or die; the robot stays. Servos understand the speed that the client set, as on a
+wire, and bytes are taken no faster than a wire of that speed carries them. Answers that nobody
+reads are lost, as in a full serial port.
 
 The wall clock paces the bytes to about a millisecond; what needs exact times uses the loopback in
 this process instead. If this process was kept waiting, the robot catches up with the clock in
@@ -25,14 +26,17 @@ import sys
 import termios
 import time
 import tty
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from hardware.emulator.wires import bus_of
+from hardware.emulator.bus import together
+from hardware.emulator.imu import EmulatedImu
+from hardware.emulator.wires import buses_of
 from hardware.emulator.world import World
 from hardware.errors import RobotError
 
+IMU = "imu"  # the name of its device
 IDLE = 0.005  # s between looks at the clock while nobody writes
 SLICE = 0.01  # s that the robot goes on at most before waiting bytes are read
 FURTHEST = 2.0  # s that the robot may fall behind; more is left out, which clients notice
@@ -43,36 +47,52 @@ _logger = logging.getLogger(__name__)
 
 def serve(
     world: World,
-    ready: Callable[[str], None],
+    ready: Callable[[dict[str, str]], None],
     stopped: Callable[[], bool],
     link: Path | None = None,
 ) -> None:
-    """Serve a world at a device file until `stopped()` says so.
+    """Serve a world at device files until `stopped()` says so.
 
     Args:
         world: the robot.
-        ready: is called with the device's path once it can be opened.
+        ready: is called with the devices' paths by name once they can be opened: "" is the only
+            bus, else each bus has its own, and `imu` is the IMU.
         stopped: is asked every few milliseconds, between two steps of the robot.
-        link: a symbolic link to make to the device, and to remove at the end.
+        link: a symbolic link to make to the device, and to remove at the end; of several devices
+            each has the name added, such as `robot-imu`.
 
     Raises:
-        RobotError: the link cannot be made, or something else has its name.
+        RobotError: a link cannot be made, or something else has its name.
     """
-    if link is not None:
-        check_link(link)
-    master, slave = os.openpty()
-    try:
-        for end in (master, slave):
-            tty.setraw(end)
-        device = os.ttyname(slave)
-        with _linked(link, device):
-            wire = Wire(world, master, slave)
-            ready(device)
-            while not stopped():
-                wire.step()
-    finally:
-        os.close(master)
-        os.close(slave)
+    names = devices_of(world)
+    links = {} if link is None else {name: link_of(link, name) for name in names}
+    for each in links.values():
+        check_link(each)
+    with ExitStack() as stack:
+        ends = {}
+        for name in names:
+            ends[name] = master, slave = os.openpty()
+            stack.callback(os.close, master)
+            stack.callback(os.close, slave)
+            for end in (master, slave):
+                tty.setraw(end)
+            stack.enter_context(_linked(links.get(name), os.ttyname(slave)))
+        pacer = Pacer(world, ends)
+        ready({name: os.ttyname(slave) for name, (_, slave) in ends.items()})
+        while not stopped():
+            pacer.step()
+
+
+def devices_of(world: World) -> list[str]:
+    """Return the names of a robot's devices; the only bus has none."""
+    robot = world.robot
+    names = [bus.name for bus in robot.buses] or [""]
+    return names if robot.imu is None else [*names, IMU]
+
+
+def link_of(link: Path, name: str) -> Path:
+    """Return the link to the device of this name."""
+    return link.with_name(f"{link.name}-{name}") if name else link
 
 
 def check_link(link: Path) -> None:
@@ -110,30 +130,74 @@ def _linked(link: Path | None, device: str) -> Iterator[None]:
             link.unlink()
 
 
-class Wire:
-    """The bytes between the near end of a pseudo terminal and a robot, at the clock's pace.
+class Line:
+    """The near end of one pseudo terminal, and what is on its way to the client.
+
+    Args:
+        master: the near end.
+        slave: the far end, whose speed a client sets.
+    """
+
+    def __init__(self, master: int, slave: int) -> None:
+        os.set_blocking(master, False)
+        self.master, self._slave = master, slave
+        self._waiting: list[tuple[float, int, bytes]] = []
+        self._number = 0
+        self._lost = False
+
+    @property
+    def due(self) -> float:
+        """When the next bytes are handed over [s]."""
+        return self._waiting[0][0] if self._waiting else math.inf
+
+    def expect(self, arrivals: Iterable[tuple[float, bytes]]) -> None:
+        """Hand these bytes over at their times [s]."""
+        for arrival, piece in arrivals:
+            self._number += 1
+            heapq.heappush(self._waiting, (arrival, self._number, piece))
+
+    def hand_over(self, now: float) -> None:
+        """Hand over what is due, as far as the client has room for it."""
+        while self.due <= now:
+            self._give(heapq.heappop(self._waiting)[2])
+
+    def take(self) -> tuple[bytes, int]:
+        """Return what the client wrote, and its speed [bits/s]: 0 if the line hangs up."""
+        speed = line_speed(self._slave)
+        return os.read(self.master, max(int(AHEAD * speed / 10), 1)), speed
+
+    def _give(self, data: bytes) -> None:
+        try:
+            sent = os.write(self.master, data)
+        except BlockingIOError:
+            sent = 0
+        if sent < len(data) and not self._lost:
+            self._lost = True
+            _logger.warning("a client reads no answers; what it has no room for is lost")
+
+
+class Pacer:
+    """A robot and the bytes on its lines, at the clock's pace.
 
     Args:
         world: the robot.
-        master: the near end.
-        slave: the far end, whose speed a client sets.
+        ends: near and far ends of its pseudo terminals, by their devices' names.
         clock: the time [s].
     """
 
     def __init__(
         self,
         world: World,
-        master: int,
-        slave: int,
+        ends: Mapping[str, tuple[int, int]],
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        os.set_blocking(master, False)
-        self._world, self._bus = world, bus_of(world)
-        self._master, self._slave, self._clock = master, slave, clock
+        self._world, self._clock = world, clock
+        lines = {name: Line(*pair) for name, pair in ends.items()}
+        self._imu = lines.pop(IMU, None)
+        self._buses = dict(zip(lines.values(), buses_of(world), strict=True))
+        self._lines = [*self._buses, *([self._imu] if self._imu else [])]
+        self._frames = EmulatedImu(world) if self._imu else None
         self._start = clock() - world.time
-        self._waiting: list[tuple[float, int, bytes]] = []
-        self._number = 0
-        self._lost = False
 
     def step(self) -> None:
         """Wait a moment for bytes, take them and hand answers over; the robot goes on meanwhile."""
@@ -143,10 +207,12 @@ class Wire:
         if moment < now:
             self._world.excuse(moment - before)
         if readable:
-            self._take(moment)
+            self._take(readable, moment)
+        if self._frames is not None and self._imu is not None:
+            self._imu.expect(self._frames.until(moment))
         self._world.advance(moment)
-        while self._waiting and self._waiting[0][0] <= now:
-            self._give(heapq.heappop(self._waiting)[2])
+        for line in self._lines:
+            line.hand_over(now)
 
     def _now(self) -> float:
         """The clock's time as the robot's [s]; the robot loses what it cannot catch up with."""
@@ -156,34 +222,25 @@ class Wire:
             self._start += late
         return now - max(late, 0.0)
 
-    def _wait(self) -> bool:
-        """Wait for bytes, the next answer, or a moment; say whether there are bytes to take."""
+    def _wait(self) -> list[Line]:
+        """Wait for bytes, the next answer, or a moment; return the lines with bytes to take."""
         now = self._now()
-        due = self._waiting[0][0] if self._waiting else math.inf
+        due = min(line.due for line in self._lines)
         late = now - self._world.time > SLICE
         pause = 0.0 if late else min(max(due - now, 0.0), IDLE)
-        free = self._bus.free <= now + AHEAD
-        return bool(select.select([self._master] if free else [], [], [], pause)[0])
+        free = {line.master: line for line, bus in self._buses.items() if bus.free <= now + AHEAD}
+        return [free[end] for end in select.select(list(free), [], [], pause)[0]]
 
-    def _take(self, moment: float) -> None:
-        """Put what the client wrote on the wire at this moment [s]."""
-        speed = line_speed(self._slave)
-        data = os.read(self._master, max(int(AHEAD * speed / 10), 1))
-        if speed == 0:
-            return  # the line hangs up
-        for arrival, piece in self._bus.feed(data, moment, speed):
-            self._number += 1
-            heapq.heappush(self._waiting, (arrival, self._number, piece))
-
-    def _give(self, data: bytes) -> None:
-        """Hand an answer over, as far as the client has room for it."""
-        try:
-            sent = os.write(self._master, data)
-        except BlockingIOError:
-            sent = 0
-        if sent < len(data) and not self._lost:
-            self._lost = True
-            _logger.warning("a client reads no answers; what it has no room for is lost")
+    def _take(self, readable: Sequence[Line], moment: float) -> None:
+        """Put what clients wrote on the wires at this moment [s], on all of them together."""
+        begun = {}
+        for line in readable:
+            data, speed = line.take()
+            if speed > 0:
+                begun[line] = self._buses[line].begin(data, moment, speed)
+        done = together(self._world, list(begun.values()))
+        for line, arrivals in zip(begun, done, strict=True):
+            line.expect(arrivals)
 
 
 def line_speed(terminal: int) -> int:

@@ -1,7 +1,7 @@
 """One servo on the emulated bus: what it answers to an instruction.
 
 Assumed, as no maker publishes them: how near counts as in position, how far as not following, and
-how long a servo is silent while it starts anew.
+how long a servo is silent while it reboots.
 """
 
 from __future__ import annotations
@@ -195,7 +195,7 @@ class Servo:
         return self.write(address, data, now)
 
     def reboot(self, now: float) -> None:
-        """Start anew: RAM fresh, torque off, errors forgotten, silent for a while."""
+        """Reboot: RAM reset, torque off, errors cleared, silent for a while."""
         self.memory.restart()
         self._registered = None
         self.pending.clear()
@@ -219,7 +219,7 @@ class Servo:
         return 0
 
     def _backup(self, params: bytes, now: float) -> int:
-        """Keep a copy of the control table, or take the EEPROM back from it and start anew."""
+        """Keep a copy of the control table, or restore the EEPROM from it and reboot."""
         if params not in (BACK_UP, RESTORE):
             return protocol.BAD_RANGE
         if self._firmware.torque_on[self.index]:

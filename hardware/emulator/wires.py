@@ -1,4 +1,4 @@
-"""The wire before an emulated robot, by the maker of its servos."""
+"""The wires before an emulated robot, by the makers of its servos."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from hardware.emulator.feetech_inner import InnerServo
 from hardware.emulator.world import World
 
 
-def bus_of(world: World) -> Bus:
-    """Return the wire before a world, by the maker of its servos."""
-    feetech = isinstance(world.robot.servos[0], InnerServo)
-    return FeetechBus(world) if feetech else Bus(world)
+def buses_of(world: World) -> list[Bus]:
+    """Return a wire for each bus of a world's robot, in their order."""
+    return [
+        (FeetechBus if isinstance(part.servos[0], InnerServo) else Bus)(world, part)
+        for part in world.robot.parts()
+    ]

@@ -33,7 +33,7 @@ class World:
         robot: the robot as it is; where a driver's file says otherwise, the driver is wrong.
         hidden: the effects it hides; None reads the file that `robot.hidden` names.
         faults: what goes wrong, and when.
-        seed: of all its randomness.
+        seed: the seed of all its randomness.
         registers: EEPROM and RAM of servos at the start, by actuator, where they differ from what
             the robot's file implies: `{"hinge": {"baud_rate": 1}}`.
     """
@@ -61,7 +61,7 @@ class World:
         self.faults = Faults(faults, streams[1])
         self._events = _events(faults)
         self._delays = self.hidden.robot["command_delay"] > 0
-        self.wire_rng = streams[2]  # the luck of the wire before it
+        self.wire_rng = streams[2]  # the randomness of the wire before it
         self._held = np.zeros(len(self.servos), bool)
 
     @property
@@ -111,7 +111,7 @@ class World:
         self.mechanics.hold(self._held)
 
     def is_silent(self, servo: Servo, now: float) -> bool:
-        """Say whether a servo hears and says nothing now: it starts anew, or has no supply."""
+        """Return whether a servo neither receives nor answers now: it reboots, or has no supply."""
         return self.firmware.dark or now < servo.silent_until
 
     def _strike(self, time: float, fault: Fault, starts: bool) -> None:
@@ -140,11 +140,11 @@ class World:
 def _as_set_up(robot: Robot, i: int) -> dict[str, int]:
     """The EEPROM of a servo that was set up for this robot: ID, baud and return delay."""
     servo = robot.servos[i]
-    kind = servo.type
-    delay = round(robot.bus.return_delay / kind.units.return_delay)
+    kind, bus = servo.type, robot.bus_of(servo)
+    delay = round(bus.return_delay / kind.units.return_delay)
     values = {
         "id": servo.id,
-        "baud_rate": kind.bauds.index(robot.bus.baud),
+        "baud_rate": kind.bauds.index(bus.baud),
         "return_delay_time": delay,
     }
     eeprom = {n: v for n, v in robot.registers_of(servo).items() if kind.register(n).eeprom}

@@ -2,23 +2,25 @@
 
     client = FeetechClient(port, clock, latency=0.001)
     client.open(1_000_000)
-    client.sync_read(56, 15, [1, 2, 3, 4, 5, 6])        # {1: Reply(error=0, alert=False, ...), ...}
+    client.sync_read(56, 15, [1, 2, 3], False)          # {1: Reply(error=0, alert=False, ...), ...}
 
-There are no fast reads, no reboot, and no answer's number: an old answer is told from a new one by
-forgetting what had come before a request, and by waiting for late answers after a failure.
+There are no fast reads, no reboot, and no answer's number: an old answer is distinguished from a
+new one by forgetting what had come before a request, and by waiting for late answers after a
+failure.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from hardware.bus_client import BusClient, Reply
 from hardware.errors import LineError
 from hardware.feetech import protocol
 from hardware.protocol import BROADCAST, Packet
 
-MODEL, FIRMWARE = 3, 0  # registers
+FIRMWARE = 0  # register; the model number is in 3
+RETRIES = 3
 LAST_ID = 253
 
 
@@ -44,23 +46,23 @@ class FeetechClient(BusClient):
         Their data are as a Dynamixel's: model number (2 bytes) and firmware.
         """
         packets = self._ask(number, protocol.PING, b"", [(number, 0)], to_the_end=True)
-        if not packets:
-            return []
-        known = self._identity(number)
-        return [Reply(0, packet.alert, known) for packet in packets]
+        known = self._identity(number) if packets else None
+        return [] if known is None else [Reply(0, packet.alert, known) for packet in packets]
 
-    def _identity(self, number: int) -> bytes:
-        reply = self.read(number, FIRMWARE, 5)
-        if reply is None:
-            return struct.pack("<HB", 0, 0)
-        return reply.data[3:5] + reply.data[:1]
+    def _identity(self, number: int) -> bytes | None:
+        """Return model number (2 bytes) and firmware; None if the servo does not tell them."""
+        for _ in range(RETRIES):
+            reply = self.read(number, FIRMWARE, 5)
+            if reply is not None:
+                return reply.data[3:5] + reply.data[:1]
+        return None
 
     def broadcast_ping(self) -> dict[int, tuple[int, int]]:
-        """Return {ID: (model number, firmware)} of every servo that hears this speed."""
+        """Return {ID: (model number, firmware)} of every servo at this speed."""
         sizes = [(number, 0) for number in range(LAST_ID + 1)]
         packets = self._ask(BROADCAST, protocol.PING, b"", sizes, to_the_end=True)
-        numbers = [packet.id for packet in packets]
-        return {n: struct.unpack("<HB", self._identity(n)) for n in numbers}
+        known = {packet.id: self._identity(packet.id) for packet in packets}
+        return {n: struct.unpack("<HB", data or bytes(3)) for n, data in known.items()}
 
     def read(self, number: int, address: int, size: int) -> Reply | None:
         """Read registers of one servo; None if no good answer came."""
@@ -78,7 +80,7 @@ class FeetechClient(BusClient):
         self._ask(BROADCAST, protocol.WRITE, bytes([address]) + data, [])
 
     def reboot(self, number: int) -> Reply | None:
-        """Refuse: these servos start anew only with their supply.
+        """Refuse: these servos reboot only with their supply.
 
         Raises:
             LineError: always.
@@ -91,14 +93,14 @@ class FeetechClient(BusClient):
         entries = b"".join(bytes([number]) + data for number, data in values.items())
         self._ask(BROADCAST, protocol.SYNC_WRITE, bytes([address, size]) + entries, [])
 
-    def sync_read(
+    def begin_sync_read(
         self, address: int, size: int, numbers: Sequence[int], fast: bool = False
-    ) -> dict[int, Reply]:
-        """Read the same registers of several servos; those without a good answer are left out."""
+    ) -> Callable[[], dict[int, Reply]]:
+        """Ask for a group read and return what waits for its answers; there are no fast ones."""
         body = bytes([address, size]) + bytes(numbers)
         wanted = [(number, size) for number in numbers]
-        packets = self._ask(BROADCAST, protocol.SYNC_READ, body, wanted)
-        return {packet.id: _reply(packet) for packet in packets}
+        finish = self._begin(BROADCAST, protocol.SYNC_READ, body, wanted)
+        return lambda: {packet.id: _reply(packet) for packet in finish()}
 
 
 def _reply(packet: Packet) -> Reply:

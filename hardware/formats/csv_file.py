@@ -16,6 +16,7 @@ from hardware.formats.names import INTEGER_KINDS, KINDS, REQUIRED, known
 from hardware.formats.sidecar import read_meta
 
 _logger = logging.getLogger(__name__)
+LONGEST = 1_000_000  # characters of a header
 
 
 def is_log(path: Path) -> bool:
@@ -41,38 +42,47 @@ def read(path: Path) -> dict[str, np.ndarray]:
     header: list[str] = []
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
+            line = file.readline(LONGEST)
+        separator = separator_of(line)
+        header = [name.strip() for name in next(csv.reader([line], delimiter=separator), [])]
         _check_header(path, header)
-        table = _table(path, header)
+        table = _table(path, header, separator)
     except UnicodeDecodeError as error:
         reason = f"{error.reason} at byte {error.start}"
         raise LogError(f"{path}: this is not UTF-8 text ({reason})") from None
+    except csv.Error as error:
+        raise LogError(f"{path}: the first line names no columns ({error})") from None
     return keep_known(path, dict(zip(header, table.T.copy(), strict=True)))
 
 
-def _table(path: Path, header: list[str]) -> np.ndarray:
+def separator_of(line: str) -> str:
+    """Return what separates the cells of a table: the commonest of `,`, `;` and tab in a line."""
+    return max(",;\t", key=line.count)
+
+
+def _table(path: Path, header: list[str], separator: str) -> np.ndarray:
     """Return all cells, (T, columns); columns that a log cannot have may hold text, read as 0."""
     try:
-        table = _numbers(path, None)
+        table = _numbers(path, None, separator)
     except ValueError as error:
-        _refuse_cell(path, header)
+        _refuse_cell(path, header, separator)
         kept = [i for i, name in enumerate(header) if known(name)]
         if len(kept) == len(header):
             raise LogError(f"{path}: {error}") from None
-        found = _numbers(path, kept)
+        found = _numbers(path, kept, separator)
         table = np.zeros((len(found), len(header)))
         table[:, kept] = found
     if table.shape[1] != len(header) and table.size:
-        _refuse_cell(path, header)
+        _refuse_cell(path, header, separator)
     return table if table.size else table.reshape(0, len(header))
 
 
-def _numbers(path: Path, columns: list[int] | None) -> np.ndarray:
+def _numbers(path: Path, columns: list[int] | None, separator: str) -> np.ndarray:
     with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*input contained no data")
         next(file)
         return np.loadtxt(
-            file, delimiter=",", ndmin=2, comments=None, quotechar='"', usecols=columns
+            file, delimiter=separator, ndmin=2, comments=None, quotechar='"', usecols=columns
         )
 
 
@@ -109,11 +119,11 @@ def _check_header(path: Path, header: list[str]) -> None:
         raise LogError(f"{path}: column {twice[0]!r} is there {header.count(twice[0])} times")
 
 
-def _refuse_cell(path: Path, header: list[str]) -> None:
+def _refuse_cell(path: Path, header: list[str], separator: str) -> None:
     """Find the first cell of a log's columns that is not a number, and say where it is."""
     width = len(header)
     with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = csv.reader(file)
+        rows = csv.reader(file, delimiter=separator)
         next(rows)
         for row, cells in enumerate(cells for cells in rows if cells):
             place = f"{path}, row {row} (line {row + 2})"
@@ -125,4 +135,6 @@ def _refuse_cell(path: Path, header: list[str]) -> None:
                 try:
                     float(cell)
                 except ValueError:
-                    raise LogError(f"{place}, column {name!r}: {cell!r} is not a number") from None
+                    hint = "; write decimals with a point" if "," in cell else ""
+                    words = f"{place}, column {name!r}: {cell!r} is not a number{hint}"
+                    raise LogError(words) from None

@@ -131,7 +131,7 @@ def _guess(path: Path, folder: Path, data: Mapping[str, np.ndarray]) -> str:
             f"{path}: numbers up to {most:.0f} may be degrees or LeRobot's normalized units; set "
             f"{place} to 'degrees', or to 'normalized' with a 'calibration'"
         )
-    _logger.warning("%s: the unit is not said; taken as radians. If not, set %s", path, place)
+    _logger.warning("%s: no unit is given; radians are assumed. If not, set %s", path, place)
     return "radians"
 
 

@@ -28,6 +28,7 @@ import yaml
 
 from hardware.errors import LogError, did_you_mean, listed
 from hardware.formats import parquet
+from hardware.formats.csv_file import separator_of
 from hardware.formats.names import known
 from hardware.formats.sidecar import read_meta
 from hardware.formats.units import factor
@@ -180,18 +181,14 @@ def header(path: Path) -> list[str]:
     """Return the names in the first line of a CSV, whatever separates them."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         line = file.readline()
-    return [name.strip() for name in next(csv.reader([line], delimiter=_separator(line)), [])]
-
-
-def _separator(line: str) -> str:
-    return max(",;\t", key=line.count)
+    return [name.strip() for name in next(csv.reader([line], delimiter=separator_of(line)), [])]
 
 
 def _csv(path: Path) -> dict[str, np.ndarray]:
     """Return the columns of a CSV with a header."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         line = file.readline()
-        rows = [row for row in csv.reader(file, delimiter=_separator(line)) if row]
+        rows = [row for row in csv.reader(file, delimiter=separator_of(line)) if row]
     names = header(path)
     for row, cells in enumerate(rows):
         if len(cells) != len(names):

@@ -39,7 +39,7 @@ NAME = "topics.yaml"
 KEYS = ("channels", "joints", "stamp", "gap", "meta")
 CHANNEL = ("topic", "field", "names", "to", "unit", "scale")
 GAP = 1.0  # s: commands of one motion come more often; a person needs longer to start the next
-NANO = 1e-9  # s
+NANOS = 10**9  # in a second
 
 
 class Series(NamedTuple):
@@ -64,7 +64,7 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if file is None:
         there = "; ".join(f"{t} ({kind})" for t, kind in sorted(topics(path).items())) or "none"
         raise LogError(
-            f"{path}: a {NAME} beside it has to say which topic is what "
+            f"{path}: a {NAME} beside it must map its topics "
             f"(`sim2real convert {path.name} columns={NAME}` writes one); it has: {there}"
         )
     tree = _checked(file)
@@ -93,15 +93,15 @@ def topics(path: Path) -> dict[str, str]:
     return {topic: schema.name if schema else "?" for topic, schema in names.items()}
 
 
-def messages(path: Path, wanted: Iterable[str]) -> Iterator[tuple[str, float, Any]]:
-    """Yield topic, time of recording [s] and message, in the order in which they were recorded."""
+def messages(path: Path, wanted: Iterable[str]) -> Iterator[tuple[str, int, Any]]:
+    """Yield topic, time of recording [ns] and message, in the order in which they were recorded."""
     wanted = set(wanted)
     if path.is_dir():
         with _bag(path) as bag:
             chosen = [c for c in bag.connections if c.topic in wanted]
             for connection, stamp, raw in bag.messages(connections=chosen):
                 message = bag.deserialize(raw, connection.msgtype)
-                yield connection.topic, NANO * stamp, message
+                yield connection.topic, stamp, message
         return
     from mcap.exceptions import McapError
     from mcap_ros2.decoder import DecoderFactory
@@ -113,7 +113,7 @@ def messages(path: Path, wanted: Iterable[str]) -> Iterator[tuple[str, float, An
         made = reader(stream, decoder_factories=[DecoderFactory(), JsonFactory()])
         try:
             for _, channel, record, message in made.iter_decoded_messages(topics=list(wanted)):
-                yield channel.topic, NANO * record.log_time, message
+                yield channel.topic, record.log_time, message
         except McapError as error:
             raise LogError(f"{path}: this cannot be read as MCAP: {error}") from None
 
@@ -168,7 +168,7 @@ def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series
     by_topic: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for channel in tree["channels"]:
         by_topic[channel["topic"]].append(channel)
-    samples: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    samples: dict[str, list[tuple[int, float]]] = defaultdict(list)
     renamed, seen = tree.get("joints", {}), set()
     for topic, logged, message in messages(path, by_topic):
         seen.add(topic)
@@ -198,28 +198,34 @@ def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series
             f"{path}: no message of {missing[0]!r}{did_you_mean(missing[0], there)}; "
             f"it has {listed(there)}"
         )
-    return {name: _sorted(pairs) for name, pairs in samples.items()}
+    first = min(stamp for pairs in samples.values() for stamp, _ in pairs) if samples else 0
+    return {name: _sorted(pairs, first) for name, pairs in samples.items()}
 
 
-def _sorted(pairs: Sequence[tuple[float, float]]) -> Series:
-    """Return samples in order of time; of several at one moment the last."""
-    time, value = np.array(pairs).T
+def _sorted(pairs: Sequence[tuple[int, float]], first: int) -> Series:
+    """Return samples in order of time; of several at one moment the last.
+
+    Times are seconds from a first stamp: since 1970 a float knows them to 0.2 µs only, and a
+    command that is late by that acts a simulation step later.
+    """
+    time = np.array([stamp - first for stamp, _ in pairs]) / NANOS
+    value = np.array([value for _, value in pairs])
     order = np.argsort(time, kind="stable")
     time, value = time[order], value[order]
     last = np.r_[np.diff(time) > 0, True]
     return Series(time[last], value[last])
 
 
-def _stamp(message: Any, logged: float) -> float:
-    """Return a message's own stamp [s], the recorder's where it has none or 0."""
+def _stamp(message: Any, logged: int) -> int:
+    """Return a message's own stamp [ns], the recorder's where it has none or 0."""
     header = _get(message, "header")
     stamp = None if header is None else _get(header, "stamp")
     if stamp is None:
         return logged
     whole = _get(stamp, "sec")
     part = _get(stamp, "nanosec")
-    seconds = float(whole or 0) + NANO * float(part or 0)
-    return seconds if seconds > 0 else logged
+    nanos = round(NANOS * (whole or 0)) + round(part or 0)
+    return nanos if nanos > 0 else logged
 
 
 def _get(message: Any, name: str) -> Any:

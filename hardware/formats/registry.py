@@ -61,8 +61,8 @@ def refuse(path: Path) -> LogError:
     """Return the error for a path that is no log."""
     if path.suffix in mapped.ARRAYS:
         return LogError(
-            f"{path}: a {path.suffix} file needs a {mapped.NAME} beside it that says which of its "
-            f"arrays is which column; `sim2real convert {path.name} columns={mapped.NAME}` "
+            f"{path}: a {path.suffix} file needs a {mapped.NAME} beside it that maps its arrays "
+            f"to columns; `sim2real convert {path.name} columns={mapped.NAME}` "
             "writes one to start from"
         )
     what = "a folder" if path.is_dir() else path.suffix or "a file without an ending"

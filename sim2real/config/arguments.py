@@ -20,7 +20,17 @@ from sim2real.config.catalogue import CONF, EXPERIMENT, options
 from sim2real.config.targets import ConfigError
 
 MODELS = (".xml", ".mjcf", ".urdf")  # what a model's name ends in
-PATHS = ("log", "model", "effects", "checkpoint", "resume", "runs", "calibration", "columns")
+PATHS = (
+    "log",
+    "model",
+    "effects",
+    "checkpoint",
+    "resume",
+    "runs",
+    "calibration",
+    "columns",
+    "against",
+)
 PLACES = {  # what stands after a verb without a key
     "diagnose": "log",
     "replay": "log",
@@ -39,14 +49,15 @@ def as_overrides(arguments: list[str]) -> list[str]:
     """Return a command line as Hydra's overrides and options.
 
     Args:
-        arguments: as typed, without the program's name.
+        arguments: the words as typed, without the program's name.
 
     Raises:
         ConfigError: a word in a place where the verb takes none, or a key that is nearly
             `experiment`.
     """
-    verb = next((a for a in arguments[:1] if a in options("run")), None)
-    rest = arguments[1:] if verb else arguments
+    first = next((a for a in arguments if not a.startswith("-")), None)
+    verb = first if first in options("run") else None
+    rest = [a for n, a in enumerate(arguments) if not (verb and n == arguments.index(verb))]
     bare = [a for a in rest if verb and not a.startswith("-") and not _is_override(a)]
     given = [_readable(a) for a in rest if a not in bare]
     return ([f"run={verb}"] if verb else []) + _placed(verb or "", bare) + given

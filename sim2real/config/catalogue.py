@@ -60,7 +60,7 @@ def lines() -> Iterator[str]:
         yield f"\n{'+' if group == EXPERIMENT else ''}{group}="
         for option, path in sorted(files(group).items()):
             yield f"  {option:<18} {summary(path)}".rstrip()
-    yield "\nother keys (config.yaml says more):"
+    yield "\nother keys (config.yaml explains them):"
     for key, comment in keys(CONF / "config.yaml"):
         yield f"  {key:<18} {comment}"
 

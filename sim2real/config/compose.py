@@ -28,6 +28,7 @@ from envs.errors import did_you_mean
 from sim2real.config import extensions, signatures
 from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import CONF, EXPERIMENT, options
+from sim2real.config.folders import free_folder, run_folder
 from sim2real.config.renamed import renamed
 from sim2real.config.targets import ConfigError, build, build_named, check, locate
 from sim2real.runs.files import write_text
@@ -65,8 +66,10 @@ ASSETS = Path(__file__).resolve().parents[2] / "envs" / "assets"
 
 # ${asset:demo/arm2.csv} is a file that comes with the project, wherever it is installed.
 # ${mul:a,b} is the product of two numbers.
+# ${free:outputs/now} is a folder that no other run has; it is made when it is first asked for.
 OmegaConf.register_new_resolver("mul", lambda a, b: a * b, replace=True)
 OmegaConf.register_new_resolver("asset", lambda name: str(ASSETS / name), replace=True)
+OmegaConf.register_new_resolver("free", free_folder, use_cache=True, replace=True)
 
 
 @dataclass
@@ -91,7 +94,8 @@ class Config:
     cluster: dict[str, Any] | None
     robot: dict[str, Any]
     exam: dict[str, Any]
-    port: str | None
+    port: str | list[str] | None
+    imu_port: str | None
     calibration: str | None
     arm: bool
     dry_run: bool
@@ -106,8 +110,10 @@ class Config:
     model: str | None
     joints: list[str]
     columns: str | None
+    viewer: Literal["rerun"] | None
     effects: str | None
     exclude: list[str]
+    against: str | None
     seed: int
     device: Literal["auto", "cpu", "cuda"]
     iterations: int | None
@@ -125,13 +131,15 @@ def compose(overrides: list[str]) -> dict[str, Any]:
     """Compose and check a configuration without running it.
 
     Args:
-        overrides: as on the command line, such as `+experiment=smoke` or `seed=3`.
+        overrides: overrides as on the command line, such as `+experiment=smoke` or `seed=3`.
 
     Raises:
         ConfigError: see `checked`; a name or a value that is not there.
     """
     try:
         return checked(_compose(with_checkpoint(overrides)), overrides)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"this is no YAML: {' '.join(str(error).split())}") from error
     except (HydraException, OmegaConfBaseException) as error:
         raise explain(error, overrides) from error
 
@@ -147,7 +155,7 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
     """Return the configuration as a plain tree, after every check that needs no import of torch.
 
     Args:
-        config: as Hydra composed it.
+        config: the configuration that Hydra composed.
         overrides: what the user set, to be refused if the verb does not use it.
 
     Raises:
@@ -155,7 +163,10 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
     """
     tree: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     tree = {key: _alone(value, key, overrides or []) for key, value in tree.items()}
-    check({"_target_": "sim2real.config.compose.Config", **tree}, "")
+    try:
+        check({"_target_": "sim2real.config.compose.Config", **tree}, "")
+    except ConfigError as error:
+        raise _blamed(error, overrides or []) from None
     verb = _verb(tree)
     unused = [
         key for key in _roots(overrides or []) if key not in _keys(verb) and key not in ALWAYS
@@ -179,6 +190,20 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
     if tree["seed"] < 0:
         raise ConfigError(f"seed={tree['seed']} must not be negative")
     return tree
+
+
+def _blamed(error: ConfigError, overrides: list[str]) -> ConfigError:
+    """Say where a wrong value comes from if it is an experiment's, meant for another choice."""
+    given = {_key(line): line.partition("=")[2] for line in overrides}
+    place = re.split(r"[:=]", str(error))[0]
+    group = place.split(".")[0]
+    if group not in given or EXPERIMENT not in given or place in given:
+        return error
+    choice = f"{group}={given[group]}"
+    return ConfigError(
+        f"{error}; that value is of {EXPERIMENT}={given[EXPERIMENT]}, which is made for another "
+        f"{group}: leave {choice} out, or take an experiment for it"
+    )
 
 
 def _alone(value: Any, key: str, overrides: list[str]) -> Any:
@@ -215,29 +240,9 @@ def with_checkpoint(overrides: list[str]) -> list[str]:
     return kept + overrides
 
 
-def refuse_used(out: Path, tree: dict[str, Any]) -> None:
-    """Keep a new training out of a folder that holds another, before anything is written there.
-
-    Raises:
-        ConfigError: the folder has checkpoints and this run does not resume.
-    """
-    if tree.get("resume") is None and any((out / "checkpoints").glob("checkpoint-*")):
-        raise ConfigError(f"{out} already holds a run; continue it with resume={out}")
-
-
 def save(tree: dict[str, Any], out: Path) -> Path:
     """Write the configuration, all of it resolved, into the run's folder."""
     return write_text(out / RESOLVED, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
-
-
-def run_folder(path: Path) -> Path | None:
-    """Return the folder of the run that a checkpoint, a run's or a sweep's folder belongs to.
-
-    None where no run was started by the command line.
-    """
-    path = path.expanduser().absolute()
-    candidates = [path, *path.parents[:2], *sorted(path.glob("*/"))]
-    return next((f for f in candidates if (f / ".hydra" / "overrides.yaml").is_file()), None)
 
 
 def prepare(tree: dict[str, Any], out: Path) -> tuple[Any, dict[str, Any]]:
@@ -374,6 +379,11 @@ def _of_parts() -> list[str]:
     """Return the root keys that an algorithm's parts are made of."""
     found = signatures.find(PARTS)
     return [] if found is None else list(found.arguments)
+
+
+def used_keys(tree: dict[str, Any]) -> list[str]:
+    """Return the root keys that the verb of a configuration uses, those of its parts included."""
+    return _keys(_verb(tree))
 
 
 def _roots(overrides: list[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Keys that have another name than they had: who types the old one is told the new."""
+"""Renamed keys: whoever types the old name is given the new one."""
 
 from __future__ import annotations
 

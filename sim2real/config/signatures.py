@@ -46,7 +46,7 @@ class Argument:
     """An argument of a constructor or function.
 
     Args:
-        name: of the argument.
+        name: the name of the argument.
         hint: its annotation, or None.
         required: whether it has no default.
         module: where names in the annotation are looked up.
@@ -75,8 +75,8 @@ class Signature:
     """The arguments that can be given by name.
 
     Args:
-        name: of the class or function, without its module.
-        arguments: by name.
+        name: the name of the class or function, without its module.
+        arguments: the arguments by name.
         open: whether any other name is taken too.
         is_class: whether it is a class.
     """
@@ -162,7 +162,7 @@ def _of_class(node: ast.ClassDef, module: Module) -> Signature:
 
 
 def forget() -> None:
-    """Read sources anew: other modules are in reach."""
+    """Read sources again: other modules are importable."""
     find.cache_clear()
     _load.cache_clear()
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import importlib
 import inspect
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -132,6 +133,8 @@ def _check_arguments(
             raise ConfigError(
                 f"{prefix}{key}: {signature.name} takes no {key!r}{hint}; it takes {known}"
             )
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(f"{prefix}{key}={value}: it must be a finite number")
         if argument is not None and not argument.fits(value):
             shown = "null" if value is None else repr(value)
             hint = did_you_mean(value, argument.choices()) if isinstance(value, str) else ""
@@ -154,7 +157,38 @@ def _build(tree: Any, where: str) -> Any:
     make = locate(tree["_target_"], where)
     if tree["_target_"].split(".")[0] in FOREIGN:
         _check_foreign(make, built, where)
-    return functools.partial(make, **built) if tree.get("_partial_", False) else make(**built)
+    later = Later(make, **built)
+    later.place = where
+    return later if tree.get("_partial_", False) else later()
+
+
+class Later(functools.partial):
+    """What a configuration describes, to be made with further arguments; it says where it stands.
+
+    Raises, when called:
+        ConfigError: a value that a constructor of a library refuses, with its place.
+    """
+
+    place = ""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Make it."""
+        try:
+            return super().__call__(*args, **kwargs)
+        except ValueError as error:
+            if _of_project(error):
+                raise
+            raise ConfigError(f"{self.place}: {error}; it was given {self._given()}") from error
+
+    def _given(self) -> str:
+        """Return the numbers and names that the configuration holds for it."""
+        plain = {n: v for n, v in self.keywords.items() if isinstance(v, str | int | float | None)}
+        return ", ".join(f"{self.place}.{name}={value}" for name, value in plain.items())
+
+
+def _of_project(error: BaseException) -> bool:
+    """Return whether a class of this project's own says what is wrong."""
+    return type(error).__module__.split(".")[0] in signatures.PACKAGES
 
 
 def _check_foreign(make: Callable[..., Any], given: dict[str, Any], where: str) -> None:

@@ -1,18 +1,9 @@
-"""A trained policy on the robot, as it is and after adapting there.
+"""A trained policy on the robot: what the verb `deploy` is made of.
 
-    python -m sim2real run=deploy checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00 robot=quad8
-    python -m sim2real run=deploy checkpoint=RUN robot=quad8 robot.hidden=effects.yaml adapt=batch
-    python -m sim2real run=deploy checkpoint=RUN robot=bench1 port=/dev/ttyUSB0 arm=true
-    python -m sim2real run=deploy checkpoint=RUN robot=bench1 resume=outputs/deploy/default/...
+    drive(rows, trained, deployment, out)             # the episodes that are left; then it parks
+    report(deployment, trained, task, out)            # returns on the robot, and in its simulator
 
-Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. Everything is
-checked before torque goes on: the policy's robot, the calibration, each servo, the rate that the
-bus can reach. The robot goes slowly to where each episode starts, and parks when all is done, or
-anything else ends it.
-
-The policy is run as trained; then it adapts, one episode after the other, as `adapt` says; then the
-result is run from the same starts. After each episode all is on disk: what was interrupted goes on
-with `resume=` the run's folder.
+After each episode all is on disk, so that what was interrupted goes on with `load`.
 """
 
 from __future__ import annotations
@@ -53,19 +44,27 @@ def servo_task(environment: Environment) -> ServoTask:
     task = task_of(environment)
     if not isinstance(task, ServoTask):
         raise Sim2RealError(
-            f"{type(task).__name__} is a task of no servo robot; give a checkpoint of one, such as "
+            f"{type(task).__name__} is no task of a servo robot; give a checkpoint of one, such as "
             "those of env=bench1, env=hopper2 or env=quad8"
         )
     return task
 
 
-def make_machine(robot: dict[str, Any], port: str | None, calibration: str | None) -> Robot:
-    """Return the robot of a configuration, at its port, with its calibration.
+def make_machine(
+    robot: dict[str, Any],
+    port: str | list[str] | None,
+    calibration: str | None,
+    imu_port: str | None = None,
+) -> Robot:
+    """Return the robot of a configuration, at its ports, with its calibration.
 
     Raises:
-        RobotError: a wrong robot's file, or the calibration of another robot.
+        RobotError: a wrong robot's file, the calibration of another robot, or the port of an IMU
+            that its file does not name.
     """
     machine = make_robot({**robot, **({"port": port} if port else {})})
+    if imu_port is not None:
+        machine = machine.with_imu_at(imu_port)
     if calibration is not None:
         machine = apply_calibration(machine, read_calibration(calibration))
     return machine
@@ -88,7 +87,7 @@ def check_reward(rows: RobotRows, adapt: Adaptation) -> None:
     lacking = rows.needs()[1] - set(rows.backend.senses)
     if lacking and adapt.episodes:
         raise Sim2RealError(
-            f"{type(rows.task).__name__} pays by {', '.join(sorted(lacking))}, which "
+            f"the reward of {type(rows.task).__name__} needs {', '.join(sorted(lacking))}, which "
             f"{rows.backend.robot.name} does not measure, so its returns cannot guide an "
             "adaptation; give adapt=none, or a tracker (hardware/body.py)"
         )
@@ -102,7 +101,7 @@ def drive(rows: RobotRows, trained: Trained, deployment: Deployment, out: Path) 
         Stopped: after Ctrl-C; torque is off.
     """
     save(out / STATE, deployment)
-    again = f"go on with resume={out}"
+    again = f"continue with resume={out}"
     try:
         rows.arm()
         while (turn := deployment.next()) is not None:

@@ -52,8 +52,8 @@ def export(trained: Trained, task: ServoTask, out: Path, rng: np.random.Generato
     """
     if trained.program is None:
         raise ExportError(
-            "the policy is no function of one observation: it has a memory, sees images, or has "
-            "transforms other than a normalization; export knows policy=linear, mlp, mlp2 and "
+            "the policy is not a function of one observation: it has a memory, sees images, or has "
+            "transforms other than a normalization; export supports policy=linear, mlp, mlp2 and "
             "actor_critic"
         )
     module = trained.program(trained.theta).eval()

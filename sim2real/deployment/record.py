@@ -39,8 +39,8 @@ def drive(
     Args:
         robot: the robot.
         motions: kinds of motion; those that do not suit the robot are left out, see `suiting`.
-        seconds: of all of them.
-        rng: of phases, poses and sizes.
+        seconds: the duration of all of them.
+        rng: the random generator of phases, poses and sizes.
         path: where the log goes, also one that the guard, Ctrl-C or anything else ended early;
             None writes none.
     """

@@ -6,8 +6,8 @@
         save(path, deployment)
     deployment.before, deployment.after                              # returns, a list each
 
-The episodes before and after adaptation start alike, so that their difference carries no luck. What
-is saved between two episodes is enough to go on in another process.
+The episodes before and after adaptation start alike, so that the starts' randomness cancels in
+their difference. What is saved between two episodes is enough to go on in another process.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Deployment:
         theta: the trained parameters, (P,).
         adapt: how the policy adapts; an operator without episodes leaves it as it is.
         trials: episodes as trained, and as many after adaptation.
-        seed: of the starts and of the perturbations.
+        seed: the seed of the starts and of the perturbations.
 
     Raises:
         Sim2RealError: fewer than one episode.
@@ -159,7 +159,7 @@ def load(path: str | Path, deployment: Deployment) -> None:
 
     Args:
         path: its run's folder, or the state.npz in it.
-        deployment: of the same policy, adaptation and number of trials.
+        deployment: a deployment of the same policy, adaptation and number of trials.
 
     Raises:
         Sim2RealError: there is no such file, it is damaged, or it does not fit.

@@ -30,7 +30,7 @@ def load_trained(
 
     Args:
         checkpoint: a checkpoint, or a run's folder.
-        parts: of the algorithm, as in training. How it adapts counts only where training adapts:
+        parts: the algorithm's parts, as in training. How it adapts counts only if training adapts:
             any policy can adapt afterwards, by its parameters.
         algorithm: makes the algorithm.
 

@@ -26,31 +26,32 @@ import numpy as np
 
 from envs.effects import Effect, combined, load_effects
 from envs.plant import Fixed
+from envs.replay import without_impedance
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.attribution.attribute import Search
 from sim2real.diagnosis.attribution.candidates import candidates, check_names
-from sim2real.diagnosis.attribution.conclude import (
-    Conclusion,
-    conclude,
-    is_no_gap,
-    nothing,
-    stands_out,
-)
+from sim2real.diagnosis.attribution.conclude import Conclusion, conclude, nothing
 from sim2real.diagnosis.attribution.fit import Fit, Problem, columns
 from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
 from sim2real.diagnosis.attribution.next_experiment import Member, next_experiment
 from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics, null_test
+from sim2real.diagnosis.attribution.parsimony import simplified
 from sim2real.diagnosis.attribution.torque_on import refit_torque_on
+from sim2real.diagnosis.attribution.verdict import is_no_gap, stands_out
+from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all, summary
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.evidence import Evidence
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.checks import preflight
-from sim2real.diagnosis.preflight.obstruction import mark_blocked
+from sim2real.diagnosis.preflight.obstruction import mark_blocked, positioned
+from sim2real.diagnosis.preflight.torques import measured_torques
 from sim2real.diagnosis.report.traces import signals, traces
-from sim2real.diagnosis.schema import Evidence, Report, WholeReplay
+from sim2real.diagnosis.schema import Finding, Report, WholeReplay
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.runs.errors import Sim2RealError
 
@@ -64,7 +65,7 @@ Step = Callable[[Diagnosis], Diagnosis]
 
 
 def diagnose(
-    logs: str | Path | Iterable[str | Path | Log],
+    logs: str | Path | Log | Iterable[str | Path | Log],
     model: str | Path | None = None,
     *,
     effects: str | Path | None = None,
@@ -80,7 +81,7 @@ def diagnose(
         model: an MJCF for all logs; None takes the one that each log names.
         effects: an effects.yaml of what is known already; put into the model first.
         exclude: names of effects that are left out of the candidates.
-        seed: of the bootstrap.
+        seed: the seed of the bootstrap.
         progress: called with what is being tried and the share of the work that is done.
         settings: every number that steers the answer, by stage.
 
@@ -120,12 +121,15 @@ def run_diagnosis(
     logs, held = mark_blocked(logs, _driven(logs, model), settings.obstruction)
     data = Data.of(logs, model, settings)
     specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
+    for log, spec in zip(logs, specs, strict=True):
+        refuse_kinds(log, spec, settings.kinds)
     findings = [*held, *preflight(logs, specs, settings)]
     floors = _floors(data)
     floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
     problem = Problem(data, Simulator(data, fixed))
     _refuse_lost(problem)
-    search = Search(problem, candidates(data, exclude, fixed), floor, rng, on_progress)
+    options, own = candidates(data, exclude, fixed), floors / data.scale
+    search = Search(problem, options, floor, rng, on_progress, own)
     null = null_test(logs, specs, fixed, settings.numerics)
     made = _search(search, data, floors, rng)
     on_progress("telling what was found", TELLING)
@@ -144,13 +148,15 @@ def run_diagnosis(
         seconds=time.monotonic() - start,
         evidence=replace(evidence, inputs=_inputs(data, model, seed, exclude)),
     )
-    found = Diagnosis(report, _causes(made.fit), data.specs[0], _intervals(made), tuple(fixed))
+    plain = without_impedance(data.specs[0])
+    found = Diagnosis(report, _causes(made.fit), plain, _intervals(made), tuple(fixed))
     if on_verdict is not None:
         on_verdict(found)
     steps: dict[str, Step] = {
         "the causes' test for numerics": lambda d: _tested(d, logs, specs, null, settings),
         "the pictures of recordings": lambda d: _pictured(d, made, data, floors),
         "the replay of whole recordings": lambda d: _replayed(d, logs, specs),
+        "the other channels": lambda d: _witnessed(d, data),
         "the next experiment": lambda d: _planned(d, made, data, floors, seed),
     }
     for name, step in steps.items():
@@ -178,7 +184,7 @@ def _tested(
 ) -> Diagnosis:
     """Say which causes are the simulator's numerics; these are left out of the files."""
     words, physical = dict(found.report.numerics), []
-    for number, (cause, told) in enumerate(zip(found.found, found.report.causes, strict=True)):
+    for number, (cause, told) in enumerate(zip(found.found, found.report.values, strict=True)):
         artefact = is_numerics(logs, specs, [cause], null, found.known, settings.numerics)
         if artefact is None:
             physical.append(number)
@@ -196,6 +202,18 @@ def _pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray
     pictures = traces(data, made.errors, floors)
     evidence = replace(found.report.evidence, traces=pictures, signals=signals(data.logs, models))
     return found._replace(report=replace(found.report, evidence=evidence))
+
+
+def _witnessed(found: Diagnosis, data: Data) -> Diagnosis:
+    """Add how far the channels that nothing was fitted to are off, and which speak against it."""
+    pairs = [(log, data.models[_model_of(data, k)]) for k, log in enumerate(data.logs)]
+    torque = measured_torques(pairs, data.settings.servo)
+    every = combined(found.known, found.found) if found.found else found.known
+    gaps = channel_gaps(data, found.known, every, torque)
+    against = [Finding(*words) for words in contradicting(gaps, data.settings.channels)]
+    report, evidence = found.report, replace(found.report.evidence, channels=gaps)
+    report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
+    return found._replace(report=report)
 
 
 def _planned(
@@ -216,7 +234,7 @@ def _replayed(found: Diagnosis, logs: Sequence[Log], specs: Sequence[mujoco.MjSp
             return None
 
     every = combined(found.known, found.found)
-    replay = WholeReplay(rmse(found.known), rmse(every) if found.report.causes else None)
+    replay = WholeReplay(rmse(found.known), rmse(every) if found.report.values else None)
     return found._replace(report=replace(found.report, replay=replay))
 
 
@@ -226,6 +244,7 @@ def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Gener
     found = refit_torque_on(search, search.run())
     if is_spread(search, found):
         found = by_family(search, found)
+    found = simplified(search, found)
     search.on_progress("weighing what was found", WEIGHING)
     return conclude(search, found, floors, rng)
 
@@ -255,9 +274,11 @@ def _forward(progress: Progress) -> Progress:
     return on_progress
 
 
-def _read(logs: str | Path | Iterable[str | Path | Log]) -> list[Log]:
+def _read(logs: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:
     if isinstance(logs, str | Path):
         return read_logs(logs)
+    if isinstance(logs, Log):
+        return [logs]
     found: list[Log] = []
     for one in logs:
         found += [one] if isinstance(one, Log) else read_logs(one)
@@ -265,10 +286,8 @@ def _read(logs: str | Path | Iterable[str | Path | Log]) -> list[Log]:
 
 
 def _driven(logs: Sequence[Log], model: str | Path | None) -> dict[str, str]:
-    """Return the joint that each actuator drives, of all models."""
-    joint = mujoco.mjtTrn.mjTRN_JOINT
-    specs = [load_model(log, model) for log in logs]
-    return {a.name: a.target for spec in specs for a in spec.actuators if a.trntype == joint}
+    """Return the joint that each actuator drives by desired positions, of all models."""
+    return {k: v for log in logs for k, v in positioned(log, load_model(log, model)).items()}
 
 
 def _model_of(data: Data, number: int) -> int:
@@ -314,7 +333,7 @@ def _intervals(made: Conclusion) -> tuple[tuple[float, float], ...]:
 def _plan(
     made: Conclusion, data: Data, fixed: Sequence[Fixed], floors: np.ndarray, seed: int
 ) -> str | None:
-    """Return what to record to tell effects apart that explain the logs alike; None if none do."""
+    """Return what to record to separate effects that explain the logs alike; None if none do."""
     if not made.alike:
         return None
     members = [Member(label, _causes(fit)) for label, fit in made.alike]
@@ -350,5 +369,22 @@ def _inputs(
         "robots": sorted({str(log.meta["robot"]) for log in data.logs if log.meta.get("robot")}),
         "sha256": {path: _sha256(Path(path)) for path in paths if Path(path).is_file()},
         "windows": len(fold),
-        "folds": f"{fold.count(0)} and {fold.count(1)} windows, each judged by the other's fit",
+        "folds": _folds(data),
     }
+
+
+def _folds(data: Data) -> str:
+    """Return how windows were dealt, and what the two folds have in common."""
+    fold = [int(f) for f in data.fold]
+    text = f"{fold.count(0)} and {fold.count(1)} windows, each judged by the other's fit"
+    episodes = [
+        {(w.log, w.episode) for w, f in zip(data.windows, fold, strict=True) if f == side}
+        for side in (0, 1)
+    ]
+    if episodes[0].isdisjoint(episodes[1]):
+        return text
+    least = data.settings.dataset.whole_episodes_min
+    return (
+        f"{text}; both are from the same episodes, fewer than {least}, so that what changes from "
+        "one recording to the next (heat, mounting) widens no interval"
+    )

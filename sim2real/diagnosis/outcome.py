@@ -1,7 +1,7 @@
 """What a diagnosis leaves behind: its report, its effects, and their files.
 
 write(found, Path("outputs/diagnosis"))     # report.json, report.html, effects.yaml, model.xml
-last_words(found.report)                    # what to mend first
+last_words(found.report)                    # what to correct first
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ def blocking(report: Report) -> list[Finding]:
 
 
 def last_words(report: Report) -> list[str]:
-    """Return what a person should read last: what to mend before the answer is worth anything."""
+    """Return what a person should read last: what to correct before the answer can be trusted."""
     words = [text for text in [rest(report)] if text]
     words += [f"{f.finding} {f.fix}" for f in report.preflight if f.check not in NOTES]
     words += [f"numerics, {name}: {text}" for name, text in report.numerics.items() if text != "ok"]
     words += [f"not in the report: {text}" for text in report.failed]
     if blocking(report):
-        words.append("effects.yaml and model.xml are not written: mend the log first")
+        words.append("effects.yaml and model.xml are not written: correct the log first")
     return words
 
 

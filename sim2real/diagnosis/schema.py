@@ -1,4 +1,4 @@
-"""What a diagnosis answers: `report.json`, and the evidence that pictures need besides.
+"""What a diagnosis answers: `report.json`.
 
     report = diagnose("logs/", "arm.xml")
     report.verdict, report.causes[0].effect, report.gap.closed
@@ -8,6 +8,10 @@
 A report is plain numbers and words. `closed` is (before - after) / (before - noise floor) on
 segments that no parameter was fitted to. `evidence` stays in memory: `report.json` does not hold
 it, and a report that was read has none.
+
+More than four effects are a fit and no explanation: the verdict is then `fitted`, `causes` is empty
+and the values stand under `fitted`. `report.values` are the effects whose values were found,
+whatever they are called.
 """
 
 from __future__ import annotations
@@ -22,15 +26,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sim2real.diagnosis.settings import Row
+from sim2real.diagnosis.evidence import Evidence, Pair
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
-SCHEMA = 1
-Verdict = Literal["explained", "partly_explained", "unexplained", "no_gap"]
+SCHEMA = 2  # written; 1, which knows neither `fitted` nor `shared`, is read as well
+READ = (1, SCHEMA)
+Verdict = Literal["explained", "partly_explained", "fitted", "unexplained", "no_gap"]
 Form = Literal["holds", "contradicted"]
-Kind = Literal["command", "current", "voltage"]
-Pair = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -38,10 +41,10 @@ class GapNumbers:
     """How far simulation and robot are apart, root mean square over joints and held-out rows.
 
     Args:
-        unit: of before, after and noise_floor: rad or m; "spread" where a robot has both kinds of
-            joints (1 is the spread of a joint's own motion).
-        before: with the model as given.
-        after: with the causes put into it; None where there is no gap.
+        unit: the unit of before, after and noise_floor: rad or m; "spread" where a robot has both
+            kinds of joints (1 is the spread of a joint's own motion).
+        before: the gap with the model as given.
+        after: the gap with the causes in the model; None where there is no gap.
         noise_floor: what nothing can close.
         closed: share of the closable gap that is closed; None where there is no gap.
         closed_ci: its 90 % interval, by a block bootstrap.
@@ -64,8 +67,8 @@ class WholeReplay:
     Whole episodes from their starts, nothing held out or left out; [rad], of slides [m].
 
     Args:
-        before: with the model as given; None where it diverges in a whole episode.
-        after: with `effects.yaml`; None where it diverges, or where there are no causes.
+        before: the error with the model as given; None where it diverges in a whole episode.
+        after: the error with `effects.yaml`; None where it diverges or there are no causes.
     """
 
     before: float | None
@@ -93,29 +96,40 @@ class Where:
 
 @dataclass(frozen=True)
 class Equivalent:
-    """An effect that the data cannot tell from a cause."""
+    """An effect that the data cannot distinguish from a cause.
+
+    Args:
+        effect: its standard name.
+        where: its place.
+        inseparable: whether no recording of commands and positions can tell it from the cause or
+            from another equivalent: both then count as one member of the set.
+    """
 
     effect: str
     where: str | None
+    inseparable: bool = False
 
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect that the robot has and the model lacks.
+    """An effect that the robot has and the model lacks, or one of many fitted values.
 
     Args:
         effect: its standard name.
         where: joint, actuator or geom; for a body effect the joint that moves the body; None for
             the whole robot.
-        side: for backlash and compliance, where the encoder sits.
-        value: in `unit`; the first one of an effect with several.
+        side: for backlash and compliance, the side on which the servo's and the log's encoder sits.
+        value: the value in `unit`; the first one of an effect with several.
         value_ci: its 90 % interval.
         unit: SI, "" for a factor.
         extra: the effect's further scalars, and `body` where the effect acts on one.
         confidence: probability that this effect, or an equivalent of it, is at this place.
         closed: share of the closable gap that it closes, among all causes (their Shapley value).
         form: `contradicted` where it helps some held-out parts and harms others.
-        equivalent: effects that the data cannot tell from it, at most two.
+        equivalent: effects that the data cannot distinguish from it, at most two separable ones.
+        shared: whether one value holds for all joints or actuators of the robot.
+        encoder: where the log's encoder sits, if elsewhere than the servo's; None: where `side`
+            says.
     """
 
     effect: str
@@ -129,6 +143,8 @@ class Cause:
     closed: float
     form: Form = "holds"
     equivalent: tuple[Equivalent, ...] = ()
+    shared: bool = False
+    encoder: str | None = None
 
 
 @dataclass(frozen=True)
@@ -150,140 +166,21 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Trace:
-    """One joint in one episode, as measured and as simulated: what the gap's numbers are made of.
-
-    Args:
-        log: name of the log's file.
-        episode: its number in the log.
-        joint: the joint.
-        unit: rad or m.
-        time: s, (T,).
-        measured: (T,).
-        nominal: replayed in the model as given, (T,); NaN where nothing is compared.
-        corrected: replayed with the causes, (T,); no value was fitted to the rows it is shown in.
-        floor: noise floor of this joint.
-        starts: rows at which the replay starts again from the measured state, (n,).
-        subsets: replayed with only these causes (their places in `Report.causes`), fitted anew,
-            (T,) each; {} where not all subsets were tried.
-    """
-
-    log: str
-    episode: int
-    joint: str
-    unit: str
-    time: np.ndarray
-    measured: np.ndarray
-    nominal: np.ndarray
-    corrected: np.ndarray
-    floor: float
-    starts: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
-    subsets: Mapping[frozenset[int], np.ndarray] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Signal:
-    """What else was logged in one episode of an actuator.
-
-    Args:
-        log: name of the log's file.
-        episode: its number in the log.
-        kind: command, current or voltage.
-        actuator: its name.
-        unit: rad, m, A or V; "" for a command that is no position.
-        joint: whose position a command is; None for none.
-        time: s, (T,).
-        values: (T,).
-    """
-
-    log: str
-    episode: int
-    kind: Kind
-    actuator: str
-    unit: str
-    joint: str | None
-    time: np.ndarray
-    values: np.ndarray
-
-
-@dataclass(frozen=True)
-class Rung:
-    """A held-out gap on the way from the model as given to the corrected one, and its interval."""
-
-    label: str
-    gap: float
-    ci: Pair
-
-
-@dataclass(frozen=True)
-class SingleFit:
-    """One effect alone: its value and the share of the closable gap that it closes.
-
-    `ci` is that share's 90 % interval; None where the effect was not fitted but only screened: then
-    value and share are estimates.
-    """
-
-    effect: str
-    where: str | None
-    side: str | None
-    value: float
-    unit: str
-    closed: float
-    ci: Pair | None
-
-
-@dataclass(frozen=True)
-class Band:
-    """The held-out gap of a joint in a band of frequencies `low` to `high` [Hz]."""
-
-    joint: str
-    low: float
-    high: float
-    before: float
-    after: float
-    floor: float
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What the pictures show and `report.json` does not hold.
-
-    Args:
-        traces: every joint of every episode.
-        ladder: before, after each effect that was added, all together; the last one is the floor.
-        singles: every effect alone: the causes in their order, then those that were fitted, then
-            those that were screened, best first.
-        bands: joint by joint, low frequencies first.
-        inputs: names of logs and models, seed, versions, how the data was divided.
-        settings: every number that steered the answer.
-        signals: commands, currents and voltages of every episode.
-        correlations: of the causes' first values, over blocks that are drawn again, (n, n).
-    """
-
-    traces: tuple[Trace, ...] = ()
-    ladder: tuple[Rung, ...] = ()
-    singles: tuple[SingleFit, ...] = ()
-    bands: tuple[Band, ...] = ()
-    inputs: Mapping[str, Any] = field(default_factory=dict)
-    settings: tuple[Row, ...] = ()
-    signals: tuple[Signal, ...] = ()
-    correlations: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-
-
-@dataclass(frozen=True)
 class Report:
-    """A diagnosis's answer, schema 1.
+    """A diagnosis's answer, schema 2.
 
     Args:
-        verdict: `no_gap`, `explained`, `partly_explained` or `unexplained`.
+        verdict: `no_gap`, `explained`, `partly_explained`, `fitted` or `unexplained`.
         gap: its size before and after.
         where: joints, the largest share first.
         causes: the effects found, the one that closes most first.
         unexplained: what stays.
         preflight: mistakes found before.
         numerics: what the simulator itself was tested for, and "ok" or what was found.
-        next_experiment: what to record to tell equivalent causes apart.
+        next_experiment: what to record to separate equivalent causes.
         failed: what could not be added after the verdict, and why.
+        fitted: values that make the simulator follow and are no causes: more than four.
+        calibrated: the exam that `confidence` was calibrated on; None: on none.
         seconds: that it took.
         replay: what `run=replay` says of the same logs; None in reports of older versions.
         evidence: what the pictures need; not in `report.json`.
@@ -300,7 +197,14 @@ class Report:
     seconds: float = 0.0
     replay: WholeReplay | None = None
     failed: tuple[str, ...] = ()
+    fitted: tuple[Cause, ...] = ()
+    calibrated: str | None = None
     evidence: Evidence = field(default_factory=Evidence, compare=False, repr=False)
+
+    @property
+    def values(self) -> tuple[Cause, ...]:
+        """The effects with a value, causes or not: those of `effects.yaml`, in its order."""
+        return self.causes or self.fitted
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of report.json: plain tables, lists, numbers, words."""
@@ -314,14 +218,12 @@ class Report:
         Raises:
             Sim2RealError: another schema, or a key that is missing or unknown.
         """
-        if tree.get("schema") != SCHEMA:
+        if tree.get("schema") not in READ:
             found = tree.get("schema")
-            raise Sim2RealError(f"a report has schema {SCHEMA}, this one has {found!r}")
+            raise Sim2RealError(
+                f"a report has schema {' or '.join(map(str, READ))}, this one has {found!r}"
+            )
         given = {key: value for key, value in tree.items() if key != "schema"}
-        causes = tuple(
-            _make(Cause, {**one, "equivalent": _each(Equivalent, one["equivalent"])})
-            for one in given["causes"]
-        )
         where = tuple(
             _make(Where, {**one, "regimes": _each(Regime, one["regimes"])})
             for one in given["where"]
@@ -329,7 +231,8 @@ class Report:
         parts: dict[str, Any] = {
             "gap": _make(GapNumbers, given["gap"]),
             "where": where,
-            "causes": causes,
+            "causes": _causes(given["causes"]),
+            "fitted": _causes(given.get("fitted", ())),
             "unexplained": _make(Unexplained, given["unexplained"]),
             "preflight": _each(Finding, given["preflight"]),
         }
@@ -345,6 +248,11 @@ class Report:
     def save_html(self, path: str | Path) -> Path:
         """Write the page for a person, whole or not at all; return its path."""
         return _page().write_html(path, self)
+
+    def save_comparison(self, path: str | Path, earlier: Report) -> Path:
+        """Write a page that sets this diagnosis beside an earlier one; return its path."""
+        module = import_module(f"{__package__}.report.comparison")
+        return module.write_comparison(path, earlier, self)
 
     def _repr_html_(self) -> str:
         """Return the page in a frame of its own, for a notebook."""
@@ -367,6 +275,12 @@ def _make(kind: type, values: Mapping[str, Any]) -> Any:
         return kind(**pairs)
     except TypeError as error:
         raise Sim2RealError(f"a report's {kind.__name__} is incomplete: {error}") from None
+
+
+def _causes(tables: Any) -> tuple[Cause, ...]:
+    return tuple(
+        _make(Cause, {**one, "equivalent": _each(Equivalent, one["equivalent"])}) for one in tables
+    )
 
 
 def _each(kind: type, tables: Any) -> tuple[Any, ...]:

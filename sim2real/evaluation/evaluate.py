@@ -1,12 +1,13 @@
 """Evaluation over a grid: a policy on robots it was never trained on, before and after it adapts.
 
-    python -m sim2real run=evaluate checkpoint=outputs/train/esmaml/2026-11-21_10-00-00
-    python -m sim2real run=evaluate checkpoint=[RUN_A,RUN_B,RUN_C]     # several seeds, one table
+    scores = run_cells(algorithm, evaluation, seed=0, name="seed 0")
+    report(scores, evaluation, seed=0, out=folder)
 
 In each cell of the grid the policy adapts several times, each time from the trained parameters,
-with perturbations and luck of its own. Each result is scored on fresh episodes whose start noise
-the adaptation has not seen, and the policy before adaptation on the same episodes, so that their
-difference carries no luck. Every cell, adaptation and episode is a row of the same batches.
+with its own perturbations and random numbers. Each result is scored on fresh episodes whose start
+noise the adaptation has not seen, and the policy before adaptation on the same episodes, so that
+random starts cancel in the difference. Every cell, adaptation and episode is a row of the same
+batches. A policy of any algorithm adapts, by the parameters of its actor.
 """
 
 from __future__ import annotations
@@ -24,22 +25,29 @@ from sim2real.evaluation.grid import Box, Grid, training_range
 from sim2real.evaluation.grid_plots import grid_heatmaps, grid_line
 from sim2real.evaluation.scores import GridScores, combine
 from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.population.of_trained import population_of
 from sim2real.learning.population.population import (
     AdaptationScores,
+    Population,
     draw_seeds,
+    evaluate_adaptation,
 )
 from sim2real.runs.checkpoint import FOLDER, find, run_folder
 from sim2real.runs.errors import Sim2RealError
 
 log = logging.getLogger(__name__)
 ROUNDS = 16  # episodes of a chunk per row: long enough that rows which idle at its end cost little
-ROWS = 256  # episodes side by side of a policy that does not adapt
+ROWS = 256  # episodes side by side of a policy whose algorithm has no population of its own
 EVALUATION, INTERVALS = 1, 2  # streams of randomness that follow from one seed
 Report = Callable[[int, int], None]
 
 
 class Assessment(Protocol):
-    """An evaluation: `Evaluation` over a grid, `Transfer` on named robots."""
+    """An evaluation: `Evaluation` over a grid, `Transfer` on named robots.
+
+    One that has a method `check(algorithm)` is asked before a training, so that what it cannot do
+    is refused then.
+    """
 
     def assess(
         self,
@@ -54,7 +62,7 @@ class Assessment(Protocol):
             algorithm: the trained policy.
             seed: of all randomness.
             name: of the training run.
-            progress: told what is done and how much there is.
+            progress: called with what is done and how much there is.
         """
         ...
 
@@ -95,6 +103,10 @@ class Evaluation:
             if not low <= high:
                 raise Sim2RealError(f"eval.box.{name}: low={low} is above high={high}; swap them")
 
+    def check(self, algorithm: Algorithm) -> None:
+        """Raise ParameterError for a grid that leaves the policy's parameter space."""
+        self.grid.values(_Cells(algorithm, self).space)
+
     def assess(
         self,
         algorithm: Algorithm,
@@ -124,9 +136,10 @@ def run_cells(
     Args:
         algorithm: the trained policy and its way to adapt.
         evaluation: what to run.
-        seed: all randomness follows from it; one seed gives different policies the same luck.
-        name: of the training run.
-        progress: told the tasks done and the tasks in all, from time to time.
+        seed: all randomness follows from it; one seed gives different policies the same random
+            numbers.
+        name: the name of the training run.
+        progress: called with the tasks done and the tasks in all, from time to time.
 
     Raises:
         ParameterError: a grid that leaves the parameter space of the policy's simulator.
@@ -172,27 +185,36 @@ def run_cells(
 
 
 class _Cells:
-    """Runs cells of a grid: by the algorithm itself where its policy adapts, else in its world."""
+    """Runs cells of a grid: in the algorithm's own population, one of its actor, or its world."""
 
     def __init__(self, algorithm: Algorithm, evaluation: Evaluation) -> None:
         self._algorithm, self._episodes = algorithm, evaluation.episodes
+        self._adapt = algorithm.parts.adapt
+        self._trained = algorithm.trained()
+        self._made: Population | None = None  # of the actor, where it adapts
         population = algorithm.population
         self.num_rows = population.num_rows if population else ROWS
-        self._trained = algorithm.trained()
         self.space = (
             population.space
             if population
             else algorithm.parts.environment.base_rows(1, threads=1).space
         )
-        self.adaptation_episodes = algorithm.parts.adapt.episodes if population else 0
+        self.adaptation_episodes = self._adapt.episodes
 
     def run(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:
         """Run robots (n, P) under seeds (n,)."""
         found = self._algorithm.scores(values, seeds, self._episodes)
-        return self._act(values, seeds) if found is None else found
+        if found is not None:
+            return found
+        if not self.adaptation_episodes:
+            return self._act(values, seeds)
+        if self._made is None:
+            self._made = population_of(self._trained, min(ROWS, len(values)))
+        theta, adapt = self._trained.theta, self._adapt
+        return evaluate_adaptation(self._made, theta, None, adapt, values, seeds, self._episodes)
 
     def _act(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:
-        """Run a policy that does not adapt, under the luck that one which does would have."""
+        """Run a policy that does not adapt, with the random numbers of one that does."""
         luck = np.concatenate(
             [draw_seeds(np.random.default_rng(int(seed)), self._episodes) for seed in seeds]
         )
@@ -237,10 +259,10 @@ def evaluate_grid(
     Args:
         algorithm: the trained policy and its way to adapt.
         evaluation: what to run.
-        seed: of all randomness.
+        seed: the seed of all randomness.
         out: folder for the files; see `report`.
-        name: of the training run; its seed, say.
-        progress: told the tasks done and the tasks in all.
+        name: the name of the training run; its seed, say.
+        progress: called with the tasks done and the tasks in all.
     """
     scores = run_cells(algorithm, evaluation, seed, name or "run", progress)
     report(scores, evaluation, seed, Path(out))

@@ -24,11 +24,13 @@ from envs.errors import RenderError
 from envs.pixels.library import library
 from sim2real.learning.algorithms.base import Algorithm
 from sim2real.learning.population.population import draw_seeds
+from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.film import Camera, write_mp4
 
 VIDEO_STREAM = 3  # which of the seed's streams the film's task and luck are
 SIGNS = {"set": "=", "add": "+", "scale": "×"}  # what a parameter does to the model's own value
 MARGIN = 22  # px, height of a line of text
+LIMITS = {"width": (16, 4096), "height": (16, 4096), "fps": (1, 240), "seconds": (0.1, 3600.0)}
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ def film(
         env: one simulation with its transforms.
         actor: the policy.
         values: the robot's parameters, (P,).
-        seed: of the episode.
-        title: of the clip.
+        seed: the seed of the episode.
+        title: the title of the clip.
         video: rate and length.
         camera: what draws.
     """
@@ -112,10 +114,13 @@ class Video:
     """A film of a trained policy.
 
     Args:
-        width: of one clip [px].
-        height: of one clip [px].
+        width: the width of one clip [px].
+        height: the height of one clip [px].
         fps: pictures per second.
         seconds: what is shown of an episode [s].
+
+    Raises:
+        Sim2RealError: a size, rate or length that no film has.
     """
 
     width: int
@@ -123,14 +128,21 @@ class Video:
     fps: int
     seconds: float
 
+    def __post_init__(self) -> None:
+        for name, (low, high) in LIMITS.items():
+            if not low <= getattr(self, name) <= high:
+                raise Sim2RealError(
+                    f"video.{name}={getattr(self, name)} must be between {low} and {high}"
+                )
+
     def record(self, algorithm: Algorithm, seed: int, folder: Path) -> Path:
         """Film the policy on a task that the seed draws; if it adapts, before and after.
 
-        Both are filmed under the same luck.
+        Both are filmed with the same random numbers.
 
         Args:
             algorithm: the trained policy.
-            seed: draws the task and all luck, other than that of training.
+            seed: draws the task and all random numbers, other than those of training.
             folder: where the film goes.
 
         Returns:

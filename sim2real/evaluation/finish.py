@@ -29,10 +29,10 @@ def finish(
 
     Args:
         algorithm: the trained one.
-        files: of its run.
+        files: the files of its run.
         evaluation: what to evaluate; None for nothing.
         video: the film; None for none. Where nothing can be drawn, a warning says why.
-        seed: of the film's and the evaluation's luck.
+        seed: the seed of the film and of the evaluation.
     """
     if files.metrics.path.exists():
         plots.learning_curve({"": [files.metrics.path]}, files.out / "plots" / "learning_curve.png")

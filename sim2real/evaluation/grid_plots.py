@@ -57,7 +57,7 @@ def heatmaps(
 
     Args:
         grid: its first axis runs to the right, its second one up.
-        parameters: of the two axes.
+        parameters: the parameters of the two axes.
         maps: mean return of each cell, (C,), by title.
         path: where the picture goes.
         box: range to frame, by parameter; one of no width is marked as a line or a point.
@@ -127,7 +127,7 @@ def grid_line(
     """Draw the mean return over a grid of one axis, with 95 % intervals.
 
     Args:
-        scores: of a grid of one axis.
+        scores: the scores of a grid of one axis.
         path: where the picture goes.
         draws: resamples of each interval.
         rng: source of the resamples.

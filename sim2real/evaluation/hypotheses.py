@@ -105,7 +105,7 @@ class Claim:
         seeds: runs that each side needs.
         times: factor on the right side.
         probability: that "above" and "below" need.
-        range: of "within".
+        range: the range of "within".
 
     Raises:
         ClaimError: an unknown relation, or one without what it needs.
@@ -177,7 +177,7 @@ def judge(claim: Claim, study: Study, seed: int, draws: int) -> Verdict:
     Args:
         claim: what is claimed.
         study: the runs.
-        seed: of the resamples.
+        seed: the seed of the resamples.
         draws: resamples of each interval.
 
     Raises:

@@ -60,7 +60,7 @@ class GridScores:
 
     Args:
         grid: the cells.
-        parameters: of the grid's axes.
+        parameters: the parameters of the grid's axes.
         box: the training range, for its axes.
         runs: names of the training runs, R.
         frames: environment steps that each run was trained for, R.

@@ -43,7 +43,7 @@ class Run:
     """One training run, evaluated after some number of steps.
 
     Args:
-        folder: of its files.
+        folder: the folder of its files.
         experiment: its name, or "default".
         settings: what decided its result beside the seed, as {"params.width": 0.075}.
         expect: what the experiment expected; see `sim2real.evaluation.hypotheses`.
@@ -234,7 +234,7 @@ def _brief(key: str, value: Any) -> str:
 
 
 def _fixed(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what must be equal in a table: the world, without what tells the robots apart."""
+    """Return what must be equal in a table: the world, without what distinguishes the robots."""
     return {key: settings.get(key) for key in ("env.task.masses", "env.task.max_steps", "effects")}
 
 

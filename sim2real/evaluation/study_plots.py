@@ -23,7 +23,7 @@ DRAWN = (
     "learning_curves*.png",
     "divergence_*.png",
 )  # names of pictures, and of no others
-CURVES = len(plots.COLOURS)  # lines that one picture can tell apart
+CURVES = len(plots.COLOURS)  # lines that one picture can distinguish
 
 
 def draw(
@@ -36,7 +36,7 @@ def draw(
         baseline: the experiment that stands beside each sweep.
         out: the report's folder.
         draws: resamples of each interval.
-        seed: of the resamples.
+        seed: the seed of the resamples.
 
     Returns:
         Their paths below `out` and captions.

@@ -46,7 +46,7 @@ class TransferScores:
     """What one trained policy got on each robot.
 
     Args:
-        name: of the training run: its seed.
+        name: the name of the training run: its seed.
         task: name of the task's class.
         trained_on: the robot that is the run's own task, or None.
         frames: environment steps of the training.
@@ -100,9 +100,9 @@ class Transfer:
     """What an evaluation runs.
 
     Args:
-        robots: by name, the arguments of the run's task that differ; `effects` names an
+        robots: for each name, the arguments of the run's task that differ; `effects` names an
             effects.yaml that is put into the robot besides.
-        episodes: on each robot.
+        episodes: the number of episodes on each robot.
 
     Raises:
         TransferError: no robot, or fewer than 1 episode.
@@ -118,6 +118,11 @@ class Transfer:
                 "at least one robot and one episode are needed"
             )
 
+    def check(self, algorithm: Algorithm) -> None:
+        """Raise TransferError for a robot that cannot be made of the run's task."""
+        for robot, changes in self.robots.items():
+            variant(algorithm.parts.environment, robot, dict(changes))
+
     def assess(
         self,
         algorithm: Algorithm,
@@ -129,13 +134,20 @@ class Transfer:
 
         Args:
             algorithm: its trained policy acts; the task of its environment is what robots vary.
-            seed: the episodes' luck follows from it; one seed gives different policies the same.
+            seed: the episodes' random numbers follow from it; one seed gives different policies the
+                same.
             name: of the training run.
-            progress: told the robots done and the robots in all.
+            progress: called with the robots done and the robots in all.
 
         Raises:
-            TransferError: a robot that cannot be made of the run's task.
+            TransferError: a robot that cannot be made of the run's task, or a policy that is to
+                adapt.
         """
+        if algorithm.parts.adapt.episodes and "adapt" not in algorithm.uses:
+            raise TransferError(
+                "eval=transfer runs policies as they are trained; evaluate how one adapts on a "
+                "grid, such as eval=grid_hopper, or leave adapt out"
+            )
         env, trained = algorithm.parts.environment, algorithm.trained()
         worlds = {robot: variant(env, robot, dict(c)) for robot, c in self.robots.items()}
         seeds = draw_seeds(np.random.default_rng([seed, EPISODES]), self.episodes)
@@ -238,7 +250,8 @@ def variant(env: Environment, robot: str, changes: dict[str, Any]) -> Environmen
                 f"eval.robots.{robot}: {type(task).__name__} takes no {key!r}"
                 f"{did_you_mean(key, known)}; it takes: {', '.join([*known, EFFECTS])}"
             )
-    changed = env.over(partial(env.base, task=type(task)(**(known | changes))))
+    given = {**env.base.keywords, "task": type(task)(**(known | changes))}
+    changed = env.over(partial(env.base.func, *env.base.args, **given))
     return changed.with_effects(effects)
 
 

@@ -4,7 +4,7 @@
 
 `task.json` among the logs says which effects may not be used, which file has effects that are known
 already, and the seed. The answer is `report.json` and `effects.yaml`, what a user of the diagnosis
-gets; a diagnosis that fails leaves `error.txt`, which counts as wrong. `version.txt` tells which
+gets; a diagnosis that fails leaves `error.txt`, which counts as wrong. `version.txt` names which
 code answered, so that an exam of several versions is known for one.
 """
 

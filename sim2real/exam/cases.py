@@ -10,7 +10,7 @@ robot differs from itself under other noise, or one count of the encoder if that
 
 A case is two folders. Who diagnoses gets the one with the logs: `a.csv` and `b.csv`, two motions;
 `a_again.csv`, the beginning of the first one driven again; `model.xml`; `task.json`. The other one
-holds the key, and a log that nobody fits to.
+holds the key, and a log that nothing is fitted to.
 """
 
 from __future__ import annotations
@@ -27,22 +27,24 @@ import numpy as np
 from hardware.config import Robot
 from hardware.errors import HardwareError
 from hardware.log import read_log, write_log
+from sim2real.exam import hold
 from sim2real.exam.answer import TASK
 from sim2real.exam.hiding import EFFECTS, moved, place_of
 from sim2real.exam.logs import drive, exam_robot, overall, plans
 from sim2real.exam.measure import apart
+from sim2real.exam.outline import KEY, Outline
 from sim2real.exam.refit import withheld
+from sim2real.exam.score import Mark
 from sim2real.exam.sizes import Hidden, entries, hide
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
-KEY = "key.json"
 Kind = Literal["one", "two", "none", "excluded"]
 Wanted = tuple[str, str, tuple[str, ...]]  # kind, robot, effects
 KINDS: tuple[Kind, ...] = ("one", "two", "none", "excluded")
 REDRAWS = 8  # draws of other effects where a robot cannot show the first ones
 LOCAL = tuple(effect for effect in EFFECTS if place_of(effect) == "joint")
-ALIKE = (  # effects that no log of positions tells apart: never hidden together
+ALIKE = (  # effects that no log of positions can separate: never hidden together
     {"command_delay", "observation_delay"},
     {"position_gain", "motor_strength", "supply_voltage"},
     {"link_mass", "payload", "center_of_mass", "gravity_tilt", "encoder_offset"},
@@ -50,25 +52,14 @@ ALIKE = (  # effects that no log of positions tells apart: never hidden together
 
 
 @dataclass(frozen=True)
-class Outline:
-    """A case as drawn: its name, kind, robot, effects and the seed of everything else."""
-
-    name: str
-    kind: str
-    robot: str
-    effects: tuple[str, ...]
-    seed: int
-
-
-@dataclass(frozen=True)
 class Case:
     """What the key of a case says.
 
     Args:
-        name: of its folders.
+        name: the name of its folders.
         kind: what was withheld.
         robot: its name.
-        seed: of motions and noise.
+        seed: the seed of motions and noise.
         truths: hidden effects, as entries of an effects.yaml, each with `joint` and its own `gap`.
         gap: RMS difference between the robot with and without them [rad].
         floor: RMS difference of the robot from itself under other noise, or one count [rad].
@@ -96,7 +87,7 @@ class Case:
 
 
 def write_task(folder: Path, exclude: Sequence[str], effects: str | None = None) -> None:
-    """Write what a diagnosis is told beside its logs; `effects` is a file there of known ones."""
+    """Write what a diagnosis is given beside its logs; `effects` is a file there of known ones."""
     task = {"exclude": list(exclude), "effects": effects, "seed": 0}
     write_text(folder / TASK, json.dumps(task, indent=1) + "\n")
 
@@ -154,6 +145,10 @@ class Exam:
             Outline(f"case_{i:03d}", kind, robot, effects, int(seeds[i]))
             for i, (kind, robot, effects) in enumerate(mixed)
         ]
+
+    def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
+        """Open the seals, mark every case that was answered, and write tables and pictures."""
+        return hold.report(folder, drawn, seed)
 
     def _of(self, robot: str, order: np.random.Generator) -> list[Wanted]:
         cases: list[Wanted] = [("one", robot, (effect,)) for effect in EFFECTS] * self.one
@@ -242,7 +237,7 @@ def _even(names: Sequence[str], count: int, rng: np.random.Generator) -> list[st
 
 
 def _pairs(count: int, rng: np.random.Generator) -> list[tuple[str, str]]:
-    """Return pairs of effects that logs can tell apart, each effect about equally often."""
+    """Return pairs of effects that logs can separate, each effect about equally often."""
     found: list[tuple[str, str]] = []
     while len(found) < count:
         names = [str(name) for name in rng.permutation(list(EFFECTS))]

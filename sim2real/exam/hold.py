@@ -18,7 +18,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 import mujoco
 import numpy as np
@@ -29,15 +29,16 @@ from envs.plant import Fixed
 from hardware.log import Log, read_log
 from sim2real.exam import matrix, score, seal
 from sim2real.exam.answer import EFFECTS, REPORT, VERSION, answered, ask
-from sim2real.exam.cases import KEY, Outline
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
+from sim2real.exam.outline import KEY, Outline
 from sim2real.exam.score import Mark
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import claimed, write_text
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
+T = TypeVar("T")
 LOGS, KEYS, ANSWERS, DROPPED, HELD = "logs", "keys", "answers", "dropped.txt", "held.csv"
 CLAIMS = "claims"  # who of several programs works on which case
 PATIENCE = 2.0  # s between looks at what another program does
@@ -66,6 +67,10 @@ class Examiner(Protocol):
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
         """Write a case's two folders; False if it cannot be made."""
+        ...
+
+    def report(self, folder: Path, drawn: int, seed: int) -> Sequence[Any]:
+        """Open the seals and mark every case that was answered."""
         ...
 
 
@@ -121,7 +126,7 @@ def share(
     """Do what is not done, beside other programs that do the same, and wait for them at the end.
 
     Args:
-        names: of the pieces of work.
+        names: the names of the pieces of work.
         done: whether one is done.
         do: does one.
         claims: folder in which each piece's folder says who works on it.
@@ -141,25 +146,44 @@ def report(folder: Path, drawn: int, seed: int) -> list[Mark]:
     """Open the seals, mark every case that was answered, and write the tables and the picture.
 
     Args:
-        folder: of the exam.
+        folder: the folder of the exam.
         drawn: cases that it has, with those that could not be made.
-        seed: of its draw.
+        seed: the seed of its draw.
 
     Raises:
         Sim2RealError: the keys are not the ones that were sealed, no case could be made, or none
             was answered.
+    """
+
+    def marked(names: Sequence[str], cases: int) -> list[Mark]:
+        marks = [_mark(folder, name) for name in names]
+        write(marks, folder, seed, cases)
+        return marks
+
+    return opened(folder, drawn, marked)
+
+
+def opened(folder: Path, drawn: int, mark: Callable[[Sequence[str], int], T]) -> T:
+    """Check the seals and return what `mark` makes of the answered cases.
+
+    Args:
+        folder: of the exam.
+        drawn: cases that it has, with those that could not be made.
+        mark: of the names of those that were answered, and of how many there are in all.
+
+    Raises:
+        Sim2RealError: as `report`.
     """
     keys, logs = folder / KEYS, folder / LOGS
     seal.check(keys, logs)
     sealed = seal.cases(logs)
     names = [name for name in sealed if (keys / name / KEY).is_file()]
     if not names:
-        raise Sim2RealError(f"{folder}: not one case could be made; ask for more robots or cases")
-    marks = [_mark(folder, name) for name in names if answered(folder / ANSWERS / name)]
-    if not marks:
+        raise Sim2RealError(f"{folder}: no case could be made; choose more robots or cases")
+    done = [name for name in names if answered(folder / ANSWERS / name)]
+    if not done:
         raise Sim2RealError(f"{folder}: not one case was answered; start it again with resume=")
-    write(marks, folder, seed, drawn - len(sealed) + len(names))
-    return marks
+    return mark(done, drawn - len(sealed) + len(names))
 
 
 def _mark(folder: Path, name: str) -> Mark:
@@ -185,7 +209,7 @@ def closes(
 
     Args:
         log: a recording that the diagnosis never saw; its metadata names the model.
-        known: effects that the diagnosis was told of.
+        known: effects that the diagnosis was given.
         named: those that it found.
         residue: what the model leaves where nothing is hidden [rad].
     """
@@ -208,9 +232,9 @@ def write(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> None:
     """Write table.md with everything, each table as CSV, score.json and the matrix's picture.
 
     Args:
-        marks: of the cases that were answered.
-        folder: of the exam.
-        seed: of its draw, and of the intervals.
+        marks: the marks of the cases that were answered.
+        folder: the folder of the exam.
+        seed: the seed of its draw, and of the intervals.
         cases: that the exam has.
     """
     rng = np.random.default_rng(seed)

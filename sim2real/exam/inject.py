@@ -3,12 +3,12 @@
     exam = RealExam(data="data", each=2)            # the folder of SIM2REAL_DATA
     exam.make(exam.draw(seed=3)[0], logs, key)
 
-Nobody knows what a real robot hides, but what is added on top of it is known. The simulator is
+What a real robot hides is unknown, but what is added on top of it is known. The simulator is
 first given what is known of the robot (`BASES`); then one thing is made wrong:
 
     observation_delay   measured positions are moved to later times
     encoder_offset      commands and positions are shifted together, as a wrong zero does
-    position_gain       the simulator is told another gain
+    position_gain       the simulator gets another gain
     link_mass           ... another mass
     coulomb_friction    ... no friction in one joint
 
@@ -30,9 +30,12 @@ import numpy as np
 from envs.effects import Effect, make, write_effects
 from hardware.log import Log, read_log, write_log
 from hardware.stand import MODEL
-from sim2real.exam.cases import Case, Outline, check_limits, write_task
+from sim2real.exam import hold
+from sim2real.exam.cases import Case, check_limits, write_task
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
+from sim2real.exam.outline import Outline
+from sim2real.exam.score import Mark
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
@@ -43,7 +46,7 @@ TRIES = 6  # sizes that are tried for that
 
 
 class Base(NamedTuple):
-    """A real robot, and what its simulator is told.
+    """A real robot, and the parameters of its simulator.
 
     Args:
         folder: below the data folder.
@@ -182,6 +185,10 @@ class RealExam:
             for i, k in enumerate(order)
         ]
 
+    def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
+        """Open the seals, mark every case that was answered, and write tables and pictures."""
+        return hold.report(folder, drawn, seed)
+
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
         """Write a case's two folders; False if no size opens a gap that stands out.
 
@@ -271,7 +278,7 @@ def inject(effect: str, where: str | None, size: float, base: Base, model: mujoc
         where: joint or body; None for the robot.
         size: s, rad or the logarithm of a factor; its sign is the direction.
         base: the robot.
-        model: as the simulator knows it.
+        model: the model that the simulator has.
 
     Raises:
         Sim2RealError: an effect that cannot be hidden in real logs.

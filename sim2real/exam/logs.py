@@ -5,7 +5,7 @@
     log = drive(robot, [{"effect": "backlash", "where": None, "value": 0.02}], made["a"], seed=1)
 
 Robots with legs hang on a stand: what no servo drives is fixed, nothing touches the ground. The
-model beside the logs is the honest nominal of the robot's user: position actuators with gain,
+model beside the logs is the nominal one that the robot's user has: position actuators with gain,
 torque limit and back-EMF from the data sheet, and the robot's declared bus delay. The robot itself
 is `hardware.emulator`, whose laws, time step and timing are its own. Its clock is virtual: a log of
 24 s takes about one.
@@ -71,10 +71,10 @@ def drive(robot: Robot, entries: Entries, plan: Plan, seed: int) -> Log:
     """Record one motion of the emulated robot that hides these effects.
 
     Args:
-        robot: as `exam_robot` returns it.
-        entries: as in an effects.yaml.
+        robot: a robot from `exam_robot`.
+        entries: entries of an effects.yaml.
         plan: the motion.
-        seed: of the bus's timing and the sensors' noise.
+        seed: the seed of the bus's timing and the sensors' noise.
 
     Raises:
         HardwareError: the robot was stopped on the way: it swung out of its limits, or a servo

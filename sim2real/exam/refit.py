@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from envs.effects import EFFECTS as VOCABULARY
-from envs.effects import Effect, make
+from envs.effects import Effect, Sizes, make
 from envs.errors import EnvsError
 from envs.plant import Plant
 from envs.replay import DivergedError, switchable
@@ -47,12 +47,12 @@ def withheld(
     """Return the effects that refit a hidden one to within twice the floor.
 
     Args:
-        robot: as `exam_robot` returns it.
+        robot: a robot from `exam_robot`.
         truth: the hidden effect: its name, `where` and `joint`.
         log: a recording of the robot that hides it; a short one will do, since whatever fits all
             of a robot's motions fits this one.
         floor: what noise leaves [rad].
-        seed: of where fits look.
+        seed: the seed of the fits' starting points.
     """
     spec = mujoco.MjSpec.from_file(str(robot.model))
     rng, found = np.random.default_rng(seed), []
@@ -115,25 +115,54 @@ def fit(
 
     None if the robot cannot have the effect.
     """
-    try:
-        plant = Plant(switchable(spec), [effect], num_rows=ROWS)
-    except EnvsError:
+    plant = with_effect(spec, effect)
+    if plant is None:
         return None
     joint = effect.where if effect.place in ("joint", "actuator") else None
-    unit = scales(robot, joint)[EFFECTS[effect.name].unit]
+    sizes = EFFECTS[effect.name]
+    return search(plant, effect, sizes, scales(robot, joint)[sizes.unit], log, enough, rng)
 
+
+def with_effect(spec: mujoco.MjSpec, effect: Effect) -> Plant | None:
+    """Return a model's simulations with an effect, or None if it cannot have it."""
+    try:
+        return Plant(switchable(spec), [effect], num_rows=ROWS)
+    except EnvsError:
+        return None
+
+
+def search(
+    plant: Plant,
+    effect: Effect,
+    sizes: Sizes,
+    unit: float,
+    log: Log,
+    enough: float,
+    rng: np.random.Generator,
+) -> Fit:
+    """Fit one effect to a log, as `fit` does, within given sizes.
+
+    Args:
+        plant: the nominal model's simulations with the effect.
+        effect: the effect, at its place.
+        sizes: which sizes, and how they become values.
+        unit: what a size multiplies.
+        log: a recording.
+        enough: what may be left [rad].
+        rng: of where the search looks.
+    """
     size = plant.space.size
-    mean, spread, best = np.zeros(size), np.full(size, np.inf), None
+    mean, spread, best = np.zeros(size), np.full(size, np.inf), Fit(np.zeros(size), np.inf)
     before = _left(plant, plant.space.points(ROWS), log)[0]
     for _ in range(ROUNDS):
         wild = rng.uniform(-1, 1, (ROWS, size))
         near = np.clip(mean + np.where(np.isfinite(spread), spread, 0) * wild, -1, 1)
         points = np.where(np.isfinite(spread), near, wild)  # (N, P) in [-1, 1]
-        values = np.array([_values(effect, unit, point) for point in points])
+        values = np.array([_values(effect, sizes, unit, point) for point in points])
         values = np.clip(values, plant.space.low, plant.space.high)
         left = _left(plant, values, log)
         order = np.argsort(left)
-        if best is None or left[order[0]] < best.left:
+        if left[order[0]] < best.left:
             best = Fit(values[order[0]], float(left[order[0]]))
         if best.left <= enough or best.left > HOPELESS * before:
             break
@@ -142,9 +171,8 @@ def fit(
     return best
 
 
-def _values(effect: Effect, unit: float, point: np.ndarray) -> list[float]:
+def _values(effect: Effect, span: Sizes, unit: float, point: np.ndarray) -> list[float]:
     """Return the parameters at a point of [-1, 1]^P: sizes go from nothing outwards."""
-    span = EFFECTS[effect.name]
 
     def sized(x: float) -> float:
         low, high = math.log(span.low), math.log(span.high)

@@ -6,9 +6,11 @@
 Rules:
 
 * The first cause is right if it, or a member of its equivalence set, is a hidden effect at its
-  place. A set counts only if it has at most three members, the cause included.
+  place. A set counts only if it has at most three members, the cause included; what no recording
+  can part counts as one.
 * Rank 3: every hidden effect is among the first three causes or their sets.
 * The place of a body effect is the joint that moves the body. A robot of one joint has one place.
+* A verdict of `fitted` names no cause, so that nothing of it is right or superfluous.
 * Nothing hidden: `no_gap` is right, everything else a false alarm.
 * Effect removed from the candidates: anything but `explained` is right, if the joint with the
   largest share of the gap is the right one.
@@ -54,15 +56,15 @@ class Mark:
         rank1: whether the first cause is right.
         rank3: whether all hidden effects are among the first three.
         place: whether the first place is right.
-        recognized: of a removed effect, not called explained.
-        alarm: of nothing hidden, anything but no_gap.
+        recognized: whether a removed effect was not called explained.
+        alarm: with nothing hidden, whether the verdict was anything but no_gap.
         closed: share of the closable gap that is closed on the sealed log.
         claimed: the same as the report says.
         error: relative error of the value of the first cause, where it can be compared.
         covered: whether its interval holds the truth.
-        confidence: of the first cause.
+        confidence: the confidence of the first cause.
         superfluous: causes that nothing hidden stands behind.
-        seconds: of the diagnosis.
+        seconds: the duration of the diagnosis.
         reason: why it is wrong, for people; "" if it is right.
     """
 
@@ -97,7 +99,7 @@ def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float
         report: report.json; None if the diagnosis failed.
         closed: what the found effects close of the sealed log's gap; None if that was not measured.
     """
-    places = _Places(key["joints"], key["bodies"])
+    places = Places(key["joints"], key["bodies"])
     truths = [(t["effect"], places.of(t["joint"])) for t in key["truths"]]
     hidden = ", ".join(describe(t) for t in key["truths"]) or "nothing"
     common = {
@@ -109,7 +111,7 @@ def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float
     }
     if report is None:
         return _failed(common)
-    causes = [_members(cause, places) for cause in report["causes"]]
+    causes = [members_of(cause, places) for cause in report["causes"]]
     common |= {
         "answer": words(report),
         "claimed": report["gap"]["closed"],
@@ -139,7 +141,7 @@ def _failed(common: dict[str, Any]) -> Mark:
 
 
 def _excluded(
-    common: dict[str, Any], report: Mapping[str, Any], places: _Places, truths: list[Named]
+    common: dict[str, Any], report: Mapping[str, Any], places: Places, truths: list[Named]
 ) -> Mark:
     """Of a removed effect: is it admitted that it is not explained, and is the place right?"""
     recognized = report["verdict"] not in ("explained", "no_gap")
@@ -166,7 +168,7 @@ def _found(
     lead = report["causes"][0] if causes else None
     at = first[0][1] if first else None
     place = rank1 or (lead is not None and at in spots)
-    error, covered = _value(lead, first, key["truths"], truths) if lead else (None, None)
+    error, covered = value_of(lead, first, key["truths"], truths) if lead else (None, None)
     return Mark(
         **common,
         rank1=rank1,
@@ -194,10 +196,11 @@ def _why(
     return "another effect at the right place" if place else "another effect, another place"
 
 
-class _Places:
+class Places:
     """Makes the names of places comparable: bodies become joints, a lone joint the robot."""
 
     def __init__(self, joints: Sequence[str], bodies: Mapping[str, str]) -> None:
+        """Take the robot's joints, and the joint that moves each body."""
         self._joints, self._bodies = joints, bodies
 
     def of(self, where: str | None) -> str | None:
@@ -206,11 +209,12 @@ class _Places:
         return None if len(self._joints) == 1 and where in self._joints else where
 
 
-def _members(cause: Mapping[str, Any], places: _Places) -> list[Named]:
+def members_of(cause: Mapping[str, Any], places: Places) -> list[Named]:
     """Return a cause and its equivalents; nothing if these are more than a set may hold."""
     every = [cause, *cause["equivalent"]]
     found = [(one["effect"], places.of(one["where"])) for one in every]
-    return found if len(found) <= LARGEST_SET else []
+    size = sum(not one.get("inseparable") for one in every)
+    return found if size <= LARGEST_SET else []
 
 
 def _first(report: Mapping[str, Any], causes: list[list[Named]], truths: list[Named]) -> str:
@@ -221,7 +225,7 @@ def _first(report: Mapping[str, Any], causes: list[list[Named]], truths: list[Na
     return right[0] if right else report["causes"][0]["effect"]
 
 
-def _value(
+def value_of(
     cause: Mapping[str, Any],
     members: list[Named],
     entries: Sequence[Mapping[str, Any]],
@@ -250,7 +254,12 @@ def describe(truth: Mapping[str, Any]) -> str:
 
 
 def words(report: Mapping[str, Any]) -> str:
-    """Return an answer in words: the verdict and the first three causes with their sets."""
+    """Return an answer in words: the verdict and the first three causes with their sets.
+
+    Of fitted values, their number.
+    """
+    if report.get("fitted"):
+        return f"{report['verdict']}: {len(report['fitted'])} values"
     parts = []
     for cause in report["causes"][:3]:
         others = "".join(f" = {o['effect']}@{o['where']}" for o in cause["equivalent"])

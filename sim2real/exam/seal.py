@@ -62,12 +62,12 @@ def check(keys: Path, logs: Path) -> None:
     """
     seal = logs / SEAL
     if not seal.is_file():
-        raise Sim2RealError(f"{seal} is missing: these logs were never sealed; make the exam anew")
+        raise Sim2RealError(f"{seal} is missing: these logs were never sealed; make a new exam")
     wanted, found = sealed(logs), digests(keys, cases(logs))
     for name in sorted(wanted.keys() | found.keys()):
         if wanted.get(name) != found.get(name):
             how = "added" if name not in wanted else "gone" if name not in found else "changed"
             raise Sim2RealError(
                 f"{keys / name} was {how} after the exam was sealed: its score would mean nothing; "
-                "make the exam anew"
+                "make a new exam"
             )

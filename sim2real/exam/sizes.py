@@ -47,9 +47,9 @@ def hide(robot: Robot, effects: Sequence[str], seed: int) -> Hidden | None:
     """Find places and sizes for effects; None if no place of the robot shows one of them.
 
     Args:
-        robot: as `exam_robot` returns it.
+        robot: a robot from `exam_robot`.
         effects: their names.
-        seed: of places, sizes, motions and noise.
+        seed: the seed of places, sizes, motions and noise.
     """
     rng = np.random.default_rng([seed, 1])
     plan = plans(robot, seed)["a"]
@@ -117,7 +117,7 @@ def search(
         secret: the effect.
         wanted: the gap [rad].
         least: where the largest size does not reach it, a gap of this much will do [rad].
-        gap: of entries; None where the robot cannot run.
+        gap: the gap of entries; None where the robot cannot run.
 
     Returns:
         The size and its gap; None if not even `least` can be reached.

@@ -115,7 +115,7 @@ class Environment:
         device: torch.device | str = "cpu",
         seed: int = 0,
         extra: Sequence[Transform] = (),
-    ) -> TransformedEnv:
+    ) -> World:
         """Make an environment with all transforms.
 
         Args:
@@ -130,7 +130,7 @@ class Environment:
                 are not there.
         """
         base = self._base(num_envs, threads, device)
-        env = TransformedEnv(base, Compose())
+        env = World(base, self, seed)
         for name, one in self.transforms.items():
             made = one(tasks=self.tasks) if _randomizes(one) else one()
             if not isinstance(made, Transform):
@@ -213,6 +213,20 @@ class Environment:
         return rows.observation_size, rows.action_low, rows.action_high
 
 
+class World(TransformedEnv):
+    """An environment that knows what it was made of, so that another process can make it, too.
+
+    Args:
+        base: the world.
+        made: what makes it and its transforms.
+        seed: of its episodes.
+    """
+
+    def __init__(self, base: EnvBase, made: Environment, seed: int) -> None:
+        super().__init__(base, Compose())
+        self.made, self.seed = made, seed
+
+
 def make_env(
     config: Mapping[str, Any] | Environment,
     num_envs: int = 1,
@@ -226,7 +240,7 @@ def make_env(
             and effects count, built or not; or an `Environment`.
         num_envs: N, its batch size.
         device: where tensors go.
-        seed: of its episodes.
+        seed: the seed of its episodes.
 
     Raises:
         Sim2RealError: parts that do not fit together.

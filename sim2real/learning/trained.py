@@ -25,7 +25,7 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
-from torchrl.envs import EnvBase, Transform
+from torchrl.envs import Transform, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from envs.params import ParamSpace
@@ -52,7 +52,7 @@ class Trained:
         program: makes the policy with given parameters as one torch module, from raw observations
             (..., O) to actions (..., A); None where it is no such function.
         frames: environment steps of its training.
-        dtype: of the observations that it is shown by a robot.
+        dtype: the dtype of the observations that a robot returns.
         source: the checkpoint that it is from, if any.
         cut: whether it was trained on actions that are cut at their limits, as `RowsEnv` cuts them;
             the rows of a population take them as they are.
@@ -85,7 +85,7 @@ class Trained:
 
     def world(
         self, num_envs: int, environment: Environment | None = None, threads: int = 0, seed: int = 0
-    ) -> EnvBase:
+    ) -> TransformedEnv:
         """Make the environment with the statistics of training, frozen.
 
         Args:
@@ -248,7 +248,7 @@ class Pilot:
         cut: whether actions are cut at their limits.
     """
 
-    def __init__(self, env: EnvBase, actor: TensorDictModuleBase, cut: bool) -> None:
+    def __init__(self, env: TransformedEnv, actor: TensorDictModuleBase, cut: bool) -> None:
         self._env, self._actor, self._cut = env, actor, cut
         self._fed: Fed = env.base_env.rows
         self._now: TensorDictBase | None = None

@@ -115,6 +115,7 @@ def train(
     cluster: Cluster | None,
     out: Path,
     finish: Finish | None = None,
+    check: Callable[[Algorithm], None] | None = None,
 ) -> Algorithm:
     """Train a policy in a folder.
 
@@ -126,11 +127,13 @@ def train(
         frames: environment steps after which no further iteration starts; None for no limit.
         checkpoint_every: iterations between checkpoints.
         keep_checkpoints: how many of the newest stay; the best stays too.
-        resume: a run folder or a checkpoint to continue; None starts afresh.
+        resume: a run folder or a checkpoint to continue; None starts a new run.
         cluster: where a population's episodes run; None for this machine.
         out: the run's folder.
         finish: called with the trained algorithm and its files, such as to evaluate it; None for
             nothing.
+        check: called with the untrained algorithm before a file is written, to refuse what could
+            not be done in the end; None for nothing.
 
     Returns:
         The trained algorithm.
@@ -143,6 +146,8 @@ def train(
     budget = Budget(iterations, frames)
     source = None if resume is None else find(resume)
     learner = build(algorithm, parts)
+    if check is not None:
+        check(learner)
     files = RunFiles(Path(out), learner.identity, checkpoint_every, keep_checkpoints)
     files.begin(learner, source)
     with cluster.attached(learner) if cluster else nullcontext():

@@ -78,6 +78,11 @@ class Moments:
         self.mean, self.squares = state["mean"].clone(), state["squares"].clone()
 
 
+def on(device: torch.device, tensors: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Return two tensors on a device."""
+    return tensors[0].to(device), tensors[1].to(device)
+
+
 BLIND = (  # what they do is not to what is seen
     RandomizeParams,
     StepCounter,
@@ -111,45 +116,78 @@ class RunningNorm(Transform):
         in_keys: the entries; one mean and deviation for each number of each.
         decay: how much of the past remains after each step; 1 keeps all of it.
         limit: deviations beyond which an entry is cut.
+        hold: steps for which the mean and deviation that are applied stay the same; with the length
+            of a batch, its values and returns are of one normalization. Entries pass as they are
+            until so many steps were taken. 1 renews them at each step.
 
-    In evaluation mode (`eval()`) the statistics stay as they are.
+    In evaluation mode (`eval()`) the statistics stay as they are, and the newest are applied.
+
+    Raises:
+        Sim2RealError: for a decay, a limit or a hold out of its range.
     """
 
     def __init__(
-        self, in_keys: list[str] | None = None, decay: float = 1.0, limit: float = 10.0
+        self,
+        in_keys: list[str] | None = None,
+        decay: float = 1.0,
+        limit: float = 10.0,
+        hold: int = 1,
     ) -> None:
         keys = in_keys or ["observation"]
-        if not 0 < decay <= 1 or not limit > 0:
+        if not 0 < decay <= 1 or not limit > 0 or hold < 1:
             raise Sim2RealError(
-                f"transforms: decay={decay} must be above 0 and at most 1, limit={limit} above 0"
+                f"transforms: decay={decay} must be above 0 and at most 1, limit={limit} above 0,"
+                f" hold={hold} at least 1"
             )
         super().__init__(in_keys=keys, out_keys=keys)
-        self.limit = limit
+        self.limit, self.hold = limit, hold
         self.moments = {key: Moments(decay) for key in keys}
-        self._scaling: dict[str, tuple[Tensor, Tensor]] = {}
+        self._steps = 0
+        self._held: dict[str, tuple[Tensor, Tensor]] = {}  # applied while training
+        self._newest: dict[str, tuple[Tensor, Tensor]] = {}  # applied in evaluation
 
     def affine(self, key: str = "observation") -> tuple[Tensor, Tensor]:
         """Return what is subtracted from an entry, and what it is then divided by."""
         return self.moments[key].mean, self.moments[key].std
 
-    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        self._steps += self.training
+        return super()._step(tensordict, next_tensordict)
+
+    def _call(
+        self, next_tensordict: TensorDictBase, began: torch.Tensor | None = None
+    ) -> TensorDictBase:
         for key in self.in_keys:
             x = next_tensordict.get(key)
             if self.training:
-                self.moments[key].update(x.reshape(-1, x.shape[-1]))
-                self._scaling.pop(key, None)
-            if key not in self._scaling:
-                mean, std = self.affine(key)
-                self._scaling[key] = mean.to(x.device), std.to(x.device)
-            mean, std = self._scaling[key]
+                rows = x.reshape(-1, x.shape[-1])
+                self.moments[key].update(rows if began is None else rows[began.reshape(-1)])
+                self._newest.pop(key, None)
+            mean, std = self._applied(key, x)
             scaled = ((x.to(mean.dtype) - mean) / std).clamp_(-self.limit, self.limit)
             next_tensordict.set(key, scaled.to(torch.float32))
         return next_tensordict
 
+    def _applied(self, key: str, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the mean and the deviation that an entry `x` is normalized with now."""
+        if self.training and self.hold > 1:
+            if self._steps and self._steps % self.hold == 0:
+                self._held[key] = self.affine(key)
+            elif key not in self._held:
+                like = torch.zeros(x.shape[-1:], dtype=torch.float64)
+                self._held[key] = like, torch.ones_like(like)
+            mean, std = self._held[key] = on(x.device, self._held[key])
+            return mean, std
+        if key not in self._newest:
+            self._newest[key] = on(x.device, self.affine(key))
+        return self._newest[key]
+
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        return self._call(tensordict_reset)
+        # Rows that go on were counted when they stepped.
+        began = None if tensordict is None else tensordict.get("_reset", None)
+        return self._call(tensordict_reset, began)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Return the specs with the entries' new type and limits."""
@@ -159,24 +197,28 @@ class RunningNorm(Transform):
         return observation_spec
 
     def get_extra_state(self) -> dict[str, Any]:
-        """Return what was seen."""
-        return {key: one.state() for key, one in self.moments.items()}
+        """Return what was seen, and what is applied."""
+        seen = {key: one.state() for key, one in self.moments.items()}
+        return {**seen, "steps": self._steps, "held": dict(self._held)}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
-        """Take over what was seen."""
+        """Take over what was seen, and what is applied: the newest if the state does not say."""
         for key, one in self.moments.items():
             one.load(state[key])
-        self._scaling.clear()
+        newest = {key: self.affine(key) for key in self.moments}
+        self._steps, self._held = state.get("steps", 0), dict(state.get("held") or newest)
+        self._newest.clear()
 
 
 class RewardScaling(Transform):
     """Divides rewards by the running deviation of each row's discounted return.
 
-    So one learning rate fits tasks of any pay. The mean stays: it says what is worth doing.
+    So one learning rate fits tasks of any reward scale. The mean stays, since it carries the
+    objective.
 
     Args:
         gamma: discount of a step.
-        limit: of a scaled reward.
+        limit: the largest absolute value of a scaled reward.
 
     Rewards as they were stay under "raw_reward". In evaluation mode (`eval()`) they are not scaled.
     """

@@ -6,7 +6,7 @@ r"""From a robot's episodes to the simulator that its policy should train in.
 
 `target` stands for the robot: a task whose state is all known. A few of its episodes are recorded,
 of a trained policy or of random actions, and `env`, the simulator that the policy knows, is
-diagnosed against them. What was found is in effects.yaml, with which training goes on:
+diagnosed against them. What was found is in effects.yaml, with which training continues:
 
     python -m sim2real +experiment=ppo_source effects=outputs/close_loop/.../effects.yaml eval=none
 
@@ -47,8 +47,8 @@ def record(robot: Simulation, act: Act, seeds: np.ndarray) -> Log:
 
     Args:
         robot: has as many rows as there are seeds.
-        act: from observations of all rows to their actions.
-        seeds: of the episodes, (n,) uint64.
+        act: maps observations of all rows to their actions.
+        seeds: the seeds of the episodes, (n,) uint64.
 
     Returns:
         A log whose rows hold the state before each command and, last of each episode, at its end.

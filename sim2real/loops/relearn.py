@@ -1,19 +1,6 @@
-"""Deploy a policy, find what its simulator lacks, learn anew, deploy again.
-
-    python -m sim2real +experiment=hopper2_gap
-    python -m sim2real +experiment=hopper2_gap robot.hidden=effects.yaml seed=1
-    python -m sim2real +experiment=hopper2_gap resume=outputs/relearn/hopper2_gap/...
-
-The robot is the emulated one, over its bus; what it hides (`robot.hidden`) is known to it alone.
-
-1. `nominal/`: a policy is learned in the simulator as it is, and tried on the robot.
-2. `stand/`: the robot is recorded on a stand; `diagnosis/`: what the simulator lacks.
-3. `corrected/`: a policy is learned, with the same settings and seed, in the simulator with what
-   was found, and tried on the robot.
-4. `truth/`: the same with what the robot really hides, which is the best that any diagnosis can do.
+"""What the verb `relearn` is made of: policies, what they return on the robot, and what is closed.
 
 What is closed of the gap is (corrected - nominal) / (truth - nominal), returns on the robot.
-Everything is on disk after each step; `resume=` goes on there.
 """
 
 from __future__ import annotations
@@ -83,7 +70,7 @@ def learn(folder: Path, name: str, parts: Parts, settings: dict[str, Any]) -> Tr
     """Train in a folder of its own, from where it stopped, and return the policy.
 
     Raises:
-        Stopped: after Ctrl-C; it says how to go on with all of it.
+        Stopped: after Ctrl-C; its message says how to continue.
     """
     place = folder / name
     begun = any((place / FOLDER).glob("checkpoint-*"))
@@ -96,7 +83,7 @@ def learn(folder: Path, name: str, parts: Parts, settings: dict[str, Any]) -> Tr
             out=place,
         )
     except Stopped as stopped:
-        text = f"stopped while it learned {name}; go on with resume={folder}"
+        text = f"stopped while it trained {name}; continue with resume={folder}"
         raise Stopped(text, stopped.exit_code) from None
     return learner.trained()
 
@@ -114,9 +101,9 @@ def diagnosed(
     Args:
         robot: the emulated robot.
         motions: kinds of motion.
-        seconds: of each recording.
+        seconds: the duration of each recording.
         guard: when it is stopped.
-        seed: of motions, noise and the diagnosis.
+        seed: the seed of motions, noise and the diagnosis.
         folder: gets stand/ and diagnosis/; what is there is not done again.
 
     Returns:
@@ -183,11 +170,11 @@ def _estimate(returns: list[float], rng: np.random.Generator) -> Interval | floa
 
 
 def draw(tried: dict[str, list[Tried]], path: Path) -> None:
-    """Draw the mean returns at home and on the robot, a line for each training run.
+    """Draw the mean returns in simulation and on the robot, a line for each training run.
 
     Args:
         tried: the runs, by the simulator that they learned in.
-        path: of the picture.
+        path: the path of the picture.
     """
     with figure(path, 1, 1, (6.0, 3.2)) as (_, axes):
         panel = axes[0, 0]

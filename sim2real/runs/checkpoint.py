@@ -1,4 +1,4 @@
-"""Checkpoints: all that a run needs to go on, in one file that is whole or absent.
+"""Checkpoints: all that a run needs to continue, in one file that is whole or absent.
 
     store = CheckpointStore("outputs/run/checkpoints", keep_last=3)
     store.save(algorithm, iteration=10, metadata={"task": "Hopper"}, score=812.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+NO_FOLDER = (errno.EACCES, errno.EPERM, errno.EROFS, errno.EEXIST, errno.ENOTDIR, errno.EISDIR)
 
 
 class Sim2RealError(ValueError):
@@ -22,14 +23,18 @@ class DamagedCheckpointError(CheckpointError):
 class DiskError(Sim2RealError):
     """A file of the run could not be written, such as on a full disk."""
 
+    USUAL = (*NO_ROOM, *NO_FOLDER)  # what the file system says that a user can mend
+
     @staticmethod
     def remedy(error: OSError) -> str:
         """Return what can be done about an error of the file system."""
-        return "free some space" if error.errno in NO_ROOM else "make the folder writable"
+        if error.errno in NO_ROOM:
+            return "free some space"
+        return "name a folder that can be written, with out=FOLDER, or make this one writable"
 
 
 class Stopped(KeyboardInterrupt):
-    """A run ended because it was told to (Ctrl-C, SIGTERM), after it wrote a checkpoint.
+    """A run ended on request (Ctrl-C, SIGTERM), after it wrote a checkpoint.
 
     It is a KeyboardInterrupt so that a sweep stops with it. Its text is one sentence that says how
     to resume.

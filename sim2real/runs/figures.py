@@ -108,7 +108,7 @@ def learning_curve(
         x: column of the horizontal axis.
         y: column of the vertical axis.
         draws: resamples of the interval.
-        seed: of the resamples.
+        seed: the seed of the resamples.
 
     Raises:
         Sim2RealError: a file without these columns or without a row that has both.

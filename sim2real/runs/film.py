@@ -25,7 +25,7 @@ from hardware.files import whole_file
 
 def _context(width: int, height: int) -> Any:
     """Make a GL context and the current one."""
-    logging.getLogger("OpenGL").setLevel(logging.WARNING)  # it tells of accelerators it lacks
+    logging.getLogger("OpenGL").setLevel(logging.WARNING)  # it warns of missing accelerators
     try:
         context = importlib.import_module(f"mujoco.{library()}").GLContext(width, height)
         context.make_current()
@@ -41,8 +41,8 @@ class Camera:
 
     Args:
         model: a model of the robot; its off-screen buffer may be smaller than the image.
-        width: of the image [px].
-        height: of the image [px].
+        width: the width of the image [px].
+        height: the height of the image [px].
         name: a camera of the model, or None for a free one.
 
     Raises:

@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 STEP = "train/iteration"
 SCORE = "train/return"
 # Keys of the configuration that decide what is computed.
-DECISIVE = ("env", "effects", "params", "policy", "adapt", "algorithm", "seed")
+DECISIVE = ("env", "effects", "params", "policy", "adapt", "algorithm")
 PACKAGES = ("mujoco", "numpy", "torch")
 
 
@@ -65,10 +65,11 @@ class RunFiles:
         self._saved, self._score = 0, float("nan")
 
     def begin(self, algorithm: Counted, source: Path | None) -> None:
-        """Start afresh, or from the checkpoint `source` of another run or of this one.
+        """Start a new run, or continue from the checkpoint `source` of another run or of this one.
 
         Raises:
-            CheckpointError: for one that does not fit, or a folder that already holds a run.
+            CheckpointError: for one that does not fit or has another seed, or a folder that already
+                holds a run.
             DiskError: when the folder cannot be written.
         """
         if source is None:
@@ -90,8 +91,13 @@ class RunFiles:
         log.info("continuing %s after iteration %d", source, algorithm.iteration)
 
     def _compare(self, source: Path, found: Mapping[str, Any]) -> None:
-        """Warn where this run's settings or versions are not those of the checkpoint."""
+        """Refuse another seed; warn where settings or versions are not those of the checkpoint."""
         then, now = found.get("config") or {}, self.config
+        if then and now and then.get("seed") != now.get("seed"):
+            raise CheckpointError(
+                f"resume={source}: that run has seed={then.get('seed')}, this one "
+                f"seed={now.get('seed')}; a run goes on with its own: give seed={then.get('seed')}"
+            )
         differ = [key for key in DECISIVE if then and now and then.get(key) != now.get(key)]
         versions = _versions()
         differ += [name for name, version in (found.get("versions") or {}).items()

@@ -2,6 +2,7 @@
 
     python -m sim2real run=blindcheck                                  # the exam of the docs: hours
     python -m sim2real +experiment=blindcheck_small                    # a sample of it
+    python -m sim2real +experiment=blindcheck_drake                    # robots that Drake moves
     python -m sim2real +experiment=blindcheck resume=outputs/mine      # go on where it stopped
     python -m sim2real +experiment=blindcheck resume=outputs/mine exam.most=0   # score it
 
@@ -13,27 +14,28 @@ of the answered cases read, and checked against the hashes that were written wit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from sim2real.exam import seal
-from sim2real.exam.hold import LOGS, Examiner, hold, report
-from sim2real.exam.score import Mark
+from sim2real.exam.hold import LOGS, Examiner, hold
 
 
-def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> list[Mark]:
+def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> Sequence[Any]:
     """Make, diagnose and score an exam; what is there already is not made again.
 
     Several of these programs may work on one exam; whoever is last scores it.
 
     Args:
         exam: which cases.
-        seed: of the draw.
+        seed: the seed of the draw.
         resume: the folder of an exam that was stopped; None starts one in `out`.
         out: the run's folder; gets logs/, keys/, answers/, table.md, the tables as CSV, score.json
-            and plots/matrix.png.
+            and pictures in plots/.
 
     Returns:
-        The marks of every case that was answered.
+        The exam's marks of every case that was answered.
 
     Raises:
         Sim2RealError: keys that are not the ones that were sealed; an exam that holds no case, or
@@ -46,6 +48,6 @@ def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> list[Mar
         hold(exam, outlines, folder)
     except KeyboardInterrupt:
         if seal.cases(folder / LOGS):
-            report(folder, len(outlines), seed)
+            exam.report(folder, len(outlines), seed)
         raise
-    return report(folder, len(outlines), seed)
+    return exam.report(folder, len(outlines), seed)

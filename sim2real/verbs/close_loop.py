@@ -6,7 +6,7 @@ r"""The verb `close_loop`: from a robot's episodes to the simulator that its pol
 
 `target` stands for the robot: a task whose state is all known. A few of its episodes are recorded,
 of a trained policy or of random actions, and `env`, the simulator that the policy knows, is
-diagnosed against them. What was found is in effects.yaml, with which training goes on:
+diagnosed against them. What was found is in effects.yaml, with which training continues:
 
     python -m sim2real +experiment=ppo_source effects=outputs/close_loop/.../effects.yaml eval=none
 
@@ -69,8 +69,8 @@ def run(
         algorithm: makes the algorithm from its parts.
         target: makes what stands for the robot.
         checkpoint: a trained policy, which then moves the target; None for random actions.
-        episodes: to record.
-        seed: of the target's episodes and of the diagnosis.
+        episodes: the number of episodes to record.
+        seed: the seed of the target's episodes and of the diagnosis.
         out: the run's folder; gets log.csv, source.xml, all that `diagnose` writes, and with a
             checkpoint returns.md and returns.csv.
 
@@ -80,11 +80,13 @@ def run(
     Raises:
         Sim2RealError: no target, no episodes, or worlds that are no simulations of one robot.
     """
-    if target is None or episodes < 1:
+    if target is None:
         raise Sim2RealError(
-            f"close_loop needs a target and episodes of it, not episodes={episodes}; "
-            "start from +experiment=hopper_gap"
+            "close_loop needs a target, which stands for the robot: start from "
+            "+experiment=hopper_gap, or add +env@target=hopper_polito"
         )
+    if episodes < 1:
+        raise Sim2RealError(f"episodes={episodes} must be at least 1")
     stand_in = parts.environment.over(target)
     source = one_simulation(parts.environment.over(parts.environment.base), "env")
     robot, trained = one_simulation(stand_in, "target", episodes), None

@@ -3,6 +3,7 @@
     python -m sim2real run=deploy checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00 robot=quad8
     python -m sim2real run=deploy checkpoint=RUN robot=quad8 robot.hidden=effects.yaml adapt=batch
     python -m sim2real run=deploy checkpoint=RUN robot=bench1 port=/dev/ttyUSB0 arm=true
+    python -m sim2real run=deploy checkpoint=RUN robot=quad8 port=/dev/a imu_port=/dev/b arm=true
     python -m sim2real run=deploy checkpoint=RUN robot=bench1 resume=outputs/deploy/default/...
 
 Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. Everything is
@@ -48,7 +49,8 @@ def run(
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     robot: dict[str, Any],
-    port: str | None,
+    port: str | list[str] | None,
+    imu_port: str | None,
     calibration: str | None,
     arm: bool,
     dry_run: bool,
@@ -66,8 +68,9 @@ def run(
             the algorithm, a checkpoint's own unless something else was chosen.
         algorithm: makes the algorithm from its parts.
         checkpoint: a checkpoint, or a run's folder.
-        robot: as conf/robot/NAME.yaml holds it.
-        port: its serial port; None for the robot's own, or else the emulated robot.
+        robot: the content of conf/robot/NAME.yaml.
+        port: its serial port, or those of its buses; None for its own, or the emulated robot.
+        imu_port: the serial port of its IMU; None for the robot's own, or none.
         calibration: zeros, signs and limits as `python -m hardware calibrate` wrote them.
         arm: whether a real robot may move.
         dry_run: compute actions from what is measured, send nothing, and do not adapt.
@@ -75,7 +78,7 @@ def run(
         settle: how long the start is held before each episode [s].
         stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
         resume: folder of a deployment that was interrupted; None starts one.
-        seed: of starts and perturbations.
+        seed: the seed of starts and perturbations.
         out: the run's folder; gets logs/, returns.csv, table.md, table.csv, plots/ and state.npz.
 
     Returns:
@@ -88,7 +91,7 @@ def run(
     """
     one_checkpoint(checkpoint)
     out, task = Path(out), servo_task(parts.environment)
-    machine = make_machine(robot, port, calibration)
+    machine = make_machine(robot, port, calibration, imu_port)
     if machine.port is not None and not (arm or dry_run):
         raise Sim2RealError(
             f"{machine.name} at {machine.port} would move; clear the space around it, then "

@@ -20,6 +20,7 @@ from pathlib import Path
 from hardware.log import read_logs
 from sim2real.diagnosis.diagnose import ProgressLines, run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, last_words, write
+from sim2real.diagnosis.report.comparison import read_report
 from sim2real.diagnosis.schema import Report
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.manifest import command_line
@@ -33,6 +34,7 @@ def run(
     model: str | None,
     effects: str | None,
     exclude: Sequence[str],
+    against: str | None,
     seed: int,
     out: Path,
 ) -> Report:
@@ -43,7 +45,9 @@ def run(
         model: an MJCF for all logs; None takes the one that each log names.
         effects: an effects.yaml of what is known already; put into the model first.
         exclude: names of effects that are left out of the candidates.
-        seed: of the bootstrap.
+        against: an earlier diagnosis, its folder or report.json; comparison.html sets it beside
+            this one. None for none.
+        seed: the seed of the bootstrap.
         out: the run's folder.
 
     Returns:
@@ -54,10 +58,13 @@ def run(
     """
     if not log:
         raise Sim2RealError("diagnose needs a recording; give log=PATH")
+    earlier = None if against is None else read_report(against)
 
     def write_all(found: Diagnosis) -> None:
         report = _with_command(found.report, Path(out))
         write(found._replace(report=report), Path(out))
+        if earlier is not None:
+            report.save_comparison(Path(out) / "comparison.html", earlier)
 
     found = run_diagnosis(
         read_logs(log),
@@ -70,7 +77,7 @@ def run(
     )
     write_all(found)
     gap = found.report.gap
-    names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in found.report.causes)
+    names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in found.report.values)
     log_.info("%s: %s; gap %.4g %s", found.report.verdict, names or "-", gap.before, gap.unit)
     for words in last_words(found.report):
         log_.warning("%s", words)

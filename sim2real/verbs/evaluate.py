@@ -2,11 +2,13 @@
 
     python -m sim2real run=evaluate checkpoint=outputs/train/esmaml/2026-11-21_10-00-00
     python -m sim2real run=evaluate checkpoint=[RUN_A,RUN_B,RUN_C]     # several seeds, one table
+    python -m sim2real run=evaluate checkpoint=RUN adapt=batch         # RUN of PPO or SAC, too
 
 In each cell of the grid the policy adapts several times, each time from the trained parameters,
-with perturbations and luck of its own. Each result is scored on fresh episodes whose start noise
-the adaptation has not seen, and the policy before adaptation on the same episodes, so that their
-difference carries no luck. Every cell, adaptation and episode is a row of the same batches.
+with its own perturbations and random numbers. Each result is scored on fresh episodes whose start
+noise the adaptation has not seen, and the policy before adaptation on the same episodes, so that
+random starts cancel in the difference. Every cell, adaptation and episode is a row of the same
+batches.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import Any
 
 from sim2real.evaluation.evaluate import Assessment, find_runs
 from sim2real.learning.algorithms.base import Algorithm, Parts, build
-from sim2real.runs.checkpoint import restore
+from sim2real.runs.checkpoint import check_expected, read_metadata, restore
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.progress import Progress
 
@@ -42,7 +44,7 @@ def run(
         eval: what to evaluate.
         checkpoint: a checkpoint, a run's folder, a folder of runs, or a list of these; several
             become one table.
-        seed: of the evaluation; all runs get the same luck.
+        seed: the seed of the evaluation, the same for all runs.
         out: the run's folder.
 
     Returns:
@@ -54,7 +56,9 @@ def run(
     if eval is None:
         raise Sim2RealError("eval=null leaves nothing to evaluate; choose eval=NAME")
     sources = find_runs(checkpoint)
-    learner = build(algorithm, parts.with_effects(effects))
+    learner = build(algorithm, parts.with_effects(effects), adapts=False)
+    for source in sources.values():
+        check_expected(source, read_metadata(source), learner.identity)
     scores = []
     with Progress(1, "task") as progress:
         for number, (name, source) in enumerate(sources.items()):

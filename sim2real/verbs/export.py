@@ -39,7 +39,7 @@ def run(
             the algorithm, a checkpoint's own unless something else was chosen.
         algorithm: makes the algorithm from its parts.
         checkpoint: a checkpoint, or a run's folder.
-        seed: of the observations that are compared.
+        seed: the seed of the observations that are compared.
         out: the run's folder; gets policy.pt2, policy.npz and policy.json.
 
     Returns:

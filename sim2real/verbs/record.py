@@ -27,7 +27,7 @@ from sim2real.runs.errors import Sim2RealError
 def run(
     *,
     robot: dict[str, Any],
-    port: str | None,
+    port: str | list[str] | None,
     calibration: str | None,
     arm: bool,
     motions: Sequence[Kind],
@@ -38,13 +38,13 @@ def run(
     """Record one episode.
 
     Args:
-        robot: as conf/robot/NAME.yaml holds it.
-        port: its serial port; None for the robot's own, or else the emulated robot.
+        robot: the content of conf/robot/NAME.yaml.
+        port: its serial port, or those of its buses; None for its own, or the emulated robot.
         calibration: zeros, signs and limits as `python -m hardware calibrate` wrote them.
         arm: whether a real robot may move.
         motions: kinds of motion, one after the other; see `hardware.excite`.
-        seconds: of all of them, shared evenly.
-        seed: of phases, poses and sizes.
+        seconds: the duration of all of them, shared evenly.
+        seed: the seed of phases, poses and sizes.
         out: the run's folder; gets log.csv, log.json and plots/log.png.
 
     Returns:

@@ -1,4 +1,4 @@
-"""The verb `relearn`: deploy a policy, find what its simulator lacks, learn anew, deploy again.
+"""The verb `relearn`: deploy a policy, find what its simulator lacks, retrain, deploy again.
 
     python -m sim2real +experiment=hopper2_gap
     python -m sim2real +experiment=hopper2_gap robot.hidden=effects.yaml seed=1
@@ -13,7 +13,7 @@ The robot is the emulated one, over its bus; what it hides (`robot.hidden`) is k
 4. `truth/`: the same with what the robot really hides, which is the best that any diagnosis can do.
 
 What is closed of the gap is (corrected - nominal) / (truth - nominal), returns on the robot.
-Everything is on disk after each step; `resume=` goes on there.
+Everything is on disk after each step; `resume=` continues there.
 """
 
 from __future__ import annotations
@@ -76,18 +76,18 @@ def run(
             the algorithm, a checkpoint's own unless something else was chosen.
         algorithm: makes the algorithm from its parts.
         checkpoint: a policy that was learned in the simulator as it is; None learns one.
-        robot: as conf/robot/NAME.yaml holds it.
+        robot: the content of conf/robot/NAME.yaml.
         motions: that show what the robot is like; see `hardware.excite`.
-        seconds: of each of the two recordings.
+        seconds: the duration of each of the two recordings.
         trials: episodes of each policy, in the simulator and on the robot.
         settle: how long the start is held before each episode on the robot [s].
         stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
-        iterations: of each training; see `train`.
+        iterations: the number of iterations of each training; see `train`.
         frames: environment steps of each training; see `train`.
         checkpoint_every: iterations between checkpoints.
         keep_checkpoints: how many of the newest stay.
         logger: further loggers of the trainings.
-        seed: of trainings, motions, starts and the diagnosis.
+        seed: the seed of trainings, motions, starts and the diagnosis.
         resume: the folder of a run that was stopped; None starts one in `out`.
         out: the run's folder; gets the folders of the steps, gap.json, table.md, table.csv and
             plots/gap.png.
@@ -127,7 +127,10 @@ def run(
         deploy.drive(rows, trained, deployment, place)
         at_home = trained.play(deployment.fresh, parts.environment.with_effects(effects)).returns
         log_.info(
-            "%s: %.4g at home, %.4g on the robot", name, at_home.mean(), np.mean(deployment.before)
+            "%s: %.4g in its simulator, %.4g on the robot",
+            name,
+            at_home.mean(),
+            np.mean(deployment.before),
         )
         return Tried(at_home.tolist(), deployment.before)
 

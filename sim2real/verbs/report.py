@@ -42,7 +42,7 @@ def run(
     Args:
         runs: a folder of runs, or a list; a text may name several with commas between.
         baseline: the experiment that every row is compared with; None for no comparison.
-        seed: of the bootstrap.
+        seed: the seed of the bootstrap.
         out: the report's folder.
 
     Returns:

@@ -59,7 +59,7 @@ def run(
         frames: environment steps after which no further iteration starts; None for no limit.
         checkpoint_every: iterations between checkpoints.
         keep_checkpoints: how many of the newest stay; the best stays too.
-        resume: a run folder or a checkpoint to continue; None starts afresh.
+        resume: a run folder or a checkpoint to continue; None starts a new run.
         video: the film of the trained policy; None for none.
         cluster: where a population's episodes run; None for this machine.
         out: the run's folder.
@@ -88,4 +88,5 @@ def run(
         cluster=cluster,
         out=out,
         finish=after,
+        check=getattr(eval, "check", None),
     )

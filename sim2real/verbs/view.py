@@ -3,6 +3,7 @@
     python -m sim2real run=view robot=quad8                            # along the motions of record
     python -m sim2real run=view robot=quad8 checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00
     python -m sim2real run=view robot=quad8 checkpoint=RUN video=film  # no display: a film instead
+    python -m sim2real run=view log=swing.csv viewer=rerun             # a log and its simulation
 
 What is seen is the robot that the driver talks to, hidden effects and all, not the model that the
 policy was trained in; also while it is armed, goes to its start, and parks.
@@ -10,14 +11,17 @@ policy was trained in; also while it is armed, goes to its start, and parks.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from envs.effects import load_effects
 from hardware.backends import ServoBackend
 from hardware.config import make_robot
 from hardware.emulator.world import World
 from hardware.excite import Kind
+from hardware.log import read_logs
 from hardware.rows import RobotRows
 from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.trained import load_trained
@@ -31,9 +35,14 @@ from sim2real.deployment.view import (
     watch,
     write_film,
 )
+from sim2real.diagnosis.data.recording import load_model
+from sim2real.diagnosis.data.replay import measure_all
+from sim2real.diagnosis.report.rerun_log import write_rerun
 from sim2real.evaluation.films import Video
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
 
 
 def run(
@@ -46,31 +55,41 @@ def run(
     motions: list[Kind],
     seconds: float,
     video: Video | None,
+    log: str | list[str] | None,
+    model: str | None,
+    effects: str | None,
+    viewer: Literal["rerun"] | None,
     seed: int,
     out: Path,
 ) -> Path | None:
-    """Show the emulated robot.
+    """Show the emulated robot, or a log beside its simulation.
 
     Args:
         parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
             the algorithm, a checkpoint's own unless something else was chosen.
         algorithm: makes the algorithm from its parts.
         checkpoint: the policy that drives the robot; None drives it along `motions`.
-        robot: as conf/robot/NAME.yaml holds it.
+        robot: the content of conf/robot/NAME.yaml.
         stops: when the guard stops the robot; see `deploy`.
         motions: kinds of motion, one after the other; see `hardware.excite`.
         seconds: how long, of the robot's time [s].
         video: the film to write instead of opening a window; None for the window.
-        seed: of starts and motions.
-        out: the run's folder; a film is videos/robot.mp4.
+        log: a log to show instead, in a viewer of recordings.
+        model: its MJCF; None takes the one that it names.
+        effects: an effects.yaml; the log is then also simulated with it.
+        viewer: the viewer of a log: rerun. None for the emulated robot.
+        seed: the seed of starts and motions.
+        out: the run's folder; a film is videos/robot.mp4, a recording log.rrd.
 
     Returns:
-        The film, if there is one.
+        The film or recording, if there is one.
 
     Raises:
         Sim2RealError: a real robot, no time, or no display.
         RenderError: when nothing can be drawn on this machine.
     """
+    if log is not None or viewer is not None:
+        return show_log(log, model, effects, viewer, Path(out))
     machine = make_robot(robot)
     if machine.port is not None:
         raise Sim2RealError(f"view shows emulated robots; {machine.name} is at {machine.port}")
@@ -90,3 +109,28 @@ def run(
             watch(world, Window(handle), seconds, drive, stops)
         return None
     return write_film(world, video, seconds, drive, stops, Path(out) / "videos" / "robot.mp4")
+
+
+def show_log(
+    log: str | list[str] | None,
+    model: str | None,
+    effects: str | None,
+    viewer: str | None,
+    out: Path,
+) -> Path:
+    """Write a log with its simulation, and with effects if they are given, for a viewer.
+
+    Raises:
+        Sim2RealError: a viewer without a log or a log without a viewer.
+    """
+    if log is None or viewer is None:
+        raise Sim2RealError("a log is shown by a viewer: give both log=PATH and viewer=rerun")
+    logs = read_logs(log)
+    specs = [load_model(one, model) for one in logs]
+    specs = [specs[0]] * len(logs)
+    found = {"model as given": measure_all(logs, specs)}
+    if effects is not None:
+        found["with effects"] = measure_all(logs, specs, load_effects(effects))
+    path = write_rerun(out / "log.rrd", found, specs[0])
+    log_.info("open it with: rerun %s", path)
+    return path

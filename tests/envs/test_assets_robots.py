@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hardware.config import ROBOTS, load_robot
+from hardware.emulator.feetech_inner import LARGEST_PWM
 
 OTHERS_MODEL = "so101"  # whose model is not ours
 ROBOT_NAMES = sorted(p.stem for p in ROBOTS.glob("*.yaml") if p.stem != OTHERS_MODEL)
@@ -39,6 +40,8 @@ def test_nominal_actuators_follow_from_the_servos(robot_and_model):
         assert model.actuator_biasprm[i, 1] == pytest.approx(-kp, rel=1e-3)
         assert model.actuator_biasprm[i, 2] == 0
         stall = servo.type.stall_torque(volts)
+        if servo.type.name == "sts3215":
+            stall *= LARGEST_PWM / 1000
         np.testing.assert_allclose(model.actuator_forcerange[i], [-stall, stall], rtol=1e-3)
         damping = servo.type.back_emf_damping
         assert model.actuator_damping[i] == pytest.approx(damping, rel=1e-3)

@@ -24,6 +24,13 @@ def simulation(num_rows: int, threads: int = 1, task: Task | None = None) -> Sim
     return Simulation(task or Hopper(), num_rows, effects, threads)
 
 
+@pytest.mark.parametrize("steps", [0, -1])
+def test_an_episode_without_a_step_is_refused(steps: int) -> None:
+    """No task lasts for less than one control step."""
+    with pytest.raises(TaskError, match=f"max_steps={steps} must be at least 1"):
+        Simulation(Hopper(max_steps=steps))
+
+
 def start(sim: Simulation, ids: np.ndarray, seed: int = 0) -> np.ndarray:
     """Reset rows with parameters and seeds of their own."""
     rng = np.random.default_rng([seed, *ids])

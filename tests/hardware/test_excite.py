@@ -76,3 +76,11 @@ def test_a_robot_that_stands_free_is_never_let_go(caplog):
     assert suiting(bench, ["ramp", "swing"]) == ["ramp", "swing"]
     with pytest.raises(RobotError, match="swing needs a robot that hangs"):
         suiting(quad, ["swing"])
+
+
+@pytest.mark.parametrize("seconds", [0.0, float("nan"), 1e99])
+def test_a_motion_has_a_length(seconds):
+    """No time and more than a day are refused with the number."""
+    robot = load_robot("bench1")
+    with pytest.raises(RobotError, match=f"seconds={seconds:g}".replace("+", r"\+")):
+        excite(robot, np.zeros(1), seconds, ("ramp",), np.random.default_rng(0))

@@ -82,6 +82,20 @@ def test_views():
         (HEADER + "0,0,1,1\n0,1,1,1\n1,0,1,1\n", r"row 2 \(line 4\).*episode 1 has 1 row"),
         (HEADER + "0,0,1,1\n0,1,1,1\n1,0,1,1\n1,1,1,1\n0,2,1,1\n0,3,1,1\n", r"row 4.*0 comes back"),
         (HEADER + "0.5,0,1,1\n0.5,1,1,1\n", r"column 'episode': 0.5 is not a whole number"),
+        (
+            HEADER + "0,0,1,1e300\n0,1,1,1\n",
+            r"row 0 \(line 2\), column 'qpos.hinge': 1e\+300 is no",
+        ),
+        (
+            "ep,t,cmd,pos\n0,0,1,1\n",
+            r"'episode' and 'time' and 'ctrl.<actuator>' and 'qpos.<joint>'",
+        ),
+        ("ep,t,cmd,pos\n0,0,1,1\n", r"are missing.*sim2real convert LOG columns=columns.yaml"),
+        (
+            HEADER.replace(",", ";") + "0;0;1,5;1\n0;1;1;1\n",
+            "'1,5' is not a number; write decimals",
+        ),
+        ("a" * 300_000 + "\n1\n", "the first line names no columns"),
         (HEADER, r"has no rows"),
         ("", r"the file is empty"),
         ("episode,time,time,ctrl.a,qpos.a\n", r"'time' is there 2 times"),
@@ -98,6 +112,15 @@ def test_refuses(tmp_path, text, message):
 def test_time_may_start_again_with_an_episode(tmp_path):
     """A new episode starts its own time, which is no step back."""
     assert len(read_log(write_text(tmp_path, HEADER + "0,0,1,1\n0,1,1,1\n1,0,1,1\n1,1,1,1\n"))) == 4
+
+
+def test_semicolons_separate_too(tmp_path):
+    """Spreadsheets of many countries write them, and tabs; the file may end in .CSV."""
+    text = HEADER + "0,0,1,1.5\n0,1,1,2\n"
+    for separator, name in ((";", "a.csv"), ("\t", "b.CSV")):
+        path = tmp_path / name
+        path.write_text(text.replace(",", separator))
+        assert list(read_log(path).column("qpos.hinge")) == [1.5, 2]
 
 
 def test_bad_files(tmp_path):

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hardware import config
+from hardware import parts
 from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import World
@@ -87,7 +87,7 @@ def test_published_constants_are_nearer_to_the_real_servo(monkeypatch, gain):
     rows = {}
     for name in ("ideal", "servo, data sheet", "servo, published"):
         kind = sheet if "sheet" in name else usual
-        monkeypatch.setattr(config, "servo_type", lambda _, kind=kind: kind)
+        monkeypatch.setattr(parts, "servo_type", lambda _, kind=kind: kind)
         errors = []
         for log in chosen:
             effects = FRICTION if "published" in name else []

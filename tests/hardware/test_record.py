@@ -17,6 +17,7 @@ from hardware.excite import Plan
 from hardware.log import Log, check_names, read_log, write_log
 from hardware.record import Recording, joint_names, record
 from hardware.safety import Guard
+from hardware.stop_limits import full_duty_errors
 
 NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml") if path.stem != "so101")  # no model
 
@@ -194,7 +195,7 @@ def test_a_soft_servo_may_sag_without_being_stuck():
     """
     robot = load_robot("bench1_bam")
     driver = make_driver(robot)
-    assert driver.full_duty_errors() == pytest.approx([885 * 256 / 200 * 2 * np.pi / 4096])
+    assert full_duty_errors(driver.robot) == pytest.approx([885 * 256 / 200 * 2 * np.pi / 4096])
     driver.connect()
     driver.configure()
     with Guard(driver) as guard:

@@ -107,7 +107,7 @@ def test_no_means_no(chain):
         raise EOFError
 
     bench.ask = nobody
-    with pytest.raises(HardwareError, match="nobody answers here; nothing was written"):
+    with pytest.raises(HardwareError, match="there is none; nothing was written"):
         bench.go()
     assert bench.memory() == before
 

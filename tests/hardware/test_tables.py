@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from hardware.config import make_robot
 from hardware.emulator.world import World
 from hardware.errors import RobotError
 from hardware.tables import servo_by_number, servo_type, servo_types
+from tests.hardware.conftest import bench_data
 
 PLACES = {
     "id": (7, 1),
@@ -38,6 +40,38 @@ def test_table(name):
     goal = kind.registers["goal_position"]
     for value in (-(2**31), -1, 0, 5, 2**31 - 1):
         assert goal.decode(goal.encode(value)) == value
+
+
+@pytest.mark.parametrize(
+    ("name", "register", "span", "factory"),
+    [
+        ("xc330-m181", "velocity_limit", (0, 2047), 545),
+        ("xc330-t288", "current_limit", (0, 910), 910),
+        ("xc330-t288", "min_voltage_limit", (55, 140), 55),
+        ("xc430-w150", "velocity_limit", (0, 1023), 460),
+        ("xm540-w270", "current_limit", (0, 2047), 2047),
+        ("xh430-w350", "max_voltage_limit", (95, 160), 160),
+        ("2xl430-w250", "velocity_limit", (0, 1023), 250),
+        ("xw540-t260", "current_limit", (0, 2047), 2047),
+        ("mx-64-2", "current_limit", (0, 1941), 1941),
+        ("mx-64-2", "goal_position", (-1048575, 1048575), None),
+    ],
+)
+def test_ranges_are_the_manuals(name, register, span, factory):
+    """Limits of current, velocity and voltage, and extended goals, as the type's page has them."""
+    kind = servo_type(name)
+    assert kind.registers[register].fixed_range == span
+    assert kind.defaults.get(register) == factory
+
+
+def test_a_value_beyond_its_range_is_refused_before_anything_is_asked():
+    """A robot's file cannot ask for what its servo would refuse."""
+    data = bench_data(registers={"current_limit": 1750, "position_p_gain": 800})
+    make_robot(data)
+    with pytest.raises(RobotError, match=r"current_limit = 1751; it can be 0 to 1750"):
+        make_robot(bench_data(registers={"current_limit": 1751}))
+    with pytest.raises(RobotError, match=r"pwm_slope = 0; it can be 1 to 255"):
+        make_robot(bench_data(registers={"pwm_slope": 0}))
 
 
 @pytest.mark.parametrize("name", servo_types())

@@ -101,7 +101,7 @@ def test_04_late_answers_are_never_fresh(rig, late):
     try:
         r.run(100, lambda k: np.full(3, 0.8 * np.sin(k / 6)))
     except SafetyError as error:
-        assert "no new answer" in str(error) or "does not tell" in str(error)
+        assert "no new answer" in str(error) or "does not report" in str(error)
         assert r.powered == [False] * 3
     for reading, true in pairs:
         off = np.abs(reading.count - true)[reading.fresh]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -145,6 +147,55 @@ def test_the_traceback_is_there_on_demand(run: Run, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     with pytest.raises(ConfigError):
         run("sed=1")
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (
+            OSError(errno.ENOSPC, "No space left on device"),
+            "this run: No space.*free some",
+        ),
+        (
+            PermissionError(errno.EACCES, "Permission denied", "/ro/x"),
+            "/ro/x: Perm.*out=FOLDER",
+        ),
+        (MemoryError("Unable to allocate 27 GiB"), "more memory than there is .Unable"),
+        (ValueError("std::bad_alloc"), "more memory than there is"),
+    ],
+)
+def test_what_a_machine_lacks_is_a_sentence(error: Exception, words: str) -> None:
+    """A full disk, a folder that cannot be written and too little memory, in every verb."""
+    assert re.search(words, str(entry.explained(error)))
+
+
+def test_a_folder_that_cannot_be_made_is_a_sentence(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file stands where the run's folder should be."""
+    (tmp_path / "taken").touch()
+    assert run(*TINY, "out=taken") == 2
+    assert "taken: File exists" in capsys.readouterr().err
+
+
+def test_broken_yaml_of_a_user_is_a_sentence(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the file and the line."""
+    (tmp_path / "mine" / "experiment").mkdir(parents=True)
+    (tmp_path / "mine" / "experiment" / "bad.yaml").write_text("a: [1\n b: {")
+    assert run("--config-dir", "mine", "+experiment=bad") == 2
+    assert re.search(r"no YAML: .*bad\.yaml.*line 2", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("value", ["-1", "nan"])
+def test_a_value_that_a_library_refuses_has_its_place(
+    value: str, run: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A learning rate below 0 is torch's to refuse; the key is ours to name."""
+    small = ["+experiment=ppo_source", "iterations=1", "eval=none", "algorithm.num_rows=2"]
+    assert run(*small, f"optimizer.lr={value}") == 2
+    assert f"optimizer.lr={value}" in capsys.readouterr().err
 
 
 def test_an_error_of_a_library_is_no_sentence() -> None:

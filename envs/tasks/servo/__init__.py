@@ -2,7 +2,8 @@
 
 from envs.tasks.servo.base import ServoTask
 from envs.tasks.servo.bench1 import Bench1
+from envs.tasks.servo.follow import Follow
 from envs.tasks.servo.hopper2 import Hopper2
 from envs.tasks.servo.quad8 import Quad8
 
-__all__ = ["Bench1", "Hopper2", "Quad8", "ServoTask"]
+__all__ = ["Bench1", "Follow", "Hopper2", "Quad8", "ServoTask"]

@@ -39,7 +39,7 @@ TIMESTEP = 0.001  # s, of the physics: one pass of the firmware's loop
 SPEED_FILTER = 0.005  # s, of a servo's reported speed; no maker publishes it
 SETTLE = 1.0  # s, that a robot holds its pose before an episode
 OLDEST = 0.01  # s, that a reading may be, or twice what the robot's file says
-START_NOISE = 0.02  # rad, largest deviation of the starting angles from the pose at home
+START_NOISE = 0.02  # rad, largest deviation of the starting angles from the home pose
 
 
 class ServoTask(Task):
@@ -106,7 +106,7 @@ class ServoTask(Task):
         return spec
 
     def setup(self, model: mujoco.MjModel) -> None:
-        """Read off where the servos are in the model, and where it rests in the pose at home."""
+        """Read off where the servos are in the model, and where it rests in the home pose."""
         super().setup(model)
         self.start = settled(model)
         joints = model.actuator_trnid[:, 0]
@@ -127,11 +127,11 @@ class ServoTask(Task):
         return own if np.isinf(rates).all() else [*own, (PwmSlope(np.array(rates)), ())]
 
     def rest(self, model: mujoco.MjModel) -> np.ndarray:
-        """Return the pose at home as the servos' goals [rad], (n,)."""
+        """Return the home pose as the servos' goals [rad], (n,)."""
         return model.key("home").ctrl.copy()
 
     def initial(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return states of robots that rest at home, each servo off by up to 20 mrad."""
+        """Return states of robots that rest in the home pose, each servo off by up to 20 mrad."""
         qpos = np.tile(self.start, (len(seeds), 1))
         noise = 2.0 * uniform(seeds, 0, len(self.q)) - 1.0
         qpos[:, self.q] += START_NOISE * noise

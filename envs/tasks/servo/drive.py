@@ -3,14 +3,15 @@
     ideal(spec.actuator("knee"), "xl330-m288")
     servo(spec.actuator("knee"), "xl330-m288", {"position_p_gain": 800}, 5.0, 0.001, 0.001)
 
-`ideal` is what one writes who knows a servo as "a thing that goes where it is told": stiff,
+`ideal` is the naive model of a servo that follows its goal: stiff,
 critically damped, limited by the data sheet's stall torque, acting at once.
 
 `servo` is the motor and its firmware: PWM = P / divisor * counts of error, no more than the PWM
 limit; V = PWM / 885 * supply; torque = K (V - K w) / R. The last term, back-EMF, is the actuator's
 `damping`, outside the limit on the voltage. Together they are a direct-current motor driven by
 voltage, and an affine actuator, so that every effect on servos applies. Gains are in register
-units; an integral gain is refused, as no affine actuator has one.
+units; an integral gain is refused, as no affine actuator has one, and so is a derivative gain whose
+scale is not known.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import mujoco
 from envs.errors import TaskError, did_you_mean
 
 COUNT = 2.0 * math.pi / 4096.0  # rad, one step of an X-series encoder and of its goals
-FULL_PWM = 885  # counts of full duty
+FULL_PWM = 885  # counts of full duty of an X-series servo
 TICK = 0.001  # s, one pass of the firmware's loop
 SLOPE = 1.977  # V/s, one step of the PWM slope register; the manual's 1.977 mV a millisecond
 NO_SLOPE = 255  # the register's largest value, taken as no limit
@@ -35,14 +36,20 @@ LINEAR = 1  # the engine's number for linear interpolation of a delay line
 class Kind(NamedTuple):
     """A servo type at its output: constant [N·m/A], resistance [ohm], P divisor, stall [N·m].
 
-    `stiff` is what a naive model takes for its stiffness [N·m/rad]: a guess.
+    `stiff` is what a naive model takes for its stiffness [N·m/rad]: a guess. `full` is the register
+    of full duty, `most` the largest that the firmware gives, `limit` the register that lowers it,
+    `derivative` the divisor of the D gain register (None: not known).
     """
 
     constant: float
     resistance: float
-    divisor: int
+    divisor: float
     stall: float
     stiff: float
+    full: int = FULL_PWM
+    most: int = FULL_PWM
+    limit: str = "pwm_limit"
+    derivative: int | None = DERIVATIVE
 
 
 KINDS = {
@@ -53,6 +60,9 @@ KINDS = {
     # sqrt(1.4 N·m / 1.3 A * 11.1 V / 6.0 rad/s) and 11.1 V / 1.3 A of its data sheet;
     # stiffness: that of a public model of such servos (MuJoCo Menagerie's dynamixel_2r)
     "xl430-w250": Kind(1.42, 8.54, 128, 1.4, 50.0),
+    # constant, resistance, P gain, largest duty: identified in Rhoban's BAM,
+    # params/feetech_sts3215_7_4V; stall, stiffness: the public model of the SO-101 (SO-ARM100)
+    "sts3215": Kind(1.178, 2.48, 3.93, 2.94, 998.22, 1000, 970, "torque_limit", None),
 }
 
 
@@ -91,12 +101,12 @@ def servo(
     """Make an actuator the motor and firmware of a servo type.
 
     Args:
-        actuator: of the spec.
+        actuator: the actuator of the spec.
         name: the servo's type.
         registers: its settings, raw values; those left out are the factory's.
-        volts: of the supply [V].
-        delay: from a command's writing to its effect [s].
-        timestep: of the physics [s].
+        volts: the voltage of the supply [V].
+        delay: the time from writing a command to its effect [s].
+        timestep: the timestep of the physics [s].
 
     Raises:
         TaskError: a type or a setting that is not simulated.
@@ -107,11 +117,17 @@ def servo(
             f"{actuator.name}: position_i_gain={registers['position_i_gain']} is not simulated;"
             " set it to 0"
         )
+    d_gain = registers.get("position_d_gain", 0)
+    if d_gain and motor.derivative is None:
+        raise TaskError(
+            f"{actuator.name}: position_d_gain={d_gain} of a {name} is not simulated, for its scale"
+            " is not known; set it to 0"
+        )
     full = volts * motor.constant / motor.resistance  # N·m at full duty
-    duty = full / FULL_PWM / COUNT  # N·m/rad for a gain of one PWM step a count
+    duty = full / motor.full / COUNT  # N·m/rad for a gain of one PWM step a count
     kp = registers["position_p_gain"] / motor.divisor * duty
-    kv = registers.get("position_d_gain", 0) / DERIVATIVE * duty * TICK
-    limit = full * registers.get("pwm_limit", FULL_PWM) / FULL_PWM
+    kv = d_gain / (motor.derivative or 1) * duty * TICK
+    limit = full * min(registers.get(motor.limit, motor.most), motor.most) / motor.full
     actuator.set_to_position(kp=kp, kv=kv)
     actuator.damping[:] = [motor.constant**2 / motor.resistance, 0.0, 0.0]
     actuator.forcerange = [-limit, limit]

@@ -1,4 +1,4 @@
-"""Hopper2: a leg of two servos on a boom that is paid for hopping forward."""
+"""Hopper2: a leg of two servos on a boom that is rewarded for hopping forward."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Hopper2(ServoTask):
     gait = Gait(frequency=3.5, swing=0.0, extension=0.1)
     home_bend = 0.5  # rad, of the keyframe's leg
     reach = 0.6  # rad, of the actions
-    fastest = 1.5  # m/s, that is paid for
+    fastest = 1.5  # m/s, the largest speed that is rewarded
     energy_cost = 0.005  # 1/W of the reward a second
     straight = 0.128  # m, height of the body on a straight leg
     height_reward = 10.0  # a second and metre

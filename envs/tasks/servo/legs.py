@@ -32,8 +32,8 @@ def joints(swing: np.ndarray, extension: np.ndarray, home: float) -> np.ndarray:
     """Return hip and knee angles of l legs [rad], (n, 2 l): hip, knee, hip, knee, ...
 
     Args:
-        swing: of each leg, forward [rad], (n, l).
-        extension: of each leg [rad], (n, l).
+        swing: the swing of each leg, forward [rad], (n, l).
+        extension: the extension of each leg [rad], (n, l).
         home: bend of a leg at extension 0 [rad].
     """
     bend = home - extension

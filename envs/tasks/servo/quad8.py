@@ -1,4 +1,4 @@
-"""Quad8: a four-legged robot of eight servos that is paid for walking forward cheaply."""
+"""Quad8: a four-legged robot of eight servos that is rewarded for walking forward cheaply."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Quad8(ServoTask):
     gait = Gait(frequency=2.0, swing=0.1, extension=0.15)
     home_bend = 0.6  # rad, of the keyframe's legs
     reach = 0.3  # rad, of the actions
-    fastest = 0.5  # m/s, that is paid for
+    fastest = 0.5  # m/s, the largest speed that is rewarded
     energy_cost = 0.005  # 1/W of the reward a second
     most_tilt = 0.6  # rad
 

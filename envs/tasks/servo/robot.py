@@ -28,9 +28,9 @@ class Machine:
     Args:
         name: the robot's.
         rate: control steps a second [1/s].
-        delay: from writing a command to its effect [s].
-        age: from a servo's reading to writing the command made of it [s].
-        voltage: of the supply, without load [V].
+        delay: the time from writing a command to its effect [s].
+        age: the time from a servo's reading to writing the command computed from it [s].
+        voltage: the voltage of the supply, without load [V].
         low: least angles that may be commanded [rad], (n,).
         high: largest angles, (n,).
         most_step: largest change of a command in one control step [rad], (n,).

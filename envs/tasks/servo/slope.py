@@ -41,7 +41,7 @@ class PwmSlope(Effect):
     """A limit on the change of each actuator's torque before back-EMF.
 
     Args:
-        rates: of all actuators [N·m/s]; inf for none.
+        rates: the rate of each actuator [N·m/s]; inf for no limit.
     """
 
     name = "pwm_slope"

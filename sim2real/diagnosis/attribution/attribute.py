@@ -16,13 +16,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs.effects.base import PLAIN
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.cogging import with_ripples
 from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, columns, refine
+from sim2real.diagnosis.attribution.liveliest import lively, tempered
 from sim2real.diagnosis.attribution.pairwise import pairs
-from sim2real.diagnosis.attribution.screen import Guess, Response, Screening, screen
-from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.score import Blocks
+from sim2real.diagnosis.attribution.promise import Guess
+from sim2real.diagnosis.attribution.screen import Response, Screening, screen
+from sim2real.diagnosis.data.score import Blocks, coherence
+from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 PAIRING, STARTED, CAUSE, ENDING = 0.3, 0.1, 0.25, 0.9  # shares of the work, for the progress
@@ -31,11 +34,16 @@ OnProgress = Callable[[str, float], None]
 
 
 class Contender(NamedTuple):
-    """A candidate fitted beside the effects found so far, and its held-out errors."""
+    """A candidate fitted beside the effects found so far, and its held-out errors.
+
+    One that raced took few steps beside what was then known; one that is `settled` as many as the
+    causes, beside all others: only equals are compared with each other.
+    """
 
     candidate: Candidate
     fit: Fit
     error: np.ndarray  # (W, T, M)
+    settled: bool = False
 
 
 @dataclass
@@ -74,6 +82,7 @@ class Search:
         floor: noise floor, in the units of errors.
         rng: for the bootstrap.
         on_progress: called with what is tried, and the share of the work done.
+        floors: of each joint, (M,); None: all alike.
     """
 
     def __init__(
@@ -83,8 +92,10 @@ class Search:
         floor: float,
         rng: np.random.Generator,
         on_progress: OnProgress,
+        floors: np.ndarray | None = None,
     ) -> None:
         self.problem, self.options, self.floor = problem, list(options), floor
+        self.floors = np.full(len(problem.data.joints), floor) if floors is None else floors
         self.on_progress = on_progress
         self.rng = rng
         self.settings = limits = problem.data.settings.search
@@ -99,7 +110,10 @@ class Search:
         self.settling = problem.subset(liveliest(limits.final_s))
         self.racing = problem.subset(liveliest(limits.racing_s), weight)
         self.screening = problem.subset(liveliest(limits.screening_s), weight)
-        self.blocks = Blocks(problem.data, problem.windows, rng)
+        longer = problem.data.stepping(problem.data.settings.screening.coarse_s)
+        self.coarse = None if longer is None else Simulator(longer, problem.simulator.fixed)
+        seconds = coherence(problem.data, self.base)
+        self.blocks = Blocks(problem.data, problem.windows, rng, seconds)
         self.before = self.blocks.rms(self.base)
         counts = np.array([joint.count / joint.scale for joint in problem.data.joints])
         rounded = float(np.sqrt(np.mean(counts**2)))
@@ -115,7 +129,7 @@ class Search:
                 self.pair(found)
             contenders = self.race(found.fit, found.error, found)
             best = contenders[0] if contenders else None
-            if best is None or not self.joins(best, found):
+            if best is None or not self.joins(best, found, contenders):
                 break
             best = self.polish(best)
             found.fit, found.error = best.fit, best.error
@@ -176,12 +190,16 @@ class Search:
         """Return the share of the closable gap that is closed where this gap remains."""
         return (self.before - gap) / max(self.before - self.floor, TINY_SQUARE)
 
-    def joins(self, best: Contender, found: Found) -> bool:
-        """Return whether an effect's held-out gain is sure, and large enough to matter."""
+    def joins(self, best: Contender, found: Found, contenders: Sequence[Contender] = ()) -> bool:
+        """Return whether an effect's held-out gain is sure, and large enough to matter.
+
+        The winner of a race pays for all the contenders that it was picked from.
+        """
         fall = self.blocks.rms(found.error) - self.blocks.rms(best.error)
         limits, room = self.settings, self.before - self.floor
         least = max(limits.worth_floors * self.floor, limits.worth * room)
-        return fall > least and self.blocks.gain(found.error, best.error)[0] > 0
+        others = [c.error for c in contenders if c is not best]
+        return fall > least and self.blocks.best_gain(found.error, [best.error, *others]) > 0
 
     def race(
         self,
@@ -199,7 +217,9 @@ class Search:
             options = [option for option in options if meets(option, replacing)]
         self.on_progress(f"screening {len(options)} effects", self._share(fit))
         looked, racing = self.stages(error)
-        screening = screen(looked, fit, options, self.responses if looked is self.screening else ())
+        before = self.responses if looked is self.screening else ()
+        coarse = None if self.coarse is None else looked.by(self.coarse)
+        screening = screen(looked, fit, options, before, coarse)
         if looked is self.screening:
             seen = {response.candidate.label for response in screening.responses}
             self.responses = [r for r in self.responses if r.candidate.label not in seen]
@@ -269,7 +289,10 @@ class Search:
         return Contender(candidate, fit, self.problem.held_out(fit.members, fit.values))
 
     def suspects(self, fit: Fit, error: np.ndarray) -> list[Candidate]:
-        """Return the candidates that could cause what is wrong: at joints with a gap, or above."""
+        """Return the candidates that could cause what is wrong: at joints with a gap, or above.
+
+        What all joints share, and takes its time to simulate, only if several have one.
+        """
         taken = {(m.name, m.effect.where) for m in fit.members}
         square = self.problem.data.mean_squares(error)
         excess = np.maximum(square - self.floor**2, 0.0)
@@ -281,6 +304,7 @@ class Search:
             for option in self.options
             if (option.name, option.effect.where) not in taken
             and (option.joint is None or guilty & set(option.shown))
+            and (len(guilty) > 1 or not option.shared or option.group == PLAIN)
         ]
         return [
             with_ripples(option, self.problem.data, error) if option.name == "cogging" else option
@@ -300,7 +324,7 @@ class Search:
             contenders.sort(key=lambda c: self.blocks.rms(c.error))
             best = contenders[0]
             dropped = Found(rest, error)
-            if not self.joins(best, dropped):
+            if not self.joins(best, dropped, contenders):
                 found.fit, found.error = rest, error
                 found.rivals.pop(member.label, None)
                 continue
@@ -348,38 +372,3 @@ def beside(best: Contender, spread: Sequence[float]) -> np.ndarray:
             values[:, own.start + size : own.stop] = further
             found.append(values)
     return np.array(found).reshape(len(found), *best.fit.values.shape)
-
-
-def tempered(data: Data, error: np.ndarray) -> np.ndarray:
-    """Return what each window counts in a fit, (W,): 1, less for the few with by far most error.
-
-    A joint that swings freely in the model and sticks on the robot would outweigh everything else.
-    """
-    own = np.sqrt(data.window_squares(error))
-    limit = float(np.quantile(own, data.settings.search.heavy, method="lower"))
-    return np.minimum(1.0, max(limit, TINY_SQUARE) / np.maximum(own, TINY_SQUARE))
-
-
-def lively(data: Data, error: np.ndarray, seconds: float) -> np.ndarray:
-    """Return windows of about so many seconds in all.
-
-    Of each model and each fold some, by turns the one with most error and one of those spread
-    evenly from calm to lively.
-    """
-    lengths = np.array([w.sample[-1, 0] - w.sample[0, 0] for w in data.windows])
-    if lengths.sum() <= seconds:
-        return np.arange(len(lengths))
-    weight = data.window_squares(error)
-    model = np.array([w.model for w in data.windows])
-    speed = np.array([w.lively for w in data.windows])
-    groups = [np.flatnonzero((model == m) & (data.fold == f)) for m in set(model) for f in (0, 1)]
-    chosen: list[int] = []
-    for rank in range(len(lengths)):
-        if lengths[chosen].sum() >= seconds and rank > 0:
-            break
-        for group in groups:
-            worst, line = group[np.argsort(-weight[group])], group[np.argsort(speed[group])]
-            spread = np.roll(line[::-1], data.settings.search.stride * rank)
-            pick = worst if rank % len((worst, spread)) == 0 else spread
-            chosen += [int(i) for i in pick if i not in chosen][:1]
-    return np.sort(np.array(chosen))

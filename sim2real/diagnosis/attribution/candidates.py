@@ -72,6 +72,11 @@ class Candidate:
         return self.joint if self.effect.place == "body" else self.effect.where
 
     @property
+    def shared(self) -> bool:
+        """Whether one value holds for all joints or actuators."""
+        return self.effect.where is None and self.effect.place in ("joint", "actuator")
+
+    @property
     def step(self) -> np.ndarray:
         """The size of a typical change of each parameter, (P,)."""
         changes = np.where(self.neutral >= FREE, self.probes, self.probes - self.neutral)

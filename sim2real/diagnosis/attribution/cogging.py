@@ -4,8 +4,11 @@
 
 A servo that a torque tau pushes gives way by tau / kp, so a ripple A sin(N q + phase) that the
 model lacks shows in the error, simulated minus measured, as -A/kp sin(N q + phase) while it is
-slow. For each whole N the sine and cosine of N q are fitted to it beside a smooth function of q;
-those N that remove most are looked at first.
+slow. For each N of a grid the sine and cosine of N q are fitted to it beside a smooth function of
+q: a least-squares periodogram (Lomb 1976, Astrophysics and Space Science 39), whose highest peaks
+are looked at first. N need not be whole: a gear of 298.5 : 1 makes no whole number of the motor's
+poles. The grid is as fine as the joint's span lets it be, and ends where the encoder no longer
+resolves a ripple.
 """
 
 from __future__ import annotations
@@ -16,6 +19,8 @@ import numpy as np
 
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.settings import TINY
+from sim2real.diagnosis.settings.attribution import Cogging
 
 
 def with_ripples(candidate: Candidate, data: Data, error: np.ndarray) -> Candidate:
@@ -32,23 +37,44 @@ def with_ripples(candidate: Candidate, data: Data, error: np.ndarray) -> Candida
     q, rest = data.measured[..., joint][inside], error[..., joint][inside] * data.scale[joint]
     if len(q) < limits.rows_min:
         return candidate
-    found = []
     order = limits.trend_order if np.ptp(q) > limits.turned else 0
-    smooth = q[:, None] ** np.arange(order + 1)
-    fewest, most = limits.counts
-    for count in range(fewest, most + 1):
-        table = np.column_stack([smooth, np.sin(count * q), np.cos(count * q)])
-        weights, *_ = np.linalg.lstsq(table, rest)
-        left = float(((rest - table @ weights) ** 2).sum())
-        found.append((left, count, complex(-weights[-2], -weights[-1])))
-    found.sort(key=lambda one: one[0])
+    smooth, _ = np.linalg.qr(q[:, None] ** np.arange(order + 1))  # (rows, order + 1)
+    rest = rest - smooth @ (smooth.T @ rest)
+    counts = _grid(q, data.joints[joint].count, limits)
+    if not counts.size:
+        return candidate
+    waves = np.array([_wave(q, rest, smooth, count) for count in counts])  # (N, 3)
     stiff = _stiffness(candidate, data)
     probes = [
-        (size * stiff * abs(wave), float(count), float(np.angle(wave)))
-        for _, count, wave in found[: limits.counts_probed]
+        (size * stiff * np.hypot(*waves[k, :2]), counts[k], np.arctan2(waves[k, 1], waves[k, 0]))
+        for k in _peaks(waves[:, 2])[: limits.counts_probed]
         for size in limits.sizes
     ]
     return replace(candidate, probes=np.clip(probes, candidate.low, candidate.high))
+
+
+def _grid(q: np.ndarray, step: float, limits: Cogging) -> np.ndarray:
+    """Return the counts to look at, (N,): `limits.finest` of them in a resolvable difference."""
+    fewest, most = limits.counts
+    apart = 2 * np.pi / max(float(np.ptp(q)), TINY)  # of counts that the span tells apart
+    if step > 0:
+        most = min(most, np.pi / (limits.readings * step))
+    return np.arange(max(fewest, apart), most, apart / limits.finest)
+
+
+def _wave(q: np.ndarray, rest: np.ndarray, smooth: np.ndarray, count: float) -> np.ndarray:
+    """Return minus the sine's and cosine's parts of an error, and the squares they remove, (3,)."""
+    table = np.column_stack([np.sin(count * q), np.cos(count * q)])
+    table -= smooth @ (smooth.T @ table)
+    weights, *_ = np.linalg.lstsq(table, rest)
+    return np.array([*-weights, float(rest @ table @ weights)])
+
+
+def _peaks(height: np.ndarray) -> np.ndarray:
+    """Return the places of a curve's local maxima, the highest first."""
+    padded = np.concatenate([[-np.inf], height, [-np.inf]])
+    found = np.flatnonzero((height >= padded[:-2]) & (height > padded[2:]))
+    return found[np.argsort(-height[found])]
 
 
 def _slow(data: Data, joint: int) -> np.ndarray:
@@ -56,7 +82,8 @@ def _slow(data: Data, joint: int) -> np.ndarray:
     found = np.zeros(data.mask.shape, bool)
     for row, window in zip(found, data.windows, strict=True):
         if window.off < data.settings.cogging.off_share and len(window.sample) > 1:
-            speed = np.gradient(window.measured[:, joint], window.sample[:, joint])
+            with np.errstate(divide="ignore", invalid="ignore"):  # a lost answer keeps its stamp
+                speed = np.gradient(window.measured[:, joint], window.sample[:, joint])
             row[: len(speed)] = np.abs(speed) < data.settings.cogging.slow
     return found
 

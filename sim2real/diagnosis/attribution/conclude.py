@@ -1,12 +1,6 @@
 """From what attribution found to a report: verdict, causes with intervals, evidence.
 
-    report = conclude(search, found, floors, rng)
-
-Verdicts, with the limits of `settings.Verdict`: `no_gap` if the gap is within twice the noise floor
-or two encoder counts; `explained` if what is left is within twice the floor, or nine tenths are
-closed; `partly_explained` from three tenths with a lower bound above zero; else `unexplained`.
-`explained` is said of the gap, not of the rest: where more than twice the floor is left, the report
-and the terminal say how many floors.
+report = conclude(search, found, floors, rng)
 """
 
 from __future__ import annotations
@@ -16,10 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim2real.diagnosis.attribution.alike import confidence, equals
 from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.equivalents import (
+    explanations,
+    inseparable,
+    value_of,
+    with_rivals,
+)
 from sim2real.diagnosis.attribution.fit import Fit, columns
 from sim2real.diagnosis.attribution.locate import bands, locate
+from sim2real.diagnosis.attribution.parsimony import dropped, neutral
 from sim2real.diagnosis.attribution.quantify import (
     Spread,
     as_gaps,
@@ -32,18 +34,15 @@ from sim2real.diagnosis.attribution.quantify import (
 )
 from sim2real.diagnosis.attribution.residual import describe
 from sim2real.diagnosis.attribution.singles import singles
-from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.attribution.verdict import Rest, stands_out, verdict_of
+from sim2real.diagnosis.evidence import Band, Rung, SingleFit
 from sim2real.diagnosis.schema import (
-    Band,
     Cause,
     Equivalent,
     Finding,
     GapNumbers,
     Report,
-    Rung,
-    SingleFit,
     Unexplained,
-    Verdict,
     Where,
 )
 from sim2real.diagnosis.settings import TINY_SQUARE
@@ -66,60 +65,6 @@ class Conclusion:
     alike: tuple[tuple[str, Fit], ...] = ()  # labels and fits that the data cannot tell apart
 
 
-def resolution(data: Data) -> float:
-    """Return what encoder counts hide of a gap, in the units of errors."""
-    counts = np.array([joint.count / joint.scale for joint in data.joints])
-    return float(data.settings.verdict.no_gap_counts * np.sqrt(np.mean(counts**2)))
-
-
-def stands_out(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
-    """Return whether one joint is further off than noise and rounding make, whatever the others do.
-
-    Args:
-        error: in the units of `data`, (W, T, M).
-        data: the windows.
-        floors: noise floor of each joint [rad or m], (M,).
-    """
-    counts, limits = np.array([joint.count for joint in data.joints]), data.settings.verdict
-    least = np.maximum(limits.joint_floors * floors, limits.joint_counts * counts)
-    return bool((np.sqrt(data.mean_squares(error)) * data.scale > least).any())
-
-
-def is_no_gap(before: float, floor: float, data: Data, alone: bool) -> bool:
-    """Return whether a gap is within what noise and rounding make; `alone`: see `stands_out`."""
-    return not alone and before <= max(
-        data.settings.verdict.no_gap_floors * floor, resolution(data)
-    )
-
-
-def verdict_of(
-    before: float,
-    after: float,
-    floor: float,
-    closed: float,
-    low: float,
-    data: Data,
-    alone: tuple[bool, bool],
-) -> Verdict:
-    """Return the verdict on a gap.
-
-    Args:
-        before: the gap as given.
-        after: what is left of it.
-        floor: the noise floor.
-        closed: the share that is closed.
-        low: its lower bound.
-        data: the windows.
-        alone: whether one joint stands out, before and after.
-    """
-    if is_no_gap(before, floor, data, alone[0]):
-        return "no_gap"
-    limits = data.settings.verdict
-    if (after <= limits.no_gap_floors * floor and not alone[1]) or closed >= limits.explained:
-        return "explained"
-    return "partly_explained" if closed >= limits.partly and low > 0 else "unexplained"
-
-
 def nothing(search: Search, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
     """Return the conclusion where there is no gap; see `conclude`."""
     data, base = search.problem.data, search.base
@@ -138,7 +83,7 @@ def nothing(search: Search, floors: np.ndarray, rng: np.random.Generator) -> Con
 def conclude(
     search: Search, found: Found, floors: np.ndarray, rng: np.random.Generator
 ) -> Conclusion:
-    """Return what a search found, as a report.
+    """Return what a search found, as a report, without causes whose intervals hold neutral.
 
     Args:
         search: after its run.
@@ -158,9 +103,13 @@ def conclude(
     least = limits.left_min * after**2 + TINY_SQUARE
     left = after / np.sqrt(np.maximum(rests**2 - after**2, least))
     nothing_found = Spread(np.zeros((0, 2)), np.zeros((0, 0)))
-    spread = intervals(search.problem, fit, left, rng) if order else nothing_found
+    spread = intervals(search.problem, fit, left, rng, blocks.seconds) if order else nothing_found
+    if nil := neutral(fit, spread.ends):
+        fewer = dropped(search, found, [order[number] for number in nil])
+        return conclude(search, fewer, floors, rng)
+    found = with_rivals(search, found)
     spans, starts = spread.ends, [place.start for place in columns(fit.members)]
-    causes, findings, alike = [], [], ()
+    causes, findings, sets = [], [], []
     for place, number in enumerate(order):
         member = found.fit.members[number]
         rest = subsets[every - {number}]
@@ -168,20 +117,21 @@ def conclude(
         own = columns(fit.members)[place]
         causes.append(_valued(cause, member, fit.mean[own], spans[own]))
         findings += [_crowded(cause, crowd)] if len(crowd) >= limits.equivalents_max else []
-        if cause.equivalent and not alike:
-            others = [(c.candidate.label, c.fit) for c in crowd[: limits.equivalents_max - 1]]
-            alike = ((member.label, found.fit), *others)
+        sets.append(crowd[: limits.equivalents_max - 1])
     text = describe(data, found.error, floor)
     alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
     where, spectrum = _where(search, found.error, floors, rng)
     gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
+    rest = Rest(search.before, after, floor, closed, ci[0], alone, len(causes))
+    many = len(causes) > data.settings.verdict.causes_max
     report = Report(
-        verdict_of(search.before, after, floor, closed, ci[0], data, alone),
+        verdict_of(rest, data),
         gap,
         where,
-        tuple(causes),
+        () if many else tuple(causes),
         Unexplained(float(np.clip(1 - closed, 0.0, 1.0)), text),
         tuple(findings),
+        fitted=tuple(causes) if many else (),
     )
     return Conclusion(
         report,
@@ -192,7 +142,7 @@ def conclude(
         spans,
         _by_place(subsets, order, search.base),
         spread.correlation[np.ix_(starts, starts)],
-        alike,
+        explanations(fit, sets),
     )
 
 
@@ -234,21 +184,15 @@ def _count(found: Found) -> int:
 def _cause(
     search: Search, found: Found, member: Candidate, rest: np.ndarray, share: float, closed: float
 ) -> tuple[Cause, list[Contender]]:
-    """Return a cause without its value, and those that the data cannot tell from it."""
+    """Return a cause without its value, and those that other recordings may tell from it."""
     rivals = found.rivals.get(member.label, [])
     seen = found.on(rest)
-    crowd = _equals(search, member, rivals, seen, found.on(found.error))
-    names: dict[tuple[str, str | None], None] = {}
-    for contender in crowd:
-        place = (contender.candidate.name, contender.candidate.place)
-        if place != (member.name, member.place):
-            names[place] = None
-    most = search.problem.data.settings.causes.equivalents_max
-    alike = tuple(Equivalent(*name) for name in list(names)[: most - 1])
+    crowd = equals(search, member, rivals, seen, found.on(found.error))
+    named, crowd = _named(search, found, member, rivals, crowd)
     wrong = found.seen is not None  # it was named although it fails elsewhere
     wrong = wrong or contradicted(search.problem.data, search.blocks, rest, found.error)
     form = "contradicted" if wrong else "holds"
-    sure = _confidence(search, member, crowd, rivals, seen, closed)
+    sure = confidence(search, member, crowd, rivals, seen, closed)
     extra = {**member.effect.extra, **member.effect.options()}
     if member.effect.place == "body":
         extra["body"] = member.effect.where
@@ -263,9 +207,44 @@ def _cause(
         sure,
         share,
         form,
-        alike,
+        named,
+        member.shared,
     )
     return cause, crowd
+
+
+def _named(
+    search: Search,
+    found: Found,
+    member: Candidate,
+    rivals: Sequence[Contender],
+    crowd: Sequence[Contender],
+) -> tuple[tuple[Equivalent, ...], list[Contender]]:
+    """Return the equivalents that a report names, and those of them that can be parted at all.
+
+    What no recording can part from the cause, or from an equivalent that is named, counts with it.
+    """
+    own = found.fit.values.mean(axis=0)[columns(found.fit.members)[found.fit.members.index(member)]]
+    most = search.problem.data.settings.causes.equivalents_max
+    known: list[tuple[Candidate, np.ndarray]] = [(member, own)]
+    names: dict[tuple[str, str | None], Equivalent] = {}
+    apart: list[Contender] = []
+    labels = [contender.candidate.label for contender in crowd]
+    for contender in [*crowd, *(c for c in rivals if c.candidate.label not in labels)]:
+        option = contender.candidate
+        if option.label == member.label:
+            continue
+        one = option, value_of(contender).mean(axis=0)
+        same = any(inseparable(search, other, one) for other in known)
+        if not same and option.label not in labels:
+            continue
+        place = option.name, option.place
+        apart += [] if same else [contender]
+        if place == (member.name, member.place) or place in names or len(apart) > most - 1:
+            continue
+        known.append(one)
+        names[place] = Equivalent(*place, inseparable=same)
+    return tuple(names.values()), apart
 
 
 def _valued(cause: Cause, member: Candidate, values: np.ndarray, spans: np.ndarray) -> Cause:
@@ -280,61 +259,6 @@ def _valued(cause: Cause, member: Candidate, values: np.ndarray, spans: np.ndarr
     kept = {k: v for k, v in vars(cause).items() if k not in ("value", "value_ci", "extra")}
     ends = (float(spans[most, 0]), float(spans[most, 1]))
     return Cause(**kept, value=float(values[most]), value_ci=ends, extra=extra)
-
-
-def _equals(
-    search: Search, member: Candidate, rivals: list[Contender], rest: np.ndarray, full: np.ndarray
-) -> list[Contender]:
-    """Return the rivals that do as well as a member on held-out windows, the best first."""
-    blocks, limits = search.blocks, search.problem.data.settings.causes
-    own = next((c.error for c in rivals if c.candidate.label == member.label), full)
-    best, worth = blocks.rms(own), max(blocks.rms(rest) - blocks.rms(own), 0.0)
-    floors = search.settings.worth_floors * search.floor
-    near = max(limits.equal_share * worth, min(floors, limits.equal_worth * worth))
-    found = []
-    for contender in rivals:
-        if contender.candidate.label == member.label:
-            continue
-        low, _ = blocks.gain(contender.error, own)
-        behind = blocks.rms(contender.error) - best
-        if behind < near or (low <= 0 and behind < limits.equal_unsure * worth):
-            found.append(contender)
-    return found
-
-
-def _confidence(
-    search: Search,
-    member: Candidate,
-    crowd: list[Contender],
-    rivals: list[Contender],
-    rest: np.ndarray,
-    closed: float,
-) -> float:
-    """Return the probability that a cause, or an equal of it, is really there.
-
-    How often it wins when blocks are drawn again, less where the next rival is close behind or
-    much of the gap stays. Where it never raced against others, nothing is known of that.
-    """
-    blocks, limits = search.blocks, search.problem.data.settings.causes
-    good = {member.label, *(c.candidate.label for c in crowd)}
-    others = [c for c in rivals if c.candidate.label not in good]
-    own = [c for c in rivals if c.candidate.label in good]
-    if not own:
-        wins, margin = limits.unrivalled, 1.0
-    elif not others:  # the screening has ruled all of them out
-        wins, margin = 1.0, 1.0
-    else:
-        best = np.min([blocks.drawn(c.error) for c in own], axis=0)
-        next_best = np.min([blocks.drawn(c.error) for c in others], axis=0)
-        wins = float(np.mean(best < next_best))
-        worth = blocks.rms(rest) - min(blocks.rms(c.error) for c in own)
-        gap = min(blocks.rms(c.error) for c in others) - min(blocks.rms(c.error) for c in own)
-        margin = gap / max(worth, TINY_SQUARE)
-    near = np.exp(-max(margin, 0.0) / limits.rival_margin)
-    sure = limits.sure_max * wins * (1 - limits.rival_doubt * near)
-    doubt = limits.open_doubt
-    sure *= (1 - doubt) + doubt * np.clip(closed, 0, 1)
-    return float(np.clip(sure, limits.confidence_min, limits.confidence_max))
 
 
 def _crowded(cause: Cause, crowd: list[Contender]) -> Finding:

@@ -12,6 +12,7 @@ simulation step, or half of one, is fitted along, since no log knows its stamps 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,12 @@ class Problem:
     def subset(self, chosen: np.ndarray, weight: np.ndarray | None = None) -> Problem:
         """Return the same problem on fewer windows, (n,) indices, that count so much, (W,)."""
         return Problem(self.data, self.simulator, chosen, weight)
+
+    def by(self, simulator: Simulator) -> Problem:
+        """Return the same problem, simulated by another simulator of the same windows."""
+        other = copy(self)
+        other.simulator = simulator
+        return other
 
     def errors(
         self, members: Sequence[Candidate], points: np.ndarray

@@ -21,9 +21,10 @@ import numpy as np
 
 from envs.effects import Effect
 from envs.effects.base import PLAIN
-from sim2real.diagnosis.attribution.attribute import Found, Search, lively
+from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, refine
+from sim2real.diagnosis.attribution.liveliest import lively
 from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.data.score import Blocks
 
@@ -82,7 +83,8 @@ class _Families:
         # Where families and joints are compared with each other: fewer windows than the verdict's.
         chosen = lively(search.problem.data, search.base, self.limits.windows_s)
         self.judge = search.problem.subset(chosen)
-        self.judged = Blocks(search.problem.data, self.judge.windows, rng)
+        seconds = search.blocks.seconds
+        self.judged = Blocks(search.problem.data, self.judge.windows, rng, seconds)
 
     def run(self) -> Found:
         """Add families while they help."""
@@ -195,11 +197,13 @@ class _Families:
         self.left = {kind: own for kind, own in self.left.items() if own[0].name not in names}
 
     def pruned(self, fit: Fit) -> Fit:
-        """Return the fit without members that do nothing on held-out windows."""
+        """Return the fit without members that do nothing on held-out windows.
+
+        Whether the others are worth their price is told in the end (`parsimony`).
+        """
         whole, every = self.gap(fit), range(len(fit.members))
-        least = self.limits.joint_worth * (self.search.before - self.search.floor)
         falls = [self.gap(without(fit, [i for i in every if i != n])) - whole for n in every]
-        return without(fit, [n for n in every if falls[n] > least])
+        return without(fit, [n for n in every if falls[n] > 0])
 
     def promise(
         self, problem: Problem, choice: tuple[str, ...], fit: Fit

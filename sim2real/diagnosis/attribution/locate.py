@@ -21,7 +21,8 @@ import numpy as np
 from hardware.log import Log
 from sim2real.diagnosis.data.regimes import regimes
 from sim2real.diagnosis.data.replay import Gap
-from sim2real.diagnosis.schema import Band, Regime, Where
+from sim2real.diagnosis.evidence import Band
+from sim2real.diagnosis.schema import Regime, Where
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Locating, Regimes, Settings
 
 
@@ -61,9 +62,9 @@ def locate(
     Args:
         gaps: each log with its replay in the model as given.
         floor: noise of each joint; what is left of its squared error above it counts.
-        models: of each log, for loads and actuators; none leaves these out.
+        models: the model of each log, for loads and actuators; none leaves these out.
         after: each log with its replay in the corrected model.
-        rng: for the bootstrap.
+        rng: the bootstrap's random generator.
         scale: what a joint's error is divided by, where rad and m have to meet; 1 if not given.
         settings: those of `locating`, `regimes`, `dataset` and `bootstrap` are used.
     """

@@ -50,12 +50,12 @@ class Experiment:
     """What to record next.
 
     Args:
-        text: for a person.
-        name: of the motion in the menu.
+        text: the recommendation in words.
+        name: the motion's name in the menu.
         motions: kinds of `hardware.excite`.
-        seconds: of the motion.
+        seconds: the duration of the motion.
         by_hand: what has to be changed first; None for nothing.
-        overrides: for `python -m sim2real run=record`.
+        overrides: overrides for `sim2real record`.
         separation: how far the two most similar members are apart, in noise floors.
         ranking: each motion of the menu and its separation, the best one first.
     """
@@ -83,10 +83,10 @@ def next_experiment(
     """Simulate the menu under each member and return what separates them fastest.
 
     Args:
-        members: at least two.
+        members: at least two explanations.
         spec: the model.
         floor: noise of a single run by joint [rad or m].
-        rng: for phases and poses of the motions.
+        rng: the random generator of the motions' phases and poses.
         robot: its limits and rate, where it is known; else the model's ranges are used.
         fixed: effects that the robot has in any case.
         settings: the motions, and the robot where only its model is known.
@@ -96,7 +96,7 @@ def next_experiment(
             members can follow.
     """
     if len(members) <= 1:
-        raise Sim2RealError(f"{len(members)} explanation leaves nothing to tell apart; give two")
+        raise Sim2RealError(f"{len(members)} explanation leaves nothing to separate; give two")
     machine = stand_in(spec, settings) if robot is None else robot
     falls = _falls(spec, machine, rng.spawn(1)[0], settings)
     items = [item for item in menu(spec, settings) if not (falls and "swing" in item.motions)]
@@ -259,6 +259,6 @@ def _text(
     if separation < settings.apart_min:
         return (
             f"{text}Even there they are only {separation:.1f} times the noise apart: no motion of "
-            "the menu tells them apart on this robot, so either will do in its simulator."
+            "the menu separates them on this robot, so either will do in its simulator."
         )
     return f"{text}There they are {separation:.0f} times the noise floor apart."

@@ -31,7 +31,7 @@ class NullTest(NamedTuple):
     """What the replayed gap does when the simulator's numerics are made better.
 
     Args:
-        gap: as the model is given, of the joints' motion.
+        gap: the gap with the model as given, relative to the joints' motion.
         gaps: the same with each change.
         moved: how far the replay moves with each change, of the joints' motion.
         words: "ok", or what was found, by the name of the change.

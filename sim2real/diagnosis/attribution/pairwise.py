@@ -3,7 +3,7 @@
     for pair in pairs(problem, base, drift, responses)[:4]: ...
 
 Adding effects one by one fails where two that act against each other have one look-alike: a servo
-that is too soft and rubs looks like one whose friction grows with its load.
+that is too soft and has friction resembles one whose friction grows with its load.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def pairs(
     """Return the pairs of different candidates, the most promising first.
 
     Args:
-        problem: on the screened windows.
+        problem: the problem on the screened windows.
         base: errors to be undone, (W, T, M).
         drift: their change with the clock, (W, T, M).
         responses: how each probe changes the simulation.

@@ -41,7 +41,14 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
         heat=_Heats(data, fixed),
         commands=_Commands(data),
         touching=touching(data.models[0], _poses(data)),
+        span=lambda joint: _span(data, joint),
     )
+
+
+def _span(data: Data, joint: str) -> float:
+    """Return through how much a joint moved in all logs [rad or m]."""
+    found = [log.columns[f"qpos.{joint}"] for log in data.logs if f"qpos.{joint}" in log.columns]
+    return float(np.ptp(np.concatenate(found))) if found else 0.0
 
 
 def _poses(data: Data) -> np.ndarray:

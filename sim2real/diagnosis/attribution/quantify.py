@@ -99,10 +99,16 @@ class Spread(NamedTuple):
     correlation: np.ndarray  # (P, P) of the values over blocks that are drawn again
 
 
-def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Generator) -> Spread:
+def intervals(
+    problem: Problem,
+    fit: Fit,
+    left: np.ndarray,
+    rng: np.random.Generator,
+    seconds: float | None = None,
+) -> Spread:
     """Return the 90 % intervals of a fit's values, and how the values go together.
 
-    One Gauss-Newton step on blocks of a second that are drawn again, in each fold; never less than
+    One Gauss-Newton step on blocks that are drawn again, in each fold; never less than
     the two folds differ, than clocks and counts can resolve, and than what is left of the gap may
     hide.
 
@@ -111,13 +117,14 @@ def intervals(problem: Problem, fit: Fit, left: np.ndarray, rng: np.random.Gener
         fit: the causes.
         left: what is left of the gap over what each of them closes, (n,).
         rng: for the bootstrap.
+        seconds: length of its blocks; None: about a second.
     """
     limits, tail = problem.data.settings.causes, problem.data.settings.bootstrap.tail
     error, slope = problem.errors(fit.members, fit.values[None])
     shift = problem.shift(error[0], slope[0])[problem.fold]
     timed = error[0] + shift[:, None, None] * slope[0]
     change = sensitivities(problem, fit.members, fit.values, error[0])  # (P, W, T, M)
-    blocks = Blocks(problem.data, problem.windows, rng)
+    blocks = Blocks(problem.data, problem.windows, rng, seconds)
     numbers = np.full(blocks.inside.shape, -1)
     numbers[blocks.inside] = blocks.numbers
     drawn = []

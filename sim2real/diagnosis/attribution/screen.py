@@ -4,30 +4,25 @@
     for guess in screening.guesses: ...                 # promising first
 
 A fit moves a candidate step by step; a screening looks at all of them with two or three simulations
-each, and takes what lies between the probes for a straight line.
+each, and takes what lies between the probes for a straight line. With a `coarse` problem it first
+glances at every probe in longer time steps: what a probe changes hardly depends on them. The best
+probes of the best candidates are then simulated as they are.
 """
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from envs.effects import Effect
+from envs.effects.base import PLAIN, RULES
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, columns, sensitivities
+from sim2real.diagnosis.attribution.promise import Guess, View, promises
 from sim2real.diagnosis.settings import TINY_SQUARE
-
-
-class Guess(NamedTuple):
-    """A candidate's promise, from how its probes change the simulation."""
-
-    candidate: Candidate
-    start: np.ndarray  # (P,) where a fit begins
-    gain: float  # share of the squared error that it should remove, judged on the other fold
-    error: np.ndarray | None  # (W, T, M) predicted held-out errors
-    known: np.ndarray  # (2, K) values of what is known already, as they would then be
 
 
 class Response(NamedTuple):
@@ -41,10 +36,41 @@ class Response(NamedTuple):
 class Screening(NamedTuple):
     """What screening found, on its windows."""
 
-    guesses: list[Guess]  # the most promising first
+    guesses: list[Guess]  # the most promising first; those only glanced at come last
     responses: list[Response]
     base: np.ndarray  # (W, T, M) errors with what is known already
     drift: np.ndarray  # (W, T, M) their change with the clock
+
+
+class Kind(enum.Enum):
+    """What longer time steps do to an effect: nothing, or they hide it, or they soften it."""
+
+    LONG, SHORT, ADDED = range(3)
+
+
+class _Look(NamedTuple):
+    """A candidate, and the numbers of its probes that are simulated."""
+
+    candidate: Candidate
+    probes: Sequence[int]
+
+
+class _Seen(NamedTuple):
+    """What was seen of a candidate whose probes change something."""
+
+    candidate: Candidate
+    promises: list[tuple[int, Guess]]  # of each probe by its number, the best first
+    changes: dict[int, np.ndarray]
+
+    @property
+    def gain(self) -> float:
+        return self.promises[0][1].gain
+
+    def responses(self, but: Sequence[int] = ()) -> list[Response]:
+        """Return how its probes change the simulation, but for those of some numbers."""
+        option = self.candidate
+        kept = [k for k in self.changes if k not in but]
+        return [Response(option, option.probes[k], self.changes[k]) for k in kept]
 
 
 def screen(
@@ -52,6 +78,7 @@ def screen(
     found: Fit,
     options: Sequence[Candidate],
     before: Sequence[Response] = (),
+    coarse: Problem | None = None,
 ) -> Screening:
     """Return a guess for each option, the most promising first.
 
@@ -64,193 +91,170 @@ def screen(
         found: the effects that are known already.
         options: what may be added to them.
         before: how options changed a simulation with less or other effects known, on the same
-            windows. Beside known effects, of many options only `probed_max` are probed in full:
+            windows. Beside known effects, of many options only `probed_max` are looked at:
             those that would promise most if they changed this simulation as they changed that
             one, or, where nothing is known of them, as their middle probes do.
+        coarse: the same windows in longer time steps; None simulates every probe as it is.
     """
     error, slope = problem.errors(found.members, found.values[None])
     base, drift = error[0], slope[0]
-    result = Screening([], [], base, drift)
     known = sensitivities(problem, found.members, found.values, base) if found.members else ()
-    free = np.array([drift, *known])
+    view = View(problem, found, base, np.array([drift, *known]))
+    result = Screening([], [], base, drift)
+    own = None if coarse is None else _alike(view, coarse)
     if found.members and len(options) > problem.data.settings.screening.probed_max:
-        options = _likely(problem, found, options, before, result, free)
-    _probe(problem, found, options, free, result)
-    result.guesses.sort(key=lambda guess: -guess.gain)
+        options = _likely(view, options, before, result, coarse, own)
+    seen, rest = [], []
+    looks = [_Look(option, range(len(option.probes))) for option in options]
+    if own is not None and len(options) > problem.data.settings.screening.kept_max:
+        seen, looks, rest = _glance(view, options, result, coarse, own)
+    seen += _simulate(view, looks)
+    for one in [*sorted(seen, key=lambda one: -one.gain), *rest]:
+        result.guesses.append(one.promises[0][1])
+        result.responses.extend(one.responses())
     return result
+
+
+def _alike(view: View, coarse: Problem) -> np.ndarray | None:
+    """Return the errors in longer steps, (W, T, M); None where these lose the motion.
+
+    A command acts from the next step on: they may be late.
+    """
+    known = [*(m.effect for m in view.found.members), *(e for e, _ in coarse.simulator.fixed)]
+    if any(_kind(effect) is Kind.ADDED for effect in known):
+        return None
+    error, _ = coarse.errors(view.found.members, view.found.values[None])
+    change, drift, data = error[0] - view.base, view.free[0], view.problem.data
+    change = change - (change * drift).sum() / max((drift**2).sum(), TINY_SQUARE) * drift
+    motion = np.array([joint.spread for joint in data.joints]) / data.scale
+    rows = data.mask[view.problem.windows].sum()
+    most = data.settings.screening.coarse_off**2 * rows * (motion**2).sum()
+    return error[0] if (change**2).sum() < most else None
+
+
+def _glance(
+    view: View,
+    options: Sequence[Candidate],
+    result: Screening,
+    coarse: Problem,
+    own: np.ndarray,
+) -> tuple[list[_Seen], list[_Look], list[_Seen]]:
+    """Return who is kept and was seen as it is, what is to be simulated yet, and who is left out.
+
+    Lags and delays may be shorter than a longer time step, and are looked at as they are. So are
+    the middle probes of what adds joints, which are as stiff and heavy as the time step asks.
+    """
+    limits = view.problem.data.settings.screening
+    long, short, added = (
+        [option for option in options if _kind(option.effect) == kind] for kind in Kind
+    )
+    exact = _simulate(view, [_Look(option, range(len(option.probes))) for option in short])
+    seen = _simulate(view, [_Look(o, range(len(o.probes))) for o in long], coarse, own)
+    seen += _simulate(view, [_Look(option, _middle(option)) for option in added])
+    order = sorted([*exact, *seen], key=lambda one: -one.gain)
+    done, looks = [], []
+    for one in order[: limits.kept_max]:
+        option, best = one.candidate, [k for k, _ in one.promises[: limits.probes_kept]]
+        kind = _kind(option.effect)
+        if kind is Kind.SHORT:
+            done.append(one)
+        elif kind is Kind.ADDED:
+            looks.append(_Look(option, range(len(option.probes))))
+        else:
+            looks.append(_Look(option, best))
+            result.responses.extend(one.responses(but=best))
+    return done, looks, order[limits.kept_max :]
 
 
 def _likely(
-    problem: Problem,
-    found: Fit,
+    view: View,
     options: Sequence[Candidate],
     before: Sequence[Response],
     now: Screening,
-    free: np.ndarray,
+    coarse: Problem | None,
+    own: np.ndarray | None,
 ) -> list[Candidate]:
     """Return the options that may promise most; adds how the middle probes of others change it."""
-    changes: dict[str, list[Response]] = {}
+    told: dict[str, dict[int, np.ndarray]] = {}
     for response in before:
-        changes.setdefault(response.candidate.label, []).append(response)
+        probes = response.candidate.probes.tolist()
+        if (probe := response.probe.tolist()) in probes:
+            told.setdefault(response.candidate.label, {})[probes.index(probe)] = response.change
     gains = {}
     for option in options:
-        own = [
-            r for r in changes.get(option.label, []) if r.probe.tolist() in option.probes.tolist()
-        ]
-        if own:
-            error = np.array([now.base + response.change for response in own])
-            seen = replace(option, probes=np.array([response.probe for response in own]))
-            guess = _guess(problem, found, seen, error, now.base, free)
-            gains[option.label] = 0.0 if guess is None else guess.gain
-    glance = Screening([], [], now.base, now.drift)
-    strangers = [_middle(option) for option in options if option.label not in gains]
-    _probe(problem, found, strangers, free, glance)
-    gains |= {guess.candidate.label: guess.gain for guess in glance.guesses}
-    kept = sorted(gains, key=lambda label: -gains[label])[
-        : problem.data.settings.screening.probed_max
-    ]
-    now.responses.extend(r for r in glance.responses if r.candidate.label not in kept)
+        if option.label in told:
+            made = promises(view, option, told[option.label])
+            gains[option.label] = made[0][1].gain if made else 0.0
+    strangers = [_Look(o, _middle(o)) for o in options if o.label not in gains]
+    long = [look for look in strangers if _kind(look.candidate.effect) is Kind.LONG]
+    others = [look for look in strangers if _kind(look.candidate.effect) is not Kind.LONG]
+    glanced = _simulate(view, long, *((coarse, own) if own is not None else ()))
+    glanced += _simulate(view, others)
+    gains |= {seen.candidate.label: seen.gain for seen in glanced}
+    most = view.problem.data.settings.screening.probed_max
+    kept = sorted(gains, key=lambda label: -gains[label])[:most]
+    for seen in glanced:
+        now.responses.extend(() if seen.candidate.label in kept else seen.responses())
     return [option for option in options if option.label in kept]
 
 
-def _middle(option: Candidate) -> Candidate:
-    """Return an option with its middle probe in each direction; all where it has free extras."""
-    if option.effect.free:
-        return option
-    change = option.probes - option.neutral
-    kept = []
+def _kind(effect: Effect) -> Kind:
+    """Return what longer time steps do to an effect."""
+    if effect.batch() not in (PLAIN, RULES):
+        return Kind.ADDED
+    return Kind.SHORT if effect.unit == "s" else Kind.LONG
+
+
+def _middle(option: Candidate) -> list[int]:
+    """Return the numbers of an option's probes of middle size each way, with all free extras."""
+    own = len(option.neutral) - len(option.effect.free)
+    change = (option.probes - option.neutral)[:, :own]
+    kept: list[int] = []
     for sign in np.unique(np.sign(change), axis=0):
-        own = np.flatnonzero((np.sign(change) == sign).all(axis=1))
-        kept.append(own[np.argsort(np.abs(change[own]).sum(axis=1))[len(own) // 2]])
-    return replace(option, probes=option.probes[np.sort(kept)])
+        rows = np.flatnonzero((np.sign(change) == sign).all(axis=1))
+        size = np.abs(change[rows]).sum(axis=1)
+        sizes = np.unique(size)
+        kept += rows[size == sizes[len(sizes) // 2]].tolist()
+    return sorted(kept)
 
 
-def _probe(
-    problem: Problem,
-    found: Fit,
-    options: Sequence[Candidate],
-    free: np.ndarray,
-    result: Screening,
-) -> None:
-    """Simulate the options' probes, those of a group in one batch, and add what they promise."""
-    for group in dict.fromkeys(option.group for option in options):
-        own = [option for option in options if option.group == group]
-        _screen_group(problem, found, own, free, result)
-
-
-def _screen_group(
-    problem: Problem,
-    found: Fit,
-    own: Sequence[Candidate],
-    free: np.ndarray,
-    result: Screening,
-) -> None:
-    members = [*found.members, *own]
-    known = found.values.shape[1]
-    places = columns(own)
-    neutral = np.concatenate([option.neutral for option in own])
-    points = []
-    for option, place in zip(own, places, strict=True):
-        for probe in option.probes:
-            point = np.concatenate([found.values, np.tile(neutral, (FOLDS, 1))], axis=1)
-            point[:, known + place.start : known + place.stop] = probe
-            points.append(point)
-    error, _ = problem.errors(members, np.array(points))
-    start = 0
-    for option in own:
-        part = slice(start, start + len(option.probes))
-        start += len(option.probes)
-        guess = _guess(problem, found, option, error[part], result.base, free)
-        if guess is not None:
-            result.guesses.append(guess)
-            changes = error[part] - result.base
-            pairs = zip(option.probes, changes, strict=True)
-            result.responses.extend(Response(option, probe, change) for probe, change in pairs)
-
-
-def _guess(
-    problem: Problem,
-    found: Fit,
-    option: Candidate,
-    error: np.ndarray,
-    base: np.ndarray,
-    free: np.ndarray,
-) -> Guess | None:
-    """Return the best scaled probe of an option; None if it changes nothing.
+def _simulate(
+    view: View,
+    looks: Sequence[_Look],
+    problem: Problem | None = None,
+    own: np.ndarray | None = None,
+) -> list[_Seen]:
+    """Simulate probes, those of a group in one batch, and return what was seen.
 
     Args:
-        problem: on the screened windows.
-        found: what is known already.
-        option: the candidate.
-        error: of its probes, (K, W, T, M).
-        base: of what is known already, (W, T, M).
-        free: the changes that may go with it, of the clock and of each known value, (F, W, T, M).
+        view: what is wrong.
+        looks: the probes.
+        problem: to simulate with, and
+        own: its errors without them, (W, T, M); None takes those of the view.
     """
-    limits = problem.data.settings.screening
-    before = _squares(problem, _timed(problem, base, free[0]))
-    best: Guess | None = None
-    own = len(option.neutral) - len(option.effect.free)  # its size, not a phase or the like
-    sizes = np.abs(option.probes - option.neutral)[:, :own].sum(axis=1)
-    for k, probe in enumerate(option.probes):
-        change = error[k] - base
-        if (change**2).sum() < limits.change_min * max(before.sum(), TINY_SQUARE):
-            continue
-        beyond, between = limits.scale_beyond, limits.scale_between
-        low = beyond[0] if sizes[k] == sizes.min() else between[0]
-        high = beyond[1] if sizes[k] == sizes.max() else between[1]
-        scales = _scales(problem, base, np.array([change, *free]), (low, high))  # (2, 1 + F)
-        other = scales[::-1][problem.fold]  # (W, 1 + F)
-        moved = np.array([change, *free[1:]])
-        predicted = base + np.einsum("wf,fwtm->wtm", np.delete(other, 1, axis=1), moved)
-        left = _timed(problem, predicted, free[0])
-        gain = 1.0 - _squares(problem, left).sum() / max(before.sum(), TINY_SQUARE)
-        if best is None or gain > best.gain:
-            start = option.towards(probe, float(scales[:, 0].mean()))
-            best = Guess(option, start, float(gain), left, found.values + scales[:, 2:])
-    return best
-
-
-def _scales(
-    problem: Problem, base: np.ndarray, changes: np.ndarray, bounds: tuple[float, float]
-) -> np.ndarray:
-    """Return by how much changes are scaled to undo the error of each fold best, (2, 1 + F).
-
-    The first one's scale stays within bounds, the second one's, the clock's, within a step.
-    """
-    limits = problem.data.settings.screening
-    found = np.zeros((FOLDS, len(changes)))
-    for f in range(FOLDS):
-        own = problem.fold == f
-        flat, rest = changes[:, own].reshape(len(changes), -1), base[own].ravel()
-        curve, down = flat @ flat.T, -flat @ rest
-        curve += np.diag(limits.ridge * np.diag(curve) + limits.ridge_floor)
-        held: list[int] = []
-        for number, (low, high) in ((1, (-problem.clock, problem.clock)), (0, bounds)):
-            found[f] = _solve(curve, down, found[f], held)
-            found[f, number] = np.clip(found[f, number], low, high)
-            held.append(number)
-        found[f] = _solve(curve, down, found[f], held)
+    problem = view.problem if problem is None else problem
+    own = view.base if own is None else own
+    found = []
+    for group in dict.fromkeys(look.candidate.group for look in looks):
+        part = [look for look in looks if look.candidate.group == group]
+        error, start = _errors(problem, view.found, part), 0
+        for option, probes in part:
+            changes = {k: error[start + i] - own for i, k in enumerate(probes)}
+            start += len(probes)
+            if made := promises(view, option, changes):
+                found.append(_Seen(option, made, changes))
     return found
 
 
-def _solve(
-    curve: np.ndarray, down: np.ndarray, scales: np.ndarray, held: Sequence[int]
-) -> np.ndarray:
-    """Return the scales that minimize a quadratic, some of them held."""
-    free = np.setdiff1d(np.arange(len(scales)), held).astype(int)
-    result = scales.copy()
-    fixed = np.array(held, int)
-    against = curve[np.ix_(free, fixed)] @ scales[fixed]
-    result[free] = np.linalg.solve(curve[np.ix_(free, free)], down[free] - against)
-    return result
-
-
-def _timed(problem: Problem, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return errors with each fold's clock set by the other, (W, T, M)."""
-    shift = problem.shift(error, slope)[::-1]
-    return error + shift[problem.fold][:, None, None] * slope
-
-
-def _squares(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """Return each window's summed square error, (W,)."""
-    return (error**2).sum(axis=(1, 2))
+def _errors(problem: Problem, found: Fit, looks: Sequence[_Look]) -> np.ndarray:
+    """Return the errors of probes beside what is known, one after the other, (K, W, T, M)."""
+    own = [look.candidate for look in looks]
+    known = found.values.shape[1]
+    neutral = np.concatenate([option.neutral for option in own])
+    points = []
+    for (option, probes), place in zip(looks, columns(own), strict=True):
+        for probe in option.probes[list(probes)]:
+            point = np.concatenate([found.values, np.tile(neutral, (FOLDS, 1))], axis=1)
+            point[:, known + place.start : known + place.stop] = probe
+            points.append(point)
+    return problem.errors([*found.members, *own], np.array(points))[0]

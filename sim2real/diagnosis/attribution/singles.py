@@ -12,7 +12,7 @@ import numpy as np
 
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import FREE, Candidate
-from sim2real.diagnosis.schema import SingleFit
+from sim2real.diagnosis.evidence import SingleFit
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 
@@ -22,7 +22,7 @@ def singles(search: Search, found: Found, causes: Sequence[Candidate]) -> tuple[
     Args:
         search: after its run.
         found: what it returned.
-        causes: in the report's order, which is theirs here too.
+        causes: the causes, in the report's order.
     """
     fitted = {c.candidate.label: c for c in found.singles}
     order = [cause.label for cause in causes]

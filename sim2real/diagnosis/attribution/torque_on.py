@@ -87,7 +87,7 @@ def _search(search: Search, on: np.ndarray, chosen: np.ndarray) -> Search:
     simulator = Simulator(part, search.problem.simulator.fixed)
     rng = search.rng.spawn(1)[0]
     problem = Problem(part, simulator)
-    return Search(problem, search.options, search.floor, rng, search.on_progress)
+    return Search(problem, search.options, search.floor, rng, search.on_progress, search.floors)
 
 
 def _placed(error: np.ndarray, data: Data, chosen: np.ndarray) -> np.ndarray:

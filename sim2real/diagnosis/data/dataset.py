@@ -21,9 +21,11 @@ import numpy as np
 
 from envs.replay import switchable
 from hardware.log import Log
+from sim2real.diagnosis.data.impedance import impedance_of, with_laws
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.recording import check_log, load_model, with_bus_delay
+from sim2real.diagnosis.data.refuse import refuse_loose_base
 from sim2real.diagnosis.data.windows import Joint, Window, cut
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 from sim2real.runs.errors import Sim2RealError
@@ -36,13 +38,13 @@ class Data:
     Args:
         logs: the logs.
         specs: the models, each once; their actuators can be switched off.
-        models: of each spec, compiled.
+        models: each spec, compiled.
         joints: M compared positions.
         windows: W of them.
         fold: 0 or 1 for each window, (W,).
         mask: which rows are compared, (W, T).
         measured: (W, T, M).
-        settings: of this and all later stages.
+        settings: the settings of this and all later stages.
     """
 
     logs: tuple[Log, ...]
@@ -75,6 +77,8 @@ class Data:
         for log, index in zip(logs, which, strict=True):
             check_log(log, models[index])
         joints = _joints(logs, [models[i] for i in which], settings)
+        for log, index in zip(logs, which, strict=True):
+            refuse_loose_base(log, models[index], [joint.name for joint in joints])
         _refuse_clock(logs, settings)
         _refuse_still(logs, joints, settings)
         windows = cut(logs, which, models, joints, settings.windows)
@@ -104,8 +108,15 @@ class Data:
         units = {joint.unit for joint in self.joints}
         return units.pop() if len(units) == 1 else "spread"
 
-    def blocks(self) -> np.ndarray:
-        """Return the block of about a second that each row is in, (W, T); -1 where none."""
+    def blocks(self, seconds: float | None = None) -> np.ndarray:
+        """Return the block that each row is in, (W, T); -1 where none.
+
+        Args:
+            seconds: length of a block, which may span several windows of an episode; None, and
+                what is shorter, is about a second of one window.
+        """
+        if seconds is not None and seconds > self.settings.dataset.block_s:
+            return self._spans(seconds)
         found, count = np.full(self.mask.shape, -1), 0
         for index, window in enumerate(self.windows):
             time = window.sample[:, 0] - window.sample[0, 0]
@@ -114,6 +125,20 @@ class Data:
             found[index, : len(own)] = np.where(window.usable, count + own, -1)
             count += pieces
         return found
+
+    def _spans(self, seconds: float) -> np.ndarray:
+        """Return blocks of episodes, so many seconds each, whichever windows are in them."""
+        found = np.full(self.mask.shape, -1)
+        known: dict[tuple[int, int, int], int] = {}
+        for row, window, time in zip(found, self.windows, self.times(), strict=True):
+            own = [(window.log, window.episode, int(t // seconds)) for t in time]
+            numbers = [known.setdefault(key, len(known)) for key in own]
+            row[: len(own)] = np.where(window.usable, numbers, -1)
+        return found
+
+    def times(self) -> list[np.ndarray]:
+        """Return when the rows of each window were written, (T,) s from their episode's start."""
+        return [self.logs[w.log].time[w.first : w.first + len(w.usable)] for w in self.windows]
 
     def mean_squares(self, error: np.ndarray) -> np.ndarray:
         """Return each joint's mean square over the compared rows, (M,), of errors (W, T, M)."""
@@ -131,6 +156,25 @@ class Data:
             fold=self.fold[chosen],
             mask=self.mask[chosen],
             measured=self.measured[chosen],
+        )
+
+    def stepping(self, most: float) -> Data | None:
+        """Return the data with models that take longer time steps.
+
+        Args:
+            most: length of a step [s]; each model's own is multiplied by as much as fits.
+
+        Returns:
+            None where no model can take longer ones.
+        """
+        specs = [spec.copy() for spec in self.specs]
+        for spec in specs:
+            spec.option.timestep *= max(int(most / spec.option.timestep * (1 + 1e-9)), 1)
+        pairs = zip(specs, self.specs, strict=True)
+        if all(spec.option.timestep == own.option.timestep for spec, own in pairs):
+            return None
+        return replace(
+            self, specs=tuple(specs), models=tuple(spec.copy().compile() for spec in specs)
         )
 
 
@@ -154,15 +198,15 @@ def _models(
     A log that says how long its robot's bus takes gets it as the delay of the model's actuators.
     """
     specs: list[mujoco.MjSpec] = []
-    keys: list[tuple[str, float]] = []
+    keys: list[tuple[str, float, tuple[str, ...]]] = []
     which = []
     for log in logs:
         path = log.model if model is None else Path(model)
         delay = log.meta.get("command_delay", 0.0)
         delay = float(delay) if isinstance(delay, int | float) else 0.0
-        key = (str(path.resolve() if path else path), delay)
+        key = (str(path.resolve() if path else path), delay, impedance_of(log))
         if key not in keys:
-            spec = with_bus_delay(switchable(load_model(log, model)), log)
+            spec = with_laws(with_bus_delay(switchable(load_model(log, model)), log), log)
             keys.append(key)
             specs.append(spec)
         which.append(keys.index(key))
@@ -221,7 +265,7 @@ def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint], settings: Settin
         names = ", ".join(still)
         place = logs[0].path or "the log"
         raise Sim2RealError(
-            f"{place}: {names} never moved enough to tell anything; record motions with reversals "
+            f"{place}: {names} never moved enough to be diagnosed; record motions with reversals "
             "and several speeds (run=record)"
         )
 

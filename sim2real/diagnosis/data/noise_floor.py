@@ -1,4 +1,4 @@
-"""The noise floor: how far a robot's joints are from themselves, which no model can mend.
+"""The noise floor: the scatter of a robot's joints between repeats, which no model can remove.
 
     noise_floor(logs)                   # {"elbow": 0.0034, ...} rad or m, of a single run
 
@@ -29,7 +29,7 @@ def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, 
     """Return the noise of a single run by joint [rad or m], root mean square.
 
     Args:
-        logs: of one robot.
+        logs: logs of one robot.
         settings: those of `encoder` and `noise_floor` are used.
     """
     names = list(dict.fromkeys(name for log in logs for name in _positions(log)))

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -23,24 +24,51 @@ from envs.errors import TaskError
 from envs.models import load_spec
 from envs.replay import Recording
 from hardware.log import Log, check_names
+from sim2real.diagnosis.data.impedance import gear_of, laws_of
 from sim2real.runs.errors import Sim2RealError
 
 Columns = Mapping[str, np.ndarray]
 LINEAR = 1  # how MuJoCo's delay lines interpolate
+FINEST, COARSEST = 1e-5, 0.1  # s: timesteps that a robot's motion can be simulated with
 NEAR = 2  # rows on either side of a start from which its speed is taken
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 WIDTH = {FREE: (7, 6), BALL: (4, 3)}  # numbers in qpos and qvel of a joint; else 1 and 1
 
 
 def load_model(log: Log, model: str | Path | None) -> mujoco.MjSpec:
-    """Return the MJCF for a log; raises Sim2RealError where there is none or it is not valid."""
-    path = log.model if model is None else Path(model)
+    """Return the MJCF for a log.
+
+    Raises:
+        Sim2RealError: there is none, or one that cannot be simulated; the message says which.
+    """
+    path = log.model if model is None else Path(model).expanduser()
     if path is None:
         raise Sim2RealError(f"{log.path} names no model; give model=PATH.xml")
     try:
-        return load_spec(path)
+        spec = load_spec(path)
     except TaskError as error:
         raise Sim2RealError(f"{log.path}: {error}; give model=PATH") from None
+    if not spec.actuators:
+        raise Sim2RealError(
+            f"{path}: the model has no actuators, so a log's commands would move nothing; add "
+            '<actuator><position name="elbow" joint="elbow" kp="12"/></actuator>, one for each'
+        )
+    if not FINEST <= spec.option.timestep <= COARSEST:
+        raise Sim2RealError(
+            f"{path}: timestep={spec.option.timestep:g} s is not between {FINEST:g} and "
+            f'{COARSEST:g}; give <option timestep="0.002"/>'
+        )
+    _check_compiles(path.resolve(), path.stat().st_mtime_ns)
+    return spec
+
+
+@cache
+def _check_compiles(path: Path, changed: int) -> None:
+    """Raise Sim2RealError, with the file, where a model cannot be made; asked once a version."""
+    try:
+        load_spec(path).compile()
+    except ValueError as error:
+        raise Sim2RealError(f"{path}: {' '.join(str(error).split())}; mend the model") from None
 
 
 def with_bus_delay(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
@@ -103,12 +131,14 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
     for i in range(model.nu):
         name = model.actuator(i).name
         if f"ctrl.{name}" in log.columns:
-            ctrl[:, i] = log.column(f"ctrl.{name}")
-            held[i] = before[f"ctrl.{name}"][-1] if before else ctrl[0, i]
+            gear = gear_of(model, i)
+            ctrl[:, i] = gear * log.column(f"ctrl.{name}")
+            held[i] = gear * before[f"ctrl.{name}"][-1] if before else ctrl[0, i]
         if f"torque.{name}" in log.columns:
             powered[:, i] = log.column(f"torque.{name}") > 0
     qvel, start = _speeds(log, model, before), log.time[0]
-    return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start)
+    law = laws_of(log, model)
+    return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start, law)
 
 
 def _home(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:

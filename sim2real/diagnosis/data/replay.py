@@ -24,6 +24,7 @@ import numpy as np
 from envs.plant import Fixed, Plant
 from envs.replay import DivergedError, replay, switchable
 from hardware.log import Log
+from sim2real.diagnosis.data.impedance import impedance_of, with_laws
 from sim2real.diagnosis.data.recording import (
     check_log,
     positions,
@@ -77,9 +78,10 @@ def measure_all(
         Sim2RealError: a model that diverges.
     """
     found: dict[int, Gap] = {}
-    for spec in {id(spec): spec for spec in specs}.values():
-        own = [number for number, other in enumerate(specs) if other is spec]
-        gaps = _of_one_model([logs[number] for number in own], spec, fixed)
+    kinds = [(id(spec), impedance_of(log)) for log, spec in zip(logs, specs, strict=True)]
+    for kind in dict.fromkeys(kinds):
+        own = [number for number, other in enumerate(kinds) if other == kind]
+        gaps = _of_one_model([logs[number] for number in own], specs[own[0]], fixed)
         found |= dict(zip(own, gaps, strict=True))
     return [found[number] for number in range(len(logs))]
 
@@ -91,7 +93,8 @@ def _of_one_model(
     model = spec.copy().compile()
     for log in logs:
         check_log(log, model)
-    delayed = with_bus_delay(switchable(spec), logs[0])
+    delayed = with_laws(with_bus_delay(switchable(spec), logs[0]), logs[0])
+    model = delayed.copy().compile()
     episodes = [(number, part) for number, log in enumerate(logs) for part in log.episodes()]
     recordings = [to_recording(part, model) for _, part in episodes]
     longest = max(recording.time[-1] for recording in recordings) / model.opt.timestep
@@ -127,6 +130,16 @@ def summary(gaps: Sequence[Gap]) -> dict[str, Any]:
     return {"logs": logs, **_error(every)}
 
 
+def by_joint(gaps: Sequence[Gap]) -> dict[str, float]:
+    """Return each joint's root mean square error over all logs [rad or m], the largest first."""
+    errors: dict[str, list[np.ndarray]] = {}
+    for gap in gaps:
+        for i, joint in enumerate(gap.joints):
+            errors.setdefault(joint, []).append(gap.simulated[:, i] - gap.measured[:, i])
+    found = {joint: _error(np.concatenate(parts))["rmse"] for joint, parts in errors.items()}
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
 def write(gaps: Sequence[Gap], out: Path) -> None:
     """Write replay.json, the table and the picture into the folder."""
     found = summary(gaps)
@@ -140,7 +153,8 @@ def write(gaps: Sequence[Gap], out: Path) -> None:
     draw(gaps[:SHOWN], out / "plots" / "replay.png")
     table.write(out / "table")
     write_text(out / "replay.json", json.dumps(found, indent=1))
-    log_.info("rmse %.4g, mae %.4g over %d logs", found["rmse"], found["mae"], len(gaps))
+    each = ", ".join(f"{joint} {size:.3g}" for joint, size in by_joint(gaps).items())
+    log_.info("rmse %.4g rad or m over %d logs: %s", found["rmse"], len(gaps), each)
 
 
 def draw(gaps: Sequence[Gap], path: Path) -> None:

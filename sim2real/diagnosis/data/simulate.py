@@ -46,7 +46,7 @@ class _Plan(NamedTuple):
 
 
 def key_of(effect: Effect) -> tuple[Any, ...]:
-    """Return what tells an effect's structure from others'."""
+    """Return what distinguishes an effect's structure from others'."""
     extra = tuple(sorted(effect.extra.items()))
     options = tuple(sorted((k, str(v)) for k, v in effect.options().items()))
     return (effect.name, effect.where, effect.side, effect.how, effect.free, extra, options)
@@ -58,7 +58,7 @@ class Simulator:
     Args:
         data: the windows.
         fixed: effects that are known, and part of the model.
-        threads: of the physics; 0 for all cores.
+        threads: the number of threads of the physics; 0 for all cores.
     """
 
     def __init__(self, data: Data, fixed: Sequence[Fixed] = (), threads: int = 0) -> None:
@@ -66,6 +66,7 @@ class Simulator:
         self.settings = data.settings.simulation
         self.heat = Heat(data, self._paths)
         self.seconds = 0.0  # of robot time simulated
+        self.steps = 0  # of physics, of all rows
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
         self._stepped: dict[tuple[Any, ...], bool] = {}  # by structure: whether Python steps it
         self._length = data.mask.shape[1]
@@ -125,7 +126,7 @@ class Simulator:
 
     def _paths(
         self, number: int, weak: int | None, strength: float
-    ) -> Iterator[tuple[mujoco.MjModel, np.ndarray, np.ndarray, np.ndarray]]:
+    ) -> Iterator[tuple[mujoco.MjModel, np.ndarray, Schedule, np.ndarray]]:
         """Yield what the model does in each window of a log, one motor weakened; see `Heat`."""
         windows = np.array([i for i, w in enumerate(self.data.windows) if w.log == number])
         model = self.data.windows[windows[0]].model
@@ -135,11 +136,11 @@ class Simulator:
         plant = Plant(spec, effects, count, self.threads, fixed=self.fixed)  # none that is in use
         _set(plant, np.full((count, len(effects)), strength))
         plans = [self._plans[i].schedule for i in windows]
-        motion, simulated = simulate(plant, plans), _actuated(plant)
+        motion, simulated = simulate(plant, plans), actuated(plant)
         bits = np.arange(plant.model.nu)
         for plan, path in zip(plans, motion.qpos, strict=True):
             on = (plan.off[:, None] >> bits & 1) == 0
-            yield simulated, path[: plan.steps + 1], plan.ctrl, on
+            yield simulated, path[: plan.steps + 1], plan, on
 
     def _chunk(
         self, effects: Sequence[Effect], model: int, windows: np.ndarray, values: np.ndarray
@@ -150,7 +151,8 @@ class Simulator:
         motion = simulate(
             plant, [plan.schedule for plan in plans], lambda: self.heat.start(plant, windows)
         )
-        self.seconds += motion.dt * len(windows) * (motion.qpos.shape[1] - 1)
+        steps = len(windows) * (motion.qpos.shape[1] - 1)
+        self.seconds, self.steps = self.seconds + motion.dt * steps, self.steps + steps
         at = Readings(*(np.stack(part) for part in zip(*(plan.at for plan in plans), strict=True)))
         simulated, change = interpolate(motion.qpos[:, :, self._places], at)
         mask = data.mask[windows][..., None]
@@ -162,7 +164,7 @@ class Simulator:
         return error, np.nan_to_num(slope), motion.lost
 
 
-def _actuated(plant: Plant) -> mujoco.MjModel:
+def actuated(plant: Plant) -> mujoco.MjModel:
     """Return the model with its actuators as the first row of a plant has them."""
     model = copy(plant.nominal)
     model.actuator_forcelimited[:] = plant.model.actuator_forcelimited

@@ -21,9 +21,11 @@ import numpy as np
 from envs.effects.places import joint_driven
 from envs.effects.supply import _Derating
 from envs.plant import Plant
+from envs.replay import Schedule
+from envs.replay.impedance import impedances
 from sim2real.diagnosis.data.dataset import Data
 
-Path = tuple[mujoco.MjModel, np.ndarray, np.ndarray, np.ndarray]
+Path = tuple[mujoco.MjModel, np.ndarray, Schedule, np.ndarray]
 Paths = Callable[[int, int | None, float], Iterable[Path]]
 
 
@@ -34,8 +36,8 @@ class Heat:
         data: the windows.
         paths: of a log's number, an actuator or None, and its strength; returns, of each of the
             log's windows in turn, the model with its actuators as they were simulated, the
-            positions at the steps of the simulation (K + 1, nq), the commands (K, nu) and whether
-            motors are on (K, nu).
+            positions at the steps of the simulation (K + 1, nq), what was asked for there (K steps)
+            and whether motors are on (K, nu).
     """
 
     def __init__(self, data: Data, paths: Paths) -> None:
@@ -95,8 +97,8 @@ class Heat:
             windows = [w for w in self._data.windows if w.log == number]
             found = np.zeros((len(log), self._data.models[windows[0].model].nu))
             paths = self._paths(number, weak, self._weak)
-            for window, (model, path, ctrl, on) in zip(windows, paths, strict=True):
-                torque = _law(model, path, ctrl)
+            for window, (model, path, plan, on) in zip(windows, paths, strict=True):
+                torque = torques(model, path, plan)
                 known = on & np.isfinite(torque)  # not that of a simulation that diverged
                 square = np.where(known, torque, 0.0) ** 2  # (K, nu)
                 ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
@@ -111,9 +113,10 @@ class Heat:
         return self._squares[key]
 
 
-def _law(model: mujoco.MjModel, path: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
+def torques(model: mujoco.MjModel, path: np.ndarray, plan: Schedule) -> np.ndarray:
     """Return the torques (K, nu) of affine actuators at joints along positions (K + 1, nq)."""
     speed = np.diff(path, axis=0) / model.opt.timestep
+    ctrl, own = plan.ctrl, set(impedances(model).tolist())
     found, steps = np.zeros(ctrl.shape), np.arange(len(ctrl))
     for i in range(model.nu):
         if not joint_driven(model, i):
@@ -121,9 +124,13 @@ def _law(model: mujoco.MjModel, path: np.ndarray, ctrl: np.ndarray) -> np.ndarra
         joint = int(model.actuator_trnid[i, 0])
         place, gear = int(model.jnt_qposadr[joint]), float(model.actuator_gear[i, 0])
         q, v, bias = path[:-1, place], speed[:, place], model.actuator_biasprm[i]
-        late = ctrl[np.maximum(steps - round(model.actuator_delay[i] / model.opt.timestep), 0), i]
-        force = model.actuator_gainprm[i, 0] * late + bias[0]
-        force = force + bias[1] * gear * q + bias[2] * gear * v
+        sent = np.maximum(steps - round(model.actuator_delay[i] / model.opt.timestep), 0)
+        if i in own and plan.law is not None:
+            kp, kd, wanted, forward = plan.law[sent, i].T
+            force = kp * (ctrl[sent, i] - gear * q) + kd * (wanted - gear * v) + forward
+        else:
+            force = model.actuator_gainprm[i, 0] * ctrl[sent, i] + bias[0]
+            force = force + bias[1] * gear * q + bias[2] * gear * v
         if model.actuator_forcelimited[i]:
             force = np.clip(force, *model.actuator_forcerange[i])
         found[:, i] = force * gear - model.actuator_damping[i] * gear**2 * v

@@ -31,7 +31,7 @@ class Piece:
     """Some rows of one episode.
 
     Args:
-        number: of the log, in the order given.
+        number: the log's number, in the order given.
         log: these rows alone, their time from 0.
         before: columns of the rows just before; None where the piece starts with its episode, empty
             where they are not known.
@@ -70,7 +70,7 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
     """Return pieces in which the commands of as many actuators as possible move.
 
     Args:
-        logs: to cut.
+        logs: the logs to cut.
         seconds: length of a piece.
         most: number of pieces at most.
     """
@@ -119,7 +119,7 @@ def trial(
         spec: the model.
         recordings: N of them.
         effects: what may differ from the model.
-        values: of the effects' parameters in each row, (N, P).
+        values: the values of the effects' parameters in each row, (N, P).
         fixed: effects that every row has.
 
     Returns:

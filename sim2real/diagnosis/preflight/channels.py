@@ -3,8 +3,8 @@
     findings = check_channels(logs, models)
 
 Each check compares a log with itself, or with the numbers in a model: stamps with their rate, speed
-with position, duty with the error that the servo saw. A finding of `NOTES` tells what the sensors
-are like; every other one is worth mending before physics is blamed.
+with position, duty with the error that the servo saw. A finding of `NOTES` describes what the
+sensors are like; every other one should be corrected before a physical cause is sought.
 """
 
 from __future__ import annotations
@@ -14,15 +14,17 @@ from collections.abc import Callable, Iterator, Sequence
 import mujoco
 import numpy as np
 
+from envs.effects.servo import is_joint_servo
 from hardware.log import Log
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of, name_of, unit_of, which
 from sim2real.diagnosis.data.windows import reversals
 from sim2real.diagnosis.preflight.servo_signals import check_duties, check_speeds
+from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Channels, Settings
 
-NOTES = frozenset({"quantization", "noise", "velocity_filter", "unsigned"})
+NOTES = frozenset({"quantization", "noise", "velocity_filter", "unsigned", "computed_torque"})
 MILLI = 1e-3
 Check = Callable[[Pairs, Settings], Iterator[Finding]]
 
@@ -146,7 +148,7 @@ def _excitation(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             yield Finding(
                 "excitation",
                 joint,
-                f"{joint} moved by {moved:.3g} {unit} in all logs: nothing can be said about it.",
+                f"{joint} moved by {moved:.3g} {unit} in all logs: it cannot be diagnosed.",
                 "Record motions of this joint: run=record motions=[ramp,chirp,steps].",
             )
         elif turns < limits.reversals_min:
@@ -171,6 +173,42 @@ def excitation(pairs: Pairs, settings: Channels = DEFAULT.channels) -> dict[str,
         moved = max(float(np.ptp(q)) for q in parts)
         size = settings.reversal_size * moved
         found[joint] = moved, sum(reversals(q, size) for q in parts)
+    return found
+
+
+def _degrees(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
+    """Hinges that are logged far beyond their range, and would be within it in degrees."""
+    least, most = settings.channels.beyond
+    found: dict[str, tuple[float, float]] = {}
+    for log, model in pairs:
+        for joint, limit in _ranges(model).items():
+            if f"qpos.{joint}" in log.columns:
+                size = float(np.abs(log.column(f"qpos.{joint}")).max())
+                if size > least * limit and np.deg2rad(size) < most * limit:
+                    found[joint] = size, limit
+    if found:
+        joint, (size, limit) = max(found.items(), key=lambda item: item[1][0] / item[1][1])
+        yield Finding(
+            "degrees",
+            None,
+            f"The positions of {', '.join(found)} look like degrees: {joint} reaches {size:.3g}, "
+            f"and its range in the model ends at {limit:.3g} rad.",
+            "Multiply positions, and commands and speeds if they are alike, by pi/180.",
+        )
+
+
+def _ranges(model: mujoco.MjModel) -> dict[str, float]:
+    """Return how far each limited hinge may be from zero, by itself or by its commands [rad]."""
+    found = {}
+    for i in range(model.njnt):
+        if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE and model.jnt_limited[i]:
+            found[model.joint(i).name] = float(np.abs(model.jnt_range[i]).max())
+    for i in range(model.nu):
+        joint = model.joint(int(model.actuator_trnid[i, 0]))
+        if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT or not is_joint_servo(model, i):
+            continue
+        if model.actuator_ctrllimited[i] and joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
+            found.setdefault(joint.name, float(np.abs(model.actuator_ctrlrange[i]).max()))
     return found
 
 
@@ -235,7 +273,7 @@ def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 "quantization",
                 joint,
                 f"The positions of {joint} come in steps of {step:.4g} {unit}{turn}.",
-                f"Nothing to mend; a policy that reads it needs quantization = {step:.4g} {unit}.",
+                f"No action needed; a policy that reads it needs quantization = {step:.4g} {unit}.",
             )
 
 
@@ -276,7 +314,7 @@ def _unsigned(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             None,
             f"{len(positive)} columns of current (`{positive[0]}`, …) are never negative: they are "
             "magnitudes without a direction.",
-            "Nothing to mend; they cannot serve as torques.",
+            "No action needed; they cannot serve as torques.",
         )
 
 
@@ -286,8 +324,10 @@ CHECKS: tuple[Check, ...] = (
     _excitation,
     check_duties,
     check_speeds,
+    _degrees,
     _limits,
     _commands,
     _resolution,
     _unsigned,
+    check_torques,
 )

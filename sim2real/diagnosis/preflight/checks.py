@@ -1,7 +1,7 @@
 """What to look at before any physics is blamed: the log's channels, and the commonest mistakes.
 
     findings = preflight(logs, specs)
-    [f for f in findings if f.check not in NOTES]       # what should be mended
+    [f for f in findings if f.check not in NOTES]       # what should be corrected
 
 Each finding says in plain sentences what was found and what to do about it. Those of `NOTES` only
 tell what the sensors are like.
@@ -55,7 +55,7 @@ def preflight(
     Args:
         logs: the logs.
         specs: the model of each log; the same object where logs share one.
-        settings: of the checks.
+        settings: the settings of the checks.
 
     Returns:
         The findings; none where nothing is worth a word.
@@ -89,7 +89,7 @@ def _noise(logs: Sequence[Log], settings: Settings) -> list[Finding]:
                     joint,
                     f"The positions of {joint} differ by {floor:.2g} (RMS) from what repeats of "
                     "the same commands, or neighbouring rows, let expect.",
-                    "Nothing to mend: no model comes nearer than that to a single run.",
+                    "No action needed: no model comes closer than that to a single run.",
                 )
             )
     return found

@@ -54,7 +54,7 @@ def _nominal(logs: Sequence[Log]) -> Iterator[Finding]:
             "The times are the frame's number over the frame rate: they were computed, not "
             "measured.",
             "Log the clock at which each row was read; until then a delay below one frame, and "
-            "its changes, cannot be told from the recorder's.",
+            "its changes, cannot be distinguished from the recorder's.",
         )
 
 

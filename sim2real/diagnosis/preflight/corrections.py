@@ -20,6 +20,11 @@ KINDS = {  # what may be wrong together, and its name
     ("ctrl",): "commands",
     ("qpos", "ctrl"): "positions and commands",
 }
+UNITS = {  # what may be in another unit together
+    **KINDS,
+    ("qpos", "qvel"): "positions and speeds",
+    ("qpos", "ctrl", "qvel"): "positions, speeds and commands",
+}
 
 Change = Callable[[Piece], Piece]
 
@@ -75,7 +80,11 @@ def _scaled(case: Case, joints: Sequence[str], kinds: Sequence[str], factor: flo
 
 
 def _column(case: Case, kind: str, joint: str) -> str:
-    return f"qpos.{joint}" if kind == "qpos" else f"ctrl.{case.drives[joint]}"
+    return f"ctrl.{case.drives[joint]}" if kind == "ctrl" else f"{kind}.{joint}"
+
+
+def _has_speeds(case: Case, joints: Sequence[str]) -> bool:
+    return any(f"qvel.{joint}" in piece.log.columns for piece in case.pieces for joint in joints)
 
 
 def _signs(case: Case, joint: str) -> Iterator[Correction]:
@@ -102,12 +111,14 @@ def _signs(case: Case, joint: str) -> Iterator[Correction]:
 def _degrees(case: Case, joints: tuple[str, ...], where: str | None) -> Iterator[Correction]:
     """Factors of pi/180 or 180/pi, where the numbers are of such a size."""
     whose = where or "all joints"
-    for own, what in KINDS.items():
+    for own, what in UNITS.items():
+        if "qvel" in own and not _has_speeds(case, joints):
+            continue
         size = max(
             float(np.abs(piece.log.columns[column]).max())
             for piece in case.pieces
             for column in (_column(case, kind, joint) for kind in own for joint in joints)
-            if column in piece.log.columns
+            if not column.startswith("qvel.") and column in piece.log.columns
         )
         for factor, found, holds in (
             (DEGREE, "in degrees", size > case.settings.degrees_min),

@@ -16,6 +16,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from hardware.log import Log
@@ -32,6 +33,19 @@ class _Servo(NamedTuple):
     joint: str
 
 
+def positioned(log: Log, spec: mujoco.MjSpec) -> dict[str, str]:
+    """Return the joint of each actuator whose command is a desired position.
+
+    A motor's command is a torque, unless the log's rows bring gains.
+    """
+    return {
+        one.name: one.target
+        for one in spec.actuators
+        if one.trntype == mujoco.mjtTrn.mjTRN_JOINT
+        and (one.biastype != mujoco.mjtBias.mjBIAS_NONE or f"kp.{one.name}" in log.columns)
+    }
+
+
 def mark_blocked(
     logs: Sequence[Log],
     driven: Mapping[str, str],
@@ -42,8 +56,8 @@ def mark_blocked(
     Rows that a log flags itself stay flagged. Logs without currents come back as they are.
 
     Args:
-        logs: of one robot.
-        driven: the joint that each actuator drives.
+        logs: logs of one robot.
+        driven: the joint that each actuator drives by desired positions.
         settings: what counts as held.
     """
     flags = [np.array(log.columns.get(BLOCKED, np.zeros(len(log)))) > 0 for log in logs]

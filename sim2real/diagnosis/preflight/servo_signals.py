@@ -59,7 +59,7 @@ def check_speeds(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding
                 "velocity_filter",
                 joint,
                 f"The speed of {joint} comes {1e3 * law.lag:.0f} ms after its position.",
-                f"Nothing to mend; a policy that reads it needs velocity_filter = {law.lag:.3f} s.",
+                f"No action needed; a policy that reads it needs velocity_filter={law.lag:.3f} s.",
             )
 
 
@@ -200,7 +200,7 @@ def _law_sign(name: str, joint: str, command: float, position: float) -> Finding
     flipped += [f"`qpos.{joint}`"] if position > 0 else []
     both = command < 0 < position
     verb = "count" if both else "counts"
-    text = f"The servo's duty says that {' and '.join(flipped)} {verb} against the servo's torque"
+    text = f"The servo's duty shows that {' and '.join(flipped)} {verb} against the servo's torque"
     if both:
         text += " (or that the logged duty has another sign)"
     fix = f"Negate {' and '.join(flipped)}, or correct the servo's `sign`."
@@ -251,10 +251,10 @@ def duty_law(
 ) -> DutyLaw | None:
     """Return how the duty of a servo follows its command and its position.
 
-    None where no duty is logged, or it follows neither.
+    None where no duty is logged, where it follows neither, and for a motor.
     """
     index = index_of(model, actuator)
-    if index is None:
+    if index is None or model.actuator_biasprm[index, 1] == 0:  # none, or a motor's torque
         return None
     joint = model.joint(int(model.actuator_trnid[index, 0])).name
     names = [f"sensor.duty_{actuator}", f"sensor.pwm_{actuator}"]

@@ -15,8 +15,9 @@ from typing import Any
 
 from markupsafe import Markup
 
+from sim2real.diagnosis.evidence import Band, SingleFit
 from sim2real.diagnosis.report import axes, svg, words
-from sim2real.diagnosis.schema import Band, Report, SingleFit
+from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import TINY
 
 MILLI = 1e3
@@ -55,7 +56,7 @@ def ladder(report: Report) -> dict[str, Any]:
 
 def singles(report: Report) -> list[dict[str, Any]]:
     """Return effects alone in two groups: those that were fitted, and those that were screened."""
-    order = {(c.effect, c.where, c.side): n for n, c in enumerate(report.causes, 1)}
+    order = {(c.effect, c.where, c.side): n for n, c in enumerate(report.values, 1)}
     rows = report.evidence.singles
     groups = {
         "fitted": [row for row in rows if row.ci is not None],
@@ -83,17 +84,17 @@ def _single(row: SingleFit, order: Mapping[Any, int]) -> dict[str, Any]:
 def correlations(report: Report) -> list[dict[str, Any]]:
     """Return rows of the table of how the causes' values go together; none for a single cause."""
     matrix = report.evidence.correlations
-    if len(report.causes) < 2 or len(matrix) != len(report.causes):
+    if len(report.values) < 2 or len(matrix) != len(report.values):
         return []
     return [
         {
-            "name": words.name(cause.effect, cause.extra.get("body") or cause.where, cause.side),
+            "name": words.name(*words.place_of(cause), cause.side),
             "cells": [
                 {"text": f"{value:.2f}".replace("-", "−"), "tint": round(abs(float(value)) / 2, 3)}
                 for value in row
             ],
         }
-        for cause, row in zip(report.causes, matrix, strict=True)
+        for cause, row in zip(report.values, matrix, strict=True)
     ]
 
 
@@ -101,8 +102,8 @@ def bands(report: Report, units: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the tables of frequencies, one for each unit, each on one scale.
 
     Args:
-        report: with its evidence.
-        units: of each joint.
+        report: the report with its evidence.
+        units: the units of each joint.
     """
     every = report.evidence.bands
     kinds = dict.fromkeys(units[band.joint] for band in every)

@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from markupsafe import Markup
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from sim2real.diagnosis.report import words
 
@@ -32,6 +33,7 @@ SMALLEST = 1e-6  # m: a robot is drawn as if it were at least so large
 PALE, DARK, BEND = 0.15, 0.85, 0.7  # tint of no share, what the whole gap adds, and the exponent
 TINT_DIGITS = 3
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+MIDDLE, LONG = np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])  # of a sphere; a capsule's axis
 PLANES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
@@ -48,13 +50,9 @@ def robot(model: mujoco.MjModel, shares: Mapping[str, float]) -> Markup:
 
     Args:
         model: the robot.
-        shares: of the gap, by joint; joints that are not in it are not marked.
+        shares: the shares of the gap, by joint; joints that are not in it are not marked.
     """
-    data = mujoco.MjData(model)
-    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
-    if home is not None:
-        mujoco.mj_resetDataKeyframe(model, data, home)
-    mujoco.mj_forward(model, data)
+    data = at_home(model)
     shapes = sorted(_shapes(model, data), key=lambda shape: -shape.depth)
     joints = {name: _seen(data.xanchor[model.joint(name).id])[0] for name in shares}
     if not shapes or not joints:
@@ -71,6 +69,36 @@ def robot(model: mujoco.MjModel, shares: Mapping[str, float]) -> Markup:
     return head.format(WIDTH, HEIGHT, told) + Markup("").join(parts) + Markup("</svg>")
 
 
+def at_home(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return a model in its keyframe `home`, else as it is by default."""
+    data = mujoco.MjData(model)
+    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
+    if home is not None:
+        mujoco.mj_resetDataKeyframe(model, data, home)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def outlines(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray, float]]:
+    """Yield the geoms that a person would see, but the ground.
+
+    Each with its points in its body's frame (n, 3): the middle of a sphere, the ends of a capsule,
+    else corners; and its radius [m], 0 where points are corners.
+    """
+    for i in range(model.ngeom):
+        kind, size = int(model.geom_type[i]), model.geom_size[i]
+        if kind in PLANES or model.geom_rgba[i, 3] == 0:
+            continue
+        turn = Rotation.from_quat(model.geom_quat[i], scalar_first=True)
+        if kind == SPHERE:
+            points, radius = MIDDLE, float(size[0])
+        elif kind == CAPSULE:
+            points, radius = np.outer([-size[1], size[1]], LONG), float(size[0])
+        else:
+            points, radius = _corners(model, i), 0.0
+        yield i, model.geom_pos[i] + turn.apply(points), radius
+
+
 def _seen(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Project points (..., 3) to the picture (..., 2), y down, and say how far they are, (...)."""
     right = np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.0])
@@ -82,19 +110,11 @@ def _seen(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[_Shape]:
     """Yield the geoms that a person would see, but the ground."""
-    for i in range(model.ngeom):
-        kind, size = int(model.geom_type[i]), model.geom_size[i]
-        if kind in PLANES or model.geom_rgba[i, 3] == 0:
-            continue
-        center, turn = data.geom_xpos[i], data.geom_xmat[i].reshape(3, 3)
-        depth = float(_seen(center)[1])
-        if kind == SPHERE:
-            yield _Shape(_seen(center[None])[0], float(size[0]), depth)
-        elif kind == CAPSULE:
-            ends = center + np.outer([-size[1], size[1]], turn[:, 2])
-            yield _Shape(_seen(ends)[0], float(size[0]), depth)
-        else:
-            yield _Shape(_hull(_seen(center + _corners(model, i) @ turn.T)[0]), 0.0, depth)
+    for i, points, radius in outlines(model):
+        body = int(model.geom_bodyid[i])
+        seen = _seen(data.xpos[body] + points @ data.xmat[body].reshape(3, 3).T)[0]
+        depth = float(_seen(data.geom_xpos[i])[1])
+        yield _Shape(seen if radius else _hull(seen), radius, depth)
 
 
 def _corners(model: mujoco.MjModel, geom: int) -> np.ndarray:

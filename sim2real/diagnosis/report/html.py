@@ -20,10 +20,12 @@ import numpy as np
 from markupsafe import Markup
 
 from envs.effects import EFFECTS
+from envs.models import load_spec
+from sim2real.diagnosis.evidence import Trace
 from sim2real.diagnosis.preflight.channels import NOTES
-from sim2real.diagnosis.report import charts, figure, made, svg, words
+from sim2real.diagnosis.report import charts, figure, made, motion, svg, words
 from sim2real.diagnosis.report.recordings import recordings
-from sim2real.diagnosis.schema import Cause, Report, Trace, Where
+from sim2real.diagnosis.schema import Cause, Report, Where
 from sim2real.runs.files import write_text
 
 PAGE = Path(__file__).parent / "page"
@@ -36,8 +38,8 @@ START, SPAN = 0.04, 0.92  # of a line: where the typical values begin, and their
 FRAME = 900  # px: height of a page in a notebook
 STYLES = ("vendor/uplot.css", "colours.css", "style.css", "plots.css")
 SCRIPTS = (
-    *("decode", "theme", "panel", "browser", "gestures", "switches", "downloads", "links"),
-    "start",
+    *("decode", "theme", "panel", "motion", "browser"),
+    *("gestures", "switches", "downloads", "links", "start"),
 )
 
 
@@ -46,7 +48,7 @@ def write_html(path: str | Path, report: Report) -> Path:
 
     Args:
         path: the file.
-        report: with its evidence; a report that was read from report.json has fewer pictures.
+        report: the report with its evidence; one that was read from report.json has fewer plots.
 
     Raises:
         OSError: the file cannot be written.
@@ -56,6 +58,11 @@ def write_html(path: str | Path, report: Report) -> Path:
 
 def render(report: Report) -> str:
     """Return the page."""
+    return template("report.html").render(view(report))
+
+
+def template(name: str) -> jinja2.Template:
+    """Return a page's template; names from files are escaped in it."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(PAGE),
         autoescape=True,
@@ -65,7 +72,7 @@ def render(report: Report) -> str:
     )
     environment.filters |= {"quantity": words.quantity, "percent": words.percent}
     environment.filters |= {"interval": words.interval, "degrees": words.degrees}
-    return environment.get_template("report.html").render(view(report))
+    return environment.get_template(name)
 
 
 def framed(report: Report) -> str:
@@ -77,7 +84,7 @@ def framed(report: Report) -> str:
     return str(frame.format(render(report), FRAME))
 
 
-def _part(name: str) -> str:
+def part(name: str) -> str:
     """Return a part of the page."""
     return (PAGE / name).read_text(encoding="utf-8")
 
@@ -90,14 +97,17 @@ def _embedded(report: Report) -> Markup:
 
 def view(report: Report) -> dict[str, Any]:
     """Return what the page shows, by name."""
-    evidence, causes = report.evidence, [_cause(n, c) for n, c in enumerate(report.causes, 1)]
+    evidence, causes = report.evidence, [_cause(n, c) for n, c in enumerate(report.values, 1)]
     found, total = recordings(report)
     browsed = {"recordings": found, "causes": [cause["title"] for cause in causes]}
+    model = _model(report)
+    if model is not None and found:
+        browsed["skeleton"] = motion.skeleton(model)
     return {
-        "style": Markup("\n".join(map(_part, STYLES))),
-        "library": Markup(_part("vendor/uplot.js")),
-        "licence": Markup(_part("vendor/uplot.LICENSE")),
-        "script": Markup("\n".join(_part(f"{name}.js") for name in SCRIPTS)),
+        "style": Markup("\n".join(map(part, STYLES))),
+        "library": Markup(part("vendor/uplot.js")),
+        "licence": Markup(part("vendor/uplot.LICENSE")),
+        "script": Markup("\n".join(part(f"{name}.js") for name in SCRIPTS)),
         "report": report,
         "answer": _embedded(report),
         "header": made.header(evidence.inputs),
@@ -109,10 +119,11 @@ def view(report: Report) -> dict[str, Any]:
         "notes": [f for f in report.preflight if f.check in NOTES],
         "ladder": charts.ladder(report),
         "replay": _replay(report),
-        "robot": _robot(report),
+        "robot": _robot(report, model),
         "regimes": _regimes(report.where),
         "strip": _strip(report),
         "causes": causes,
+        "channels": evidence.channels,
         "windows": _windows(report),
         "restarts": any(len(trace.starts) > 1 for trace in evidence.traces),
         "data": Markup(json.dumps(browsed, ensure_ascii=True).replace("<", "\\u003c")),
@@ -144,20 +155,26 @@ def _replay(report: Report) -> str:
 
     before = f"{figure_of(report.replay.before)} with the model as given"
     return (
-        f"{before}, {figure_of(report.replay.after)} with effects.yaml" if report.causes else before
+        f"{before}, {figure_of(report.replay.after)} with effects.yaml" if report.values else before
     )
 
 
-def _robot(report: Report) -> Markup:
-    """Return a drawing of the robot, if a model that the inputs name is there to be read."""
+def _model(report: Report) -> mujoco.MjModel | None:
+    """Return the first model that the inputs name and that is there to be read."""
     for path in report.evidence.inputs.get("models", []):
         try:
-            model = mujoco.MjModel.from_xml_path(str(path))
+            return load_spec(path).compile()
         except ValueError:
             continue
-        names = {model.joint(i).name for i in range(model.njnt)}
-        return figure.robot(model, {w.joint: w.share for w in report.where if w.joint in names})
-    return Markup("")
+    return None
+
+
+def _robot(report: Report, model: mujoco.MjModel | None) -> Markup:
+    """Return a drawing of the robot, if its model is there."""
+    if model is None:
+        return Markup("")
+    names = {model.joint(i).name for i in range(model.njnt)}
+    return figure.robot(model, {w.joint: w.share for w in report.where if w.joint in names})
 
 
 def _regimes(where: Sequence[Where]) -> list[str]:
@@ -182,7 +199,7 @@ def _strip(report: Report) -> list[dict[str, Any]]:
 
 
 def _units(report: Report) -> dict[str, str]:
-    """Return rad or m for each joint, as far as the evidence tells."""
+    """Return rad or m for each joint, as far as the evidence shows."""
     known = {trace.joint: trace.unit for trace in report.evidence.traces}
     common = report.gap.unit if report.gap.unit != "spread" else ""
     joints = [w.joint for w in report.where] + [b.joint for b in report.evidence.bands]
@@ -207,9 +224,13 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
     effect = EFFECTS.get(cause.effect)
     low, high = effect.typical if effect else (0.0, 0.0)
     body = cause.extra.get("body")
-    title = words.name(cause.effect, body or cause.where, cause.side)
+    title = words.name(*words.place_of(cause), cause.side)
     usual = {e.name: e.default for e in effect.extras} if effect else {}
     extra = {k: v for k, v in cause.extra.items() if k != "body" and v != usual.get(k)}
+    alike = [
+        [words.name(e.effect, e.where) for e in cause.equivalent if e.inseparable == never]
+        for never in (False, True)
+    ]
     return {
         "number": number,
         "title": title[0].upper() + title[1:],
@@ -224,7 +245,8 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
         "closed": svg.fill(cause.closed, "after"),
         "share": words.percent(min(cause.closed, 1.0)),
         "extra": "; ".join(f"{k.replace('_', ' ')}: {made.number(v)}" for k, v in extra.items()),
-        "equivalent": [words.name(e.effect, e.where) for e in cause.equivalent],
+        "equivalent": alike[0],
+        "inseparable": alike[1],
     }
 
 

@@ -54,7 +54,7 @@ def why_not(effect: Effect) -> str | None:
     reason = effect.why_not_mjcf()
     if reason is None and isinstance(effect, FieldEffect):
         known = effect.field in (*FIELDS, *INERTIA, GRAVITY)
-        return None if known else f"no element of MJCF is known here that holds {effect.field}"
+        return None if known else f"no MJCF element is known that holds {effect.field}"
     return reason
 
 
@@ -202,7 +202,7 @@ def _comment(said: Sequence[Fixed], left_out: dict[str, str], former: str) -> st
     for label, reason in left_out.items():
         lines.append(f"Only in effects.yaml: {label} ({reason})")
     if not left_out:
-        lines.append("Nothing is left out; effects.yaml says the same.")
+        lines.append("Nothing is left out; effects.yaml has the same content.")
     text = "\n".join(f"       {line}" for line in lines).strip()
     rest = f"\n\n      {former.strip()}" if former.strip() else ""
     return f" {text}{rest} ".replace("--", "- -")

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from sim2real.diagnosis.evidence import Signal, Trace
 from sim2real.diagnosis.report import svg
-from sim2real.diagnosis.schema import Report, Signal, Trace
+from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import TINY
 
 LONGEST = 20_000  # rows of a recording

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
+from sim2real.diagnosis.evidence import Trace
 from sim2real.diagnosis.report.axes import Linear, Signed
-from sim2real.diagnosis.schema import Trace
 from sim2real.diagnosis.settings import TINY
 
 WIDTH, TOP, MAIN, GAP, ERROR, LEFT, BOTTOM = 330, 6, 118, 14, 56, 52, 22  # of a window, units

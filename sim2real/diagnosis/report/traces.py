@@ -20,7 +20,7 @@ import numpy as np
 from envs.effects.servo import is_joint_servo
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.schema import Kind, Signal, Trace
+from sim2real.diagnosis.evidence import Kind, Signal, Trace
 
 Errors = Mapping[frozenset[int], np.ndarray]
 SWITCHED = 4  # causes at most that a reader can switch: of more there are too many combinations

@@ -10,15 +10,17 @@ import math
 from collections.abc import Mapping, Sequence
 
 from envs.effects import EFFECTS
-from sim2real.diagnosis.schema import Report
+from sim2real.diagnosis.schema import Cause, Report
 from sim2real.diagnosis.settings import DEFAULT, TINY
 
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
 NOISE = DEFAULT.verdict.no_gap_floors  # floors that noise accounts for
 SINGLY = 4  # causes that a sentence names with their places
+EVERYWHERE = "all joints alike"
 SUBTITLES = {
     "explained": "Explained",
     "partly_explained": "Partly explained",
+    "fitted": "Fitted, not explained",
     "unexplained": "Not explained",
     "no_gap": "No gap",
 }
@@ -28,7 +30,7 @@ def quantity(value: float | None, unit: str, like: float | None = None) -> str:
     """Return a value with its unit, three digits.
 
     Args:
-        value: in `unit`; None is a dash.
+        value: a value in `unit`; None is a dash.
         unit: SI, "" for a factor, "spread" for a joint's own motion as the unit.
         like: the value whose prefix is used, so that a row of numbers has one unit.
     """
@@ -48,7 +50,7 @@ def interval(ends: Sequence[float] | None, unit: str, like: float | None = None)
 
 
 def percent(share: float | None) -> str:
-    """Return a share as a whole percentage; tenths next to 0 and 100 where they tell."""
+    """Return a share as a whole percentage; tenths next to 0 and 100 where they matter."""
     if share is None:
         return "–"
     digits = 1 if 0.99 < abs(share) < 0.9995 or 0.0005 <= abs(share) < 0.01 else 0
@@ -79,9 +81,15 @@ def sentence(report: Report) -> str:
             "Simulation and robot agree: what is left between them,"
             f" {quantity(gap.before, gap.unit)}, is noise."
         )
-    if report.verdict == "unexplained" or not report.causes:
-        return "There is a gap, and no effect that is known here explains it."
-    subject = _and(subjects([(c.effect, c.extra.get("body") or c.where) for c in report.causes]))
+    if report.verdict == "unexplained" or not report.values:
+        return "There is a gap, and no known effect explains it."
+    subject = _and(subjects([place_of(cause) for cause in report.values]))
+    if report.verdict == "fitted":
+        text = (
+            f"{len(report.fitted)} values make the simulation follow the robot and are no causes: "
+            f"{subject} close {percent(gap.closed)} of the gap."
+        )
+        return text
     verb = "explains" if len(report.causes) == 1 else "explain"
     text = f"{subject} {verb} {percent(gap.closed)} of the gap."
     if report.verdict == "partly_explained":
@@ -89,8 +97,14 @@ def sentence(report: Report) -> str:
     return text[0].upper() + text[1:]
 
 
+def place_of(cause: Cause) -> tuple[str, str | None]:
+    """Return a cause's effect and where a person looks for it: a body, or all joints alike."""
+    where = cause.extra.get("body") or cause.where
+    return cause.effect, where or (EVERYWHERE if cause.shared else None)
+
+
 def subjects(causes: Sequence[tuple[str, str | None]]) -> list[str]:
-    """Return causes (effect, place) in words; many are told by effect, with how many places."""
+    """Return causes (effect, place) in words; many are grouped by effect."""
     if len(causes) <= SINGLY:
         return [name(effect, where) for effect, where in causes]
     places: dict[str, list[str | None]] = {}
@@ -110,7 +124,7 @@ def details(report: Report) -> str:
     on = "on parts of the recordings that nothing was fitted to" if gap.held_out else ""
     if gap.after is None:
         return f"The noise floor of these recordings is {floor}{motion}."
-    if not report.causes:
+    if not report.values:
         return (
             f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
             f" {floor} are noise. No effect that was tried brings it nearer {on}."
@@ -159,6 +173,8 @@ def numerics(found: Mapping[str, str]) -> list[str]:
 
 
 def _these(report: Report) -> str:
+    if report.fitted:
+        return "these values"
     return "this effect" if len(report.causes) == 1 else "these effects"
 
 

@@ -19,6 +19,7 @@ from sim2real.diagnosis.settings.attribution import (
     JointGroups,
     Locating,
     Numerics,
+    Parsimony,
     Residual,
     Screening,
     Search,
@@ -30,6 +31,7 @@ from sim2real.diagnosis.settings.data import (
     Bootstrap,
     Dataset,
     Encoder,
+    Kinds,
     NoiseFloor,
     Regimes,
     Simulation,
@@ -61,12 +63,14 @@ __all__ = [
     "Experiment",
     "Fitting",
     "JointGroups",
+    "Kinds",
     "Lag",
     "Locating",
     "LogErrors",
     "NoiseFloor",
     "Numerics",
     "Obstruction",
+    "Parsimony",
     "Regimes",
     "Residual",
     "Row",
@@ -89,6 +93,7 @@ class Settings:
     """The settings of all stages, in the order in which a log passes them."""
 
     obstruction: Obstruction = field(default_factory=Obstruction)
+    kinds: Kinds = field(default_factory=Kinds)
     encoder: Encoder = field(default_factory=Encoder)
     noise_floor: NoiseFloor = field(default_factory=NoiseFloor)
     windows: Windows = field(default_factory=Windows)
@@ -110,6 +115,7 @@ class Settings:
     search: Search = field(default_factory=Search)
     torque_on: TorqueOn = field(default_factory=TorqueOn)
     joint_groups: JointGroups = field(default_factory=JointGroups)
+    parsimony: Parsimony = field(default_factory=Parsimony)
     verdict: Verdict = field(default_factory=Verdict)
     causes: Causes = field(default_factory=Causes)
     locating: Locating = field(default_factory=Locating)

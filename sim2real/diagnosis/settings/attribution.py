@@ -44,7 +44,13 @@ class Screening:
         1e-3, "1", "added to a change's square, so that look-alikes do not cancel", DEVELOPED
     )
     ridge_floor: float = setting(1e-15, "1", "added besides", ROUNDING)
-    probed_max: int = setting(40, "1", "candidates probed in full beside known effects", COST)
+    probed_max: int = setting(40, "1", "candidates looked at beside known effects", COST)
+    coarse_s: float = setting(5e-3, "s", "time step of a first glance, at most", COST)
+    coarse_off: float = setting(
+        0.1, "1", "error of that step, of the motion, from which there is no glance", JUDGED
+    )
+    kept_max: int = setting(16, "1", "candidates probed after a glance", COST)
+    probes_kept: int = setting(2, "1", "probes of each that are simulated then", COST)
     scale_between: tuple[float, float] = setting(
         (0.4, 2.2), "1", "scaling of a response that has neighbours", DEVELOPED
     )
@@ -111,12 +117,16 @@ class Search:
 class Cogging:
     """Ripples that the error shows."""
 
-    counts: tuple[int, int] = setting((4, 32), "1", "ripples in a turn: fewest and most", JUDGED)
+    counts: tuple[float, float] = setting(
+        (3.0, 150.0), "1", "ripples in a turn: fewest and most", JUDGED
+    )
+    finest: float = setting(4.0, "1", "counts tried in a difference that the span resolves", JUDGED)
+    readings: float = setting(1.5, "1", "encoder counts in half a ripple, at least", JUDGED)
     counts_probed: int = setting(3, "1", "counts probed by simulation", COST)
     sizes: tuple[float, ...] = setting(
         (1.0, 2.5), "1", "probed amplitudes, of the one in the error", DEVELOPED
     )
-    slow: float = setting(0.7, "rad/s", "faster rows tell little", DEVELOPED)
+    slow: float = setting(0.7, "rad/s", "faster rows are ignored", DEVELOPED)
     turned: float = setting(0.8, "rad", "a joint that turned less shows only a mean", DEVELOPED)
     trend_order: int = setting(3, "1", "degree of the polynomial beside a ripple", DEVELOPED)
     stiffness_min: float = setting(0.1, "N·m/rad", "least stiffness of a servo", JUDGED)
@@ -164,7 +174,22 @@ class JointGroups:
         DEVELOPED,
     )
     worth: float = setting(0.02, "1", "share of the first gap that a kind closes", DEVELOPED)
-    joint_worth: float = setting(0.002, "1", "share of it that one joint closes", DEVELOPED)
+
+
+@dataclass(frozen=True)
+class Parsimony:
+    """What a further value has to close at a joint, on windows that it was not fitted to.
+
+    The largest of the three is its price. Joint by joint, since of thirty joints none closes much
+    of the whole; of what is left, since where a law is wrong any other value mends some of it.
+    """
+
+    floors: float = setting(0.25, "1", "noise floors of the joint", DEVELOPED)
+    share: float = setting(0.05, "1", "share of what there is to close at the joint", JUDGED)
+    mends: float = setting(
+        0.25, "1", "share of what is left at the joint: less may only mend a bad fit", JUDGED
+    )
+    kept: int = setting(3, "1", "values that pay, from the cheapest on, that end the look", COST)
 
 
 @dataclass(frozen=True)
@@ -176,7 +201,16 @@ class Verdict:
     joint_floors: float = setting(3.0, "1", "floors from which one joint stands out", DEVELOPED)
     joint_counts: float = setting(1.5, "1", "counts from which one joint stands out", DEVELOPED)
     explained: float = setting(0.9, "1", "closed share from which it is explained", JUDGED)
+    explained_floors: float = setting(
+        3.0,
+        "1",
+        "floors left beyond which nine tenths are not enough",
+        "derived: `joint_floors`, from which a single joint stands out",
+    )
     partly: float = setting(0.3, "1", "closed share from which it is partly explained", JUDGED)
+    causes_max: int = setting(
+        4, "1", "causes of an explanation; more are a fit", "convention: of the report's schema"
+    )
 
 
 @dataclass(frozen=True)
@@ -192,7 +226,7 @@ class Causes:
         0.2, "1", "the same limit where the floor is larger, of what the cause closes", DEVELOPED
     )
     equal_unsure: float = setting(
-        0.25, "1", "the same where the bootstrap cannot tell which is better", DEVELOPED
+        0.25, "1", "the same where the bootstrap cannot decide which is better", DEVELOPED
     )
     equivalents_max: int = setting(
         3,
@@ -200,6 +234,10 @@ class Causes:
         "members of an equivalence set, the cause included",
         "derived: what the exam counts as a set",
     )
+    look_alike: float = setting(
+        0.95, "1", "cosine of two changes of the simulation from which both are fitted", JUDGED
+    )
+    look_alikes_max: int = setting(2, "1", "effects fitted in a cause's place", COST)
     unrivalled: float = setting(
         0.5, "1", "chance of winning without rivals", "derived: a coin's, nothing is known"
     )
@@ -302,11 +340,11 @@ class Experiment:
         "encoder count where no floor is known",
         "derived: 12 bits a turn",
     )
-    apart_min: float = setting(2.0, "1", "noise floors that tell explanations apart", JUDGED)
+    apart_min: float = setting(2.0, "1", "noise floors that separate explanations", JUDGED)
     fall_s: float = setting(2.0, "s", "time without torque in which a robot may fall", JUDGED)
     fallen: float = setting(0.5, "rad", "motion from which it has fallen over", JUDGED)
     reach: float = setting(1.0, "rad", "range of an actuator without limits", JUDGED)
-    fastest: float = setting(8.0, "rad/s", "speed of a servo whose model does not say", JUDGED)
+    fastest: float = setting(8.0, "rad/s", "speed of a servo whose model gives none", JUDGED)
     rate_hz: float = setting(50.0, "1/s", "rate of a robot known by its model alone", JUDGED)
     servo: str = setting("xl330-m288", "", "servo of a robot known by its model alone", JUDGED)
     zero_count: int = setting(2048, "1", "its middle position", "reference: Dynamixel X e-manual")
@@ -319,7 +357,7 @@ class Experiment:
     gain_register: int = setting(
         800,
         "1",
-        "P gain register unless the robot says",
+        "P gain register unless the robot's file gives one",
         "reference: Dynamixel X e-manual, default",
     )
     gain_s: float = setting(5.0, "s", "time to change a register", JUDGED)

@@ -56,7 +56,7 @@ class Windows:
     turn: float = setting(0.1, "1", "least turn of a command, of its range", JUDGED)
     kick_before_s: float = setting(0.03, "s", "left out before a servo is switched on", JUDGED)
     kick_s: float = setting(
-        0.3, "s", "left out after it, since no log knows the exact moment", DEVELOPED
+        0.3, "s", "left out after it, since no log has the exact moment", DEVELOPED
     )
     blocked_share: float = setting(0.5, "1", "windows blocked for longer are left out", JUDGED)
     off_unrest: float = setting(100.0, "1/s", "unrest of rows without torque", JUDGED)
@@ -72,7 +72,7 @@ class Simulation:
     spread_min: float = setting(1e-3, "rad", "least motion that this is taken of", JUDGED)
     batch_bytes: float = setting(2.5e8, "B", "memory of one batch", COST)
     plants: int = setting(12, "1", "models kept ready", COST)
-    threads_rows: int = setting(400, "1", "rows from which threads pay with Python laws", COST)
+    threads_rows: int = setting(400, "1", "rows from which threads help Python laws", COST)
     weak: float = setting(0.5, "1", "strength of the motor whose heat is compared", DEVELOPED)
 
 
@@ -112,7 +112,7 @@ class Regimes:
     goal_error: float = setting(0.01, "rad", "a joint this close is at its goal", JUDGED)
     load_min: float = setting(1e-6, "N·m", "robots with less gravity load have no loads", JUDGED)
     load_none: float = setting(0.1, "1", "share of the largest load that is no load", JUDGED)
-    rare: float = setting(0.98, "1", "quantile rarely exceeded; half of it parts the rest", JUDGED)
+    rare: float = setting(0.98, "1", "quantile rarely exceeded; half of it splits the rest", JUDGED)
     poses_max: int = setting(2000, "1", "poses in which gravity is computed", COST)
 
 
@@ -121,4 +121,30 @@ class Bootstrap:
     """The block bootstrap of all intervals."""
 
     draws: int = setting(400, "1", "resamples", COST)
+    bin_s: float = setting(0.25, "s", "bins in which the residue's autocorrelation is told", COST)
+    blocks_min: int = setting(
+        32,
+        "1",
+        "blocks that a recording is cut into at least, however long its residue hangs together",
+        "derived: what shows in a tenth of them is drawn again in 19 of 20 resamples",
+    )
     tail: float = setting(0.05, "1", "probability below and above an interval", "convention: 90 %")
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """When commands cannot be meant for the model's actuators."""
+
+    follows: float = setting(
+        0.8,
+        "1",
+        "likeness from which positions are their commands, 1 less the rest's share",
+        JUDGED,
+    )
+    stranger: float = setting(0.6, "1", "likeness below which they may be torques", JUDGED)
+    rows: int = setting(25, "1", "rows by which a position may be late", COST)
+    lost: float = setting(0.5, "1", "gap of a replay that fails, over the joints' spread", JUDGED)
+    better: float = setting(0.3, "1", "gap as torques, of that as positions", JUDGED)
+    most: float = setting(10.0, "1", "a row counts at most so much, in spreads", JUDGED)
+    seconds: float = setting(0.3, "s", "length of a replayed piece", COST)
+    pieces: int = setting(8, "1", "pieces replayed", COST)

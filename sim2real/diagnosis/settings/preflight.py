@@ -25,12 +25,22 @@ class Channels:
     slowest_s: float = setting(0.5, "s", "longer intervals are in another unit", THOUSAND)
     fastest_s: float = setting(1e-4, "s", "shorter intervals are in another unit", THOUSAND)
     rate_error: float = setting(0.1, "1", "disagreement of `rate` and the stamps", JUDGED)
-    still_rad: float = setting(0.05, "rad", "a hinge that moves less tells nothing", JUDGED)
-    still_m: float = setting(0.005, "m", "a slide that moves less tells nothing", JUDGED)
+    still_rad: float = setting(0.05, "rad", "a hinge that moves less is not judged", JUDGED)
+    still_m: float = setting(0.005, "m", "a slide that moves less is not judged", JUDGED)
     reversals_min: int = setting(4, "1", "reversals that friction and play need", JUDGED)
     reversal_size: float = setting(0.1, "1", "least size of a reversal, of the motion", JUDGED)
     outside_share: float = setting(0.01, "1", "share of commands outside ctrlrange", JUDGED)
     outside_slack: float = setting(0.01, "1", "slack around ctrlrange, of its width", JUDGED)
+    beyond: tuple[float, float] = setting(
+        (5.0, 1.5),
+        "1",
+        "times a hinge's range: past the first it is in degrees, if in these within the second",
+        "judgement: 57.3 lies between them",
+    )
+    worse: float = setting(
+        1.2, "1", "channel off with the causes, of that without, that contradicts them", JUDGED
+    )
+    worse_noises: float = setting(3.0, "1", "the same, in noises of the channel", JUDGED)
     saturated_share: float = setting(
         0.3, "1", "share of rows at the force limit above which gains do not show", DEVELOPED
     )
@@ -41,6 +51,12 @@ class Servo:
     """What speed and duty registers must agree with."""
 
     zero: float = setting(0.03, "rad", "offset of commands and readings worth a finding", JUDGED)
+    computed: float = setting(
+        3e-3, "1", "what a law leaves of a torque that was computed, of its spread", JUDGED
+    )
+    clipped: float = setting(
+        0.98, "1", "torques above this share of the largest are clipped", JUDGED
+    )
     law_residual: float = setting(
         0.03, "1", "share of the duty's variance that a law may leave", DEVELOPED
     )
@@ -110,7 +126,7 @@ class Clocks:
         20.0, "s", "length of a log whose drift is examined", "derived: 200 ppm are then 4 ms"
     )
     reach_s: float = setting(0.25, "s", "largest offset looked for", JUDGED)
-    rows_min: int = setting(20, "1", "rows below which speeds tell nothing", JUDGED)
+    rows_min: int = setting(20, "1", "rows below which speeds are not judged", JUDGED)
     steps_max: int = setting(8, "1", "Gauss-Newton steps", COST)
     settled_s: float = setting(1e-7, "s", "step at which they end", COST)
     gain_min: float = setting(0.1, "1", "smaller gains of the speed are taken as 1", JUDGED)
@@ -137,7 +153,7 @@ class LogErrors:
     closed_small: float = setting(0.25, "1", "the same where the error is no suspect", DEVELOPED)
     beats: float = setting(0.6, "1", "share of the best ordinary effect's error", DEVELOPED)
     promising: float = setting(0.8, "1", "values that leave more are not refined", DEVELOPED)
-    rate_joints: float = setting(0.7, "1", "share of joints that a rate must mend", DEVELOPED)
+    rate_joints: float = setting(0.7, "1", "share of joints that a rate must correct", DEVELOPED)
     motion_min: float = setting(0.03, "rad", "a joint that moves less counts as this", JUDGED)
     left_max: float = setting(0.7, "1", "error that a right correction leaves at most", DEVELOPED)
     error_max: float = setting(5.0, "1", "larger errors count as this, of the motion", JUDGED)

@@ -11,6 +11,7 @@ from typing import Any
 
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
+from torchrl.collectors import MultiCollector
 from torchrl.envs import TransformedEnv
 
 from envs.torch_env import RowsEnv
@@ -36,9 +37,10 @@ class Collecting:
         self, parts: Parts, env: TransformedEnv, actor: TensorDictModuleBase, frames_per_batch: int
     ) -> None:
         self.env = env
-        self._rows = env.base_env if isinstance(env.base_env, RowsEnv) else None
         make = parts.part("collector")
         self._collector = make(env, actor, frames_per_batch=frames_per_batch, total_frames=-1)
+        here = not isinstance(self._collector, MultiCollector)  # or its episodes are elsewhere
+        self._rows = env.base_env if here and isinstance(env.base_env, RowsEnv) else None
         self._batches = iter(self._collector)
         self.returns = Returns(env.batch_size[0])
 
@@ -55,7 +57,7 @@ class Collecting:
             "frames": self._collector._frames,  # the first may be of random actions
             "transforms": _plain(self.env.transform.state_dict()),
             "episodes": None if self._rows is None else self._rows.episodes(),
-            "carrier": _tree(self._collector._carrier),
+            "carrier": None if self._rows is None else _tree(self._collector._carrier),
             "returns": self.returns.state_dict(),
         }
 
@@ -76,8 +78,9 @@ class Collecting:
         self.returns.load_state_dict(state["returns"])
         if self._rows is None or state["episodes"] is None:
             log.warning(
-                "%s cannot go back into its episodes; the resumed run starts new ones",
+                "%s in %s cannot go back into its episodes; the resumed run starts new ones",
                 type(self.env.base_env).__name__,
+                type(self._collector).__name__,
             )
             return
         self._rows.resume(state["episodes"])

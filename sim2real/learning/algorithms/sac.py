@@ -45,7 +45,7 @@ class SAC(Algorithm):
     Args:
         parts: all but `adapt` and `advantage`.
         num_rows: N, episodes side by side.
-        steps: of each row in an iteration; it decides only how often metrics are written.
+        steps: the steps of each row in an iteration; sets only how often metrics are written.
         update_ratio: gradient steps for each environment step.
         batch_size: transitions of a gradient step.
         warmup_frames: environment steps of random actions before the first gradient step.

@@ -11,8 +11,8 @@ With the ratio r of new to old probability, clipped to c(r) (Schulman et al. 201
     loss_entropy = -entropy_coeff H
 
 A minibatch of 64 and two layers of 64 are so little work that calling it costs more than doing it.
-Actor and critic go through one batched product a layer where their hidden layers have one shape,
-and `forward` computes the gradient along with the losses; autograd only hands it out.
+So `forward` computes the gradient along with the losses, in NumPy, and autograd only hands it out.
+On another device than the CPU `ClipPPOLoss` itself computes.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import (
@@ -32,6 +33,7 @@ from torchrl.modules import IndependentNormal
 from torchrl.objectives import ClipPPOLoss
 
 from sim2real.learning.losses.clip_gradient import SLOPES, ClipGradient, Losses, Samples, Settings
+from sim2real.learning.modules.arrays import Array
 from sim2real.learning.modules.dense import Dense, read_dense
 from sim2real.runs.errors import Sim2RealError
 
@@ -82,7 +84,7 @@ class FastClipPPOLoss(ClipPPOLoss):
         _refuse_distribution(networks[0], actor)
         if critic.head is not None or critic.sizes[-1] != 1:
             raise Sim2RealError(
-                "loss=fast_clip_ppo knows no critic that ends otherwise than in a linear layer of "
+                "loss=fast_clip_ppo supports only critics that end in a linear layer of "
                 "one value; use loss=clip_ppo"
             )
         super().__init__(*networks, **options)
@@ -93,11 +95,12 @@ class FastClipPPOLoss(ClipPPOLoss):
     @dispatch  # type: ignore[arg-type]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Return the losses of a minibatch, and what is logged of it."""
-        with torch.no_grad():
-            found = self._gradient(self._samples(tensordict), self._settings())
+        if self._gradient.flat.parameters[0].device.type != "cpu":
+            return super().forward(tensordict)
+        found = self._gradient(self._samples(tensordict), self._settings())
         values = _HandOut.apply(found, self._gradient, *self._gradient.flat.parameters)
         names = ("loss_objective", "loss_critic", "loss_entropy")
-        out = {**dict(zip(names, values, strict=True)), **found.logged}
+        out = {**dict(zip(names, values, strict=True)), **_tensors(found)}
         if not self.entropy_bonus:
             out = {name: value for name, value in out.items() if "entropy" not in name}
         return TensorDict._new_unsafe(out, batch_size=torch.Size([]))  # type: ignore[arg-type]
@@ -124,30 +127,32 @@ class FastClipPPOLoss(ClipPPOLoss):
     def _samples(self, tensordict: TensorDictBase) -> Samples:
         keys = self.tensor_keys
         if any(tensordict.get(key, None) is not None for key in self._loss_mask_keys()):
-            raise Sim2RealError("loss=fast_clip_ppo knows no masked samples; use loss=clip_ppo")
+            raise Sim2RealError("loss=fast_clip_ppo supports no masked samples; use loss=clip_ppo")
         if tensordict.get(keys.advantage, None) is None:
             tensordict = tensordict.clone(False)
             critic = self._cached_critic_network_params_detached
             target = self.target_critic_network_params
             self.value_estimator(tensordict, params=critic, target_params=target)
         shape, (actor, critic) = tensordict.batch_size, self._gradient.networks
-        old = tensordict.get(keys.value).flatten() if self.clip_value else None
+        observed = _joined(tensordict, actor)
+        action = tensordict.get(keys.action)
         return Samples(
-            _joined(tensordict, actor),
-            _joined(tensordict, critic),
-            tensordict.get(keys.action).flatten(0, len(shape) - 1),
-            tensordict.get(keys.sample_log_prob).flatten(),
-            self._advantage(tensordict.get(keys.advantage).flatten()),
-            tensordict.get(keys.value_target).flatten(),
-            old,
+            observed,
+            observed if critic.in_keys == actor.in_keys else _joined(tensordict, critic),
+            action.flatten(0, -2).numpy(),
+            _numbers(tensordict, keys.sample_log_prob),
+            self._advantage(_numbers(tensordict, keys.advantage)),
+            _numbers(tensordict, keys.value_target),
+            _numbers(tensordict, keys.value) if self.clip_value else None,
             shape,
         )
 
-    def _advantage(self, given: Tensor) -> Tensor:
+    def _advantage(self, given: Array) -> Array:
         if not self.normalize_advantage or len(given) < 2:
             return given
-        deviation, mean = torch.std_mean(given)
-        return (given - mean).div_(deviation.clamp_min(TINY))
+        off = given - np.add.reduce(given) / len(given)
+        deviation = math.sqrt(float(np.dot(off, off)) / (len(off) - 1))
+        return off / max(deviation, TINY)
 
 
 def _refuse_options(options: dict[str, Any]) -> None:
@@ -177,14 +182,30 @@ def _refuse_distribution(network: Any, actor: Dense) -> None:
         what = "a scale that has not one parameter for each action"
     else:
         return
-    raise Sim2RealError(f"loss=fast_clip_ppo knows no actor of {what}; use loss=clip_ppo")
+    raise Sim2RealError(f"loss=fast_clip_ppo supports no actor of {what}; use loss=clip_ppo")
 
 
-def _joined(tensordict: TensorDictBase, network: Dense) -> Tensor:
+def _joined(tensordict: TensorDictBase, network: Dense) -> Array:
     """Return what a network reads, (B, in)."""
     parts = [tensordict.get(key) for key in network.in_keys]
     whole = parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
-    return whole.flatten(0, -2)
+    return whole.flatten(0, -2).numpy()
+
+
+def _numbers(tensordict: TensorDictBase, key: Any) -> Array:
+    """Return an entry of one number a sample, (B,)."""
+    return tensordict.get(key).flatten().numpy()
+
+
+def _tensors(found: Losses) -> dict[str, Tensor]:
+    """Return what is logged as tensors; the numbers among it are made together."""
+    logged, dtype = found.logged, found.gradient.dtype
+    several = {name: x for name, x in logged.items() if isinstance(x, np.ndarray)}
+    plain = [name for name in logged if name not in several]
+    numbers = torch.from_numpy(np.array([logged[name] for name in plain], dtype)).unbind()
+    return dict(zip(plain, numbers, strict=True)) | {
+        k: torch.from_numpy(x) for k, x in several.items()
+    }
 
 
 class _HandOut(torch.autograd.Function):
@@ -194,16 +215,18 @@ class _HandOut(torch.autograd.Function):
     def forward(ctx: Any, found: Losses, of: ClipGradient, *_: Tensor) -> tuple[Tensor, ...]:
         ctx.found, ctx.of = found, of
         ctx.set_materialize_grads(False)
-        return found.values
+        dtype = found.gradient.dtype
+        return tuple(torch.from_numpy(np.array(value, dtype)) for value in found.values)
 
     @staticmethod
     def backward(ctx: Any, *upstream: Tensor | None) -> Any:
         """Weigh the gradients of the three losses by what comes from above."""
         found, middle = ctx.found, ctx.of.middle
-        objective, critic, entropy = upstream
-        out = torch.empty_like(found.gradient)
-        for part, weight in ((slice(0, middle), objective), (slice(middle, None), critic)):
-            torch.mul(found.gradient[part], 0.0 if weight is None else weight, out=out[part])
-        if entropy is not None:
-            out[middle - len(found.entropy) : middle].addcmul_(found.entropy, entropy)
-        return None, None, *ctx.of.flat.split(out)
+        objective, critic, entropy = (0.0 if x is None else float(x) for x in upstream)
+        out = found.gradient.copy()
+        for part, weight in ((out[:middle], objective), (out[middle:], critic)):
+            if weight != 1:
+                part *= weight
+        if entropy:
+            out[middle - len(found.entropy) : middle] += entropy * found.entropy
+        return None, None, *ctx.of.flat.split(torch.from_numpy(out))

@@ -12,13 +12,15 @@ With a from the actor, y = r + gamma (1 - terminated) (min Q'(s', a') - alpha lo
     loss_actor = mean(alpha log p(a|s) - min Q(s, a))
     loss_alpha = -log(alpha) mean(log p(a|s) + target entropy)
 
-It draws as `SACLoss` does: after the same seed both get the same actions.
+It draws as `SACLoss` does: after the same seed both get the same actions. On another device than
+the CPU `SACLoss` itself computes.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import ProbabilisticTensorDictModule, TensorDictModuleBase, dispatch
@@ -28,6 +30,7 @@ from torchrl.objectives.value import TD0Estimator
 
 from sim2real.learning.losses.clip_gradient import SLOPES
 from sim2real.learning.losses.sac_gradient import Losses, SACGradient, Settings, Transitions
+from sim2real.learning.modules.arrays import Array
 from sim2real.learning.modules.dense import Dense, read_dense
 from sim2real.learning.modules.heads import NormalHead
 from sim2real.runs.errors import Sim2RealError
@@ -67,41 +70,37 @@ class FastSACLoss(SACLoss):
         for name, value in options.items():
             if name in SUPPORTED and value not in SUPPORTED[name]:
                 _refuse(f"{name}={value!r}")
-        several = isinstance(qvalue_network, list)
         critics = qvalue_network if isinstance(qvalue_network, list) else [qvalue_network]
         actor, shapes = read_dense(actor_network), [read_dense(critic) for critic in critics]
         _refuse_networks(actor_network, actor, shapes)
         super().__init__(actor_network, qvalue_network, **options)
-        count = len(critics) if several else self.num_qvalue_nets
-        self._gradient = SACGradient(actor, shapes[0], count)
-        self._actor, self._shape = actor, shapes[0]
+        self._gradient, self._actor = SACGradient(actor, shapes[0]), actor
         self._names = _names(critics[0], shapes[0])
 
     @dispatch  # type: ignore[arg-type]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Return the losses of transitions, and write their errors under the priority's key."""
-        self._refuse_weights(tensordict)
         actor = [p for layer in self._actor.linears for p in (layer.weight, layer.bias)]
+        if actor[0].device.type != "cpu":
+            return super().forward(tensordict)
+        self._refuse_weights(tensordict)
         critic = [self.qvalue_network_params.get(name) for name in self._names]
-        target = self.target_qvalue_network_params
+        target = [self.target_qvalue_network_params.get(name) for name in self._names]
         alpha = self._alpha
-        settings = Settings(self._discount(), alpha, self.loss_function)
         found = self._gradient(
             self._transitions(tensordict),
-            settings,
-            [p.detach() for p in actor],
-            [p.detach() for p in critic],
-            [target.get(name).detach() for name in self._names],
+            Settings(float(self._discount()), float(alpha.detach()), self.loss_function),
+            *([p.detach().numpy() for p in group] for group in (actor, critic, target)),
         )
-        shape = tensordict.batch_size
-        tensordict.set(self.tensor_keys.priority, found.error.view(shape))
+        error, log_prob = torch.from_numpy(found.error), torch.from_numpy(found.log_prob)
+        tensordict.set(self.tensor_keys.priority, error.view(tensordict.batch_size))
         loss_actor, loss_qvalue = _HandOut.apply(found, *actor, *critic)
         losses = {
             "loss_actor": loss_actor,
             "loss_qvalue": loss_qvalue,
-            "loss_alpha": self._alpha_loss(found.log_prob).mean(),
+            "loss_alpha": self._alpha_loss(log_prob).mean(),
             "alpha": alpha,
-            "entropy": -found.log_prob.mean(),
+            "entropy": -log_prob.mean(),
         }
         return TensorDict._new_unsafe(losses, batch_size=torch.Size([]))  # type: ignore[arg-type]
 
@@ -121,10 +120,10 @@ class FastSACLoss(SACLoss):
         keys, after = self.tensor_keys, tensordict.get("next")
         return Transitions(
             _joined(tensordict, self._actor.in_keys),
-            tensordict.get(keys.action).flatten(0, -2),
-            after.get(keys.reward).flatten(),
+            tensordict.get(keys.action).flatten(0, -2).numpy(),
+            after.get(keys.reward).flatten().numpy(),
             _joined(after, self._actor.in_keys),
-            after.get(keys.terminated).flatten(),
+            after.get(keys.terminated).flatten().numpy(),
         )
 
 
@@ -135,7 +134,8 @@ class _HandOut(torch.autograd.Function):
     def forward(ctx: Any, found: Losses, *_: Tensor) -> tuple[Tensor, ...]:
         ctx.found = found
         ctx.set_materialize_grads(False)
-        return found.values
+        dtype = found.log_prob.dtype
+        return tuple(torch.from_numpy(np.array(value, dtype)) for value in found.values)
 
     @staticmethod
     def backward(ctx: Any, *upstream: Tensor | None) -> Any:
@@ -144,17 +144,17 @@ class _HandOut(torch.autograd.Function):
         return None, *_weighted(ctx.found.actor, actor), *_weighted(ctx.found.critic, critic)
 
 
-def _weighted(gradients: list[Tensor], weight: Tensor | None) -> list[Tensor | None]:
+def _weighted(gradients: list[Array], weight: Tensor | None) -> list[Tensor | None]:
     if weight is None:
         return [None] * len(gradients)
-    return [gradient * weight for gradient in gradients]
+    return [torch.from_numpy(gradient * float(weight)) for gradient in gradients]
 
 
-def _joined(tensordict: TensorDictBase, keys: Any) -> Tensor:
+def _joined(tensordict: TensorDictBase, keys: Any) -> Array:
     """Return entries side by side, (B, O)."""
-    parts = [tensordict[key] for key in keys]
+    parts: list[Any] = [tensordict.get(key) for key in keys]
     whole = parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
-    return whole.flatten(0, -2)
+    return whole.flatten(0, -2).numpy()
 
 
 def _names(critic: TensorDictModuleBase, network: Dense) -> list[tuple[str, ...]]:
@@ -184,4 +184,4 @@ def _refuse_networks(actor_network: Any, actor: Dense, critics: list[Dense]) -> 
 
 
 def _refuse(what: str) -> None:
-    raise Sim2RealError(f"loss=fast_sac knows no {what}; use loss=sac")
+    raise Sim2RealError(f"loss=fast_sac supports no {what}; use loss=sac")

@@ -19,7 +19,7 @@ class Acting(TensorDictModuleBase):
     It reads and writes by itself: `TensorDictModule` costs more than a small network.
 
     Args:
-        module: from observations (..., O) to actions (..., A).
+        module: maps observations (..., O) to actions (..., A).
     """
 
     in_keys: ClassVar[list[str]] = ["observation"]
@@ -38,7 +38,7 @@ class Actor(nn.Module):
     """A network as a policy: raw observation to action, deterministic.
 
     Args:
-        network: from normalized observations (..., O) to actions (..., A).
+        network: maps normalized observations (..., O) to actions (..., A).
         mean: what normalization subtracts from an observation, (O,).
         std: what it divides by, (O,).
         low: the actions' lower limits, (A,).

@@ -2,7 +2,6 @@
 
     actor, critic = read_dense(actor_network), read_dense(critic_network)
     flat, starts = flatten([actor, critic])           # their numbers, in one vector
-    trunks = Trunks([actor, critic], starts)
 
 What calls such a network without TorchRL's and autograd's machinery needs its layers, and gains
 most where they lie side by side. A network with anything else in it is refused, never guessed at.
@@ -15,7 +14,6 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import Any
 
-import torch
 from tensordict.nn import (
     ProbabilisticTensorDictModule,
     TensorDictModule,
@@ -26,11 +24,9 @@ from torch import nn
 from torchrl.modules import MLP
 
 from sim2real.learning.modules.flat import FlatParameters
-from sim2real.learning.modules.perceptrons import Layers, Perceptrons
 from sim2real.learning.modules.policy import Activation
 from sim2real.runs.errors import Sim2RealError
 
-Tensor = torch.Tensor
 ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.Tanh: "tanh", nn.ReLU: "relu"}
 
 
@@ -130,70 +126,3 @@ def flatten(networks: Sequence[Dense]) -> tuple[FlatParameters, list[int]]:
         raise Sim2RealError("policy: a fast part takes networks of one dtype on one device")
     counts = [sum(p.numel() for p in network.parameters) for network in networks]
     return FlatParameters(parameters), [0, *accumulate(counts)]
-
-
-class Trunks:
-    """The hidden layers of perceptrons; those of one shape share a batched product a layer.
-
-    Args:
-        networks: of which these are the hidden layers; each has one at least.
-        starts: where each begins in the vector; see `flatten`.
-
-    Raises:
-        Sim2RealError: for a network without a hidden layer.
-    """
-
-    def __init__(self, networks: Sequence[Dense], starts: Sequence[int]) -> None:
-        if any(len(network.linears) < 2 for network in networks):
-            _refuse("no hidden layer")
-        shapes: list[tuple[Any, ...]] = [
-            (network.in_keys, network.sizes[:-1], network.activation) for network in networks
-        ]
-        self._groups = [
-            (
-                Perceptrons(shapes.count(shape), shape[1], shape[2], "activated"),
-                [i for i, other in enumerate(shapes) if other == shape],
-            )
-            for shape in dict.fromkeys(shapes)
-        ]
-        self._starts = starts
-
-    def views(self, vector: Tensor) -> list[Layers]:
-        """Return the layers of each group as views of a vector (P,)."""
-        return [list(self._layers(vector, body, members)) for body, members in self._groups]
-
-    def _layers(
-        self, vector: Tensor, body: Perceptrons, members: list[int]
-    ) -> Iterator[tuple[Tensor, Tensor]]:
-        place, count = self._starts[members[0]], len(members)
-        apart = self._starts[members[-1]] - place  # two networks at most are alike, or evenly apart
-        for inputs, outputs in pairwise(body.sizes):
-            weight = vector.as_strided((count, inputs, outputs), (apart, 1, inputs), place)
-            place += inputs * outputs
-            yield weight, vector.as_strided((count, 1, outputs), (apart, outputs, 1), place)
-            place += outputs
-
-    def forward(self, weights: list[Layers], inputs: Sequence[Tensor]) -> list[list[Tensor]]:
-        """Return every layer's output, by group, for each network's input (B, in)."""
-        return [
-            body.forward(layers, inputs[members[0]])
-            for (body, members), layers in zip(self._groups, weights, strict=True)
-        ]
-
-    def by_network(self, stacked: Sequence[Tensor]) -> list[Tensor]:
-        """Return what belongs to each network, (B, width), of tensors (K, B, width) by group."""
-        pairs = zip(self._groups, stacked, strict=True)
-        found = {i: x[k] for (_, members), x in pairs for k, i in enumerate(members)}
-        return [found[i] for i in range(len(found))]
-
-    def backward(
-        self,
-        weights: list[Layers],
-        outputs: list[list[Tensor]],
-        upstream: list[Tensor],
-        out: list[Layers],
-    ) -> None:
-        """Write the parameters' gradients, given those by the last outputs, by group."""
-        groups = zip(self._groups, weights, outputs, upstream, out, strict=True)
-        for (body, _), layers, seen, gradient, slopes in groups:
-            body.backward(layers, seen, gradient, slopes)

@@ -27,8 +27,13 @@ def side_by_side(tensors: Sequence[Tensor]) -> Tensor | None:
         if tensor.data_ptr() != place or tensor.dtype != first.dtype:
             return None
         place += tensor.numel() * size
-    offset, count = first.storage_offset(), (place - start) // size
-    if (offset + count) * size > first.untyped_storage().nbytes():
+    return _from(first, (place - start) // size)
+
+
+def _from(first: Tensor, count: int) -> Tensor | None:
+    """Return the vector of `count` numbers that begins with a tensor; None if it ends before."""
+    offset = first.storage_offset()
+    if (offset + count) * first.element_size() > first.untyped_storage().nbytes():
         return None  # neighbours by chance
     return first.detach().as_strided((count,), (1,), offset)
 
@@ -44,13 +49,14 @@ class FlatParameters:
     They stay what they are to modules and optimizers; only their numbers lie elsewhere.
 
     Args:
-        parameters: of one dtype on one device, each once.
+        parameters: the parameters of one dtype on one device, each once.
     """
 
     def __init__(self, parameters: Sequence[nn.Parameter]) -> None:
         self.parameters = list(parameters)
         self.vector = torch.empty(0)
         self._places: list[int] = []
+        self._apart: list[int] = []  # bytes from the first parameter to each
 
     def renew(self) -> bool:
         """Gather the parameters where somebody has moved one; return whether `vector` is new."""
@@ -63,6 +69,7 @@ class FlatParameters:
                 p.data = part
         self.vector = found
         self._places = [p.data_ptr() for p in self.parameters]
+        self._apart = [place - self._places[0] for place in self._places]
         return True
 
     def split(self, vector: Tensor) -> list[Tensor]:
@@ -72,7 +79,13 @@ class FlatParameters:
     def gradient(self) -> Tensor | None:
         """Return the gradients as the one vector (P,) that they are; None if they are not."""
         gradients: list[Any] = [p.grad for p in self.parameters]
-        return None if any(g is None for g in gradients) else side_by_side(gradients)
+        if any(g is None for g in gradients):
+            return None
+        self.renew()
+        places = [g.data_ptr() for g in gradients]
+        if [place - places[0] for place in places] != self._apart:
+            return None
+        return _from(gradients[0], len(self.vector))
 
     def clip_gradient(self, limit: float) -> None:
         """Shorten the gradient to a norm, as `torch.nn.utils.clip_grad_norm_` does."""

@@ -38,8 +38,8 @@ class Policy(nn.Module):
     """What a policy-gradient method trains.
 
     Args:
-        actor: from what the environment shows to "action" and "action_log_prob".
-        critic: from the same to "state_value".
+        actor: maps the environment's entries to "action" and "action_log_prob".
+        critic: maps the same to "state_value".
         head: the part of the critic behind what it shares with the actor, which the loss calls
             after the actor; None where they share nothing.
         memory: the recurrent module in the actor; None for a policy without.
@@ -102,7 +102,7 @@ def actor_critic(
         actor: makes the network of the actions' means.
         critic: makes the network of the value.
         in_keys: entries that are seen, side by side.
-        body: by name, in order, networks that actor and critic share; None for nothing.
+        body: networks that actor and critic share, by name and in order; None for none.
         memory: makes a recurrent module that both see beside the entries; None for none.
         window: steps that a gradient reaches back through the memory.
         log_std: logarithm of the actions' first standard deviation.

@@ -30,8 +30,8 @@ class SoftPolicy(nn.Module):
     """What SAC trains.
 
     Args:
-        actor: from what the environment shows to "action" in (-1, 1) and "action_log_prob".
-        qvalues: from the same and "action" to "state_action_value", each by itself.
+        actor: maps the environment's entries to "action" in (-1, 1) and "action_log_prob".
+        qvalues: each maps the same and "action" to its own "state_action_value".
         low: the actions' lower limits, (A,).
         high: their upper limits, (A,).
 

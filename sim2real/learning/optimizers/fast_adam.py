@@ -15,9 +15,8 @@ from typing import Any
 
 import torch
 from torch import nn
-from torch.optim.adam import adam
 
-from sim2real.learning.modules.flat import FlatParameters, side_by_side
+from sim2real.learning.modules.flat import FlatParameters
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -28,18 +27,6 @@ SUPPORTED: dict[str, tuple[Any, ...]] = {  # the values that it knows of options
     "capturable": (False,),
     "differentiable": (False,),
     "decoupled_weight_decay": (False,),
-}
-FIXED: dict[str, Any] = {  # the options of torch's function that are not used here
-    "amsgrad": False,
-    "weight_decay": 0.0,
-    "maximize": False,
-    "foreach": False,
-    "capturable": False,
-    "differentiable": False,
-    "grad_scale": None,
-    "found_inf": None,
-    "has_complex": False,
-    "decoupled_weight_decay": False,
 }
 MOMENTS = ("exp_avg", "exp_avg_sq")  # the names of the first and second in torch's state
 
@@ -79,34 +66,36 @@ class FastAdam(torch.optim.Adam):
             with torch.enable_grad():
                 loss = closure()
         parameters = self._flat.parameters
-        gradients = [p.grad for p in parameters if p.grad is not None]
-        if len(gradients) < len(parameters) or not self._together():
+        gradient = self._flat.gradient()
+        lacking = gradient is None and any(p.grad is None for p in parameters)
+        if lacking or not self._together():
             self._part()  # those without a gradient do not move, and count fewer steps
             super().step()
             return loss
-        gradient = side_by_side(gradients)
         if gradient is None:
-            gradient = torch.cat([g.flatten() for g in gradients])
-        self._flat.renew()
+            self._flat.renew()
+            gradient = torch.cat([p.grad.flatten() for p in parameters if p.grad is not None])
         self._move(self._flat.vector, gradient)
         return loss
 
     def _move(self, vector: Tensor, gradient: Tensor) -> None:
         group, step = self.param_groups[0], self._states()[0]["step"]
         first, second = (self._moment(name) for name in MOMENTS)
-        adam(
+        step.add_(1)
+        torch._fused_adam_(  # pyright: ignore[reportPrivateImportUsage]
             [vector],
             [gradient],
             [first],
             [second],
             [],
             [step],
-            fused=True,
             lr=float(group["lr"]),
             beta1=group["betas"][0],
             beta2=group["betas"][1],
+            weight_decay=0.0,
             eps=group["eps"],
-            **FIXED,
+            amsgrad=False,
+            maximize=False,
         )
 
     def _states(self) -> list[dict[str, Any]]:

@@ -84,7 +84,7 @@ class ActorPolicy:
     """The deterministic actions of an actor, with any parameters.
 
     Args:
-        actor: from "observation" to "action", on the CPU. Its present parameters are the first.
+        actor: maps "observation" to "action", on the CPU. Its present parameters are the first.
         env: its specs say what is seen and the actions' limits.
         network: see `Acts`; the default is that of an actor that is no function.
         primers: see `Acts`.

@@ -55,7 +55,7 @@ class RayLink:
 
     Args:
         make: makes its environment.
-        policy: of all members.
+        policy: the policy of all members.
         refill: see `Population`.
 
     Raises:
@@ -90,7 +90,7 @@ class Cluster:
     """A Ray cluster and what is used of it.
 
     Args:
-        address: of its head, as `ray start` prints it; "auto" finds the one on this machine.
+        address: its head's address, as `ray start` prints it; "auto" finds the one on this machine.
         workers: environments, each in a process on a CPU of its own.
         rows: episodes side by side in each.
         refill: see `Population`.

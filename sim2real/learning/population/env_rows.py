@@ -6,9 +6,10 @@
 
 The whole batch is stepped, rows without an episode too; one that ends there starts again, so that
 the environment is never stepped past an end. A reset hands it ("params", name) of the rows' robots,
-the mask "_reset", and the argument `seeds`, (N,) uint64, which alone decides the luck of each row.
-That an episode depends on nothing else is tried out at the start, and what fails is refused:
-transforms that keep statistics of all rows, and environments that draw by a generator of their own.
+the mask "_reset", and the argument `seeds`, (N,) uint64, which alone determines the random numbers
+of each row. That an episode depends on nothing else is tried out at the start, and what fails is
+refused: transforms that keep statistics of all rows, and environments that draw by a generator of
+their own.
 """
 
 from __future__ import annotations

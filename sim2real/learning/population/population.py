@@ -301,7 +301,8 @@ def evaluate_adaptation(
 ) -> AdaptationScores:
     """Score a policy before and after it adapts, on episodes that adaptation has not seen.
 
-    Before and after run under the same seeds, so their difference carries no luck of the starts.
+    Before and after run under the same seeds, so the starts' randomness cancels in their
+    difference.
 
     Args:
         population: where to run.

@@ -41,7 +41,7 @@ class ClusterError(Sim2RealError):
 class Batch(NamedTuple):
     """Episodes to run, k of them."""
 
-    tickets: np.ndarray  # (k,) int64, what the outcomes are told apart by
+    tickets: np.ndarray  # (k,) int64, what identifies the outcomes
     thetas: np.ndarray  # (k, P) float32, policies' parameters
     values: np.ndarray  # (k, Q), task parameters
     seeds: np.ndarray  # (k,) uint64
@@ -71,7 +71,7 @@ class Stream:
 
     Args:
         capacity: episodes held at a time.
-        policy: of all members.
+        policy: the policy of all members.
         space_size: Q, numbers of a task.
     """
 
@@ -140,7 +140,7 @@ class Worker:
 
     Args:
         make: makes its environment.
-        policy: of all members.
+        policy: the policy of all members.
         refill: see `Population`.
     """
 
@@ -191,8 +191,8 @@ class RemoteShard:
 
     Args:
         start: starts a worker, waiting for a place for so long [s]; None if there is none.
-        num_rows: of the worker.
-        name: for messages.
+        num_rows: the number of rows of the worker.
+        name: the name in messages.
     """
 
     def __init__(self, start: Callable[[float], Link | None], num_rows: int, name: str) -> None:

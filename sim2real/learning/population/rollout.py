@@ -1,4 +1,4 @@
-"""Whole episodes of one deterministic policy, each with a robot and luck of its own.
+"""Whole episodes of one deterministic policy, each with its own robot and random numbers.
 
 played = play(trained.world(50), trained.actor(trained.theta), values, seeds)
 played.returns                                  # (n,)
@@ -34,9 +34,9 @@ def play(
 
     Args:
         env: the world with its transforms, N rows.
-        actor: from what it shows to "action".
+        actor: maps the environment's entries to "action".
         values: the robots' parameters, (N, P); None for the world's own.
-        seeds: of the episodes, (N,) uint64. A world that is not one over rows takes them all
+        seeds: seeds of the episodes, (N,) uint64. A world that is not one over rows takes them all
             together as one seed.
     """
     count = len(seeds)

@@ -70,9 +70,12 @@ TWO = """<mujoco><option timestep="0.001"/><worldbody>
   </worldbody></mujoco>"""
 
 
-def pushed(effect: Any, value: float, force: float) -> np.ndarray:
+NAMELESS = TWO.replace('name="pad" ', "").replace('name="claw" ', "")
+
+
+def pushed(effect: Any, value: float, force: float, model: str = TWO) -> np.ndarray:
     """Return how far two boxes on a table slide in 0.3 s under a part of their weight [m]."""
-    plant = Plant(mujoco.MjSpec.from_string(TWO), [effect], 1, 1)
+    plant = Plant(mujoco.MjSpec.from_string(model), [effect], 1, 1)
     row = np.zeros(1, int)
     plant.set_params(row, np.array([[value]]))
     plant.reset(row, plant.nominal.qpos0[None], np.zeros((1, 12)), np.zeros(1, np.uint64))
@@ -96,6 +99,15 @@ def test_more_friction_of_one_geom_leaves_the_others_as_they_were() -> None:
     left, right = pushed(make("ground_friction", where="claw"), 0.9, 0.75)
     assert abs(right) < 3e-3
     assert left == pytest.approx(0.5 * 0.15 * 9.81 * 0.3**2, rel=0.05)
+
+
+def test_a_foot_without_a_name_is_called_by_its_body() -> None:
+    """What stands on the ground in the logs is found, and has a value of its own."""
+    model = mujoco.MjModel.from_xml_string(NAMELESS)
+    assert touching(model, model.qpos0[None]) == ("left", "right")
+    left, right = pushed(make("ground_friction", where="right"), 0.2, 0.5, NAMELESS)
+    assert right == pytest.approx(0.5 * 0.3 * 9.81 * 0.3**2, rel=0.05)
+    assert abs(left) < 1e-3
 
 
 def test_without_feet_every_geom_that_can_touch_has_one_value() -> None:

@@ -9,6 +9,9 @@ import yaml
 from envs.effects import Effect, load_effects, make, write_effects
 from envs.errors import EffectError
 
+BOMB = [("1", "a"), *((f"*{a}", b) for a, b in zip("abcdefgh", "bcdefghi", strict=True))]
+NESTED = "[" + ", ".join(f"&{b} [{', '.join([a] * 9)}]" for a, b in BOMB) + "]"
+
 
 def every_kind() -> list[tuple[Effect, tuple[float, ...]]]:
     """Effects with a side, two values, extras, free extras, options and another way."""
@@ -85,6 +88,10 @@ def test_an_empty_file_has_no_effects(tmp_path: Path) -> None:
         ("- {effect: cogging, where: a, value: 1, extra: {cnt: 3}}", "no extra 'cnt'"),
         ("- {effect: cogging, where: a, value: 1, extra: 3}", "extra=3 a mapping"),
         ("- {effect: cogging, where: a, value: 1, extra: {how: add, where: b}}", "cogging"),
+        (
+            f"- {{effect: backlash, value: 1, where: {NESTED}}}",
+            r"where=\[.*\.\.\..* must be a name",
+        ),
         ("- !!python/object/apply:os.system ['true']", "is not YAML"),
     ],
 )
@@ -95,6 +102,13 @@ def test_wrong_files_are_refused(tmp_path: Path, text: str, message: str) -> Non
     with pytest.raises(EffectError, match=message) as error:
         load_effects(path)
     assert str(path) in str(error.value)
+
+
+def test_numbers_may_be_written_with_an_exponent(tmp_path: Path) -> None:
+    """YAML takes 1e-3 for text; here it is a number."""
+    path = tmp_path / "effects.yaml"
+    path.write_text("- {effect: command_delay, value: 1e-3}\n- {effect: armature, value: -2E2}")
+    assert [values for _, values in load_effects(path)] == [(0.001,), (-200.0,)]
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

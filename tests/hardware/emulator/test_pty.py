@@ -16,7 +16,7 @@ import pytest
 
 from hardware import protocol
 from hardware.config import load_robot
-from hardware.emulator.pty import TCGETS2, Wire, line_speed, serve
+from hardware.emulator.pty import TCGETS2, Pacer, line_speed, serve
 from hardware.emulator.world import World
 from hardware.errors import RobotError
 from hardware.protocol import Parser, instruction_packet
@@ -44,7 +44,7 @@ class Client:
             tty.setraw(end)
         os.set_blocking(self.slave, False)
         set_speed(self.slave, 1_000_000)
-        self.wire = Wire(world, self.master, self.slave, lambda: self.now)
+        self.wire = Pacer(world, {"": (self.master, self.slave)}, lambda: self.now)
 
     def wait(self, seconds: float, every: float = 0.002) -> bytes:
         """Let the clock go on in steps, and return what can be read."""
@@ -148,8 +148,8 @@ def serving(world: World, link: Path | None = None) -> tuple[str, Callable[[], b
     """Serve a world in a thread; return its device, and what ends it and says whether it ended."""
     over, devices, is_open = threading.Event(), [], threading.Event()
 
-    def ready(device: str) -> None:
-        devices.append(device)
+    def ready(found: dict[str, str]) -> None:
+        devices.extend(found.values())
         is_open.set()
 
     thread = threading.Thread(target=serve, args=(world, ready, over.is_set, link), daemon=True)

@@ -62,12 +62,12 @@ def renamed_csv(folder: Path, log: Log) -> Path:
 
 def _arrays(log: Log) -> tuple[dict[str, np.ndarray], dict]:
     arrays = {
-        kind: np.column_stack([log.column(f"{kind}.{name}") for name in JOINTS])
+        kind: np.column_stack([log.column(f"{kind}.{name}") for name in log.joints])
         for kind in ("ctrl", "qpos", "qvel", "stamp")
     }
     mapping: dict = {"time": "demo_0/obs/time"}
     for kind in arrays:
-        for i, name in enumerate(JOINTS):
+        for i, name in enumerate(log.joints):
             mapping[f"{kind}.{name}"] = {"from": f"/demo_0/obs/{kind}", "index": i}
     return {"time": log.time, **arrays}, {"columns": mapping}
 
@@ -101,9 +101,9 @@ def lerobot(folder: Path, log: Log) -> Path:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    names = [f"{name}.pos" for name in JOINTS]
+    names = [f"{name}.pos" for name in log.joints]
     pair = {
-        key: np.rad2deg(np.column_stack([log.column(f"{kind}.{n}") for n in JOINTS])).tolist()
+        key: np.rad2deg(np.column_stack([log.column(f"{kind}.{n}") for n in log.joints])).tolist()
         for key, kind in (("action", "ctrl"), ("observation.state", "qpos"))
     }
     index = {
@@ -114,7 +114,7 @@ def lerobot(folder: Path, log: Log) -> Path:
     path = folder / "data" / "chunk-000" / "file-000.parquet"
     path.parent.mkdir(parents=True)
     pq.write_table(pa.table({**pair, **index}), path)
-    features = {key: {"dtype": "float32", "shape": [2], "names": names} for key in pair}
+    features = {key: {"dtype": "float32", "shape": [len(names)], "names": names} for key in pair}
     info = {"codebase_version": "v3.0", "fps": 50, "features": features}
     (folder / "meta").mkdir()
     (folder / "meta" / "info.json").write_text(json.dumps(info), encoding="utf-8")
@@ -122,30 +122,36 @@ def lerobot(folder: Path, log: Log) -> Path:
     return folder
 
 
-TOPICS = {
-    "channels": [
-        {"topic": "/commands", "field": "data", "names": list(JOINTS), "to": "ctrl"},
+EPOCH = 1_700_000_000 * 10**9  # ns
+
+
+def _topics(log: Log) -> str:
+    """Return the topics.yaml of the recordings of messages."""
+    channels = [
+        {"topic": "/commands", "field": "data", "names": list(log.joints), "to": "ctrl"},
         {"topic": "/joint_states", "field": "position", "names": "name", "to": "qpos"},
         {"topic": "/joint_states", "field": "velocity", "names": "name", "to": "qvel"},
-    ],
-    "stamp": "header",
-}
-EPOCH = 1_700_000_000.0  # s
+    ]
+    return yaml.safe_dump({"channels": channels, "stamp": "header"})
 
 
-def _messages(log: Log) -> list[tuple[str, float, dict]]:
-    """Return topic, stamp [s] and content, in the order of the stamps."""
-    made: list[tuple[str, float, dict]] = []
+def _messages(log: Log) -> list[tuple[str, int, dict]]:
+    """Return topic, stamp [ns] and content, in the order of the stamps."""
+    made: list[tuple[str, int, dict]] = []
     for row in range(len(log)):
         read = {
-            "name": list(JOINTS),
-            "position": [float(log.column(f"qpos.{n}")[row]) for n in JOINTS],
-            "velocity": [float(log.column(f"qvel.{n}")[row]) for n in JOINTS],
+            "name": list(log.joints),
+            "position": [float(log.column(f"qpos.{n}")[row]) for n in log.joints],
+            "velocity": [float(log.column(f"qvel.{n}")[row]) for n in log.joints],
         }
-        sent = {"data": [float(log.column(f"ctrl.{n}")[row]) for n in JOINTS]}
-        made.append(("/joint_states", EPOCH + float(log.column("stamp.pan")[row]), read))
-        made.append(("/commands", EPOCH + float(log.time[row]), sent))
+        sent = {"data": [float(log.column(f"ctrl.{n}")[row]) for n in log.joints]}
+        made.append(("/joint_states", _nanos(log.column(f"stamp.{log.joints[0]}")[row]), read))
+        made.append(("/commands", _nanos(log.time[row]), sent))
     return made
+
+
+def _nanos(seconds: float) -> int:
+    return EPOCH + round(float(seconds) * 1e9)
 
 
 def mcap(folder: Path, log: Log) -> Path:
@@ -161,15 +167,14 @@ def mcap(folder: Path, log: Log) -> Path:
         writer = Writer(stream)
         schema = writer.register_msgdef("sensor_msgs/msg/JointState", state)
         numbers = writer.register_msgdef("std_msgs/msg/Float64MultiArray", "float64[] data\n")
-        for topic, stamp, content in _messages(log):
-            nanos = round(stamp * 1e9)
+        for topic, nanos, content in _messages(log):
             if topic == "/joint_states":
                 at = {"sec": nanos // 10**9, "nanosec": nanos % 10**9}
                 content = content | {"effort": [], "header": {"stamp": at, "frame_id": ""}}
             kind = schema if topic == "/joint_states" else numbers
             writer.write_message(topic, kind, content, log_time=nanos, publish_time=nanos)
         writer.finish()
-    (folder / "topics.yaml").write_text(yaml.safe_dump(TOPICS), encoding="utf-8")
+    (folder / "topics.yaml").write_text(_topics(log), encoding="utf-8")
     return folder / "run.mcap"
 
 
@@ -185,8 +190,7 @@ def rosbag2(folder: Path, log: Log) -> Path:
         kinds["/commands"] = "std_msgs/msg/Float64MultiArray"
         made = {t: writer.add_connection(t, kind, typestore=store) for t, kind in kinds.items()}
         layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
-        for topic, stamp, content in _messages(log):
-            nanos = round(stamp * 1e9)
+        for topic, nanos, content in _messages(log):
             if topic == "/joint_states":
                 time = types["builtin_interfaces/msg/Time"](nanos // 10**9, nanos % 10**9)
                 message = types[kinds[topic]](
@@ -200,7 +204,7 @@ def rosbag2(folder: Path, log: Log) -> Path:
                 message = types[kinds[topic]](layout=layout, data=np.array(content["data"]))
             raw = store.serialize_cdr(message, kinds[topic])
             writer.write(made[topic], nanos, raw)
-    (folder / "bag" / "topics.yaml").write_text(yaml.safe_dump(TOPICS), encoding="utf-8")
+    (folder / "bag" / "topics.yaml").write_text(_topics(log), encoding="utf-8")
     return folder / "bag"
 
 

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from sim2real.config import signatures
-from sim2real.config.compose import compose, device, run_folder, save, sweep_jobs, with_checkpoint
+from sim2real.config.compose import compose, device, save, sweep_jobs, with_checkpoint
+from sim2real.config.folders import run_folder
 from sim2real.config.targets import ConfigError, build, check
 
 PROGRAM = """
@@ -49,6 +50,10 @@ MISTAKES = {
     ("policy.hidden=[8,x]",): ["policy.hidden", "list of which each is a whole number"],
     ("env.task._target_=os.system",): ["env.task", "os.system", "not allowed"],
     ("env.task._target_=envs.tasks.Hoper",): ["did you mean 'Hopper'"],
+    ("algorithm.sigma=inf",): ["algorithm.sigma=inf", "finite"],
+    ("+experiment=smoke", "algorithm=ppo"): ["algorithm.sigma", "leave algorithm=ppo out"],
+    ("diagnose",): ["diagnose needs log=PATH"],
+    ("replay", "there_is_none.csv"): ["log=there_is_none.csv", "no such file"],
     ("checkpoint=x",): ["checkpoint is not used by train"],
     ("run=evaluate", "resume=x"): ["resume is not used by evaluate", "checkpoint"],
     ("seed=[1",): ["[1"],

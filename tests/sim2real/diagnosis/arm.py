@@ -31,6 +31,7 @@ XML = """
 </mujoco>
 """
 RATE, STEP = 50.0, 0.002
+JOINTS = ("a", "b")
 
 
 def spec() -> mujoco.MjSpec:

@@ -96,3 +96,9 @@ def test_a_model_of_boxes_can_carry_a_load() -> None:
     before = spec.copy().compile().body_mass.sum()
     item.change(spec)
     assert spec.compile().body_mass.sum() > before
+
+
+def test_a_log_in_memory_is_diagnosed_like_a_list_of_one() -> None:
+    """`diagnose(log, model)` reads nothing from disk and takes the log as it is."""
+    log = arm.make_log(seconds=1.0)
+    assert module._read(log) == [log] == module._read([log])

@@ -56,7 +56,7 @@ KEYS = {
     "where": {"joint", "share", "before", "after", "regimes"},
     "causes": {
         *("effect", "where", "side", "value", "value_ci", "unit", "extra", "confidence"),
-        *("closed", "form", "equivalent"),
+        *("closed", "form", "equivalent", "shared", "encoder"),
     },
     "unexplained": {"share", "structure"},
     "preflight": {"check", "where", "finding", "fix"},
@@ -64,6 +64,8 @@ KEYS = {
     "next_experiment": None,
     "replay": {"before", "after"},
     "failed": None,
+    "fitted": None,
+    "calibrated": None,
     "seconds": None,
 }
 
@@ -75,20 +77,34 @@ def test_a_report_survives_its_file(tmp_path: Path) -> None:
 
 
 def test_a_report_of_an_older_version_is_read() -> None:
-    """One without the figures of run=replay has none."""
-    older = {name: part for name, part in REPORT.to_json().items() if name != "replay"}
-    assert Report.from_json(older) == replace(REPORT, replay=None)
+    """One of schema 1, or without the figures of run=replay, has none of what came later."""
+    later = ("replay", "fitted", "calibrated")
+    older = {name: part for name, part in REPORT.to_json().items() if name not in later}
+    for cause in older["causes"]:
+        del cause["shared"], cause["encoder"], cause["equivalent"][0]["inseparable"]
+    assert Report.from_json({**older, "schema": 1}) == replace(REPORT, replay=None)
 
 
-def test_the_file_has_the_keys_of_schema_1() -> None:
+def test_fitted_values_survive_the_file_and_are_no_causes() -> None:
+    """Values that are only fitted stand apart, in the order of effects.yaml."""
+    many = tuple(replace(REPORT.causes[0], where=f"joint{n}") for n in range(5))
+    fitted = replace(REPORT, verdict="fitted", causes=(), fitted=many)
+    tree = json.loads(json.dumps(fitted.to_json()))
+    assert (tree["verdict"], tree["causes"], len(tree["fitted"])) == ("fitted", [], 5)
+    assert Report.from_json(tree) == fitted
+    assert fitted.values == many
+    assert REPORT.values == REPORT.causes
+
+
+def test_the_file_has_the_keys_of_schema_2() -> None:
     """Every key that readers rely on is there, and no other."""
     tree = REPORT.to_json()
-    assert tree["schema"] == 1
+    assert tree["schema"] == 2
     assert set(tree) == set(KEYS)
     for name, keys in KEYS.items():
-        part = tree[name][0] if isinstance(tree[name], list) else tree[name]
+        part = tree[name][0] if isinstance(tree[name], list) and tree[name] else tree[name]
         assert keys is None or set(part) == keys
-    assert set(tree["causes"][0]["equivalent"][0]) == {"effect", "where"}
+    assert set(tree["causes"][0]["equivalent"][0]) == {"effect", "where", "inseparable"}
 
 
 def test_numbers_are_plain() -> None:
@@ -103,7 +119,7 @@ def test_numbers_are_plain() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"schema": 2}, "schema 1"),
+        ({"schema": 3}, "schema 1 or 2"),
         ({"verdicts": "explained"}, "no key 'verdicts'"),
         ({"unexplained": {"share": 0.1}}, "incomplete"),
     ],

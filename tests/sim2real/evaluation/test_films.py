@@ -52,6 +52,16 @@ def learner(env: Any, tasks: Any, adapt: Any) -> ESMAML:
     return ESMAML(parts, ESMAMLSettings(**ES))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("width", -1), ("height", 100_000), ("fps", 0), ("seconds", -1.0)]
+)
+def test_a_film_that_cannot_be_is_refused_when_it_is_made(name: str, value: float) -> None:
+    """Before any training: sizes, rate and length have limits."""
+    size: dict[str, Any] = {"width": 320, "height": 240, "fps": 25, "seconds": 10.0}
+    with pytest.raises(ValueError, match=rf"video\.{name}={value} must be between"):
+        Video(**size | {name: value})
+
+
 class Still(nn.Module):
     """No torque, whatever is seen."""
 

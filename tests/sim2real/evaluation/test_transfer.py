@@ -16,6 +16,7 @@ from torch import nn
 from envs import HopperPolito, MujocoEnv, make
 from envs.errors import TaskError
 from envs.toys import Nav2D, ToyEnv
+from sim2real.config.compose import compose, prepare
 from sim2real.evaluation.transfer import Transfer, TransferError, read, variant
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.environment import Environment
@@ -135,3 +136,12 @@ def test_mistakes_are_sentences(tmp_path: Path) -> None:
     (tmp_path / "transfer-1.json").write_text('{"runs": [{"name"')
     with pytest.raises(TransferError, match="no whole file of scores"):
         read(tmp_path / "transfer-1.json")
+
+
+def test_the_robots_of_a_configuration_are_simulated() -> None:
+    """What Hydra's tree describes can be another robot, too, and keeps its name."""
+    _, given = prepare(compose(["+experiment=ppo_source"]), Path())
+    world = given["parts"].environment
+    other = variant(world, "light", {"max_steps": 100})
+    assert other.simulated and other.name == world.name
+    assert other.task is not None and other.task.max_steps == 100

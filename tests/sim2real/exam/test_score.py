@@ -103,6 +103,27 @@ def test_a_robot_of_one_joint_has_one_place() -> None:
     assert mark(bench, answer(cause("motor_strength", None)), None).rank1
 
 
+def test_what_no_recording_parts_is_one_member_of_a_set() -> None:
+    """Four names of which two are one are three members; four are too many."""
+    equal = [("motor_strength", None), ("supply_voltage", None), ("backlash", "elbow")]
+    large = cause("position_gain", "elbow", *equal)
+    asked = key(truth("backlash", "elbow"))
+    assert not mark(asked, answer(large), 0.97).rank1
+    large["equivalent"][1]["inseparable"] = True
+    assert mark(asked, answer(large), 0.97).rank1
+
+
+def test_fitted_values_name_nothing() -> None:
+    """Ten values that follow the robot are no cause, right or wrong, and explain nothing away."""
+    values = [cause("position_gain", f"joint{n}") for n in range(9)]
+    fitted = {**answer(verdict="fitted"), "fitted": [*values, cause("backlash", "elbow")]}
+    one = mark(key(truth("backlash", "elbow")), fitted, 0.95)
+    assert (one.rank1, one.rank3, one.superfluous, one.confidence) == (False, False, 0, None)
+    assert (one.answer, one.reason) == ("fitted: 10 values", "no cause named, fitted")
+    gone = mark(key(truth("backlash", "elbow"), kind="excluded"), fitted, None)
+    assert (gone.recognized, gone.place) == (True, True)
+
+
 @pytest.mark.parametrize(("verdict", "alarm"), [("no_gap", False), ("partly_explained", True)])
 def test_nothing_hidden(verdict: str, alarm: bool) -> None:
     """Only no_gap is right."""

@@ -99,5 +99,5 @@ def test_a_policy_gets_in_the_corrected_simulator_what_it_gets_on_the_target(
 def test_without_a_target_it_says_where_to_start(tmp_path: Path) -> None:
     """The verb alone has no robot."""
     verb, arguments = prepare(compose(["run=close_loop"]), tmp_path)
-    with pytest.raises(Sim2RealError, match=r"needs a target .* \+experiment=hopper_gap"):
+    with pytest.raises(Sim2RealError, match=r"needs a target, .* \+experiment=hopper_gap"):
         verb(**arguments)

@@ -93,7 +93,7 @@ def test_what_was_interrupted_goes_on_as_if_it_had_not_been(run, tmp_path, monke
         return play(*arguments)
 
     monkeypatch.setattr(deploy, "play", interrupted)
-    with pytest.raises(Stopped, match=r"after 4 of 8 episodes, torque is off; go on with resume="):
+    with pytest.raises(Stopped, match=r"after 4 of 8 episodes, torque is off; continue with"):
         go(run, tmp_path / "part", *CLIMB)
     monkeypatch.setattr(deploy, "play", play)
     again = go(run, tmp_path / "rest", *CLIMB, f"resume={tmp_path / 'part'}")
@@ -188,7 +188,7 @@ def test_what_cannot_be_is_refused_before_torque(run, tmp_path):
 
 def test_a_policy_for_no_servo_robot_is_refused(run, tmp_path):
     """A Hopper of Gymnasium has no servos, a toy has not even a task."""
-    for env, message in (("hopper", "Hopper is a task of no servo robot"), ("nav2d", "no robot's")):
+    for env, message in (("hopper", "Hopper is no task of a servo robot"), ("nav2d", "no robot's")):
         with pytest.raises(Sim2RealError, match=message):
             go(run, tmp_path, f"env={env}")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,12 @@ from sim2real.learning.algorithms.base import Algorithm, Parts, build
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.acting import Acting
 from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.population.of_trained import population_of
 from sim2real.learning.population.population import (
     AdaptationScores,
+    Members,
     Population,
+    draw_seeds,
     evaluate_adaptation,
 )
 from sim2real.learning.trained import Trained
@@ -176,6 +179,14 @@ def test_a_grid_outside_the_space_is_refused_before_any_episode(tmp_path: Path) 
     assert not any(tmp_path.iterdir())
 
 
+def test_a_grid_is_checked_before_training() -> None:
+    """An axis of no parameter of the policy's robots is named with those that there are."""
+    wrong = evaluation(grid=Grid([{"parameter": "foo", "low": 0.0, "high": 1.0, "count": 2}]))
+    with pytest.raises(ValueError, match=r"no parameter 'foo' here; there are: goal\.x"):
+        wrong.check(Still(NoAdaptation()))
+    evaluation().check(Still(NoAdaptation()))
+
+
 def test_impossible_numbers_are_refused() -> None:
     """Counts start at 1 and a box has its low end below its high end."""
     with pytest.raises(Sim2RealError, match=r"eval\.episodes=0 must be at least 1"):
@@ -238,6 +249,22 @@ def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
     assert "bootstrap over 2 training runs" in (tmp_path / "out" / "table.md").read_text("utf-8")
 
 
+def test_all_runs_are_checked_before_the_first_is_evaluated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run of another task among them is refused at once, whatever its place."""
+    small = ["algorithm.pairs=2", "algorithm.num_rows=16", "adapt.queries=2", "policy=linear"]
+    for name in ("nav2d", "corners4"):
+        own = [f"+experiment={name}", "iterations=1", "eval=none"]
+        verb, arguments = prepare(compose([*small, *own]), tmp_path)
+        verb(**arguments | {"out": tmp_path / name})
+    again = ["run=evaluate", f"checkpoint=[{tmp_path / 'nav2d'},{tmp_path / 'corners4'}]"]
+    verb, arguments = prepare(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
+    monkeypatch.setattr(Evaluation, "assess", lambda *_: pytest.fail("the first was evaluated"))
+    with pytest.raises(Sim2RealError, match="corners4"):
+        verb(**arguments)
+
+
 def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) -> None:
     """An untrained PPO policy, near 0 everywhere: each goal's score is that of standing still."""
     words = ["env=nav2d", "params=goals", "algorithm=ppo", "eval=grid_goals"]
@@ -249,3 +276,43 @@ def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) ->
     np.testing.assert_array_equal(scores.before, scores.after)
     np.testing.assert_allclose(scores.after, still.after, rtol=0.2)
     assert scores.steps[0] == 6 * 2 * 3 * 100
+
+
+@pytest.mark.parametrize("trainer", ["ppo", "sac"])
+def test_every_operator_adapts_every_policy(trainer: str, tmp_path: Path) -> None:
+    """The actor of PPO and of SAC is a vector, too; the same seed adapts it alike."""
+    words = ["env=nav2d", "env.max_steps=20", "params=goals", f"algorithm={trainer}"]
+    words.append("policy.actor.num_cells=[16]")
+    _, arguments = prepare(compose(words), tmp_path)
+    learner = build(arguments["algorithm"], arguments["parts"])
+    asked = evaluation(episodes=1, adaptations=1)
+    for name in ("hillclimb", "average", "batch", "gradient"):
+        adapt = prepare(compose([*words, f"adapt={name}"]), tmp_path)[1]["parts"].adapt
+        adapt.sigma = adapt.rate = 0.3
+        learner.parts = replace(learner.parts, adapt=adapt)
+        first = run_cells(learner, asked, 0, "run")
+        assert first.adaptation_episodes == adapt.episodes > 0
+        assert np.any(first.after != first.before), name
+        assert name == "gradient" or np.all(first.after >= first.before)  # nothing is random
+    again = run_cells(learner, asked, 0, "run")
+    np.testing.assert_array_equal(first.after, again.after)
+
+
+def test_a_policy_in_a_population_gets_what_it_gets_alone(tmp_path: Path) -> None:
+    """The same parameters under the same seeds, transforms with frozen statistics included."""
+    words = ["env=hopper", "params=mass_friction", "algorithm=ppo", "algorithm.num_rows=4"]
+    words += ["algorithm.steps=64", "env.task.max_steps=60"]
+    _, arguments = prepare(compose(words), tmp_path)
+    learner = build(arguments["algorithm"], arguments["parts"])
+    learner.iterate()
+    trained = learner.trained()
+    values = np.array([[1.0, 2.0], [4.0, 1.5], [8.0, 2.5]])
+    seeds = draw_seeds(np.random.default_rng(0), (3, 2))
+    population = population_of(trained, 3)
+    cohort = NoAdaptation().start_many(
+        np.tile(trained.theta, (3, 1)), [np.random.default_rng(0)] * 3
+    )
+    found = population.run(Members(cohort, values, values, seeds), None)
+    alone = trained.play(seeds.ravel(), values=np.repeat(values, 2, axis=0))
+    np.testing.assert_allclose(found.returns.ravel(), alone.returns, rtol=1e-4)
+    np.testing.assert_array_equal(found.lengths.ravel(), alone.lengths)

@@ -210,6 +210,29 @@ def test_what_cannot_work_is_refused_before_anything_is_written(tmp_path: Path) 
     assert not out.exists()
 
 
+def test_an_evaluation_that_cannot_be_is_refused_before_training(tmp_path: Path) -> None:
+    """Its own check is asked before a folder is made."""
+
+    class Never:
+        def check(self, algorithm: Algorithm) -> None:
+            raise Sim2RealError("no such parameter")
+
+    with pytest.raises(Sim2RealError, match="no such parameter"):
+        go(tmp_path / "run", eval=Never())
+    assert not (tmp_path / "run").exists()
+
+
+def test_another_seed_is_refused(tmp_path: Path) -> None:
+    """A run goes on with its own luck; the sentence says which seed that is."""
+    for name, seed in (("first", 3), ("second", 5)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "config.yaml").write_text(f"seed: {seed}\n")
+    go(tmp_path / "first", seed=3)
+    with pytest.raises(CheckpointError, match=r"has seed=3, this one seed=5.*give seed=3"):
+        go(tmp_path / "second", seed=5, resume=tmp_path / "first")
+    assert saved(tmp_path / "second") == []
+
+
 def test_a_checkpoint_of_another_task_is_refused(tmp_path: Path) -> None:
     """Both tasks are named, and no folder is made."""
 

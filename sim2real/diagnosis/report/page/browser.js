@@ -1,7 +1,7 @@
 // All joints of a recording, one below the other, with one time axis and one cursor.
 const SHOWN_FIRST = 3; // joints
 const HEIGHTS = { position: 180, error: 120, signal: 100 };
-const view = { recording: null, joints: new Set(), kinds: new Set(["error", "command"]), causes: new Set(), from: 0, to: 1 };
+const view = { recording: null, joints: new Set(), kinds: new Set(["error", "command"]), causes: new Set(), from: 0, to: 1, moment: null };
 let panels = [], busy = false;
 
 const all = (causes) => causes.size === data.causes.length;
@@ -70,6 +70,7 @@ const pointed = (source) => {
   document.getElementById("moment").textContent = time === null ? "" : `${time.toFixed(3)} s`;
   view.moment = time;
   busy = false;
+  drawRobot();
 };
 const point = (time) => { const [first] = panels; first.plot.setCursor({ left: first.plot.valToPos(time, "x"), top: 1 }); };
 
@@ -84,6 +85,7 @@ const rebuild = () => {
   busy = false;
   panels.forEach(gestures);
   show(view.from, view.to);
+  drawRobot();
   if (focus >= 0) panels[Math.min(focus, panels.length - 1)].box.focus({ preventScroll: true });
 };
 const open = (index) => {
@@ -92,6 +94,8 @@ const open = (index) => {
   const kept = names.filter((name) => view.joints.has(name));
   view.joints = new Set(kept.length ? kept : names.slice(0, SHOWN_FIRST));
   [view.from, view.to] = span();
+  view.moment = motion.held = null;
+  if (data.skeleton) fitView();
   switches();
   rebuild();
 };

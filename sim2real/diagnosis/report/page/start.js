@@ -11,6 +11,7 @@ if (data.recordings.length) {
   pick.addEventListener("change", () => open(Number(pick.value)));
   document.getElementById("reset").addEventListener("click", showAll);
   document.getElementById("browser").hidden = false;
+  moving();
   open(0);
   links();
   addEventListener("resize", () => {
@@ -18,5 +19,5 @@ if (data.recordings.length) {
     for (const { plot, about } of panels) plot.setSize({ width, height: about.height });
   });
 }
-followTheme(() => { for (const { plot } of panels) plot.redraw(false); });
+followTheme(() => { for (const { plot } of panels) plot.redraw(false); if (data.recordings.length) drawRobot(); });
 addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((d) => { d.open = true; }));

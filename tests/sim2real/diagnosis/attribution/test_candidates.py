@@ -13,7 +13,7 @@ from hardware.log import Log
 from hardware.stand import hung
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.data.dataset import Data
-from tests.sim2real.diagnosis import arm
+from tests.sim2real.diagnosis import arm, motors
 
 
 def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
@@ -25,11 +25,12 @@ def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
     data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
     found = {option.name: option for option in candidates(data) if option.effect.free}
     scaled = {"cogging", "joint_compliance", "load_dependent_friction", "stribeck_friction"}
-    assert set(found) == scaled | {"torque_speed_knee"}
+    scaled |= {"torque_speed_knee", "hysteretic_compliance", "encoder_eccentricity"}
+    assert set(found) == scaled
     stribeck = found["stribeck_friction"]
     assert stribeck.low[1] > 0.01 and stribeck.high[1] < 10.0  # rad/s
     assert np.ptp(stribeck.probes[:, 1]) > 0
-    assert (stribeck.towards(np.array([0.1, 0.3]), 2.0) == [0.2, 0.3]).all()
+    assert (stribeck.towards(np.array([0.1, 0.3, 0.0]), 2.0) == [0.2, 0.3, 0.0]).all()
 
 
 def test_what_acts_more_as_it_shrinks_does_not_pass_zero() -> None:
@@ -82,6 +83,21 @@ def test_a_speed_limit_that_only_steps_reach_is_probed(tmp_path: Path) -> None:
     assert probes["smooth"].max() < 2.0
     assert 4.0 < probes["steps"].max() < 20.0
     assert probes["steps"][:-1] == pytest.approx(probes["smooth"], rel=0.05)
+
+
+def test_where_encoders_sit_is_tried_where_it_matters(tmp_path: Path) -> None:
+    """Two encoders are a third kind of play; a motor without a loop of its own has two."""
+
+    def sides(data: Data) -> set[tuple[str | None, str | None]]:
+        plays = [
+            c.effect for c in candidates(data) if c.name == "backlash" and c.effect.where == "a"
+        ]
+        return {(play.side, play.options().get("encoder")) for play in plays}
+
+    one = {("motor", None), ("link", None)}
+    assert sides(arm.data_of(arm.make_log(seconds=4.0), tmp_path)) == one | {("motor", "link")}
+    log = motors.make_log(0.0, 4.0)
+    assert sides(Data.of([log], motors.model(tmp_path))) == one
 
 
 def test_one_value_for_all_joints_is_a_candidate_where_there_are_several(tmp_path: Path) -> None:

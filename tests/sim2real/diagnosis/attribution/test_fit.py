@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.attribution.attribute import tempered
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.attribution.fit import Fit, Problem, refine
+from sim2real.diagnosis.attribution.liveliest import tempered
 from sim2real.diagnosis.attribution.pairwise import pairs
 from sim2real.diagnosis.attribution.quantify import coalitions, intervals, shapley
 from sim2real.diagnosis.attribution.screen import screen

@@ -65,7 +65,7 @@ def test_more_of_a_known_effect_is_an_explanation() -> None:
 def test_explanations_that_no_motion_separates_are_called_so() -> None:
     """A pendulum whose encoder is shifted and one on a tilted base are one and the same."""
     plan = ask(member("encoder_offset", [0.05], where="hinge"), member("gravity_tilt", [0.0, 0.05]))
-    assert "no motion of the menu tells them apart" in plan.text
+    assert "no motion of the menu separates them" in plan.text
     assert plan.separation < 1
 
 

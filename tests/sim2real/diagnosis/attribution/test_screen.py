@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,3 +69,47 @@ def test_weak_motors_everywhere_are_one_cause(tmp_path: Path) -> None:
     assert best.candidate.label == "motor_strength"
     fit = refine(problem, (best.candidate,), np.tile(best.start, (1, 2, 1)), 4)
     assert fit.mean[0] == pytest.approx(0.73, rel=0.01)
+
+
+SECOND = (("stribeck_friction", {"where": "a"}, 0.1), ("actuator_lag", {"where": "b"}, 0.004))
+
+
+@pytest.mark.parametrize("truth", [TRUTH, SECOND])
+def test_a_glance_in_longer_steps_keeps_the_ranking(tmp_path: Path, truth: Any) -> None:
+    """The first five keep their places and gains, for less work; nothing goes missing."""
+    data = arm.data_of(arm.make_log(*truth, seconds=4.0), tmp_path)
+    data = replace(data, settings=replace(DEFAULT, screening=Screening(kept_max=10)))
+    longer = data.stepping(DEFAULT.screening.coarse_s)
+    assert longer is not None
+    problem, options = Problem(data, Simulator(data, threads=1)), candidates(data)
+    coarse, nothing = Simulator(longer, threads=1), Fit((), np.zeros((2, 0)), np.zeros(2))
+    full, exact = screen(problem, nothing, options), problem.simulator.steps
+    fast = screen(problem, nothing, options, coarse=problem.by(coarse))
+    steps = problem.simulator.steps - exact + coarse.steps
+    assert steps < 0.75 * exact  # the arm's own steps are long: of 0.4, not 0.2 of the length
+    told, kept = ([(g.candidate.label, g.gain) for g in one.guesses[:5]] for one in (full, fast))
+    assert [label for label, _ in kept] == [label for label, _ in told]
+    assert [gain for _, gain in kept] == pytest.approx([gain for _, gain in told], rel=1e-9)
+    names = [{r.candidate.label for r in one.responses} for one in (full, fast)]
+    assert names[0] == names[1] == {guess.candidate.label for guess in fast.guesses}
+
+
+def test_no_glance_where_longer_steps_lose_the_motion(tmp_path: Path) -> None:
+    """A servo that longer steps cannot carry is screened as it is."""
+    data = arm.data_of(arm.make_log(*TRUTH, seconds=3.0), tmp_path)
+    problem = Problem(data, Simulator(data, threads=1))
+    options = [option for option in candidates(data) if option.name == "viscous_friction"]
+    few = replace(data, settings=replace(DEFAULT, screening=Screening(kept_max=1)))
+    problem = Problem(few, problem.simulator)
+    lost = few.stepping(DEFAULT.screening.coarse_s)
+    assert lost is not None
+    for spec in lost.specs:
+        spec.actuator("a").biasprm[1] *= 400
+    wild = Simulator(lost, threads=1)
+    nothing = Fit((), np.zeros((2, 0)), np.zeros(2))
+    problem.by(wild).errors((), np.zeros((1, 2, 0)))
+    once = wild.steps
+    fast = screen(problem, nothing, options, coarse=problem.by(wild))
+    full = screen(problem, nothing, options)
+    assert [g.gain for g in fast.guesses] == [g.gain for g in full.guesses]
+    assert wild.steps == 2 * once  # looked at without any probe, and never again

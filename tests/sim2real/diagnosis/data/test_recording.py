@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -9,7 +11,8 @@ import pytest
 from envs.plant import Plant
 from envs.replay import replay, switchable
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.recording import load_model, rows_before, rows_of, to_recording
+from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
 
 THROWN = """
@@ -32,6 +35,31 @@ def log() -> Log:
 def model() -> mujoco.MjModel:
     """The arm."""
     return arm.spec().compile()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('timestep="0.001"', 'timestep="0"', "timestep=0 s is not between 1e-05 and 0.1"),
+        ('timestep="0.001"', 'timestep="1e-9"', "timestep=1e-09 s is not between"),
+        ('timestep="0.001"', 'timestep="-0.01"', "timestep=-0.01 s is not between"),
+        ('timestep="0.001"', 'timestep="nan"', "timestep=nan s is not between"),
+        ('<position name="leg" joint="leg" kp="2" kv="0.05"/>', "", "has no actuators"),
+        ("<worldbody>", '<asset><mesh name="m" file="no.stl"/></asset><worldbody>', "no.stl"),
+        ('mass="1"', 'mass="0"', "mass and inertia"),
+    ],
+)
+def test_a_model_that_cannot_be_simulated_is_named(
+    old: str, new: str, words: str, log: Log, tmp_path: Path
+) -> None:
+    """With its file: a time step, no actuators, a missing mesh, a body without mass."""
+    path = tmp_path / "thrown.xml"
+    path.write_text(THROWN.replace(old, new))
+    with pytest.raises(Sim2RealError, match=words) as caught:
+        load_model(log, path)
+    assert str(path) in str(caught.value)
+    path.write_text(THROWN)
+    assert load_model(log, path).actuators[0].name == "leg"
 
 
 def test_the_clock_starts_with_the_first_row(log: Log, model: mujoco.MjModel) -> None:

@@ -125,6 +125,29 @@ def test_degrees_are_named(columns: tuple[str, ...]) -> None:
     assert ("degrees", None) in named(changed(log, names, 180 / np.pi))
 
 
+@pytest.mark.parametrize("columns", [("qpos", "qvel"), ("qpos", "ctrl", "qvel")])
+def test_degrees_are_named_where_speeds_are_logged(columns: tuple[str, ...]) -> None:
+    """A recorder that writes degrees writes degrees a second, too."""
+    log = without(make_log(), "sensor")
+    names = [name for name in log.columns if name.split(".")[0] in columns]
+    found = preflight([changed(log, names, 180 / np.pi)], [spec()])
+    (degrees,) = [f for f in found if f.check == "degrees"]
+    assert "speeds" in degrees.finding
+
+
+def test_degrees_show_in_a_range_that_a_model_has() -> None:
+    """A log that hardly moves, all of it in degrees: the joint's own range tells."""
+    limited = ARM.replace('name="elbow"', 'name="elbow" range="-90 90" limited="true"')
+    log = without(make_log(), "sensor")
+    still = changed(log, ["qpos.elbow", "ctrl.b", "qvel.elbow"], 0.01, 1.0)
+    names = [n for n in log.columns if n.split(".")[0] in ("qpos", "ctrl", "qvel")]
+    model = mujoco.MjSpec.from_string(limited)
+    found = preflight([changed(still, names, 180 / np.pi)], [model])
+    (degrees,) = [f for f in found if f.check == "degrees"]
+    assert "elbow reaches 5" in degrees.finding and "pi/180" in degrees.fix
+    assert "degrees" not in {f.check for f in preflight([still], [model])}
+
+
 def test_a_wrong_zero_is_named_with_its_effect() -> None:
     """A shifted position column: how far, and encoder_offset as the other reading."""
     fixes = named(changed(without(make_log(), "sensor"), ["qpos.shoulder"], shift=0.3))

@@ -6,7 +6,8 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.windows import BLOCKED, _usable
-from sim2real.diagnosis.preflight.obstruction import mark_blocked
+from sim2real.diagnosis.preflight.obstruction import mark_blocked, positioned
+from tests.sim2real.diagnosis import arm, motors
 
 RATE = 50.0
 STOP = 0.6  # rad: where an obstacle is
@@ -72,6 +73,14 @@ def test_an_actuator_of_another_name_than_its_joint_is_seen() -> None:
     log = renamed(log_of(STOP), ctrl__hinge="ctrl.motor", current__hinge="sensor.current_raw_motor")
     (marked,), (finding,) = mark_blocked([log], {"motor": "hinge"})
     assert finding.where == "hinge" and marked.columns[BLOCKED].any()
+
+
+def test_a_torque_is_no_goal() -> None:
+    """Only servos, and motors whose rows bring gains, can stand short of one."""
+    log = motors.make_log(0.0, 2.0)
+    assert positioned(log, motors.spec()) == {}
+    assert positioned(log, arm.spec()) == {"a": "a", "b": "b"}
+    assert positioned(Log({**log.columns, "kp.a": np.ones(len(log))}), motors.spec()) == {"a": "a"}
 
 
 def test_the_current_of_another_joint_is_not_taken() -> None:

@@ -21,6 +21,9 @@ const key = (name, more) => all(".panel")[0].dispatchEvent(
 const later = (ms = 60) => new Promise((done) => setTimeout(done, ms));
 const seen = () => all(".panel-head output").map((one) => one.textContent);
 const moment = () => parseFloat($("moment").textContent);
+// Under virtual time a headless browser paints nothing, and would never call for a picture.
+window.requestAnimationFrame = (step) => setTimeout(() => step(performance.now()), 16);
+window.cancelAnimationFrame = clearTimeout;
 const span = async (n = 0) => { // the time at both ends of a plot, by pointing there
   mouse("mouseenter", over(n), 0.001, 0.5); mouse("mousemove", over(n), 0.001, 0.5);
   await later(); const from = moment();

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.diagnosis.schema import (
+from sim2real.diagnosis.evidence import (
     Band,
-    Cause,
-    Equivalent,
+    ChannelGap,
     Evidence,
-    Finding,
-    GapNumbers,
     Kind,
-    Regime,
-    Report,
     Rung,
     Signal,
     SingleFit,
     Trace,
+)
+from sim2real.diagnosis.schema import (
+    Cause,
+    Equivalent,
+    Finding,
+    GapNumbers,
+    Regime,
+    Report,
     Unexplained,
     Where,
 )
@@ -75,6 +78,7 @@ def report() -> Report:
             "sha256": {"logs/a.csv": "0123456789abcdef" * 4},
         },
         correlations=np.array([[1.0, -0.62], [-0.62, 1.0]]),
+        channels=(ChannelGap("qvel.elbow", "rad/s", 0.01, 0.2, 0.02),),
         signals=(signal("command", "rad"), signal("current", "A"), signal("voltage", "V")),
     )
     return Report(

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim2real.diagnosis.evidence import Trace
 from sim2real.diagnosis.report.html import render, write_html
-from sim2real.diagnosis.schema import Finding, GapNumbers, Report, Trace, Unexplained
+from sim2real.diagnosis.schema import Equivalent, Finding, GapNumbers, Report, Unexplained
 from tests.sim2real.diagnosis.report import sample
 
 EVIL = "</script><script>alert('x')</script>&"
@@ -74,6 +75,16 @@ def test_it_says_all_of_the_report(report: Report) -> None:
         assert words in text.replace("\xa0", " "), words
 
 
+def test_it_shows_the_channels_that_nothing_was_fitted_to(report: Report) -> None:
+    """Before, after and their noise; none of it where a log has positions alone."""
+    page = render(report)
+    (row,) = [line for line in page.splitlines() if "<code>qvel.elbow</code>" in line]
+    text = re.sub(r"<[^>]*>", " ", row).replace("\N{NO-BREAK SPACE}", " ").split()
+    assert text == ["qvel.elbow", "0.200", "rad/s", "0.0200", "rad/s", "0.0100", "rad/s"]
+    bare = replace(report, evidence=replace(report.evidence, channels=()))
+    assert "Channels that nothing" not in render(bare)
+
+
 def test_it_needs_no_network(report: Report) -> None:
     """Nothing is loaded: no address, no source, and a policy that forbids both."""
     page = render(report).replace("https://github.com/leeoniya/uPlot", "")  # says whose it is
@@ -118,6 +129,32 @@ def test_a_report_without_a_gap_says_so(report: Report) -> None:
     assert "Gap after" not in text and "Look at this first" not in text
 
 
+def test_fitted_values_are_shown_and_not_called_causes(report: Report) -> None:
+    """The badge, the headline and the heading say that it is a fit; the values are there."""
+    many = tuple(
+        replace(report.causes[0], effect="position_gain", where=f"joint{n}", extra={})
+        for n in range(6)
+    )
+    shared = replace(report.causes[0], effect="coulomb_friction", where=None, shared=True, extra={})
+    evidence = replace(report.evidence, correlations=np.eye(7))
+    fitted = replace(report, verdict="fitted", causes=(), fitted=(*many, shared), evidence=evidence)
+    text, _ = read(render(fitted).replace("\xa0", " "))
+    assert "Fitted, not explained" in text
+    assert "7 values make the simulation follow the robot and are no causes" in text
+    assert "position gain at 6 places and Coulomb friction at all joints alike close" in text
+    assert "Fitted values" in text and "Position gain at joint5" in text
+    assert "Gap after" in text and "explain " not in text
+
+
+def test_what_no_recording_parts_is_said_apart(report: Report) -> None:
+    """Another recording may tell a spring from play; none tells one delay from the other."""
+    others = (Equivalent("joint_compliance", "elbow"), Equivalent("observation_delay", None, True))
+    causes = (replace(report.causes[0], equivalent=others), *report.causes[1:])
+    text, _ = read(render(replace(report, causes=causes)).replace("\xa0", " "))
+    assert "These recordings cannot tell it from joint compliance at elbow:" in text
+    assert "No recording of commands and positions can tell it from observation delay:" in text
+
+
 def test_a_gap_without_a_cause_has_no_line_after(report: Report) -> None:
     """What was not corrected is not drawn as if it were; the residue is described."""
     traces = tuple(replace(t, corrected=t.nominal, subsets={}) for t in report.evidence.traces)
@@ -129,7 +166,7 @@ def test_a_gap_without_a_cause_has_no_line_after(report: Report) -> None:
     )
     page = render(lost)
     text, _ = read(page.replace("\xa0", " "))
-    assert "There is a gap, and no effect that is known here explains it." in text
+    assert "There is a gap, and no known effect explains it." in text
     assert "No effect that was tried brings it nearer" in text
     assert "100 % of the gap stays, and it has a structure: fast, at the elbow." in text
     assert "Gap after" not in text and "with the causes" not in text

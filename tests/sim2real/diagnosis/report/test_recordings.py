@@ -8,16 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim2real.diagnosis.evidence import Evidence, Signal, Trace
 from sim2real.diagnosis.report.recordings import NOTHING, floats, packed, recordings
-from sim2real.diagnosis.schema import (
-    Evidence,
-    GapNumbers,
-    Report,
-    Signal,
-    Trace,
-    Unexplained,
-    Where,
-)
+from sim2real.diagnosis.schema import GapNumbers, Report, Unexplained, Where
 
 
 def unpacked(line: dict[str, Any]) -> np.ndarray:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim2real.diagnosis.evidence import Trace
 from sim2real.diagnosis.report import svg
-from sim2real.diagnosis.schema import Trace
 
 
 @pytest.fixture

@@ -1,0 +1,92 @@
+"""Dry friction as bristles that bend before they slip: what a joint does before it breaks away.
+
+The LuGre model, C. Canudas de Wit, H. Olsson, K. J. Åström, P. Lischinsky, A new model for control
+of systems with friction, IEEE Trans. Automatic Control 40 (3), 1995, equations 1 to 3:
+
+    dz/dt = w - s0 |w| / g(w) z        tau = s0 z + s1 dz/dt
+
+g is the friction of steady sliding, all of the joint's: its own, Coulomb, Stribeck and
+load-dependent. The bristles' stiffness s0 is g(0) over the deflection at which they slip.
+
+Discretized by one linearly implicit Euler step (Hairer and Wanner, Solving Ordinary Differential
+Equations II, IV.7): z' = (z + dt w') / (1 + dt a) with a = s0 |w| / g(w) of the step's start and
+the speed w' of its end. The torque is then linear in w', and its slope goes into the joint's
+damping, which the engine's `Euler` and `implicit` integrators solve for at the step's end: stable
+for any stiffness. Under `RK4`, which does not, bristles stiffer than the step can carry act as the
+stiffest that it can.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import SubstepRule
+from envs.effects.plant_view import PlantView
+
+RATIO = 0.1  # of critical damping that bristles have: s1 = 2 ratio sqrt(s0 J)
+STABLE = 0.25  # largest (dt w)² of bristles under an explicit integration
+AT_REST = 1e-3  # rad/s: a joint that starts slower than this is held by its bristles
+LEAST = 1e-12  # N·m: a joint without friction has no bristles
+
+
+class Bristles(SubstepRule):
+    """Takes the place of the engine's friction loss in the rows whose bristles bend.
+
+    Args:
+        plant: the simulations.
+        dofs: of k joints.
+
+    Attributes:
+        bend: rad at which the joint breaks away, (N, 1); 0 leaves the engine's rigid friction.
+        faded: N·m by which the friction at standstill exceeds that at the present speed, (N, k).
+    """
+
+    order = 55  # after all that adds to the friction loss
+
+    def __init__(self, plant: PlantView, dofs: np.ndarray) -> None:
+        model, shape = plant.model, (plant.num_rows, len(dofs))
+        self.bend, self.faded = np.zeros((plant.num_rows, 1)), np.zeros(shape)
+        self._dofs, self._dt, self._applied = dofs, model.opt.timestep, plant.applied
+        self._loss, self._damping = plant.live("dof_frictionloss"), plant.live("dof_damping")
+        self._qvel, self._smooth = plant.layout.raw_qvel, plant.batch.bind("qfrc_smooth")
+        self._inertia = model.dof_M0[dofs]
+        explicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self._stiffest = STABLE * self._inertia / self._dt**2 if explicit else np.inf
+        self._z, self._decay = np.zeros(shape), np.zeros(shape)  # rad, 1/s
+        self._running = np.zeros(plant.num_rows, dtype=bool)
+
+    def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
+        """Let the first substep find what bends the bristles."""
+        self._running[ids] = False
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        """Replace the friction loss of the joints by the bristles' torque."""
+        rows = np.arange(len(self.bend))[ids]
+        rows = rows[self.bend[rows, 0] > 0]
+        if not rows.size:
+            return
+        at, dt = (rows[:, None], self._dofs), self._dt
+        speed, level = self._qvel[at], np.maximum(self._loss[at], LEAST)
+        stiffness = (level + self.faded[rows]) / self.bend[rows]
+        stiffness = np.minimum(stiffness, self._stiffest)
+        damping = 2.0 * RATIO * np.sqrt(stiffness * self._inertia)
+        moved = (self._z[rows] + dt * speed) / (1.0 + dt * self._decay[rows])
+        z = np.where(self._running[rows][:, None], moved, self._first(at, speed, stiffness, level))
+        decay = stiffness * np.abs(speed) / level
+        slope = (stiffness * dt + damping) / (1.0 + dt * decay)
+        self._applied[at] -= (slope - damping) / dt * z
+        self._damping[at] += slope
+        self._loss[at] = 0.0
+        self._z[rows], self._decay[rows], self._running[rows] = z, decay, True
+
+    def _first(
+        self,
+        at: tuple[np.ndarray, np.ndarray],
+        speed: np.ndarray,
+        stiffness: np.ndarray,
+        level: np.ndarray,
+    ) -> np.ndarray:
+        """Return how far a start bends the bristles: a joint at rest is held as far as they can."""
+        held = np.clip(self._smooth[at], -level, level)
+        return np.where(np.abs(speed) < AT_REST, held, np.sign(speed) * level) / stiffness

@@ -1,0 +1,56 @@
+"""A log's clock that runs at another rate than the robot's time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from envs.effects.base import PLAIN, BoundEffect, Effect
+from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
+from envs.params import Parameter
+
+
+class _Rate(BoundEffect):
+    """See `ClockDrift`."""
+
+    def __init__(self, plant: PlantView) -> None:
+        self._step, self._own = plant.field("opt.timestep"), plant.model.opt.timestep
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        rate = values[:, 0].reshape(-1, *[1] * (self._step.ndim - 1))
+        self._step[ids] = self._own / (1.0 + rate)
+
+
+class ClockDrift(Effect):
+    """The fraction by which the clock of commands and readings runs fast: log = true (1 + value).
+
+    A second of the log is 1 / (1 + value) s of the robot's. It acts through the time step, so that
+    the effects that are stepped beside it keep time with the log. Where positions have stamps of
+    their own (`stamp.<joint>`), the preflight reads off how one clock drifts from the other; jitter
+    of a clock closes no gap, since replays use the stamps, and is a finding there as well.
+    """
+
+    name = "clock_drift"
+    place = "robot"
+    unit = ""
+    typical = (-0.03, 0.03)
+    no_mjcf = "it is the log's, not the robot's"
+    symptom = "swings and ramps that are all too long or too short by the same fraction"
+    source = "t_log = (1 + d) t; quartz: 1e-5 to 1e-4, rates that were taken as nominal: 1e-2"
+    experiment = "a free swing of known length, or an hour against another clock"
+
+    def parameters(self, model: object) -> tuple[Parameter, ...]:
+        """Return the share."""
+        return (self.parameter(low=-0.5, high=1.0),)
+
+    def bind(self, plant: PlantView) -> BoundEffect:
+        """Scale the time step of each row."""
+        return _Rate(plant)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return a wrong rate, both ways; a quartz's error hides below any floor."""
+        return np.array([-0.03, -0.008, 0.008, 0.03])
+
+    def batch(self) -> str:
+        """Return the group of effects that only write model fields."""
+        return PLAIN

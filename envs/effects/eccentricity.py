@@ -1,0 +1,127 @@
+"""An encoder whose disc or magnet is off its axis."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import RULES, Effect, Extra, Measurement, SubstepRule
+from envs.effects.places import joints
+from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
+from envs.effects.servo import is_joint_servo
+from envs.params import Parameter
+
+STEPS = 4  # of Newton's method, which starts within the amplitude of the answer
+SEEN = 1.5  # rad: in less of a turn the sine is an offset and a slope
+
+
+class _Eccentric(Measurement):
+    """What the encoders of k joints say: angle + value sin(angle + phase)."""
+
+    order = 25
+
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        found = joints(plant.model, effect.where)
+        addresses = np.array([plant.layout.address(int(j)) for j in found])
+        self.effect, (self.q, self.v) = effect, addresses.T
+        self.value, self.phase = (np.zeros((plant.num_rows, 1)) for _ in range(2))
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self.value[ids] = values[:, :1]
+        self.phase[ids, 0] = self.effect.scalar("phase", values)
+
+    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        angle = qpos[:, self.q] + self.phase[ids]
+        qpos[:, self.q] += self.value[ids] * np.sin(angle)
+        qvel[:, self.v] *= 1.0 + self.value[ids] * np.cos(angle)
+
+    def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        angle = qpos[:, :, self.q] + self.phase[:, None]
+        qpos[:, :, self.q] += self.value[:, None] * np.sin(angle)
+
+    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray) -> None:
+        value, phase = self.value[ids], self.phase[ids]
+        said = qpos[:, self.q]
+        angle = said.copy()
+        for _ in range(STEPS):
+            rest = angle + value * np.sin(angle + phase) - said
+            angle -= rest / (1.0 + value * np.cos(angle + phase))
+        qpos[:, self.q] = angle
+
+
+class _Loop(SubstepRule):
+    """Closes servo loops over what their encoders say."""
+
+    order = 22  # after a play on the link's side
+
+    def __init__(self, plant: PlantView, encoder: _Eccentric, servos: np.ndarray) -> None:
+        model = plant.model
+        self.plant, self.encoder, self.servos = plant, encoder, servos
+        self.gear, joint = model.actuator_gear[servos, 0], model.actuator_trnid[servos, 0]
+        self.q, self.v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        self.bias = plant.live("actuator_biasprm")
+
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        """Shift the laws by what the encoders say too much."""
+        layout, at = self.plant.layout, (np.arange(self.plant.num_rows)[ids][:, None], self.servos)
+        value, angle = self.encoder.value[ids], layout.raw_qpos[ids][:, self.q]
+        angle = angle + self.encoder.phase[ids]
+        bias = self.bias[at]  # (n, k, 10)
+        speed = value * np.cos(angle) * layout.raw_qvel[ids][:, self.v]
+        shift = bias[..., 1] * value * np.sin(angle) + bias[..., 2] * speed
+        self.bias[(*at, 0)] += self.gear * shift
+
+
+class EncoderEccentricity(Effect):
+    """An encoder off its axis, with one error wave a turn: measured = q + value sin(q + phase).
+
+    A servo closes its loop on the same encoder. Where a joint moves through less than 1.5 rad the
+    error is an offset and a slope, and no diagnosis looks for it.
+    """
+
+    name = "encoder_eccentricity"
+    place = "joint"
+    unit = "rad"
+    extras = (
+        Extra(
+            "phase",
+            "rad",
+            0.0,
+            -2 * np.pi,
+            2 * np.pi,
+            "the error's phase at q = 0",
+            fit=(-2 * np.pi, 2 * np.pi),
+            typical=(-3.2, 3.2),
+        ),
+    )
+    typical = (0.0, 0.05)
+    no_mjcf = "MJCF has no encoder whose error depends on the angle"
+    symptom = "an error that repeats once a turn, the same in both directions and at any speed"
+    source = "e sin(q + phase), e = offset over radius; ams AS5600 data sheet: up to 1 degree"
+    experiment = "one slow turn there and back, against a second encoder or marks on the housing"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the amplitude, below which readings are still in order, and the phase."""
+        joints(model, self.where)
+        return (self.parameter(low=0.0, high=0.9), *self.free_parameters())
+
+    def bind(self, plant: PlantView) -> Measurement:
+        """Change what is read, and what the joint's servos see."""
+        model, found = plant.model, joints(plant.model, self.where)
+        encoder = _Eccentric(plant, self)
+        servos = [i for i in range(model.nactuator) if is_joint_servo(model, i)]
+        servos = np.array([i for i in servos if model.actuator_trnid[i, 0] in found], int)
+        if servos.size:
+            plant.share(f"servo of {self.label()}", lambda: _Loop(plant, encoder, servos))
+        return encoder
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return one size at four phases; none where the joint turned too little."""
+        if scale.span(str(self.where)) < SEEN:
+            return np.zeros((0, 2))
+        return np.array([(0.02, phase) for phase in (0.0, np.pi / 2, np.pi, -np.pi / 2)])
+
+    def batch(self) -> str:
+        """Return the group of rules that are stepped from Python."""
+        return RULES

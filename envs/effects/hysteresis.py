@@ -1,0 +1,75 @@
+"""A spring between motor and link that loses energy: what harmonic drives and rubber do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from envs.effects.base import Extra
+from envs.effects.friction import STIFF_SOLIMP
+from envs.effects.plant_view import PlantView
+from envs.effects.scale import RobotScale
+from envs.effects.structure import SeriesEffect, Spring
+
+
+class _Hysteresis(Spring):
+    """See `HystereticCompliance`."""
+
+    def __init__(self, plant: PlantView, effect: SeriesEffect, motor: int) -> None:
+        super().__init__(plant, effect, motor)
+        self.loss = plant.field("dof_frictionloss")
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        friction = self.effect.scalar("friction", values)
+        self.loss[ids, self.v] = np.where(values[:, 0] > 0, friction, 0.0)
+
+
+class HystereticCompliance(SeriesEffect):
+    """A spring between motor and link with dry friction beside it.
+
+    The deflection follows the load by `value` only beyond the friction, and comes back later than
+    it went: a loop that costs 4 `friction` times its amplitude, however slowly it is run through.
+    `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere.
+    """
+
+    name = "hysteretic_compliance"
+    unit = "rad/(N·m)"
+    extras = (
+        Extra(
+            "friction",
+            "N·m",
+            0.02,
+            0.0,
+            1e3,
+            "the spring's friction: the torque by which its two branches lie off its line",
+            fit=(0.0, 1e3),
+            typical=(0.0, 0.2),
+        ),
+        Extra("damping", "N·m·s/rad", 0.0, 0.0, 1e3, "the spring's damping, beside its friction"),
+    )
+    typical = (0.0, 0.5)
+    bound = _Hysteresis
+    symptom = "a sag that differs between loading and unloading, at any speed, and little ringing"
+    source = (
+        "tau = k d + F sgn(dd/dt); Iwan 1966, J. Applied Mechanics 33 (4); harmonic drives:"
+        " Dhaouadi, Ghorbel, Gandhi 2003"
+    )
+    experiment = "a slow rise and fall of the load with the motor locked, to two amplitudes"
+
+    def shape(self, joint: Any, timestep: float) -> None:
+        """Let its friction stick."""
+        joint.solimp_friction, joint.solref_friction = STIFF_SOLIMP, [2 * timestep, 1.0]
+
+    @classmethod
+    def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
+        """Return the one whose encoder is on the link's side: a motor's hardly shows it."""
+        return [more for more in super().variants(scale) if more["side"] == "link"]
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return springs that a torque bends little and much, and two frictions."""
+        torque = scale.torque_at(self.where)
+        return np.array(
+            [(s / torque, part * torque) for s in (0.02, 0.1, 0.4) for part in (0.03, 0.12)]
+        )

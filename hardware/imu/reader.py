@@ -1,0 +1,186 @@
+"""The IMU of a robot's file, read over its serial port, as sensors beside the servos.
+
+    imu = SerialImu(robot.imu, RealClock())
+    imu.open()                              # LineError: what came instead of frames
+    imu.measure(now)["orientation"]         # of the site, w x y z; "acceleration" [m/s^2]
+
+Every read takes what has come since the last, and the newest frame counts: it is up to 10 ms old,
+and 1.7 ms more for its way over the wire. Damaged frames and gaps in their numbers are counted. A
+frame that is older than `STALE` is refused: whoever measures then stops. The heading is counted
+from where an episode starts, for the part counts it from its own start.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+import serial
+
+from hardware.clock import Clock, RealClock
+from hardware.config import Robot
+from hardware.errors import LineError
+from hardware.imu import rvc
+from hardware.parts import Imu
+from hardware.port_lock import PortLock
+
+STALE = 0.1  # s, ten frames: older ones are refused
+PAUSED = 0.5  # s without a read after which the system may have thrown frames away
+FIRST = 1.0  # s that the first frames are waited for
+ENOUGH = 3  # good frames in a row that show the part and its mode
+
+
+class SerialImu:
+    """An IMU at a serial port; see `hardware.body.BodySensors`.
+
+    Args:
+        imu: the part, its place and its port.
+        clock: the time.
+    """
+
+    names = ("orientation", "acceleration")
+
+    def __init__(self, imu: Imu, clock: Clock) -> None:
+        self.imu, self._clock = imu, clock
+        self._parser = rvc.Parser()
+        self._lock = PortLock(str(imu.port))
+        self._port: serial.Serial | None = None
+        self._frame: rvc.Frame | None = None
+        self._came = self._read = -math.inf  # s: the last frame, the last read
+        self._heading: float | None = None  # rad, of the part where the episode started
+        self.missing = 0  # frames whose numbers were left out
+
+    def open(self) -> None:
+        """Open the port and wait for good frames.
+
+        Raises:
+            LineError: the port cannot be used, or sends no frames of this part.
+        """
+        if self._port is not None:
+            return
+        try:
+            self._lock.take()
+            self._port = serial.Serial(self.imu.port, rvc.BAUD, timeout=0)
+            self._port.reset_input_buffer()
+            self._wait_for(ENOUGH, FIRST)
+        except (OSError, serial.SerialException) as error:
+            self.close()
+            raise LineError(f"{self._place}: the port cannot be used: {error}") from None
+        except LineError:
+            self.close()
+            raise
+
+    @property
+    def _place(self) -> str:
+        return f"IMU at {self.imu.port}"
+
+    def _wait_for(self, wanted: int, seconds: float) -> None:
+        """Read until so many good frames came."""
+        clock, end, got, count = self._clock, self._clock.now() + seconds, 0, 0
+        damaged = self._parser.damaged
+        while got < wanted:
+            if clock.now() > end:
+                bad = self._parser.damaged - damaged
+                raise LineError(
+                    f"{self._place}: {count} bytes, {got} good frames and {bad} damaged ones came "
+                    f"in {seconds:g} s; a {self.imu.model} sends {rvc.RATE:.0f} a second at "
+                    f"{rvc.BAUD} bits/s: check its supply, cable and mode pins"
+                )
+            data = self._bytes()
+            count += len(data)
+            got += self._take(data)
+            clock.sleep_until(clock.now() + 0.002)
+
+    def _bytes(self) -> bytes:
+        assert self._port is not None
+        self._read = self._clock.now()
+        return self._port.read(4096)
+
+    def _take(self, data: bytes) -> int:
+        """Keep the newest frame of these bytes, and return how many good ones there were."""
+        frames = self._parser.feed(data)
+        for frame in frames:
+            if self._frame is not None:
+                self.missing += (frame.number - self._frame.number - 1) % 256
+            self._frame = frame
+        if frames:
+            self._came = self._clock.now()
+        return len(frames)
+
+    def measure(self, now: float) -> Mapping[str, np.ndarray]:
+        """Return the newest values: `orientation` (4,), `acceleration` (3,), and counts.
+
+        Raises:
+            LineError: no good frame came for `STALE`, or the cable is out.
+        """
+        if self._port is None:
+            raise LineError(f"{self._place} is not open")
+        try:
+            if self._clock.now() - self._read > PAUSED:
+                self._begin_again()
+            self._take(self._bytes())
+        except (OSError, serial.SerialException) as error:
+            raise LineError(
+                f"{self._place}: the port is gone ({error}); is the cable in?"
+            ) from None
+        age = self._clock.now() - self._came
+        if self._frame is None or age > STALE:
+            raise LineError(
+                f"{self._place}: no good frame for {age * 1e3:.0f} ms ({self.missing} missing, "
+                f"{self._parser.damaged} damaged so far); check its cable"
+            )
+        return self._values(self._frame)
+
+    def _begin_again(self) -> None:
+        """After a pause what waits is old, and what came last may be lost."""
+        assert self._port is not None
+        self._port.reset_input_buffer()
+        self._parser.clear()
+        self._frame = None
+        self._wait_for(1, STALE)
+
+    def _values(self, frame: rvc.Frame) -> dict[str, np.ndarray]:
+        """Return a frame's values in the axes of the site."""
+        self._heading = frame.yaw if self._heading is None else self._heading
+        level = frame._replace(yaw=frame.yaw - self._heading).orientation
+        lost = self.missing + self._parser.damaged
+        return {
+            "orientation": turned_back(level, self.imu.mount),
+            "acceleration": rotated(frame.acceleration, self.imu.mount),
+            "imu_lost": np.array([float(lost)]),
+        }
+
+    def put_back(self, now: float) -> None:
+        """Begin an episode: the heading is counted from here on."""
+        self._heading = None
+
+    def close(self) -> None:
+        """Close the port; does nothing the second time."""
+        port, self._port = self._port, None
+        if port is not None:
+            port.close()
+        self._lock.release()
+
+
+def make_imu(robot: Robot) -> SerialImu | None:
+    """Return the IMU at the port that a robot's file names; None if it names none."""
+    if robot.imu is None or robot.imu.port is None:
+        return None
+    return SerialImu(robot.imu, RealClock())
+
+
+def turned_back(orientation: np.ndarray, mount: tuple[float, ...]) -> np.ndarray:
+    """Return the site's orientation, given the part's (4,) and how it is mounted there."""
+    back, result = np.zeros(4), np.zeros(4)
+    mujoco.mju_negQuat(back, np.asarray(mount))
+    mujoco.mju_mulQuat(result, orientation, back)
+    return result
+
+
+def rotated(vector: np.ndarray, turn: tuple[float, ...]) -> np.ndarray:
+    """Return a vector (3,) rotated by a unit quaternion w x y z."""
+    result = np.zeros(3)
+    mujoco.mju_rotVecQuat(result, np.asarray(vector, float), np.asarray(turn))
+    return result

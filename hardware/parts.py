@@ -1,0 +1,94 @@
+"""What a robot's file is made of: servos, buses, an IMU, a supply."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from hardware.tables import ServoType, servo_type
+
+IMUS = ("bno085-rvc",)  # part and mode
+
+
+@dataclass(frozen=True)
+class Servo:
+    """One servo of a robot and the joint it turns.
+
+    Args:
+        name: the actuator of the model that it stands for.
+        id: its number on the bus, 0 to 251.
+        model: its type.
+        sign: 1 or -1: the direction of its counts along the joint.
+        zero: the count at the joint's zero; a calibration may put it between two.
+        position: least and largest angle to command [rad].
+        velocity: fastest motion of a command [rad/s].
+        torque: largest torque [N·m], None for all it has.
+        registers: registers of this servo beside the robot's.
+        bus: the name of its bus, where the robot has several.
+    """
+
+    name: str
+    id: int
+    model: str
+    sign: int
+    zero: float
+    position: tuple[float, float]
+    velocity: float
+    torque: float | None
+    registers: Mapping[str, int] = field(default_factory=dict)
+    bus: str | None = None
+
+    @property
+    def type(self) -> ServoType:
+        """Its type's data."""
+        return servo_type(self.model)
+
+    def angle(self, count: float) -> float:
+        """Return the joint's angle [rad] at this count of the encoder."""
+        return self.sign * (count - self.zero) * self.type.units.angle
+
+    def count(self, angle: float) -> int:
+        """Return the nearest count of the encoder at this angle [rad]."""
+        return round(self.zero + self.sign * angle / self.type.units.angle)
+
+
+@dataclass(frozen=True)
+class BusSettings:
+    """The serial bus: baud [bits/s], return_delay [s], latency of the USB adapter [s]."""
+
+    baud: int
+    return_delay: float
+    latency: float
+
+
+@dataclass(frozen=True)
+class Bus(BusSettings):
+    """One of several buses: its name and its serial port, None for the emulated one."""
+
+    name: str
+    port: str | None = None
+
+
+@dataclass(frozen=True)
+class Imu:
+    """An IMU on a serial port of its own.
+
+    Args:
+        model: part and mode, one of IMUS.
+        site: of the robot's MJCF, where it is.
+        mount: how the part is turned in the site's axes, a unit quaternion w x y z.
+        port: the serial port, None for none.
+    """
+
+    model: str
+    site: str
+    mount: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    port: str | None = None
+
+
+@dataclass(frozen=True)
+class Supply:
+    """The power supply: voltage without load [V], inner resistance [ohm]."""
+
+    voltage: float
+    resistance: float

@@ -1,0 +1,99 @@
+"""Folders of runs and paths that a command line names: which are there, which are free.
+
+free_folder("outputs/train/smoke/2026-11-21_10-00-00")   # made; a second one ends in _2
+run_folder(Path("outputs/train/smoke/2026-11-21_10-00-00/checkpoints/checkpoint-10.torchrl"))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+from envs.errors import did_you_mean
+from sim2real.config.targets import ConfigError
+
+READ = (
+    "log",
+    "model",
+    "effects",
+    "checkpoint",
+    "resume",
+    "runs",
+    "calibration",
+    "against",
+)  # keys of paths
+NEEDED = {  # by verb, what it cannot do without
+    "diagnose": "log",
+    "replay": "log",
+    "convert": "log",
+    "evaluate": "checkpoint",
+    "export": "checkpoint",
+    "deploy": "checkpoint",
+    "report": "runs",
+}
+STARTED_BY_RESUME = ("blindcheck",)  # one line starts an exam and continues it
+FOLDERS = 1000  # runs that may start in one second
+
+
+def free_folder(wanted: str) -> str:
+    """Make a folder that was not there, and return its name: that wanted, or with a number.
+
+    Two runs that start in one second get two folders. A folder that cannot be made is left to
+    Hydra, which says so.
+    """
+    for number in range(1, FOLDERS):
+        name = wanted if number == 1 else f"{wanted}_{number}"
+        try:
+            Path(name).mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError:
+            break
+        return name
+    return wanted
+
+
+def refuse_missing(tree: dict[str, Any], used: Collection[str]) -> None:
+    """Refuse paths that lead nowhere before a run's folder is made.
+
+    Args:
+        tree: a checked configuration.
+        used: the root keys that its verb uses.
+
+    Raises:
+        ConfigError: a log, a model, a checkpoint or another file that is not there, with the
+            nearest name beside it, or was not given to a verb that needs it.
+    """
+    verb = tree["run"]["_target_"].split(".")[-2]
+    needed = NEEDED.get(verb)
+    if needed is not None and not tree[needed]:
+        raise ConfigError(f"{verb} needs {needed}=PATH; `sim2real {verb} PATH` says the same")
+    begun = {"resume"} if verb in STARTED_BY_RESUME else set()
+    for key in (one for one in READ if one in used and one not in begun):
+        given = tree[key] if isinstance(tree[key], list) else [tree[key]]
+        for path in (Path(str(one)).expanduser() for one in given if one):
+            if not path.exists():
+                near = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+                hint = did_you_mean(path.name, near)
+                raise ConfigError(f"{key}={path}: there is no such file or folder{hint}")
+
+
+def refuse_used(out: Path, tree: dict[str, Any]) -> None:
+    """Keep a new training out of a folder that holds another, before anything is written there.
+
+    Raises:
+        ConfigError: the folder has checkpoints and this run does not resume.
+    """
+    if tree.get("resume") is None and any((out / "checkpoints").glob("checkpoint-*")):
+        raise ConfigError(f"{out} already holds a run; continue it with resume={out}")
+
+
+def run_folder(path: Path) -> Path | None:
+    """Return the folder of the run that a checkpoint, a run's or a sweep's folder belongs to.
+
+    None where no run was started by the command line.
+    """
+    path = path.expanduser().absolute()
+    candidates = [path, *path.parents[:2], *sorted(path.glob("*/"))]
+    return next((f for f in candidates if (f / ".hydra" / "overrides.yaml").is_file()), None)

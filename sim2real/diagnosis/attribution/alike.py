@@ -1,0 +1,96 @@
+"""What the logs cannot tell from a cause, and how sure a cause is.
+
+crowd = equals(search, member, rivals, rest, full)
+confidence(search, member, crowd, rivals, rest, closed)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.attribute import Contender, Search
+from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.settings import TINY_SQUARE
+
+
+def equals(
+    search: Search,
+    member: Candidate,
+    rivals: Sequence[Contender],
+    rest: np.ndarray,
+    full: np.ndarray,
+) -> list[Contender]:
+    """Return the rivals that do as well as a member on held-out windows, the best first.
+
+    Those that raced are compared with what the member did in that race, those that settled with
+    what it does in the end.
+
+    Args:
+        search: after its run.
+        member: the cause.
+        rivals: contenders for its place, itself among them where it raced.
+        rest: held-out errors without it, (W, T, M).
+        full: with it, in the end.
+    """
+    blocks, limits = search.blocks, search.problem.data.settings.causes
+    raced = (c.error for c in rivals if c.candidate.label == member.label and not c.settled)
+    own = {True: full, False: next(raced, full)}
+    floors = search.settings.worth_floors * search.floor
+    found: dict[str, tuple[float, Contender]] = {}
+    for contender in rivals:
+        label, reference = contender.candidate.label, own[contender.settled]
+        if label == member.label:
+            continue
+        worth = max(blocks.rms(rest) - blocks.rms(reference), 0.0)
+        near = max(limits.equal_share * worth, min(floors, limits.equal_worth * worth))
+        low, _ = blocks.gain(contender.error, reference)
+        behind = blocks.rms(contender.error) - blocks.rms(reference)
+        if behind < near or (low <= 0 and behind < limits.equal_unsure * worth):
+            found.setdefault(label, (behind, contender))
+    return [contender for _, contender in sorted(found.values(), key=lambda pair: pair[0])]
+
+
+def confidence(
+    search: Search,
+    member: Candidate,
+    crowd: Sequence[Contender],
+    rivals: Sequence[Contender],
+    rest: np.ndarray,
+    closed: float,
+) -> float:
+    """Return the probability that a cause, or an equal of it, is really there.
+
+    How often it wins when blocks are drawn again, less where the next rival is close behind or
+    much of the gap stays. Where it never raced against others, nothing is known of that.
+    """
+    limits = search.problem.data.settings.causes
+    good = {member.label, *(c.candidate.label for c in crowd)}
+    races = [[c for c in rivals if c.settled == settled] for settled in (False, True)]
+    if not any(c.candidate.label in good for c in races[False]):
+        wins, margin = limits.unrivalled, 1.0
+    else:  # where there are no others, the screening has ruled them out
+        results = [_race(search, race, good, rest) for race in races]
+        wins, margin = (min(column) for column in zip(*results, strict=True))
+    near = np.exp(-max(margin, 0.0) / limits.rival_margin)
+    sure = limits.sure_max * wins * (1 - limits.rival_doubt * near)
+    doubt = limits.open_doubt
+    sure *= (1 - doubt) + doubt * np.clip(closed, 0, 1)
+    return float(np.clip(sure, limits.confidence_min, limits.confidence_max))
+
+
+def _race(
+    search: Search, race: Sequence[Contender], good: Set[str], rest: np.ndarray
+) -> tuple[float, float]:
+    """Return how often the good ones of a race win, and their margin, of what they close."""
+    blocks = search.blocks
+    own = [c for c in race if c.candidate.label in good]
+    others = [c for c in race if c.candidate.label not in good]
+    if not own or not others:
+        return 1.0, 1.0
+    best = np.min([blocks.drawn(c.error) for c in own], axis=0)
+    next_best = np.min([blocks.drawn(c.error) for c in others], axis=0)
+    worth = blocks.rms(rest) - min(blocks.rms(c.error) for c in own)
+    gap = min(blocks.rms(c.error) for c in others) - min(blocks.rms(c.error) for c in own)
+    return float(np.mean(best < next_best)), gap / max(worth, TINY_SQUARE)

@@ -1,0 +1,178 @@
+"""Effects that may stand in a cause's place, also where none raced for it.
+
+    found = with_rivals(search, found)           # found.rivals has every cause
+    inseparable(search, cause, other)            # no recording of this kind can part them
+
+A race leaves few, and values that were found together (one kind of effect at every joint) never
+raced. So each cause races for its place once; and every effect whose change of the simulation, as
+it was screened, points where the cause's does is fitted in its place as well: what the two do to
+the logs is then all but collinear, whatever their names. Held-out errors judge them (`alike`).
+
+Two kinds of effects are inseparable whatever is recorded of commands and positions: delays of the
+command and of the measurement, unless readings have stamps of their own, and effects that, with
+the right value, make the same model, such as the supply and the strength of motors without damping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from envs.effects.base import PLAIN
+from envs.plant import Plant
+from sim2real.diagnosis.attribution.attribute import Contender, Found, Search, meets
+from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.fit import Fit, Problem, columns, refine
+from sim2real.diagnosis.attribution.quantify import without
+from sim2real.diagnosis.attribution.screen import Response
+from sim2real.diagnosis.settings import TINY_SQUARE
+
+DELAYS = ("command_delay", "observation_delay")
+Pair = tuple[Candidate, np.ndarray]  # an effect and its values, (P,)
+
+
+def with_rivals(search: Search, found: Found) -> Found:
+    """Return what was found with contenders for each cause's place; `found.rivals` has them."""
+    few = len(found.fit.members) <= search.problem.data.settings.verdict.causes_max
+    rivals = dict(found.rivals)
+    for number, member in enumerate(found.fit.members):
+        raced = list(rivals.get(member.label, []))
+        rest = _rest(found.fit, number)
+        if not raced and few:
+            error = search.problem.held_out(rest.members, rest.values)
+            raced = [
+                Contender(member, found.fit, found.error),
+                *_others(search.race(rest, error, replacing=member), member),
+            ]
+        known = [c.candidate.label for c in raced]
+        alike = _look_alikes(search, found.fit, number, known) if found.seen is None else []
+        more = [_instead(search, found, rest, response) for response in alike]
+        if raced or more:
+            settled = Contender(member, found.fit, found.on(found.error), settled=True)
+            rivals[member.label] = [*raced, settled, *more]
+    return replace(found, rivals=rivals)
+
+
+def _others(contenders: Sequence[Contender], member: Candidate) -> list[Contender]:
+    return [c for c in contenders if c.candidate.label != member.label]
+
+
+def _rest(fit: Fit, number: int) -> Fit:
+    """Return the other causes with their values."""
+    return without(fit, [i for i in range(len(fit.members)) if i != number])
+
+
+def _look_alikes(search: Search, fit: Fit, number: int, known: Sequence[str]) -> list[Response]:
+    """Return screened responses that point where a cause's change of the simulation points.
+
+    The nearest of each effect, the nearest effects first; both delays, whatever they point at.
+    """
+    member, limits = fit.members[number], search.problem.data.settings.causes
+    problem = search.screening
+    change, unit = _change(problem, fit, number)
+    best: dict[str, tuple[float, Response]] = {}
+    taken = {(m.name, m.effect.where) for m in fit.members}
+    for response in search.responses:
+        other = response.candidate
+        if other.label in known or (other.name, other.effect.where) in taken:
+            continue
+        if not meets(other, member):
+            continue
+        near = _cosine(change, _straight(problem, response.change, unit))
+        if {other.name, member.name} == set(DELAYS):
+            near = 1.0
+        if near >= limits.look_alike and near > best.get(other.label, (0.0,))[0]:
+            best[other.label] = near, response
+    ranked = sorted(best.values(), key=lambda pair: -pair[0])
+    return [response for _, response in ranked[: limits.look_alikes_max]]
+
+
+def _change(problem: Problem, fit: Fit, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a cause changes, the clock's part taken out, and the clock's direction."""
+    values = fit.values.copy()
+    values[:, columns(fit.members)[number]] = fit.members[number].neutral
+    error, slope = problem.errors(fit.members, np.stack([fit.values, values]))
+    unit = slope[1].ravel() / max(float(np.linalg.norm(slope[1])), TINY_SQUARE)
+    return _straight(problem, error[0] - error[1], unit), unit
+
+
+def _straight(problem: Problem, change: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Return a change (W, T, M), flat, without its part along the clock's direction."""
+    flat = change.ravel()
+    return flat - (flat @ unit) * unit
+
+
+def _cosine(one: np.ndarray, other: np.ndarray) -> float:
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float(one @ other) / max(size, TINY_SQUARE)
+
+
+def _instead(search: Search, found: Found, rest: Fit, response: Response) -> Contender:
+    """Return an effect fitted in the place of a cause, beside the others."""
+    option, spread = response.candidate, search.settings.spread
+    starts = [
+        np.concatenate(
+            [rest.values, np.tile(option.towards(response.probe, s), (len(rest.values), 1))], axis=1
+        )
+        for s in spread
+    ]
+    members = (*rest.members, option)
+    fit = refine(search.fitting, members, np.array(starts), search.settings.settled_rounds)
+    error = search.problem.held_out(members, fit.values)
+    return Contender(option, fit, found.on(error), settled=True)
+
+
+def value_of(contender: Contender) -> np.ndarray:
+    """Return the values of what a contender adds to the others, (2, P)."""
+    members = contender.fit.members
+    return contender.fit.values[:, columns(members)[members.index(contender.candidate)]]
+
+
+def explanations(fit: Fit, sets: Sequence[Sequence[Contender]]) -> tuple[tuple[str, Fit], ...]:
+    """Return labels and fits of all that explains the logs alike; () where nothing else does.
+
+    Args:
+        fit: the causes.
+        sets: for each of them, what other recordings may tell from it.
+    """
+    labels = {number: fit.members[number].label for number, own in enumerate(sets) if own}
+    found = [(" with ".join(labels.values()), fit)]
+    for number in labels:
+        rest = _rest(fit, number)
+        for one in sets[number]:
+            words = " with ".join({**labels, number: one.candidate.label}.values())
+            values = np.concatenate([rest.values, value_of(one)], axis=1)
+            found.append((words, Fit((*rest.members, one.candidate), values, rest.cost)))
+    return tuple(found) if labels else ()
+
+
+def inseparable(search: Search, one: Pair, other: Pair) -> bool:
+    """Return whether no recording of commands and positions can part two effects."""
+    if {one[0].name, other[0].name} == set(DELAYS):
+        logs, joints = search.problem.data.logs, search.problem.data.joints
+        return not all(f"stamp.{joint.name}" in log.columns for log in logs for joint in joints)
+    if any(candidate.group != PLAIN for candidate, _ in (one, other)):
+        return False
+    return any(
+        _same_model(search, one, (other[0], values))
+        for values in (other[1], one[1])
+        if values.shape == other[1].shape
+        and ((other[0].low <= values) & (values <= other[0].high)).all()
+    )
+
+
+def _same_model(search: Search, one: Pair, other: Pair) -> bool:
+    """Return whether two effects with these values make one model."""
+    plants = []
+    for candidate, values in (one, other):
+        plant = Plant(search.problem.data.specs[0], [candidate.effect], 1)
+        plant.set_params(np.zeros(1, int), values[None])
+        plants.append(plant)
+    model, row = plants[0].model, np.zeros(1, int)
+    fields = [n for n in dir(model) if any(plant.varies(n) for plant in plants)]
+    return all(
+        np.allclose(*(plant.field_values(name, row) for plant in plants), rtol=1e-9, atol=0.0)
+        for name in fields
+    )

@@ -1,0 +1,182 @@
+"""As few values as the logs ask for: what is shared by all joints first, and each value paid for.
+
+    found = simplified(search, found)           # after a search
+    pays(search, fewer, more, values=2)         # are two further values worth it?
+
+A search that adds effects one by one, and one by families even more so, ends with values that the
+robot does not have. Three things take them away again, all on held-out errors:
+
+* one value for all joints takes the place of one a joint, unless these surely do better;
+* each value is taken out, the cheapest first, and stays out unless it pays for itself;
+* so does one whose interval holds neutral (`conclude`).
+
+The price of a value is told joint by joint, so that it does not depend on how many joints a robot
+has: of what there is to close at the joint, of its noise floor, and of what is left there. The last
+one is large where the law of an effect is not the robot's: whatever is added then mends a bad fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.attribute import Found, Search
+from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.fit import Fit, Problem, columns, refine
+from sim2real.diagnosis.attribution.quantify import without
+from sim2real.diagnosis.settings import TINY_SQUARE
+
+SIMPLIFYING = 0.85  # share of the work that is done then
+
+
+def simplified(search: Search, found: Found) -> Found:
+    """Return what was found with fewer values, where the further ones do not pay."""
+    if len(found.fit.members) < 2:
+        return found
+    search.on_progress("leaving out what is not needed", SIMPLIFYING)
+    found = _wide(search, found)
+    found = _merged(search, found)
+    return _eliminated(search, found)
+
+
+def pays(search: Search, fewer: np.ndarray, more: np.ndarray, values: int = 1) -> bool:
+    """Return whether further values are worth their price on held-out windows.
+
+    Args:
+        search: whose blocks, floors and gap as given the price is told from.
+        fewer: held-out errors without these values, (W, T, M).
+        more: held-out errors with them.
+        values: their number; a price is paid for each.
+    """
+    return worth(search, fewer, more) >= values and search.blocks.gain(fewer, more)[0] > 0
+
+
+def worth(search: Search, fewer: np.ndarray, more: np.ndarray) -> float:
+    """Return how many prices the fall of the joints' gaps pays; see `pays`."""
+    data = search.problem.data
+    limits, floors = data.settings.parsimony, search.floors
+    base, first, last = (np.sqrt(data.mean_squares(e)) for e in (search.base, fewer, more))
+    price = np.maximum(limits.floors * floors, limits.share * (base - floors))
+    price = np.maximum(price, limits.mends * (last - floors))
+    return float(((first - last) / np.maximum(price, TINY_SQUARE)).sum())
+
+
+def _wide(search: Search, found: Found) -> Found:
+    """Return what effects of the whole robot alone come to, unless places surely do better.
+
+    They are sought where several joints have causes of their own.
+    """
+    joints = {member.joint for member in found.fit.members} - {None}
+    options = [option for option in search.options if option.effect.where is None]
+    if len(joints) < 2 or not any(option.shared for option in options):
+        return found
+    wide = copy(search)
+    wide.options, wide.responses = options, []
+    few = wide.run()
+    more = len(found.fit.members) - len(few.fit.members)
+    better = search.blocks.rms(few.error) <= search.blocks.rms(found.error)
+    saves = more > 0 and not pays(search, few.error, found.error, more)
+    if not few.fit.members or not (better or saves):
+        return found
+    return replace(few, rivals={}, guesses=found.guesses, singles=found.singles)  # all may race
+
+
+def _merged(search: Search, found: Found) -> Found:
+    """Return what was found with one value for all places of a kind, where that does as well."""
+    shared = {_kind(option): option for option in search.options if option.shared}
+    for kind in dict.fromkeys(map(_kind, found.fit.members)):
+        members = found.fit.members
+        own = [i for i, member in enumerate(members) if _kind(member) == kind]
+        one = shared.get(kind)
+        if one is None or len(own) < 2:
+            continue
+        fit = _as_one(search, found.fit, own, one)
+        error = search.problem.held_out(fit.members, fit.values)
+        if not pays(search, error, found.error, len(own) - 1):
+            rivals = {k: v for k, v in found.rivals.items() if k not in _labels(members, own)}
+            found = _with(replace(found, rivals=rivals), fit, error, one.label)
+    return found
+
+
+def _kind(option: Candidate) -> str:
+    """Return an effect's name and variant, without its place."""
+    return f"{option.name} {option.effect.variant}"
+
+
+def _labels(members: Sequence[Candidate], numbers: Sequence[int]) -> set[str]:
+    return {members[i].label for i in numbers}
+
+
+def _as_one(search: Search, fit: Fit, own: Sequence[int], one: Candidate) -> Fit:
+    """Return a fit of one value in the place of several, from each of theirs and their mean."""
+    rest = without(fit, [i for i in range(len(fit.members)) if i not in own])
+    places = columns(fit.members)
+    values = np.stack([fit.values[:, places[i]] for i in own])  # (k, 2, p)
+    starts = np.concatenate([values.mean(axis=0, keepdims=True), values])
+    known = np.repeat(rest.values[None], len(starts), axis=0)
+    return refine(
+        search.settling,
+        (*rest.members, one),
+        np.concatenate([known, starts], axis=2),
+        search.settings.final_rounds,
+    )
+
+
+def _eliminated(search: Search, found: Found) -> Found:
+    """Return what was found without the members that do not pay, the cheapest tried first.
+
+    A member is cheap if little is lost without it as the others are. It is judged once they have
+    been fitted again, and the look ends where several in a row have paid.
+    """
+    every = range(len(found.fit.members))
+    rests = [without(found.fit, [k for k in every if k != i]) for i in every]
+    losses = [
+        worth(search, search.problem.held_out(rest.members, rest.values), found.error)
+        for rest in rests
+    ]
+    order, paid = [found.fit.members[i] for i in np.argsort(losses)], 0
+    for member in order:
+        if paid > search.problem.data.settings.parsimony.kept or len(found.fit.members) < 2:
+            break
+        tried = dropped(search, found, [found.fit.members.index(member)])
+        paid = paid + 1 if pays(search, tried.error, found.error) else 0
+        found = found if paid else tried
+    return found
+
+
+def dropped(search: Search, found: Found, numbers: Sequence[int]) -> Found:
+    """Return what was found without some members, the others fitted anew."""
+    gone = _labels(found.fit.members, numbers)
+    kept = [i for i in range(len(found.fit.members)) if i not in numbers]
+    part = without(found.fit, kept)
+    if kept:
+        rounds = search.settings.rest_rounds
+        part = refine(_judging(search, part), part.members, part.values[None], rounds)
+    error = search.problem.held_out(part.members, part.values)
+    rivals = {label: own for label, own in found.rivals.items() if label not in gone}
+    return _with(replace(found, rivals=rivals), part, error, "fewer values")
+
+
+def _judging(search: Search, fit: Fit) -> Problem:
+    """Return the windows that many values are fitted to: all joints have to move there."""
+    return search.settling if len(fit.members) > search.settings.causes_max else search.fitting
+
+
+def _with(found: Found, fit: Fit, error: np.ndarray, label: str) -> Found:
+    """Return what was found with another fit, which becomes the last step."""
+    return replace(found, fit=fit, error=error, steps=[*found.steps, (label, error)])
+
+
+def neutral(fit: Fit, spans: np.ndarray) -> list[int]:
+    """Return the members whose sizes' intervals (P, 2) all hold the neutral value."""
+    found = []
+    for number, (member, place) in enumerate(zip(fit.members, columns(fit.members), strict=True)):
+        sizes = slice(place.start, place.stop - len(member.effect.free))
+        none = member.neutral[: sizes.stop - sizes.start]
+        low, high = spans[sizes].T
+        if ((low <= none) & (none <= high)).all():
+            found.append(number)
+    return found

@@ -1,0 +1,212 @@
+"""What a log holds beside positions, and how far a simulation is from it: speeds, torques, IMUs.
+
+    gaps = channel_gaps(data, known, found)     # before and after the effects that were found
+
+A diagnosis is fitted to positions alone. Every other channel that the log has is then a witness of
+its own: each is compared over its own noise, and a cause that brings the positions closer and
+another channel further off is doubtful. Compared are
+
+* `qvel.<joint>`: the speed of the simulated joint;
+* `current.<actuator>` and a column of torque: the actuator's torque, times the one factor that fits
+  it best (the motor's constant is not known); a torque that was computed is left out;
+* `gyro.<site>.x` to `.z` and `accelerometer.<site>.x` to `.z`: MuJoCo's sensors at that site.
+
+Noise is what a cubic through neighbouring rows leaves, the median of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import comb
+
+import mujoco
+import numpy as np
+
+from envs.plant import Fixed, Plant
+from envs.replay import Schedule, schedule, simulate
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.pairs import SCALAR
+from sim2real.diagnosis.data.simulate import actuated
+from sim2real.diagnosis.data.thermal import torques
+from sim2real.diagnosis.data.windows import Window
+from sim2real.diagnosis.evidence import ChannelGap
+from sim2real.diagnosis.settings import DEFAULT, TINY, Channels
+
+ORDER = 4  # of the differences that a cubic leaves
+NORMAL = 1.4826  # of a median of absolute values to a standard deviation, of a normal law
+AXES = ("x", "y", "z")
+SENSORS = {
+    "gyro": mujoco.mjtSensor.mjSENS_GYRO,
+    "accelerometer": mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+}
+UNITS = {"qvel": "rad/s", "gyro": "rad/s", "accelerometer": "m/s²", "current": "A"}
+Values = dict[str, list[np.ndarray]]  # by column, a piece a window
+
+
+def channel_gaps(
+    data: Data, known: Sequence[Fixed], found: Sequence[Fixed], torque: dict[str, str]
+) -> tuple[ChannelGap, ...]:
+    """Return how far every channel but the positions is off, before and after.
+
+    Args:
+        data: the windows.
+        known: effects that are part of the model.
+        found: the same and those that were found.
+        torque: the column that is a measured torque or current of each actuator.
+    """
+    kinds = {column.partition(".")[0] for log in data.logs for column in log.columns}
+    if not torque and not kinds & {"qvel", *SENSORS}:
+        return ()
+    before = _residuals(data, known, torque)
+    after = _residuals(data, found, torque) if found is not known else before
+    return tuple(
+        ChannelGap(column, _unit(column), _noise(data, column), before[column], after[column])
+        for column in before
+    )
+
+
+def contradicting(
+    gaps: Sequence[ChannelGap], settings: Channels = DEFAULT.channels
+) -> Iterator[tuple[str, str, str, str]]:
+    """Yield check, place, finding and fix for each channel that the causes bring further off."""
+    for gap in gaps:
+        far = gap.after - gap.before > settings.worse_noises * gap.noise
+        if far and gap.after > settings.worse * gap.before:
+            yield (
+                "witness",
+                gap.column.partition(".")[2],
+                f"Nothing was fitted to `{gap.column}`, and the causes bring it further off: "
+                f"{gap.after:.3g} {gap.unit} with them, {gap.before:.3g} without.",
+                "Doubt the causes, or this channel's unit, sign and filter.",
+            )
+
+
+def _unit(column: str) -> str:
+    return UNITS.get(column.partition(".")[0], "N·m")
+
+
+def _noise(data: Data, column: str) -> float:
+    """Return the noise of a column: what a cubic through neighbouring rows leaves."""
+    parts = [
+        np.diff(part.column(column), ORDER)
+        for log in data.logs
+        if column in log.columns
+        for part in log.episodes()
+        if len(part) > ORDER
+    ]
+    rest = np.abs(np.concatenate(parts)) if parts else np.zeros(1)
+    return float(NORMAL * np.median(rest) / np.sqrt(comb(2 * ORDER, ORDER)))
+
+
+def _residuals(data: Data, fixed: Sequence[Fixed], torque: dict[str, str]) -> dict[str, float]:
+    """Return the root mean square residual of each column over the compared rows."""
+    said: Values = {}
+    made: Values = {}
+    for index in range(len(data.specs)):
+        windows = [window for window in data.windows if window.model == index]
+        if not windows:
+            continue
+        plant = Plant(data.specs[index], num_rows=len(windows), fixed=fixed)
+        dt = plant.model.opt.timestep
+        plans = [schedule(window.recording, dt) for window in windows]
+        motion = simulate(plant, plans)
+        simulated = actuated(plant)
+        imu = _with_sensors(data, index)
+        for window, plan, path in zip(windows, plans, motion.qpos, strict=True):
+            steps = _steps(data, window, dt)
+            if np.isfinite(path).all() and steps.size:
+                _compare(data, window, (simulated, imu), (plan, path, steps), torque, said, made)
+    return {column: _rms(said[column], made[column], column) for column in said}
+
+
+def _rms(said: Sequence[np.ndarray], made: Sequence[np.ndarray], column: str) -> float:
+    """Return the root mean square difference; a torque is first scaled to fit."""
+    measured, simulated = np.concatenate(said), np.concatenate(made)
+    if column.partition(".")[0] in ("current", "sensor"):
+        factor = float(measured @ simulated) / max(float(simulated @ simulated), TINY)
+        simulated = factor * simulated
+    return float(np.sqrt(np.mean((measured - simulated) ** 2)))
+
+
+def _steps(data: Data, window: Window, dt: float) -> np.ndarray:
+    """Return the physics step of each compared row of a window, (n,)."""
+    time = data.logs[window.log].time[window.first : window.last]
+    steps = np.round((time - data.logs[window.log].time[window.start]) / dt).astype(int)
+    return np.maximum(steps[window.usable], 1)
+
+
+def _compare(
+    data: Data,
+    window: Window,
+    models: tuple[mujoco.MjModel, mujoco.MjModel],
+    motion: tuple[Schedule, np.ndarray, np.ndarray],
+    torque: dict[str, str],
+    said: Values,
+    made: Values,
+) -> None:
+    """Add what a window's columns say, and what the simulation makes of them."""
+    log, (simulated, imu), (plan, path, steps) = data.logs[window.log], models, motion
+    rows = np.arange(window.first, window.last)[window.usable]
+    steps = np.minimum(steps, len(path) - 2)
+    model = data.models[window.model]
+    found: dict[str, np.ndarray] = {}
+    for i in range(model.njnt):
+        column, place = f"qvel.{model.joint(i).name}", int(model.jnt_qposadr[i])
+        if int(model.jnt_type[i]) in SCALAR and column in log.columns:
+            slope = (path[steps + 1, place] - path[steps - 1, place]) / 2
+            found[column] = slope / model.opt.timestep
+    if torque:
+        every = torques(simulated, path[: plan.steps + 1], plan)
+        for name, column in torque.items():
+            if column in log.columns:
+                found[column] = every[np.minimum(steps, len(every) - 1), model.actuator(name).id]
+    if imu.nsensor:
+        found |= _sensed(imu, path, steps)
+    for column, values in found.items():
+        if column in log.columns:
+            said.setdefault(column, []).append(log.column(column)[rows])
+            made.setdefault(column, []).append(values)
+
+
+def _sites(data: Data) -> Iterator[tuple[str, str]]:
+    """Yield kind and site of every IMU channel of the logs."""
+    names = {column: None for log in data.logs for column in log.columns}
+    found = {tuple(n.split(".", 1)) for n in names if n.partition(".")[0] in SENSORS}
+    yield from dict.fromkeys((kind, rest.rpartition(".")[0]) for kind, rest in sorted(found))
+
+
+def _with_sensors(data: Data, index: int) -> mujoco.MjModel:
+    """Return a model whose only sensors are the IMUs that the logs have."""
+    spec = data.specs[index].copy()
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
+    sites = {site.name for site in spec.sites}
+    for kind, site in _sites(data):
+        if site in sites:
+            spec.add_sensor(
+                name=f"{kind}.{site}",
+                type=SENSORS[kind],
+                objtype=mujoco.mjtObj.mjOBJ_SITE,
+                objname=site,
+            )
+    return spec.compile()
+
+
+def _sensed(model: mujoco.MjModel, path: np.ndarray, steps: np.ndarray) -> dict[str, np.ndarray]:
+    """Return what IMUs say along positions (K + 1, nq) at some steps (n,), by column."""
+    data, dt = mujoco.MjData(model), model.opt.timestep
+    rows = np.empty((len(steps), model.nsensordata))
+    speeds = np.empty((2, model.nv))
+    for row, step in enumerate(steps.tolist()):
+        for side in range(2):
+            first, after = path[step - 1 + side], path[step + side]
+            mujoco.mj_differentiatePos(model, speeds[side], dt, first, after)
+        data.qpos[:], data.qvel[:] = path[step], speeds.mean(axis=0)
+        data.qacc[:] = (speeds[1] - speeds[0]) / dt
+        mujoco.mj_inverse(model, data)
+        rows[row] = data.sensordata
+    return {
+        f"{model.sensor(i).name}.{axis}": rows[:, int(model.sensor_adr[i]) + k]
+        for i in range(model.nsensor)
+        for k, axis in enumerate(AXES)
+    }

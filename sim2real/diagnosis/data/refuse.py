@@ -1,0 +1,44 @@
+"""Logs that a diagnosis cannot use, each with the reason and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+
+from hardware.log import Log
+from sim2real.diagnosis.data.recording import columns_of
+from sim2real.runs.errors import Sim2RealError
+
+FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+def refuse_loose_base(log: Log, model: mujoco.MjModel, joints: Sequence[str]) -> None:
+    """Raise Sim2RealError for a base that moves freely, carries compared joints and is not logged.
+
+    A replay would start it at rest in its keyframe, in the middle of whatever it did.
+    """
+    carriers = {b for name in joints for b in _carriers(model, model.joint(name).id)}
+    for i in range(model.njnt):
+        if int(model.jnt_type[i]) != FREE or int(model.jnt_bodyid[i]) not in carriers:
+            continue
+        columns = [f"qpos.{name}" for name in columns_of(model, i)[0]]
+        missing = [column for column in columns if column not in log.columns]
+        if missing:
+            name = model.joint(i).name or model.body(int(model.jnt_bodyid[i])).name
+            raise Sim2RealError(
+                f"{log.path or 'the log'}: the model's base {name!r} is free, and `{missing[0]}` "
+                f"is not logged: where it was when the recording's pieces begin is not known. Log "
+                f"`{columns[0]}` to `{columns[-1]}` (motion capture, an estimator), and `qvel` if "
+                "you can; or hold the base still while you record, and give a model whose base is "
+                "fixed"
+            )
+
+
+def _carriers(model: mujoco.MjModel, joint: int) -> list[int]:
+    """Return the body of a joint and those that carry it."""
+    found, body = [], int(model.jnt_bodyid[joint])
+    while body > 0:
+        found.append(body)
+        body = int(model.body_parentid[body])
+    return found

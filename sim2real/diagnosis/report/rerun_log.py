@@ -1,0 +1,113 @@
+"""A log and its simulations as a recording for the Rerun viewer (the extra `viewer`).
+
+    write_rerun("log.rrd", gaps, spec)           # then: rerun log.rrd
+
+The measured robot stands among its ghosts, which are simulations of the same commands; below are
+the joints' positions. Rerun is imported when it is needed and not before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from hardware.files import whole_file
+from sim2real.diagnosis.data.recording import positions
+from sim2real.diagnosis.data.replay import Gap
+from sim2real.diagnosis.report import figure
+from sim2real.runs.errors import Sim2RealError
+
+MEASURED = "measured"
+COLOURS = {MEASURED: (170, 175, 185), "model as given": (196, 78, 0), "with effects": (0, 103, 163)}
+TIMELINE = "time"
+
+
+def write_rerun(path: str | Path, gaps: Mapping[str, Sequence[Gap]], spec: mujoco.MjSpec) -> Path:
+    """Write a recording, whole or not at all; return its path.
+
+    Args:
+        path: an .rrd file.
+        gaps: replays of the same logs by what was simulated: "model as given", "with effects".
+        spec: the model of the logs.
+
+    Raises:
+        Sim2RealError: the package is missing.
+    """
+    if find_spec("rerun") is None:
+        raise Sim2RealError("viewer=rerun needs rerun-sdk: pip install 'sim2real[viewer]'")
+    rr = import_module("rerun")
+    model = spec.copy().compile()
+    with whole_file(path) as temporary, rr.RecordingStream("sim2real") as stream:
+        stream.save(temporary)
+        for number, gap in enumerate(next(iter(gaps.values()))):
+            lines = {MEASURED: gap.measured}
+            lines |= {name: found[number].simulated for name, found in gaps.items()}
+            _log(rr, stream, model, gap, lines)
+        stream.flush()
+    return Path(path)
+
+
+def _log(rr: Any, stream: Any, model: mujoco.MjModel, gap: Gap, lines: Mapping[str, Any]) -> None:
+    """Send every episode of a log."""
+    name = gap.log.path.name if gap.log.path else "log"
+    columns = positions(gap.log, model)
+    for episode in np.unique(gap.log.episode):
+        rows = gap.log.episode == episode
+        place = f"{name}/episode {episode}"
+        clock = [rr.TimeColumn(TIMELINE, duration=gap.time[rows])]
+        for kind, line in lines.items():
+            _send_robot(
+                rr, stream, model, f"{place}/robot/{kind}", clock, kind, line[rows], columns
+            )
+            for i, joint in enumerate(gap.joints):
+                where = f"{place}/joints/{joint}/{kind}"
+                values = rr.Scalars.columns(scalars=line[rows, i])
+                stream.log(where, rr.SeriesLines(colors=COLOURS[kind], names=kind), static=True)
+                rr.send_columns(where, clock, values, recording=stream)
+
+
+def _send_robot(
+    rr: Any,
+    stream: Any,
+    model: mujoco.MjModel,
+    place: str,
+    clock: list[Any],
+    kind: str,
+    line: np.ndarray,
+    columns: Mapping[str, int],
+) -> None:
+    """Send a robot's shapes once, and where its bodies are in each row of positions (T, M)."""
+    data = figure.at_home(model)
+    at, turned = [], []
+    for values in line:
+        data.qpos[list(columns.values())] = values
+        mujoco.mj_kinematics(model, data)
+        at.append(data.xpos.copy())
+        turned.append(np.roll(data.xquat, -1, axis=1))  # Rerun has w last
+    bodies = {int(model.geom_bodyid[geom]) for geom, _, _ in figure.outlines(model)}
+    for body in bodies:
+        where = f"{place}/{model.body(body).name or body}"
+        poses = rr.Transform3D.columns(
+            translation=np.array(at)[:, body], quaternion=np.array(turned)[:, body]
+        )
+        rr.send_columns(where, clock, poses, recording=stream)
+    for geom, points, radius in figure.outlines(model):
+        body = int(model.geom_bodyid[geom])
+        where = f"{place}/{model.body(body).name or body}/shape {geom}"
+        stream.log(where, _shape(rr, points, radius, COLOURS[kind]), static=True)
+
+
+def _shape(rr: Any, points: np.ndarray, radius: float, colour: tuple[int, int, int]) -> Any:
+    """Return a sphere, a capsule, or the box around corners."""
+    if radius and len(points) == 1:
+        return rr.Points3D(points, radii=radius, colors=colour)
+    if radius:
+        return rr.LineStrips3D([points], radii=radius, colors=colour)
+    low, high = points.min(axis=0), points.max(axis=0)
+    return rr.Boxes3D(mins=[low], sizes=[high - low], colors=colour)

@@ -1,0 +1,184 @@
+"""The exam on robots that another engine moves.
+
+    exam = EngineExam(kinds=["single", "outside"], cases_per_kind=2, half="calibration", ...)
+    outlines = exam.draw(seed=11)
+    exam.make(outlines[0], logs, key)
+
+The logs and the key of a case are those of the other exams: see `sim2real.exam.cases`. The two
+halves are drawn from one seed and share no case: one is for mending and calibrating, the other is
+opened once.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from hardware.files import whole_file
+from hardware.log import Log, write_log
+from sim2real.exam import hold
+from sim2real.exam.cases import check_limits, write_task
+from sim2real.exam.logs import overall
+from sim2real.exam.measure import apart
+from sim2real.exam.outline import KEY, Outline
+from sim2real.exam.refit import RIVAL_FLOORS
+from sim2real.exam.thirdparty import tables
+from sim2real.exam.thirdparty.engines import EngineName, check_engine
+from sim2real.exam.thirdparty.kinds import KINDS, Kind, draws
+from sim2real.exam.thirdparty.make import Made, make
+from sim2real.exam.thirdparty.marks import Mark
+from sim2real.exam.thirdparty.refit import refits
+from sim2real.exam.thirdparty.robots import ROBOTS, Robot, nominal, plan
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import write_text
+
+Half = Literal["calibration", "sealed"]
+REDRAWS = 8  # draws of other effects where a robot cannot show the first ones
+AGAIN = 8.0  # s of the first motion that are driven twice: what noise does
+
+
+@dataclass(frozen=True)
+class EngineExam:
+    """How many cases of which kinds.
+
+    Args:
+        kinds: which; see `sim2real.exam.thirdparty.kinds`.
+        cases_per_kind: of each of them.
+        half: calibration (to look at and to mend by) or sealed (opened once).
+        engine: what moves the robots: drake or dart.
+        seconds: of each motion [s].
+        longest: time after which a diagnosis counts as failed [s].
+        block: make and seal so many cases before the first of them is diagnosed.
+        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+
+    Raises:
+        Sim2RealError: an unknown kind, half or engine, an engine that is not installed, or a number
+            that is too small.
+    """
+
+    kinds: Sequence[Kind]
+    cases_per_kind: int
+    half: Half
+    engine: EngineName
+    seconds: float
+    longest: float
+    block: int
+    most: int | None = None
+
+    def __post_init__(self) -> None:
+        wrong = [kind for kind in self.kinds if kind not in KINDS]
+        if wrong or not self.kinds:
+            raise Sim2RealError(
+                f"exam.kinds={list(self.kinds)}: name at least one of {', '.join(KINDS)}"
+            )
+        if self.half not in get_args(Half):
+            raise Sim2RealError(f"exam.half={self.half!r} must be {' or '.join(get_args(Half))}")
+        if self.cases_per_kind < 1 or self.seconds < AGAIN:
+            raise Sim2RealError(
+                f"exam.cases_per_kind={self.cases_per_kind} must be at least 1, and "
+                f"exam.seconds={self.seconds} at least {AGAIN:g}"
+            )
+        check_limits(self.longest, self.most, self.block)
+        check_engine(self.engine)
+
+    def draw(self, seed: int) -> list[Outline]:
+        """Return the cases, the kinds in turn; the same seed gives the same ones."""
+        root = np.random.SeedSequence([seed, get_args(Half).index(self.half)])
+        streams = {str(kind): one for kind, one in zip(KINDS, root.spawn(len(KINDS)), strict=True)}
+        found: list[Outline] = []
+        bags = {kind: draws(kind, np.random.default_rng(streams[kind])) for kind in self.kinds}
+        seeds = {
+            kind: streams[kind].spawn(1)[0].generate_state(self.cases_per_kind) for kind in bags
+        }
+        for number in range(self.cases_per_kind):
+            for kind, drawn in bags.items():
+                robot, effects = next(drawn)
+                name = f"case_{len(found):03d}"
+                found.append(Outline(name, kind, robot, effects, int(seeds[kind][number])))
+        return found
+
+    def make(self, outline: Outline, logs: Path, key: Path) -> bool:
+        """Record a case and write its two folders; False if no robot can show its like.
+
+        What a robot cannot show, and a law that the vocabulary refits, is drawn again.
+
+        Args:
+            outline: the case.
+            logs: the folder that a diagnosis is given.
+            key: the folder that it is not.
+        """
+        again = draws(outline.kind, np.random.default_rng([outline.seed, 3]))  # type: ignore[arg-type]
+        others = itertools.islice(again, REDRAWS)
+        for robot, effects in ((outline.robot, outline.effects), *others):
+            found = make(outline.kind, ROBOTS[robot], effects, outline.seed, self.engine)  # type: ignore[arg-type]
+            one = replace(outline, robot=robot, effects=effects)
+            if found is not None and self._write(one, found, logs, key):
+                return True
+        return False
+
+    def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
+        """Open the seals, mark every case that was answered, and write tables and pictures."""
+        return hold.opened(
+            folder, drawn, lambda names, cases: tables.report(folder, names, cases, seed)
+        )
+
+    def _write(self, outline: Outline, made: Made, logs: Path, key: Path) -> bool:
+        robot = ROBOTS[outline.robot]
+        found = {}
+        if outline.kind == "outside":
+            found = refits(made, robot, outline.seed)
+            if any(floors <= RIVAL_FLOORS for floors in found.values()):
+                return False
+        model = logs / "model.xml"
+        recorded = self._record(robot, made, outline.seed, model)
+        spec = nominal(robot)
+        spec.compile()
+        with whole_file(model) as temporary:
+            temporary.write_text(spec.to_xml(), encoding="utf-8")
+        for name, log in recorded.items():
+            if name != "bare":
+                write_log((key if name == "held" else logs) / f"{name}.csv", log)
+        write_task(logs, ())
+        about = _about(outline, made) | {
+            "engine": self.engine,
+            "half": self.half,
+            "refits": found,
+            "residue": overall(apart(recorded["bare"], spec)),
+        }
+        write_text(key / KEY, json.dumps(about, indent=1) + "\n")
+        return True
+
+    def _record(self, robot: Robot, made: Made, seed: int, model: Path) -> dict[str, Log]:
+        """Return the logs: two motions, the beginning of one again, one held back, one bare."""
+        seeds = np.random.SeedSequence(seed).spawn(3)
+        ctrl = {
+            name: plan(robot, self.seconds, np.random.default_rng(s))
+            for name, s in zip(("a", "b", "held"), seeds, strict=True)
+        }
+        ctrl["a_again"] = ctrl["a"][: round(AGAIN * robot.rate)]
+        meta = {"model": str(model.resolve()), "robot": robot.name}
+        rig = replace(made.rig, meta=meta)
+        logs = {name: rig.drive(c, seed + 2 + i) for i, (name, c) in enumerate(ctrl.items())}
+        return logs | {"bare": made.bare.drive(ctrl["held"], seed + 9)}
+
+
+def _about(outline: Outline, made: Made) -> dict[str, Any]:
+    tree = made.bare.tree
+    return {
+        "name": outline.name,
+        "kind": outline.kind,
+        "robot": outline.robot,
+        "seed": outline.seed,
+        "truths": list(made.truths),
+        "gap": made.gap,
+        "floor": made.floor,
+        "background": made.background,
+        "joints": list(made.bare.driven),
+        "bodies": {tree.mover(joint).body: joint for joint in made.bare.driven},
+    }

@@ -1,0 +1,295 @@
+"""Making one case: places and sizes, so that the gap is a drawn number of floors.
+
+    found = make("dirty", ROBOTS["arm3"], ("backlash",), seed=3, engine="drake", seconds=24)
+    found.truths, found.gap / found.floor, found.rig
+
+A gap is the RMS difference between the log of a robot and what the robot without anything hidden
+does under the same commands; the floor is what it differs from itself under other noise, or one
+count of the encoder. Sizes are such that the gap of an effect is log-uniform between 3 and 30
+floors; under a dirty background it is at least twice the background's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from hardware.errors import HardwareError
+from hardware.log import Log
+from sim2real.exam.logs import difference, overall
+from sim2real.exam.thirdparty.engines import EngineName
+from sim2real.exam.thirdparty.hidden import LAWS, Truth, put
+from sim2real.exam.thirdparty.kinds import Kind
+from sim2real.exam.thirdparty.outside import OUTSIDE
+from sim2real.exam.thirdparty.rig import Rig
+from sim2real.exam.thirdparty.robots import Robot, make_rig, plan
+
+LEAST, MOST = 3.0, 30.0  # floors: the gap of an effect
+OFF = (2.0, 5.0)  # floors: the gap of a nominal model that is a little off
+DIRT = 0.05  # share by which the numbers of a dirty background are off, at most
+BEYOND = 2.0  # times the background's gap: the least of a dominant effect
+CLOSE = 1.25  # a gap this near to the wanted one, as a factor, will do
+TRIALS = 7
+LOOK = 8.0  # s of motion on which sizes are sought
+WILD = 1.5  # rad: a robot that errs more has lost its way
+Change = Callable[[Rig], Rig]
+
+
+@dataclass(frozen=True)
+class Made:
+    """A robot that hides something.
+
+    Args:
+        rig: the robot.
+        bare: the same with nothing hidden.
+        truths: what is hidden, each with its own `gap` [rad].
+        gap: of all of it [rad].
+        floor: [rad].
+        background: gap of what is a little off everywhere [rad].
+        outside: the law outside the vocabulary, if there is one.
+    """
+
+    rig: Rig
+    bare: Rig
+    truths: tuple[Truth, ...]
+    gap: float
+    floor: float
+    background: float = 0.0
+    outside: str | None = None
+
+
+class Bench:
+    """Drives robots along one motion and measures their gaps."""
+
+    def __init__(self, robot: Robot, seed: int, engine: EngineName) -> None:
+        self._seed = seed
+        self.rig = make_rig(robot, engine)
+        self._ctrl = plan(robot, LOOK, np.random.default_rng([seed, 5]))
+        self._bare = self._drive(self.rig, seed)
+        assert self._bare is not None
+        again = self._drive(self.rig, seed + 1)
+        assert again is not None
+        count = 2 * np.pi / robot.counts
+        self.floor = max(overall(difference(self._bare, again)), count)
+
+    def gap(self, rig: Rig) -> float | None:
+        """Return a robot's gap [rad]; None if it cannot run so."""
+        log = self._drive(rig, self._seed)
+        if log is None:
+            return None
+        assert self._bare is not None
+        gap = overall(difference(log, self._bare))
+        return gap if gap < WILD else None
+
+    def _drive(self, rig: Rig, seed: int) -> Log | None:
+        try:
+            return rig.drive(self._ctrl, seed)
+        except (HardwareError, RuntimeError, OverflowError, ValueError):
+            return None  # it flew apart
+
+    def size(
+        self,
+        change: Callable[[float], Change],
+        low: float,
+        high: float,
+        wanted: float,
+        least: float,
+    ) -> tuple[float, float] | None:
+        """Return the size whose gap is nearest to a wanted one, and the gap [rad].
+
+        None where none in [low, high] reaches `least` [rad].
+
+        Args:
+            change: what makes a change of a size.
+            low: the smallest size.
+            high: the largest.
+            wanted: gap [rad].
+            least: gap that will do [rad].
+        """
+        ends, best = [math.log(low), math.log(high)], None
+        at = 0.5 * sum(ends)
+        for trial in range(TRIALS):
+            gap = self.gap(change(math.exp(at))(self.rig))
+            far = math.inf if gap is None else abs(math.log(max(gap, 1e-9) / wanted))
+            if gap is not None and gap >= least and (best is None or far < best[2]):
+                best = (math.exp(at), gap, far)
+            if far < math.log(CLOSE):
+                break
+            above = gap is None or gap > wanted
+            ends[int(above)] = at
+            top = trial == 0 and not above  # does the largest reach it at all?
+            at = ends[1] if top else 0.5 * sum(ends)
+            if top:
+                ends[1] += 1e-3
+        return best[:2] if best else None
+
+
+def make(
+    kind: Kind, robot: Robot, effects: tuple[str, ...], seed: int, engine: EngineName
+) -> Made | None:
+    """Find places and sizes; None if the robot cannot show it.
+
+    Args:
+        kind: of the case.
+        robot: which.
+        effects: names of the vocabulary, of laws outside it, or nothing.
+        seed: of everything.
+        engine: what moves the robot.
+    """
+    rng = np.random.default_rng([seed, 1])
+    bench = Bench(robot, seed, engine)
+    floors = float(np.exp(rng.uniform(math.log(LEAST), math.log(MOST))))
+    if kind == "off_nominal":
+        return _off(bench, rng)
+    if kind == "outside":
+        return _outside(bench, effects[0], floors, rng)
+    background, dirt = 0.0, _same
+    if kind == "dirty":
+        dirt = _dirt(bench.rig, DIRT, rng)
+        gap = bench.gap(dirt(bench.rig))
+        if gap is None:
+            return None
+        background = gap
+        floors = max(floors, BEYOND * background / bench.floor * CLOSE)
+    return _inside(bench, kind, effects, floors, (background, dirt), rng)
+
+
+def _inside(
+    bench: Bench,
+    kind: Kind,
+    effects: tuple[str, ...],
+    floors: float,
+    dirty: tuple[float, Change],
+    rng: np.random.Generator,
+) -> Made | None:
+    truths: list[Truth] = []
+    background, dirt = dirty
+    for effect in effects:
+        taken = [truth["joint"] for truth in truths]
+        truth = _truth(bench, kind, effect, taken, floors, background, rng)
+        if truth is None:
+            return None
+        truths.append(truth)
+        floors = float(np.exp(rng.uniform(math.log(LEAST), math.log(MOST))))
+    rig = dirt(bench.rig)
+    for truth in truths:
+        rig = put(rig, truth)
+    gap = bench.gap(rig)
+    if gap is None:
+        return None
+    return Made(rig, bench.rig, tuple(truths), gap, bench.floor, background)
+
+
+def _truth(
+    bench: Bench,
+    kind: Kind,
+    effect: str,
+    taken: list[Any],
+    floors: float,
+    background: float,
+    rng: np.random.Generator,
+) -> Truth | None:
+    """Find a place and a size for one effect."""
+    law, rig = LAWS[effect], bench.rig
+    spots: list[str | None] = [None]
+    if law.place != "robot" and kind != "robot_wide":
+        spots = [str(name) for name in rng.permutation(list(rig.driven)) if name not in taken]
+        spots = spots or [str(rng.choice(list(rig.driven)))]  # a robot of one joint
+    for spot in spots:
+        draw = law.draw(rig, spot, rng)
+        more: Truth = {"effect": effect}
+        if kind == "robot_wide":
+            more["shared"] = True
+        if kind == "encoders":
+            more["encoder"] = str(rng.choice(["motor", "link"]))
+
+        def truth(size: float, draw: Any = draw, more: Truth = more) -> Truth:
+            entry = {**more, **draw(size)}
+            if more.get("encoder") is not None:  # never the firmware's own
+                entry["side"] = "link" if more["encoder"] == "motor" else "motor"
+            return entry
+
+        def change(size: float, truth: Any = truth) -> Change:
+            return partial(_put, truth(size))
+
+        least = max(LEAST * bench.floor, BEYOND * background)
+        found = bench.size(change, law.low, law.high, floors * bench.floor, least)
+        if found is not None:
+            return {**truth(found[0]), "gap": found[1]}
+    return None
+
+
+def _put(truth: Truth, rig: Rig) -> Rig:
+    return put(rig, truth)
+
+
+def _outside(bench: Bench, name: str, floors: float, rng: np.random.Generator) -> Made | None:
+    law, seed = OUTSIDE[name], int(rng.integers(2**31))
+    for joint in rng.permutation(list(bench.rig.driven)).tolist():
+
+        def change(size: float, joint: str = joint) -> Change:
+            return lambda rig: law.put(rig, joint, size, np.random.default_rng(seed))
+
+        least = LEAST * bench.floor
+        found = bench.size(change, law.low, law.high, floors * bench.floor, least)
+        if found is None:
+            continue
+        size, gap = found
+        place = joint if law.place else None
+        truth = {"effect": name, "where": place, "joint": place, "side": None}
+        truth |= {"value": size, "extra": {}, "gap": gap}
+        return Made(change(size)(bench.rig), bench.rig, (truth,), gap, bench.floor, outside=name)
+    return None
+
+
+def _off(bench: Bench, rng: np.random.Generator) -> Made | None:
+    wanted = float(np.exp(rng.uniform(*np.log(OFF)))) * bench.floor
+    seed = int(rng.integers(2**31))
+
+    def change(share: float) -> Change:
+        return _dirt(bench.rig, share, np.random.default_rng(seed))
+
+    found = bench.size(change, 0.002, 0.3, wanted, OFF[0] * bench.floor)
+    if found is None or found[1] > OFF[1] * bench.floor:
+        return None
+    share, gap = found
+    return Made(change(share)(bench.rig), bench.rig, (), gap, bench.floor, gap)
+
+
+def _same(rig: Rig) -> Rig:
+    return rig
+
+
+def _dirt(rig: Rig, share: float, rng: np.random.Generator) -> Change:
+    """Draw factors, each within 1 ± share, for every number that a model of a robot has."""
+    links = {link.body: 1 + share * rng.uniform(-1, 1, 3) for link in rig.tree.links}
+    joints = {name: 1 + share * rng.uniform(-1, 1, 6) for name in rig.driven}
+
+    def change(rig: Rig) -> Rig:
+        tree = rig.tree
+        for body, (mass, inertia, centre) in links.items():
+            link = tree.link(body)
+            tree = tree.change(
+                body,
+                mass=link.mass * mass,
+                inertia=link.inertia * inertia,
+                centre=link.centre * centre,
+            )
+        rig = replace(rig, tree=tree)
+        for name, (dry, wet, rotor, kp, kd, braking) in joints.items():
+            joint = rig.joints[name]
+            servo, rubs = joint.servo, joint.friction
+            assert servo is not None
+            rig = rig.friction(name, coulomb=rubs.coulomb * dry, viscous=rubs.viscous * wet)
+            rig = rig.change(name, armature=joint.armature * rotor)
+            rig = rig.servo(name, kp=servo.kp * kp, kd=servo.kd * kd)
+            strength = servo.strength * kp if servo.torque else servo.strength
+            rig = rig.servo(name, braking=servo.braking * braking, strength=strength)
+        return rig
+
+    return change

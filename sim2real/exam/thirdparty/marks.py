@@ -1,0 +1,210 @@
+"""Marks of one case of the exam on other engines: an answer against its key.
+
+    one = mark(key, report, closed=0.97)
+
+Rules, beside those of `sim2real.exam.score`:
+
+* Rank 1 and place are asked wherever something of the vocabulary is hidden; under a dirty
+  background of the dominant effect.
+* `explained` is right for one or two effects of the vocabulary. The verdict `fitted` counts as not
+  explained, and so does a diagnosis that failed.
+* A law outside the vocabulary must not be `explained`, and most of the gap must be put at its
+  joint. A loose mount has no joint; its place is not asked.
+* Where only the nominal model is off, a single cause with a confidence of 0.8 or more is wrong.
+* A robot-wide effect is right at rank 1 if it is named as one for the robot: its place is none, or
+  the report calls it shared.
+* The confidence of a first cause is held against whether that cause is right; where none can be
+  right (outside laws, a nominal model that is off), it is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sim2real.exam.score import Places, describe, members_of, value_of, words
+
+SURE = 0.8  # confidence from which a cause that is none counts as wrong
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What became of one case; None where a question does not apply.
+
+    Args:
+        case: its name.
+        kind: see `sim2real.exam.thirdparty.kinds`.
+        robot: its name.
+        hidden: what was hidden, in words.
+        answer: the verdict and the causes in words.
+        effects: the names of what was hidden.
+        verdict: of the report; "failed" without one.
+        floors: the gap in floors.
+        background: the gap of what is a little off everywhere, in floors.
+        rank1: whether the first cause is right.
+        rank3: whether all hidden effects are among the first three.
+        place: whether the first place is right.
+        explained: whether the verdict is `explained`.
+        sure: whether a cause was named with a confidence of `SURE` or more.
+        error: relative error of the first cause's value, where it can be compared.
+        covered: whether its interval holds the truth.
+        confidence: of the first cause.
+        right: whether the first cause is right, for the calibration; None without a cause.
+        superfluous: causes that nothing hidden stands behind.
+        closed: share of the closable gap that is closed on a log that the diagnosis never saw.
+        seconds: of the diagnosis.
+        reason: why it is wrong, for people; "" if it is right.
+    """
+
+    case: str
+    kind: str
+    robot: str
+    hidden: str
+    answer: str
+    effects: tuple[str, ...]
+    verdict: str
+    floors: float
+    background: float
+    rank1: bool | None = None
+    rank3: bool | None = None
+    place: bool | None = None
+    explained: bool | None = None
+    sure: bool | None = None
+    error: float | None = None
+    covered: bool | None = None
+    confidence: float | None = None
+    right: bool | None = None
+    superfluous: int | None = None
+    closed: float | None = None
+    seconds: float | None = None
+    reason: str = ""
+
+
+def mark(
+    key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float | None = None
+) -> Mark:
+    """Compare an answer with its key.
+
+    Args:
+        key: as the exam wrote it.
+        report: report.json; None if the diagnosis failed.
+        closed: what the found effects close of the held-back log's gap; None if not measured.
+    """
+    truths = key["truths"]
+    hidden = ", ".join(_words(truth) for truth in truths) or "nothing; the nominal model is off"
+    common = {
+        "case": key["name"],
+        "kind": key["kind"],
+        "robot": key["robot"],
+        "hidden": hidden,
+        "effects": tuple(truth["effect"] for truth in truths),
+        "floors": key["gap"] / key["floor"],
+        "background": key["background"] / key["floor"],
+        "verdict": report["verdict"] if report else "failed",
+        "answer": words(report) if report else "failed",
+        "seconds": report["seconds"] if report else None,
+        "closed": closed,
+    }
+    if key["kind"] == "off_nominal":
+        return _off(common, report)
+    if key["kind"] == "outside":
+        return _outside(common, key, report)
+    return _inside(common, key, report)
+
+
+def _words(truth: Mapping[str, Any]) -> str:
+    shared = " of all joints" if truth.get("shared") else ""
+    encoder = f", log's encoder {truth['encoder']}" if truth.get("encoder") else ""
+    return f"{describe(truth)}{shared}{encoder}"
+
+
+def _causes(report: Mapping[str, Any] | None) -> list[Mapping[str, Any]]:
+    return list(report["causes"]) if report else []
+
+
+def _first(causes: list[Mapping[str, Any]], right: bool) -> dict[str, Any]:
+    if not causes:
+        return {}
+    return {"confidence": causes[0]["confidence"], "right": right}
+
+
+def _off(common: dict[str, Any], report: Mapping[str, Any] | None) -> Mark:
+    causes = _causes(report)
+    sure = len(causes) == 1 and causes[0]["confidence"] >= SURE
+    reason = "a single cause with high confidence" if sure else "" if report else "failed"
+    return Mark(
+        **common, **_first(causes, False), sure=sure, superfluous=len(causes), reason=reason
+    )
+
+
+def _outside(
+    common: dict[str, Any], key: Mapping[str, Any], report: Mapping[str, Any] | None
+) -> Mark:
+    causes, joint = _causes(report), key["truths"][0]["joint"]
+    explained = common["verdict"] == "explained"
+    top = report["where"][0]["joint"] if report and report["where"] else None
+    place = None if joint is None else top == joint
+    reason = "" if report else "failed"
+    reason = "called explained" if explained else reason
+    reason = reason or (f"most of the gap put at {top}" if place is False else "")
+    marks = {"explained": explained, "place": place, "superfluous": len(causes), "reason": reason}
+    return Mark(**common, **_first(causes, False), **marks)
+
+
+def _inside(
+    common: dict[str, Any], key: Mapping[str, Any], report: Mapping[str, Any] | None
+) -> Mark:
+    places = Places(key["joints"], key["bodies"])
+    wide = key["kind"] == "robot_wide"
+    truths = [(truth["effect"], places.of(truth["joint"])) for truth in key["truths"]]
+    causes = _causes(report)
+    named = [members_of(cause, places) for cause in causes]
+    if wide:
+        named = [_as_wide(cause, own) for cause, own in zip(causes, named, strict=True)]
+    first = named[0] if named else []
+    rank1 = bool(set(first) & set(truths))
+    spots = {where for _, where in truths}
+    lead = causes[0] if causes else None
+    place = rank1 or (lead is not None and not wide and places.of(lead["where"]) in spots)
+    error, covered = value_of(lead, first, key["truths"], truths) if lead else (None, None)
+    marks = {
+        "rank1": rank1,
+        "rank3": set(truths) <= {name for members in named[:3] for name in members},
+        "place": None if wide else place,
+        "explained": common["verdict"] == "explained",
+        "error": error,
+        "covered": covered,
+        "superfluous": sum(not set(members) & set(truths) for members in named),
+        "reason": _why(common["verdict"], causes, named, truths, rank1, bool(place)),
+    }
+    return Mark(**common, **_first(causes, rank1), **marks)
+
+
+def _as_wide(
+    cause: Mapping[str, Any], members: list[tuple[str, str | None]]
+) -> list[tuple[str, str | None]]:
+    """Return what a cause names as one for the robot; of one joint it names nothing."""
+    if cause.get("shared"):
+        return [(effect, None) for effect, _ in members]
+    return [(effect, where) for effect, where in members if where is None]
+
+
+def _why(
+    verdict: str,
+    causes: list[Mapping[str, Any]],
+    named: list[list[tuple[str, str | None]]],
+    truths: list[tuple[str, str | None]],
+    rank1: bool,
+    place: bool,
+) -> str:
+    if rank1:
+        return ""
+    if not causes:
+        return f"no cause named, {verdict}"
+    if any(set(members) & set(truths) for members in named):
+        return "the right effect, but not first"
+    effects = {effect for effect, _ in truths}
+    if any(cause["effect"] in effects for cause in causes):
+        return "the right effect, another place"
+    return "another effect at the right place" if place else "another effect, another place"

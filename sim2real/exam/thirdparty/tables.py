@@ -1,0 +1,227 @@
+"""Tables and pictures of the exam on other engines.
+
+    marks = report(folder, names, cases=16, seed=11)
+
+Shares have Wilson's 95 % intervals, medians the bootstrap's.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.effects import load_effects
+from hardware.log import read_log
+from sim2real.exam import hold
+from sim2real.exam.answer import EFFECTS, REPORT, VERSION
+from sim2real.exam.outline import KEY
+from sim2real.exam.score import median, wilson
+from sim2real.exam.thirdparty.kinds import KINDS
+from sim2real.exam.thirdparty.marks import Mark, mark
+from sim2real.runs.figures import INK, figure
+from sim2real.runs.files import write_text
+from sim2real.runs.tables import Table
+
+TOLD = ("single", "two", "dirty", "robot_wide", "torque", "encoders")  # something known is hidden
+EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # of the table of calibration
+
+
+def report(folder: Path, names: Sequence[str], cases: int, seed: int) -> list[Mark]:
+    """Mark the answered cases and write table.md, every table as CSV, score.json and the picture.
+
+    Args:
+        folder: of the exam.
+        names: of the answered cases.
+        cases: that the exam has.
+        seed: of its draw.
+    """
+    marks = [_mark(folder, name) for name in names]
+    parts = {
+        "lines": ("What was aimed at", lines(marks)),
+        "kinds": ("Kind by kind", by_kind(marks, np.random.default_rng(seed))),
+        "recall": ("Recall by effect and kind", recall(marks)),
+        "calibration": ("Is the confidence earned?", calibration(marks)),
+        "failures": ("What was answered wrongly", failures(marks)),
+    }
+    text = [f"# Blind check on robots of another engine\n\n{_head(folder, marks, cases, seed)}\n"]
+    for name, (title, table) in parts.items():
+        text.append(f"## {title}\n\n{table.markdown()}")
+        write_text(folder / f"{name}.csv", table.csv())
+    write_text(folder / "table.md", "\n".join(text))
+    write_text(folder / "cases.csv", _every(marks).csv())
+    figures = {str(row[0]): row[1:] for row in parts["lines"][1].rows}
+    about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": len(marks) < cases}
+    write_text(folder / "score.json", json.dumps(about | {"figures": figures}, indent=1))
+    draw(marks, folder / "plots" / "recall.png")
+    return marks
+
+
+def _mark(folder: Path, name: str) -> Mark:
+    key = json.loads((folder / hold.KEYS / name / KEY).read_text(encoding="utf-8"))
+    file = folder / hold.ANSWERS / name / REPORT
+    if not file.is_file():
+        return mark(key, None)
+    closed = None
+    if key["kind"] in TOLD:
+        held = read_log(folder / hold.KEYS / name / hold.HELD)
+        found = load_effects(file.with_name(EFFECTS))
+        closed = hold.closes(held, [], found, key["residue"])
+    return mark(key, json.loads(file.read_text(encoding="utf-8")), closed)
+
+
+def _head(folder: Path, marks: Sequence[Mark], cases: int, seed: int) -> str:
+    hours = sum(one.seconds or 0.0 for one in marks) / 3600
+    files = [folder / hold.ANSWERS / one.case / VERSION for one in marks]
+    versions = sorted({f.read_text(encoding="utf-8").strip() for f in files if f.is_file()})
+    part = "" if len(marks) == cases else f"**partial: true.** {len(marks)} of {cases}. "
+    return (
+        f"{part}{len(marks)} cases of seed {seed}; {hours:.2f} hours of diagnoses; code "
+        f"{', '.join(versions)}."
+    )
+
+
+def lines(marks: Sequence[Mark]) -> Table:
+    """Return the figures that the exam aims at, each with its cases and interval."""
+    table = Table(("figure", "cases", "value", "aim"))
+
+    def add(label: str, kind: str, name: str, aim: str) -> None:
+        values = _of([one for one in marks if one.kind == kind], name)
+        table.add(label, len(values), wilson(values), aim)
+
+    add("single: rank 1 right", "single", "rank1", "≥ 0.85")
+    add("single: explained", "single", "explained", "≥ 0.75")
+    add("two: either at rank 1", "two", "rank1", "")
+    add("two: both among three", "two", "rank3", "")
+    add("dirty background: dominant cause at rank 1", "dirty", "rank1", "≥ 0.85")
+    add("dirty background: place right", "dirty", "place", "≥ 0.90")
+    add("outside laws: called explained", "outside", "explained", "≤ 0.10")
+    add("outside laws: joint right", "outside", "place", "≥ 0.85")
+    add("off-nominal: a single cause, confidence ≥ 0.8", "off_nominal", "sure", "≤ 0.05")
+    add("robot-wide: named as robot-wide", "robot_wide", "rank1", "≥ 0.90")
+    add("torque-controlled: rank 1 right", "torque", "rank1", "≥ 0.80")
+    add("two encoders: rank 1 right", "encoders", "rank1", "")
+    covered = _of(marks, "covered")
+    table.add("value in its 90 % interval", len(covered), wilson(covered), "0.82 to 0.96")
+    asked = [one for one in marks if one.right is not None]
+    table.add("calibration error of the confidence", len(asked), calibration_error(asked), "≤ 0.07")
+    return table
+
+
+def by_kind(marks: Sequence[Mark], rng: np.random.Generator) -> Table:
+    """Return every mark kind by kind."""
+    names = ("rank1", "rank3", "place", "explained", "sure", "covered")
+    middles = ("closed", "error", "seconds")
+    table = Table(("kind", "cases", *names, "superfluous", *middles))
+    for kind in (*KINDS, "all"):
+        own = [one for one in marks if kind in (one.kind, "all")]
+        if own:
+            shares = [wilson(_of(own, name)) for name in names]
+            extra = _of(own, "superfluous")
+            medians = [median(_of(own, name), rng) for name in middles]
+            table.add(kind, len(own), *shares, _mean(extra), *medians)
+    table.notes.append(
+        "`superfluous`: causes a case that nothing hidden stands behind, mean. Medians: `closed`, "
+        "share of the closable gap of a log that the diagnosis never saw; `error`, relative, of "
+        "the first cause's value; `seconds` of a diagnosis."
+    )
+    return table
+
+
+def recall(marks: Sequence[Mark]) -> Table:
+    """Return how many of an effect's cases are right, kind by kind: `2 of 3`."""
+    kinds, effects, right, asked = _counts(marks)
+    table = Table(("effect", *kinds))
+    for effect, hits, count in zip(effects, right.tolist(), asked.tolist(), strict=True):
+        cells = (f"{h} of {n}" if n else None for h, n in zip(hits, count, strict=True))
+        table.add(effect, *cells)
+    return table
+
+
+def draw(marks: Sequence[Mark], path: Path) -> None:
+    """Draw the recall of each effect in each kind; the numbers are right of asked."""
+    kinds, effects, right, asked = _counts(marks)
+    shares = np.where(asked > 0, right / np.maximum(asked, 1), np.nan)
+    with figure(path, 1, 1, (2.8 + 0.9 * len(kinds), 1.6 + 0.25 * len(effects))) as (_, axes):
+        panel = axes[0, 0]
+        panel.imshow(shares, cmap="RdYlBu", vmin=0, vmax=1, aspect="auto")
+        for row, column in np.argwhere(asked):
+            text = f"{right[row, column]}/{asked[row, column]}"
+            panel.text(column, row, text, ha="center", va="center", color=INK, fontsize=7)
+        panel.set_yticks(range(len(effects)), [name.replace("_", " ") for name in effects])
+        panel.set_xticks(range(len(kinds)), [name.replace("_", " ") for name in kinds], rotation=30)
+        panel.spines[:].set_visible(False)
+        panel.tick_params(length=0)
+
+
+def _counts(marks: Sequence[Mark]) -> tuple[list[str], list[str], np.ndarray, np.ndarray]:
+    """Return kinds, effects, and how many of their cases are right and were asked, (E, K) each."""
+    held = [one for one in marks if one.effects]
+    kinds = [kind for kind in KINDS if any(one.kind == kind for one in held)]
+    effects = sorted({effect for one in held for effect in one.effects})
+    right, asked = np.zeros((2, len(effects), len(kinds)), int)
+    for one in held:
+        for effect in one.effects:
+            place = effects.index(effect), kinds.index(one.kind)
+            asked[place] += 1
+            right[place] += not one.reason
+    return kinds, effects, right, asked
+
+
+def calibration(marks: Sequence[Mark]) -> Table:
+    """Return how often a first cause is right, by the confidence that it was named with."""
+    table = Table(("confidence", "cases", "mean confidence", "right"))
+    asked = [one for one in marks if one.right is not None]
+    for low, high in pairwise(EDGES):
+        own = [one for one in asked if low <= (one.confidence or 0.0) < high]
+        mean = _mean([one.confidence or 0.0 for one in own])
+        table.add(f"{low:g} to {min(high, 1.0):g}", len(own), mean, wilson(_of(own, "right")))
+    return table
+
+
+def calibration_error(asked: Sequence[Mark]) -> float | None:
+    """Return the mean distance of confidence from the share that is right, over bins of EDGES.
+
+    The expected calibration error of Naeini et al. (2015), "Obtaining well calibrated
+    probabilities using Bayesian binning".
+    """
+    if not asked:
+        return None
+    confidence = np.array([one.confidence or 0.0 for one in asked])
+    right = np.array([bool(one.right) for one in asked], float)
+    bins = np.digitize(confidence, EDGES)
+    gaps = [abs((confidence - right)[bins == one].sum()) for one in np.unique(bins)]
+    return float(np.sum(gaps) / len(asked))
+
+
+def failures(marks: Sequence[Mark]) -> Table:
+    """Return the cases that were answered wrongly, and how."""
+    columns = ("case", "kind", "robot", "floors", "background", "hidden", "answer", "why")
+    table = Table(columns)
+    for one in marks:
+        if one.reason:
+            sizes = (round(one.floors, 1), round(one.background, 1))
+            about = (one.case, one.kind, one.robot, *sizes)
+            table.add(*about, one.hidden, one.answer, one.reason)
+    return table
+
+
+def _every(marks: Sequence[Mark]) -> Table:
+    names = [name for name in Mark.__dataclass_fields__ if name != "effects"]
+    table = Table(names)
+    for one in marks:
+        values = [getattr(one, name) for name in names]
+        table.add(*(int(v) if isinstance(v, bool) else v for v in values))
+    return table
+
+
+def _of(marks: Iterable[Mark], name: str) -> list[Any]:
+    return [value for one in marks if (value := getattr(one, name)) is not None]
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if len(values) else None

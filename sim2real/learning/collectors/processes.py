@@ -1,0 +1,87 @@
+"""TorchRL's collector of several processes: each steps some of the rows and acts there.
+
+    collector = ProcessCollector(env, actor, workers=2, frames_per_batch=2048)
+    batch = next(iter(collector))                     # a TensorDict (N, T), as Collector yields it
+
+The networks of all processes run at the same time. That can only pay where acting takes as long as
+stepping, as with images; measure it before you choose it. The processes begin their episodes and
+draw their actions by seeds of their own, so that a seed gets the same batches again, but others
+than in one process.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDictBase
+from torchrl.collectors import MultiSyncCollector
+from torchrl.envs import EnvBase
+
+from sim2real.learning.environment import Environment, World
+from sim2real.learning.trained import of_all_rows
+from sim2real.runs.errors import Sim2RealError
+
+
+class ProcessCollector(MultiSyncCollector):
+    """`MultiSyncCollector` over the rows of one environment.
+
+    Args:
+        create_env_fn: the environment, of N rows; each process makes its share of them anew.
+        policy: a tensordict module; the processes follow its parameters.
+        workers: W, processes; divides N.
+        options: those of `MultiSyncCollector`.
+
+    Raises:
+        Sim2RealError: rows that cannot be shared out, or transforms that keep statistics or belong
+            to the policy, of which each process would have its own.
+    """
+
+    def __init__(self, create_env_fn: World, policy: Any, *, workers: int, **options: Any) -> None:
+        env, rows = create_env_fn, create_env_fn.batch_size[0]
+        if workers < 1 or rows % workers:
+            raise Sim2RealError(
+                f"collector.workers={workers} does not divide algorithm.num_rows={rows}"
+            )
+        chain: Any = env.transform
+        if of_all_rows(chain.state_dict()) or len(chain) > len(env.made.transforms):
+            names = ", ".join(type(one).__name__ for one in chain)
+            raise Sim2RealError(
+                "collector=processes takes no transforms that keep statistics, nor those of a "
+                f"policy, since each process would have its own; there are: {names}; "
+                "use collector=sync"
+            )
+        seeds = np.random.SeedSequence(env.seed).generate_state(workers).tolist()
+        share = rows // workers
+        made = [partial(_share, env.made, share, int(seed) % 2**31) for seed in seeds]
+        super().__init__(
+            made,
+            policy,
+            cat_results="stack",
+            update_at_each_batch=True,
+            init_fn=_leave_interrupts,
+            **options,
+        )
+
+    def iterator(self) -> Iterator[TensorDictBase]:
+        """Yield batches (N, T), the processes' rows one below the other."""
+        for batch in super().iterator():
+            whole: Any = batch.flatten(0, 1)
+            whole.refine_names(..., "time")
+            yield whole
+
+
+def _share(environment: Environment, rows: int, seed: int) -> EnvBase:
+    """Make the rows of this process, one thread for their physics and one for the policy."""
+    torch.set_num_threads(1)
+    torch.manual_seed(seed)
+    return environment.make(rows, threads=1, seed=seed)
+
+
+def _leave_interrupts() -> None:
+    """Leave Ctrl-C to the main process, which finishes its iteration and ends this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,32 @@
+"""A trained policy as a population: many candidates around it, each on a robot of its own.
+
+    population = population_of(trained, num_rows=256)
+    evaluate_adaptation(population, trained.theta, None, adapt, values, seeds, episodes=5)
+
+Whatever trained the policy, its actor's parameters are one vector, which every operator adapts. The
+world is that of training with its statistics frozen, so that the same parameters get the same
+returns as in `Trained.play`.
+"""
+
+from __future__ import annotations
+
+from sim2real.learning.population.actors import ActorPolicy
+from sim2real.learning.population.env_rows import EnvRows
+from sim2real.learning.population.population import Population
+from sim2real.learning.trained import Trained
+
+
+def population_of(trained: Trained, num_rows: int) -> Population:
+    """Make a population of a trained policy's actor.
+
+    Args:
+        trained: the policy.
+        num_rows: episodes that run side by side.
+
+    Raises:
+        Sim2RealError: a policy that sees more than one vector, such as images, or a world whose
+            episodes depend on more than robot, seed and actions; see `ActorPolicy` and `EnvRows`.
+    """
+    env = trained.world(num_rows)
+    policy = ActorPolicy(trained.actor(trained.theta), env)
+    return Population([EnvRows(env)], policy)

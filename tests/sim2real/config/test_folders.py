@@ -1,0 +1,57 @@
+"""Paths that a command names are there before anything is written; each run has its own folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sim2real.config.compose import compose, used_keys
+from sim2real.config.folders import free_folder, refuse_missing
+from sim2real.config.targets import ConfigError
+
+
+def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
+    """The name that is taken gets a number; one below a file is left to whoever makes it."""
+    wanted = str(tmp_path / "train" / "2026-11-22_10-00-00")
+    assert [free_folder(wanted) for _ in range(3)] == [wanted, f"{wanted}_2", f"{wanted}_3"]
+    assert all(path.is_dir() for path in (tmp_path / "train").iterdir())
+    (tmp_path / "file").touch()
+    assert free_folder(str(tmp_path / "file" / "run")) == str(tmp_path / "file" / "run")
+
+
+@pytest.mark.parametrize(
+    ("typed", "sentence"),
+    [
+        (["run=replay"], "replay needs log=PATH"),
+        (["run=replay", "log=swin.csv"], r"log=swin.csv: there is no such .*'swing.csv'"),
+        (["run=replay", "log=swing.csv", "model=a.xml"], "model=a.xml: there is no such file"),
+        (["run=replay", "log=[swing.csv,b.csv]"], "log=b.csv: there is no such"),
+        (["run=export", "checkpoint=nowhere"], "checkpoint=nowhere: there is no such"),
+        (["run=evaluate"], "evaluate needs checkpoint=PATH"),
+        (["+experiment=smoke", "resume=nowhere"], "resume=nowhere: there is no such"),
+    ],
+)
+def test_what_is_not_there_is_refused_first(
+    typed: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Logs, models, checkpoints and runs to resume, with the key and the nearest name."""
+    monkeypatch.chdir(tmp_path)
+    Path("swing.csv").touch()
+    tree = compose(typed)
+    with pytest.raises(ConfigError, match=sentence):
+        refuse_missing(tree, used_keys(tree))
+
+
+def test_what_is_there_and_what_a_verb_does_not_use_passes(tmp_path: Path) -> None:
+    """A home folder's `~` is read, and no path at all is fine where none is needed."""
+    (tmp_path / "swing.csv").touch()
+    for typed in (["run=replay", f"log={tmp_path}/swing.csv"], ["+experiment=smoke"]):
+        tree = compose(typed)
+        refuse_missing(tree, used_keys(tree))
+
+
+def test_one_line_starts_an_exam_and_continues_it(tmp_path: Path) -> None:
+    """`resume=` may name a folder that the exam is only going to make."""
+    tree = compose(["+experiment=blindcheck_small", f"resume={tmp_path}/exam"])
+    refuse_missing(tree, used_keys(tree))

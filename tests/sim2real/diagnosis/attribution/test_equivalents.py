@@ -1,0 +1,118 @@
+"""What may stand in a cause's place: found by what it does to the logs, or known in principle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.log import Log
+from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
+from sim2real.diagnosis.attribution.candidates import Candidate, candidates
+from sim2real.diagnosis.attribution.conclude import conclude
+from sim2real.diagnosis.attribution.equivalents import explanations, inseparable, with_rivals
+from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.settings import DEFAULT, Verdict
+from tests.sim2real.diagnosis import arm
+
+FLOOR = 3e-4
+
+
+def search_of(log: Log, folder: Path, *among: str) -> Search:
+    """Return a search among candidates of some labels."""
+    data = Data.of([log], arm.model(folder))
+    options = [c for c in candidates(data) if c.label in among]
+    problem, rng = Problem(data, Simulator(data, threads=1)), np.random.default_rng(0)
+    return Search(problem, options, FLOOR, rng, lambda text, share: None)
+
+
+def option(search: Search, label: str) -> Candidate:
+    """Return one of a search's candidates."""
+    return next(o for o in search.options if o.label == label)
+
+
+DELAYS = ("command_delay", "observation_delay")
+
+
+def test_delays_are_always_named_together(tmp_path: Path) -> None:
+    """A log without stamps of readings cannot say which one it is, and neither can the next."""
+    log = arm.make_log(("observation_delay", {}, 0.03), noise=FLOOR)
+    search = search_of(log, tmp_path, *DELAYS)
+    made = conclude(search, search.run(), np.full(2, FLOOR), np.random.default_rng(0))
+    (cause,) = made.report.causes
+    (other,) = cause.equivalent
+    assert {cause.effect, other.effect} == set(DELAYS)
+    assert other.inseparable
+    assert cause.value == pytest.approx(0.03, abs=2e-3)
+    assert made.alike == ()  # there is nothing to record
+
+
+def test_stamps_of_all_readings_part_delays(tmp_path: Path) -> None:
+    """With the moments at which each joint was read they are two things."""
+    log = arm.make_log(seconds=4.0)
+    pair = [(option(search_of(log, tmp_path, *DELAYS), n), np.array([0.02])) for n in DELAYS]
+    assert inseparable(search_of(log, tmp_path, *DELAYS), *pair)
+    stamps = {f"stamp.{joint}": log.time for joint in "ab"}
+    stamped = search_of(Log({**log.columns, **stamps}), tmp_path, *DELAYS)
+    assert not inseparable(stamped, *pair)
+
+
+def test_what_makes_one_model_is_one_member(tmp_path: Path) -> None:
+    """Motors without damping of their own are as weak as their supply; these are damped."""
+    log, labels = arm.make_log(seconds=4.0), ("motor_strength", "supply_voltage", "position_gain")
+    labels += ("command_delay",)
+    search = search_of(log, tmp_path, *labels)
+    weak, supply, gain = ((option(search, label), np.array([0.7])) for label in labels[:3])
+    assert not inseparable(search, weak, supply)
+    for spec in search.problem.data.specs:
+        for actuator in spec.actuators:
+            actuator.damping[:] = 0.0
+    assert inseparable(search, weak, supply)
+    assert not inseparable(search, weak, gain)  # a gain has no limit
+    late = option(search, "command_delay"), np.array([0.02])  # cannot be as large as a factor
+    assert not inseparable(search, weak, late)
+
+
+def test_values_that_never_raced_have_their_look_alikes(tmp_path: Path) -> None:
+    """Of fitted values each is told with what points where it points, fitted in its place."""
+    log = arm.make_log(("link_mass", {"where": "lower"}, 0.2), noise=FLOOR)
+    labels = ("link_mass.lower", "payload.lower", "armature.a", "coulomb_friction.b")
+    search = search_of(log, tmp_path, *labels)
+    many = replace(DEFAULT, verdict=Verdict(causes_max=0))  # one value is too many to race
+    search.problem.data = replace(search.problem.data, settings=many)
+    search.race(search.none, search.base)
+    member, values = option(search, "link_mass.lower"), np.full((FOLDS, 1), 0.2)
+    fit = Fit((member,), values, np.zeros(FOLDS))
+    found = Found(fit, search.problem.held_out((member,), values))
+    own, *others = with_rivals(search, found).rivals[member.label]
+    assert own.candidate is member
+    assert [c.candidate.label for c in others] == ["payload.lower"]
+    assert all(c.settled for c in (own, *others))
+    assert search.blocks.rms(others[0].error) < 0.2 * search.before
+
+
+def test_all_that_is_open_is_told_apart_at_once(tmp_path: Path) -> None:
+    """Two causes with a rival each: each is replaced in its turn, beside the other as found."""
+    labels = ("coulomb_friction.a", "stribeck_friction.a", "armature.b", "link_mass.lower")
+    search = search_of(arm.make_log(seconds=4.0), tmp_path, *labels)
+    rubs, sticks, rotor, heavy = (option(search, label) for label in labels)
+    fit = Fit((rubs, rotor), np.tile([0.1, 0.02], (FOLDS, 1)), np.zeros(FOLDS))
+
+    def contender(one: Candidate, *values: float) -> Contender:
+        return Contender(
+            one, Fit((one,), np.tile(values, (FOLDS, 1)), np.zeros(FOLDS)), search.base
+        )
+
+    sets = [[contender(sticks, 0.1, 0.3)], [contender(heavy, 0.2)]]
+    found = explanations(fit, sets)
+    assert [label for label, _ in found] == [
+        "coulomb_friction.a with armature.b",
+        "stribeck_friction.a with armature.b",
+        "coulomb_friction.a with link_mass.lower",
+    ]
+    assert found[1][1].mean == pytest.approx([0.02, 0.1, 0.3])
+    assert explanations(fit, [[], []]) == ()

@@ -1,0 +1,44 @@
+"""Commands of another kind than the model's actuators."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hardware.log import Log
+from sim2real.diagnosis.data.kinds import refuse_kinds
+from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.diagnosis import arm, motors
+
+
+def test_torques_for_servos_are_refused() -> None:
+    """The sentence says how much closer they come as torques."""
+    with pytest.raises(Sim2RealError, match=r"servos at a, b.*act like torques.*closer"):
+        refuse_kinds(motors.make_log(0.05, 6.0), arm.spec())
+
+
+def test_positions_for_motors_are_refused() -> None:
+    """Joints that go where they are told are no torque's."""
+    with pytest.raises(Sim2RealError, match="follow the commands of a, b like desired positions"):
+        refuse_kinds(arm.make_log(seconds=6.0), motors.spec())
+
+
+def test_what_fits_passes() -> None:
+    """Also where something else is wrong: a flipped sign, degrees, a joint that hardly follows."""
+    log = arm.make_log(seconds=6.0)
+    refuse_kinds(log, arm.spec())
+    refuse_kinds(motors.make_log(0.05, 6.0), motors.spec())
+    columns = dict(log.columns)
+    for change in (-1.0, 180 / np.pi):
+        wrong = {"ctrl.a": change * columns["ctrl.a"], "ctrl.b": change * columns["ctrl.b"]}
+        refuse_kinds(Log({**columns, **wrong}), arm.spec())
+    refuse_kinds(arm.make_log(("position_gain", {"where": "a"}, 0.1), seconds=6.0), arm.spec())
+
+
+def test_episodes_of_a_few_rows_pass() -> None:
+    """Robots that fall at once: what is left after a delay of many rows is no evidence."""
+    log = motors.make_log(0.05, 6.0)
+    rows = np.arange(120)
+    short = {name: column[:120] for name, column in log.columns.items()}
+    short["episode"], short["time"] = rows // 6, log.column("time")[rows % 6]
+    refuse_kinds(Log(short), motors.spec())

@@ -1,0 +1,50 @@
+"""The collector of several processes: batches that a seed repeats, a training, and a clean end."""
+
+from __future__ import annotations
+
+import multiprocessing
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from sim2real.config.compose import compose, prepare
+from sim2real.learning.algorithms.base import build
+from sim2real.runs.errors import Sim2RealError
+
+SMALL = ["env=nav2d", "params=goals", "algorithm=ppo_sb3", "collector=processes"]
+SMALL += ["algorithm.num_rows=4", "algorithm.steps=32", "algorithm.epochs=1"]
+
+
+def learner(*words: str) -> Any:
+    """Return what trains in two processes."""
+    _, given = prepare(compose([*SMALL, *words]), Path())
+    return build(given["algorithm"], given["parts"])
+
+
+@pytest.mark.slow
+def test_a_training_in_two_processes_repeats_and_ends() -> None:
+    """Rows differ, the newest policy acts, a seed gets the same again, and no process is left."""
+    ends = []
+    for _ in range(2):
+        algorithm = learner()
+        collecting = algorithm.collecting
+        first, data = algorithm.iterate(), collecting.next()
+        assert first["train/frames"] == 128 and data.batch_size == (4, 32)
+        assert data["observation"][0].ne(data["observation"][2]).any()
+        with torch.no_grad():
+            taken = algorithm.policy.actor.get_dist(data.clone())
+        torch.testing.assert_close(taken.log_prob(data["action"]), data["action_log_prob"])
+        ends.append(data["action"].clone())
+        collecting._collector.shutdown()
+        assert not multiprocessing.active_children()
+    assert torch.equal(*ends)
+
+
+def test_what_processes_cannot_share_is_refused() -> None:
+    """Statistics of all rows, and rows that do not divide."""
+    with pytest.raises(Sim2RealError, match=r"collector\.workers=3 does not divide"):
+        learner("collector.workers=3")
+    with pytest.raises(Sim2RealError, match=r"RunningNorm.*use collector=sync"):
+        learner("transforms=normalized")

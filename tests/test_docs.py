@@ -1,0 +1,193 @@
+"""The documentation as it is typed: command lines parse, imports resolve, links lead somewhere."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import glob
+import importlib
+import re
+import runpy
+import shlex
+import sys
+import tomllib
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hardware import __main__ as servos
+from hardware.config import load_robot
+from sim2real.__main__ import precheck, readable
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = sorted(
+    path
+    for pattern in ("*.md", "docs/*.md", "benchmarks/**/*.md")
+    for path in ROOT.glob(pattern)
+    if path.name != "CHANGELOG.md"  # it names commands that are gone
+)
+ROOMS = ("sim2real", "hardware", "envs")
+SOURCES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+PROGRAM = re.compile(
+    r"(?:[A-Z]\w*=\S+ )*"
+    r"(?:sim2real(?= )|python -m [\w.]+|make(?= [a-z-]+(?: +#|$))|pip install|\.\.\.(?= \S+=))"
+)
+INLINE = re.compile(r"`([^`\n]+)`")
+PYTHON = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
+STANDS_FOR = {  # what a reader replaces, and a value that composes
+    r"<time>": "TIME",
+    r"=NAME\b(?=.*port=)": "=bench1",
+    r"\+experiment=NAME": "+experiment=smoke",
+    r"\b(robot=|record )NAME": r"\1bench1",
+    r"^\.\.\. ": "sim2real +experiment=esmaml ",
+    r" \.\.\.(?= |$)": "",
+    r" --cfg job": "",
+    r"=([\d.e-]+,[\d.e-]+)(,[\d.e-]+)+": r"=\1",  # two values of a sweep stand for all
+}
+NOT_COMPOSED = {  # what a line needs that the repository does not hold
+    "--config-dir my_parts": "a reader's own folder; tests/sim2real/config/test_extensions.py",
+    "pip install sim2real": "the package's own name",
+    "LIBRARY FOLDER ROWS": "the worker that one of our processes starts for itself",
+}
+
+
+class ParsedError(Exception):
+    """A benchmark's arguments were right; nothing was measured."""
+
+
+def lines_of(path: Path) -> Iterator[str]:
+    """Yield a page's code, inline and in fences without a language; a source's indented lines."""
+    text = path.read_text(encoding="utf-8").replace("\\\n", " ")
+    if path.suffix == ".py":
+        yield from (line.strip() for line in text.splitlines() if line.startswith("    "))
+        return
+    fence = None
+    for line in text.splitlines():
+        if line.startswith("```"):
+            fence = None if fence is not None else line[3:]
+        elif fence is None:
+            yield from INLINE.findall(line)
+        elif not fence:
+            yield line
+
+
+def commands() -> dict[str, str]:
+    """Return every command line that is printed somewhere, placeholders replaced, and its place."""
+    found: dict[str, str] = {}
+    for path in [*PAGES, *SOURCES]:
+        for line in lines_of(path):
+            if not PROGRAM.match(line) or any(part in line for part in NOT_COMPOSED):
+                continue
+            for shown, meant in STANDS_FOR.items():
+                line = re.sub(shown, meant, line)
+            found.setdefault(shlex.join(words_of(line)), str(path.relative_to(ROOT)))
+    return found
+
+
+def words_of(line: str) -> list[str]:
+    """Return a command line as a shell passes it on, without the environment before it.
+
+    Braces and spaces that a shell would take apart must be quoted, or their halves are refused.
+    """
+    words = shlex.split(line, comments=True)
+    while re.fullmatch(r"[A-Z]\w*=.*", words[0]):
+        words.pop(0)
+    return words
+
+
+def check_servos(words: list[str]) -> None:
+    """Take a command of `python -m hardware`: its verb, its keys, and a robot of conf/robot."""
+    if words:
+        keys = servos._parse(words[0], words[1:])
+        load_robot(keys.get("robot", "bench1"), needs_model=False)
+
+
+def check_module(name: str, words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take a command of another module: it is there, and its parser knows the arguments."""
+    assert find_spec(name) is not None, name
+    if not any(word.startswith("-") for word in words):
+        return
+    original = argparse.ArgumentParser.parse_args
+
+    def parse(parser: argparse.ArgumentParser, *given: Any, **more: Any) -> None:
+        original(parser, *given, **more)
+        raise ParsedError
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse)
+    monkeypatch.setattr(sys, "argv", [name, *words])
+    with pytest.raises(ParsedError):
+        runpy.run_module(name, run_name="__main__")
+
+
+def marked(line: str, place: str) -> Any:
+    """Return a command line as a parameter; those of docstrings alone wait for the long suite."""
+    marks = [pytest.mark.slow] if place.endswith(".py") else []
+    return pytest.param(line, id=f"{place}: {line}", marks=marks)
+
+
+@pytest.mark.parametrize("line", [marked(*found) for found in commands().items()])
+def test_a_command_line_is_right(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a page or a docstring tells a reader to type is accepted by its program."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr("sim2real.config.folders.refuse_missing", lambda *_: None)  # no RUN here
+    words = shlex.split(line)
+    if words[0] == "sim2real" or words[:3] == ["python", "-m", "sim2real"]:
+        precheck(readable(words[1:] if words[0] == "sim2real" else words[3:]))
+    elif words[0] == "make":
+        assert re.search(rf"^\.PHONY:.* {words[1]}\b", Path("Makefile").read_text(), re.MULTILINE)
+    elif words[0] == "pip":
+        extra = words[-1].partition("[")[2].rstrip("]")
+        extras = tomllib.loads(Path("pyproject.toml").read_text())["project"]
+        assert extra in extras["optional-dependencies"]
+    elif words[2] == "hardware":
+        check_servos(words[3:])
+    elif words[2] == "pytest":
+        assert all(glob.glob(word) for word in words if word.startswith("tests/"))
+    else:
+        check_module(words[2], words[3:], monkeypatch)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "sim2real +experiment=udr algorithm.clip=0.1",
+        "sim2real deploy RUN robot=quad8 stops={odd_voltage: 0.4, stray: 2.0}",
+        "python -m hardware scan robot=bench2",
+        "python -m benchmarks.transfer --row_ udr",
+        "make everything",
+    ],
+)
+def test_a_wrong_command_line_is_found(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The check sees a key, a robot, a flag or a target that is gone, and braces without quotes."""
+    with pytest.raises((ValueError, AssertionError, SystemExit)):
+        test_a_command_line_is_right(shlex.join(words_of(line)), monkeypatch)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    """Each relative link names a file of the repository, and its anchor a heading there."""
+    for target, anchor in LINK.findall(page.read_text(encoding="utf-8")):
+        file = (page.parent / target) if target else page
+        assert file.exists(), target
+        assert not anchor or anchor in anchors(file), f"{target}#{anchor}"
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors that the headings of a page get."""
+    heads = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", h).strip().lower()) for h in heads}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_of_examples_are_there(page: Path) -> None:
+    """Each Python example parses, and what it imports from this project exists."""
+    for source in PYTHON.findall(page.read_text(encoding="utf-8")):
+        for node in ast.walk(ast.parse(source)):
+            module = (node.module or "") if isinstance(node, ast.ImportFrom) else ""
+            if isinstance(node, ast.ImportFrom) and module.split(".")[0] in ROOMS:
+                room = importlib.import_module(module)
+                assert all(hasattr(room, name.name) for name in node.names), module
