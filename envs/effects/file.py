@@ -13,6 +13,8 @@ The file is a list of entries with the keys below. Values are in the effect's fi
       ci: [0.045, 0.053]    # interval of the value, or null
       unit: rad
       extra: {}             # the effect's further scalars and options
+
+A `distribution.yaml` (see `envs.distribution_file`) is taken as well: its means.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ from envs.effects.registry import make
 from envs.errors import EffectError, did_you_mean
 
 KEYS = ("effect", "where", "side", "value", "ci", "unit", "extra")
+LAW_KEYS = ("law", "mean", "std", "low", "high", "spread", "uncertainty")  # of a distribution's
+ENTRIES = "entries"  # the key of a distribution under which its entries are
 EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")  # YAML takes 1e-3 for text
 Values = tuple[float, ...]
 
@@ -55,18 +59,29 @@ def load_effects(path: str | os.PathLike[str]) -> list[tuple[Effect, Values]]:
         raise EffectError(f"{path} is not YAML: {error}") from None
     if entries is None:
         return []
+    if isinstance(entries, dict) and isinstance(entries.get(ENTRIES), list):
+        entries = [_mean(entry) for entry in entries[ENTRIES]]
     if not isinstance(entries, list):
         raise EffectError(f"{path} must be a list of effects, each with the keys {', '.join(KEYS)}")
     found = []
     for number, entry in enumerate(entries, 1):
         try:
-            found.append(_parse(entry))
+            found.append(parse_entry(entry))
         except EffectError as error:
             raise EffectError(f"{path}, entry {number}: {error}") from None
     return found
 
 
-def _parse(entry: Any) -> tuple[Effect, Values]:
+def _mean(entry: Any) -> Any:
+    """Return an entry of a distribution as one of its mean."""
+    if not isinstance(entry, dict):
+        return entry
+    own = {key: value for key, value in entry.items() if key not in LAW_KEYS}
+    return {**own, "value": entry.get("mean", entry.get("value"))}
+
+
+def parse_entry(entry: Any) -> tuple[Effect, Values]:
+    """Return the effect and the values of one entry; raises EffectError, see `load_effects`."""
     if not isinstance(entry, dict):
         raise EffectError(f"{short(entry)} is not a mapping with the keys {', '.join(KEYS)}")
     for key in entry:
@@ -132,7 +147,8 @@ def write_effects(
     """
     intervals = intervals or [None] * len(effects)
     entries = [
-        _entry(effect, values, ci) for (effect, values), ci in zip(effects, intervals, strict=True)
+        entry_of(effect, values, ci)
+        for (effect, values), ci in zip(effects, intervals, strict=True)
     ]
     text = yaml.safe_dump(entries, sort_keys=False, allow_unicode=True)
     temporary = Path(path).with_name(f".{Path(path).stem}-{secrets.token_hex(8)}.yaml")
@@ -143,7 +159,8 @@ def write_effects(
         temporary.unlink(missing_ok=True)
 
 
-def _entry(effect: Effect, values: Sequence[float], ci: Sequence[float] | None) -> dict[str, Any]:
+def entry_of(effect: Effect, values: Sequence[float], ci: Sequence[float] | None) -> dict[str, Any]:
+    """Return one entry of the file; raises EffectError for a value that is no finite number."""
     numbers = [_number(float(value), effect.label()) for value in values]
     own = numbers[: len(numbers) - len(effect.free)]
     free = dict(

@@ -30,6 +30,7 @@ PATHS = (
     "calibration",
     "columns",
     "against",
+    "params.path",
 )
 PLACES = {  # what stands after a verb without a key
     "diagnose": "log",

@@ -1,0 +1,98 @@
+"""Marginal laws of a distribution of robots, as functions of a uniform number.
+
+    law = Law("normal", mean=0.2, std=0.05, low=0.0, high=0.5)
+    law.values(np.array([0.05, 0.5, 0.95]))       # quantiles, within [low, high]
+
+Correlated draws are a Gaussian copula: correlated normal numbers are turned into uniform ones, and
+each law turns its own into values.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from envs.errors import ParameterError, did_you_mean
+
+Kind = Literal["normal", "uniform", "lognormal", "particles"]
+KINDS: tuple[str, ...] = get_args(Kind)
+UNIFORM_WIDTH = math.sqrt(12.0)  # of a uniform law, over its standard deviation
+
+
+@dataclass(frozen=True)
+class Law:
+    """How one parameter is distributed.
+
+    Args:
+        kind: "normal" and "lognormal" (mean and std before they are cut off at low and high),
+            "uniform" (low to high), "particles" (rows of a table; mean and std describe them).
+        mean: in the parameter's unit and way.
+        std: standard deviation, 0 for a single value.
+        low: smallest value of a draw.
+        high: largest value of a draw.
+
+    Raises:
+        ParameterError: an unknown law, a number that is not finite, a negative std, a mean outside
+            [low, high], or a lognormal law whose mean is not positive.
+    """
+
+    kind: Kind
+    mean: float
+    std: float
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ParameterError(
+                f"law={self.kind!r} is unknown{did_you_mean(str(self.kind), KINDS)}; "
+                f"it can be: {', '.join(KINDS)}"
+            )
+        for name in ("mean", "std", "low", "high"):
+            if not math.isfinite(getattr(self, name)):
+                raise ParameterError(f"{name}={getattr(self, name)} must be a finite number")
+        if self.std < 0:
+            raise ParameterError(f"std={self.std:g} is negative; give 0 for a single value")
+        if not self.low <= self.mean <= self.high:
+            raise ParameterError(
+                f"mean={self.mean:g} is not within low={self.low:g} and high={self.high:g}; "
+                "mend one of them"
+            )
+        if self.kind == "lognormal" and not self.mean > 0:
+            raise ParameterError(f"mean={self.mean:g} of a lognormal law must be above 0")
+
+    def values(self, shares: np.ndarray) -> np.ndarray:
+        """Return the law's quantiles at some shares in (0, 1), of any shape.
+
+        Raises:
+            ParameterError: particles have no law of their own.
+        """
+        if self.kind == "particles":
+            raise ParameterError("particles are drawn from their table, they have no quantiles")
+        if self.std == 0.0 or self.low == self.high:
+            return np.full(np.shape(shares), self.mean)
+        if self.kind == "uniform":
+            return self.low + shares * (self.high - self.low)
+        if self.kind == "normal":
+            return np.clip(
+                _cut(shares, self.mean, self.std, self.low, self.high), self.low, self.high
+            )
+        variance = math.log1p((self.std / self.mean) ** 2)
+        ends = [math.log(end) if end > 0 else -math.inf for end in (self.low, self.high)]
+        logs = _cut(shares, math.log(self.mean) - variance / 2, math.sqrt(variance), *ends)
+        return np.clip(np.exp(logs), self.low, self.high)
+
+
+def _cut(shares: np.ndarray, mean: float, std: float, low: float, high: float) -> np.ndarray:
+    """Return quantiles of a normal law that is cut off at low and high."""
+    first, last = ndtr((low - mean) / std), ndtr((high - mean) / std)
+    return mean + std * ndtri(first + shares * (last - first))
+
+
+def uniform(low: float, high: float) -> Law:
+    """Return the uniform law between two values."""
+    return Law("uniform", (low + high) / 2, (high - low) / UNIFORM_WIDTH, low, high)
