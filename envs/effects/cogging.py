@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
+from envs.effects.extras import phase
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -57,16 +58,7 @@ class Cogging(Effect):
             fit=(0.0, 1e4),
             typical=(4.0, 32.0),
         ),
-        Extra(
-            "phase",
-            "rad",
-            0.0,
-            -2 * np.pi,
-            2 * np.pi,
-            "the ripple's phase at q = 0",
-            fit=(-2 * np.pi, 2 * np.pi),
-            typical=(-3.2, 3.2),
-        ),
+        phase("the ripple's phase at q = 0"),
     )
     typical = (0.0, 0.05)
     no_mjcf = "MJCF has no torque that depends on the position in this way"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.effects.base import RULES, Effect, Extra, Measurement, SubstepRule
+from envs.effects.base import RULES, Effect, Measurement, SubstepRule
+from envs.effects.extras import phase
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -83,18 +84,7 @@ class EncoderEccentricity(Effect):
     name = "encoder_eccentricity"
     place = "joint"
     unit = "rad"
-    extras = (
-        Extra(
-            "phase",
-            "rad",
-            0.0,
-            -2 * np.pi,
-            2 * np.pi,
-            "the error's phase at q = 0",
-            fit=(-2 * np.pi, 2 * np.pi),
-            typical=(-3.2, 3.2),
-        ),
-    )
+    extras = (phase("the error's phase at q = 0"),)
     typical = (0.0, 0.05)
     no_mjcf = "MJCF has no encoder whose error depends on the angle"
     symptom = "an error that repeats once a turn, the same in both directions and at any speed"

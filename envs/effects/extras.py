@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 
@@ -28,6 +29,12 @@ class Extra(NamedTuple):
     about: str
     fit: tuple[float, float] | None = None
     typical: tuple[float, float] | None = None
+
+
+def phase(about: str) -> Extra:
+    """Return the phase [rad] of something that repeats with the position; `about`: what it is."""
+    turn = 2 * math.pi
+    return Extra("phase", "rad", 0.0, -turn, turn, about, fit=(-turn, turn), typical=(-3.2, 3.2))
 
 
 class Sizes(NamedTuple):

@@ -11,18 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from envs.errors import did_you_mean
+from sim2real.config.arguments import PATHS
 from sim2real.config.targets import ConfigError
 
-READ = (
-    "log",
-    "model",
-    "effects",
-    "checkpoint",
-    "resume",
-    "runs",
-    "calibration",
-    "against",
-)  # keys of paths
+READ = tuple(key for key in PATHS if key != "columns")  # convert writes that one
 NEEDED = {  # by verb, what it cannot do without
     "diagnose": "log",
     "replay": "log",

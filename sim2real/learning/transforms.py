@@ -202,11 +202,10 @@ class RunningNorm(Transform):
         return {**seen, "steps": self._steps, "held": dict(self._held)}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
-        """Take over what was seen, and what is applied: the newest if the state does not say."""
+        """Take over what was seen, and what is applied."""
         for key, one in self.moments.items():
             one.load(state[key])
-        newest = {key: self.affine(key) for key in self.moments}
-        self._steps, self._held = state.get("steps", 0), dict(state.get("held") or newest)
+        self._steps, self._held = state["steps"], dict(state["held"])
         self._newest.clear()
 
 

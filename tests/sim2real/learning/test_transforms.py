@@ -12,7 +12,6 @@ from sim2real.learning.transforms import RunningNorm
 
 def test_a_reset_of_one_row_counts_that_row_alone() -> None:
     """Rows that go on were counted when they stepped."""
-    """The moments of a reset are those of the rows that begin."""
     env = make_env(compose(["env=hopper", "transforms=normalized"]), num_envs=4)
     norm = next(t for t in env.transform if isinstance(t, RunningNorm))
     moments = norm.moments["observation"]

@@ -226,14 +226,14 @@ def test_what_is_remembered_is_what_happened() -> None:
 
 
 def test_it_learns_to_balance_a_pole() -> None:
-    """Within 6000 steps the deterministic actor keeps the pole up for 90 of 100."""
+    """Within 6000 steps the deterministic actor keeps the pole up for 95 of 100."""
     words = (*SMALL, "optimizer.lr=1e-3", "loss.alpha_init=0.1")
-    algorithm = learner(*words, gamma=0.98)
+    algorithm = learner(*words, gamma=0.98, seed=1)
     score, seeds = 0.0, np.arange(8, dtype=np.uint64)
-    while score < 90 and algorithm.frames < 6000:
+    while score < 95 and algorithm.frames < 6000:
         algorithm.iterate()
         score = algorithm.trained().play(seeds).returns.mean()
-    assert score >= 90
+    assert score >= 95
 
 
 def test_what_it_trained_acts_within_the_limits() -> None:
