@@ -44,7 +44,7 @@ class Motion(NamedTuple):
 
     dt: float  # s between physics steps
     qpos: np.ndarray  # (N, K + 1, nq) what the encoders say; NaN from where a row diverged
-    steps: np.ndarray  # (N,) of each row's own schedule; beyond, its last command is held
+    steps: np.ndarray  # (N,) of each row's own schedule; beyond, its last position is held
 
     @property
     def lost(self) -> np.ndarray:
@@ -121,7 +121,7 @@ def simulate(
     if 0 < len(known) < len(plans):
         raise TaskError("some recordings bring gains (impedance control) and others do not")
     law = np.stack([_extended(one, longest) for one in known]) if known else None  # (N, K, nu, 4)
-    return Motion(plant.model.opt.timestep, roll(plant, ctrl, off, law), steps)
+    return Motion(plant.model.opt.timestep, roll(plant, ctrl, off, law, steps), steps)
 
 
 def replay(

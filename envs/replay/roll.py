@@ -3,10 +3,13 @@
     paths = roll(plant, ctrl)       # (N, K, nu) commands -> (N, K + 1, nq) what the encoders say
 
 The rows must be reset. Where no effect of the plant acts between physics steps, the engine takes
-all K steps in one call; else the plant is stepped K times. Both give the same positions.
+many steps in one call; else the plant is stepped K times. Both give the same positions. A row
+whose own schedule is shorter than K is simulated to its end and no further.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from mujoco.batch import SimulationError
@@ -22,8 +25,9 @@ def roll(
     ctrl: np.ndarray,
     off: np.ndarray | None = None,
     law: np.ndarray | None = None,
+    steps: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Simulate K physics steps of every row.
+    """Simulate K physics steps of every row, or as many of them as the row needs.
 
     Args:
         plant: N rows, reset to their start.
@@ -31,18 +35,26 @@ def roll(
         off: bit masks of the actuators that are switched off then, (N, K); the plant's model must
             be `switchable`. None: none ever is.
         law: of actuators under impedance control, (N, K, nu, 4); see `impedance.Laws`.
+        steps: that each row needs, (N,), of 1 to K; None: all K.
 
     Returns:
         What the encoders would have said at the start and after each step, (N, K + 1, nq); NaN from
-        where a row diverged.
+        where a row diverged; the last position again where it was not needed any more.
     """
     power, laws = _Power(plant, off), Laws(plant, law)
+    ends = np.full(len(ctrl), ctrl.shape[1]) if steps is None else np.asarray(steps)
     if not (_is_plain(plant) and laws.steady):
-        return _step(plant, ctrl, power, laws)
+        return _step(plant, ctrl, power, laws, ends)
     laws.act(0)
-    paths = _roll(plant, ctrl, power)
+    paths = _roll(plant, ctrl, power, ends)
     laws.restore()
     return paths
+
+
+def _awake(ends: np.ndarray, step: int) -> np.ndarray | None:
+    """Return the rows that still have that step before them (n,); None: all."""
+    rows = np.flatnonzero(ends > step)
+    return None if len(rows) == len(ends) else rows
 
 
 def _is_plain(plant: Plant) -> bool:
@@ -87,8 +99,8 @@ class _Power:
             self._plant.hold("actuator_damping", np.arange(len(self._full)), self._full)
 
 
-def _roll(plant: Plant, ctrl: np.ndarray, power: _Power) -> np.ndarray:
-    """Let the engine take all steps between two switchings at once."""
+def _roll(plant: Plant, ctrl: np.ndarray, power: _Power, ends: np.ndarray) -> np.ndarray:
+    """Let the engine take all steps at once, between switchings and ends of rows."""
     (rows, steps, _), layout = ctrl.shape, plant.layout
     ctrl = _shifted(plant, ctrl)
     start = {"qpos": layout.raw_qpos, "qvel": layout.raw_qvel}
@@ -98,24 +110,39 @@ def _roll(plant: Plant, ctrl: np.ndarray, power: _Power) -> np.ndarray:
     for name, path in raw.items():
         path[:, 0] = start[name]
     broken = np.full(rows, steps + 1)  # from where a row's numbers mean nothing
-    for first, end in zip(power.cuts, [*power.cuts[1:], steps], strict=True):
-        power.switch(int(first))
-        part = {name: np.empty((rows, end - first, p.shape[2])) for name, p in raw.items()}
+    cuts, switches = np.union1d(power.cuts, ends[ends < steps]), set(power.cuts.tolist())
+    for first, end in pairwise([*cuts.tolist(), steps]):
+        if first in switches:
+            power.switch(first)
+        ids = _awake(ends, first)
+        own = slice(None) if ids is None else ids
+        count = rows if ids is None else len(ids)
+        part = {name: np.empty((count, end - first, p.shape[2])) for name, p in raw.items()}
         refused = np.zeros(0, int)
         try:
             with quiet_engine():
-                plant.batch.rollout(end - first, ctrl[:, first:end], record=tuple(raw), out=part)
+                plant.batch.rollout(
+                    end - first, ctrl[own, first:end], record=tuple(raw), ids=ids, out=part
+                )
         except SimulationError as error:
             refused = error.ids
         for name, path in raw.items():
-            path[:, first + 1 : end + 1] = part[name]
+            path[own, first + 1 : end + 1] = part[name]
         for row in plant.take_warnings():
-            broken[row] = min(broken[row], first + 1 + _stop(part["qpos"][row]))
+            broken[row] = min(broken[row], first + 1 + _stop(raw["qpos"][row, first + 1 : end + 1]))
         broken[refused] = np.minimum(broken[refused], first + 1)
     power.restore()
+    for path in raw.values():
+        _hold(path, ends)
     qpos = _measured(plant, raw)
     qpos[np.arange(steps + 1) >= broken[:, None]] = np.nan
     return qpos
+
+
+def _hold(paths: np.ndarray, ends: np.ndarray) -> None:
+    """Let paths (N, K + 1, ...) stay from their ends (N,) on where they are then."""
+    for path, end in zip(paths, ends, strict=True):
+        path[end + 1 :] = path[end]
 
 
 def _stop(path: np.ndarray) -> int:
@@ -145,21 +172,29 @@ def _measured(plant: Plant, raw: dict[str, np.ndarray]) -> np.ndarray:
     return qpos
 
 
-def _step(plant: Plant, ctrl: np.ndarray, power: _Power, laws: Laws) -> np.ndarray:
+def _step(
+    plant: Plant, ctrl: np.ndarray, power: _Power, laws: Laws, ends: np.ndarray
+) -> np.ndarray:
     """Step the plant, whose effects act between physics steps."""
     rows, steps, _ = ctrl.shape
     paths = np.empty((rows, steps + 1, plant.qpos.shape[1]))
     paths[:, 0] = plant.measured(None)[0]
     broken = np.zeros(rows, bool)
-    cuts = set(power.cuts.tolist())
-    for step in range(steps):
-        if step in cuts:
-            power.switch(step)
-        laws.act(step)
-        broken |= plant.step(None, ctrl[:, step], 1)
-        paths[:, step + 1] = plant.measured(None)[0]
-        if broken.any():
-            paths[broken, step + 1] = np.nan
+    cuts, changes = set(power.cuts.tolist()), {0, *ends.tolist()}
+    ids: np.ndarray | None = None
+    with quiet_engine():
+        for step in range(steps):
+            if step in changes:
+                ids = _awake(ends, step)
+                own = slice(None) if ids is None else ids
+            if step in cuts:
+                power.switch(step)
+            laws.act(step)
+            broken[own] |= plant.step(ids, ctrl[own, step], 1)
+            paths[own, step + 1] = plant.measured(ids)[0]
+            if broken.any():
+                paths[broken, step + 1] = np.nan
     power.restore()
     laws.restore()
+    _hold(paths, ends)
     return paths

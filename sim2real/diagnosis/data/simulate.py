@@ -151,7 +151,7 @@ class Simulator:
         motion = simulate(
             plant, [plan.schedule for plan in plans], lambda: self.heat.start(plant, windows)
         )
-        steps = len(windows) * (motion.qpos.shape[1] - 1)
+        steps = int(motion.steps.sum())
         self.seconds, self.steps = self.seconds + motion.dt * steps, self.steps + steps
         at = Readings(*(np.stack(part) for part in zip(*(plan.at for plan in plans), strict=True)))
         simulated, change = interpolate(motion.qpos[:, :, self._places], at)

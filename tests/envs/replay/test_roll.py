@@ -151,3 +151,26 @@ def test_a_row_breaks_at_the_same_step_in_one_call_and_in_many() -> None:
         moments.append(np.isnan(roll(rows, commands())).any(axis=2).sum(axis=1))
     assert moments[0].tolist() == moments[1].tolist()
     assert moments[0].any()
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: f"{e[0]}-{e[1].get('side', '')}")
+def test_a_row_is_simulated_to_its_end_and_no_further(effect: tuple[str, dict, float]) -> None:
+    """Up to the end of each row the positions are those of a full run; then they stand still."""
+    ctrl, ends = commands(), np.array([60, STEPS, 101])
+    off = np.zeros((ROWS, STEPS), np.int64)
+    off[0, 30:80] = 0b01
+    full, short = roll(plant(effect), ctrl, off), roll(plant(effect), ctrl, off, steps=ends)
+    for row, end in enumerate(ends):
+        assert np.array_equal(short[row, : end + 1], full[row, : end + 1])
+    assert np.ptp(full[0, 60:], axis=0).max() > 1e-3
+    late = 8  # steps until the late encoder has seen the end as well
+    assert np.ptp(short[0, 60 + late :], axis=0).max() == 0.0
+
+
+def test_no_step_is_taken_beyond_the_end_of_a_row() -> None:
+    """The clock of each simulation stands where its row ends."""
+    ends, dt = np.array([60, STEPS, 101]), 0.002
+    for effects in ((), (("stribeck_friction", {"where": "b"}, 0.08),)):
+        rows = plant(*effects)
+        roll(rows, commands(), steps=ends)
+        assert rows.time == pytest.approx(ends * dt)
