@@ -12,6 +12,7 @@ and inertias come from `<inertial>`, and a mesh that is not there is left out.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
@@ -93,25 +94,52 @@ def _add_actuators(spec: mujoco.MjSpec, path: Path) -> None:
         raise TaskError(f"{file}: a table of actuators is needed, by name")
     joints = {joint.name: joint for joint in spec.joints}
     for name, given in table.items():
-        given = given or {}
-        wrong = [key for key in given if key not in KEYS]
-        if wrong:
-            hint = did_you_mean(wrong[0], KEYS)
-            raise TaskError(f"{file}, {name!r}: there is no key {wrong[0]!r}{hint}")
-        joint = str(given.get("joint", name))
-        if joint not in joints:
-            hint = did_you_mean(joint, joints)
-            there = ", ".join(joints)
-            raise TaskError(f"{file}, {name!r}: no joint {joint!r}{hint}; there are: {there}")
-        for field in ("armature", "frictionloss", "damping"):
-            if field in given:
-                setattr(joints[joint], field, given[field])
-        actuator = spec.add_actuator(
-            name=str(name), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT
+        _add_servo(spec, joints, str(name), {} if given is None else given, file)
+
+
+def _add_servo(
+    spec: mujoco.MjSpec, joints: dict[str, Any], name: str, given: Any, file: Path
+) -> None:
+    place = f"{file}, {name!r}"
+    if not isinstance(given, dict):
+        raise TaskError(f"{place}: {given!r} must be a table, such as {{kp: 12.0}}")
+    wrong = [key for key in given if key not in KEYS]
+    if wrong:
+        hint = did_you_mean(wrong[0], KEYS)
+        raise TaskError(f"{place}: there is no key {wrong[0]!r}{hint}")
+    joint = str(given.get("joint", name))
+    if joint not in joints:
+        hint = did_you_mean(joint, joints)
+        there = ", ".join(joints)
+        raise TaskError(f"{place}: no joint {joint!r}{hint}; there are: {there}")
+    if "kp" not in given:
+        raise TaskError(f"{place}: `kp` is needed [N·m/rad]")
+    for field in ("armature", "frictionloss", "damping"):
+        if field in given:
+            setattr(joints[joint], field, _number(given[field], place, field))
+    actuator = spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    kp, kv = (_number(given.get(field, 0.0), place, field) for field in ("kp", "kv"))
+    actuator.set_to_position(kp=kp, kv=kv)
+    for field in ("forcerange", "ctrlrange"):
+        if field in given:
+            setattr(actuator, field, _range(given[field], place, field))
+
+
+def _number(value: Any, place: str, field: str) -> float:
+    """Return a finite number of 0 or more, or raise TaskError."""
+    good = isinstance(value, int | float) and not isinstance(value, bool)
+    if not good or not 0.0 <= value < math.inf:
+        raise TaskError(f"{place}: {field}={value!r} must be a number of 0 or more")
+    return float(value)
+
+
+def _range(value: Any, place: str, field: str) -> list[float]:
+    """Return two numbers, the smaller first, or raise TaskError."""
+    pair = value if isinstance(value, list) and len(value) == 2 else []
+    if not all(isinstance(end, int | float) and math.isfinite(end) for end in pair) or not (
+        pair and pair[0] < pair[1]
+    ):
+        raise TaskError(
+            f"{place}: {field}={value!r} must be two numbers, the smaller first: [-2.0, 2.0]"
         )
-        actuator.set_to_position(kp=float(given.get("kp", 0.0)), kv=float(given.get("kv", 0.0)))
-        for field in ("forcerange", "ctrlrange"):
-            if field in given:
-                setattr(actuator, field, [float(value) for value in given[field]])
-        if "kp" not in given:
-            raise TaskError(f"{file}, {name!r}: `kp` is needed [N·m/rad]")
+    return [float(end) for end in pair]

@@ -62,6 +62,11 @@ def test_a_urdf_swings_and_is_driven(tmp_path: Path) -> None:
         ("sholder: {kp: 20}", r"no joint 'sholder'.*did you mean 'shoulder'"),
         ("shoulder: {kP: 20}", "no key 'kP'"),
         ("shoulder: {kv: 1}", "`kp` is needed"),
+        ("shoulder: 20", r"'shoulder': 20 must be a table"),
+        ("shoulder: {kp: hard}", "kp='hard' must be a number of 0 or more"),
+        ("shoulder: {kp: 20, kv: -1}", "kv=-1 must be a number of 0 or more"),
+        ("shoulder: {kp: 20, forcerange: 6}", r"forcerange=6 must be two numbers.*\[-2.0, 2.0\]"),
+        ("shoulder: {kp: 20, ctrlrange: [1, -1]}", r"ctrlrange=\[1, -1\] must be two numbers"),
     ],
 )
 def test_what_is_missing_is_said(tmp_path: Path, actuators: str | None, sentence: str) -> None:
