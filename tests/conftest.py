@@ -8,11 +8,28 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before torch and numpy are impo
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 import signal
+import sys
+from collections.abc import Iterator
 
 import pytest
 
+from sim2real.config import extensions, signatures
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background job
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True)
+def _no_folder_stays_in_use() -> Iterator[None]:
+    """What a test puts in reach with `--config-dir` is out of reach of those after it."""
+    path, variable = list(sys.path), os.environ.get(extensions.VARIABLE)
+    yield
+    if signatures.OWN:
+        signatures.OWN.clear()
+        signatures.forget()
+        sys.path[:] = path
+    if variable is None:
+        os.environ.pop(extensions.VARIABLE, None)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
