@@ -13,25 +13,17 @@ episode that the time limit cuts off goes on in its value; one that the task end
 
 from __future__ import annotations
 
-from copy import deepcopy
-from typing import Any
-
 import torch
 from tensordict import TensorDictBase
 from torchrl.modules import set_recurrent_mode
 
-from sim2real.learning.algorithms.base import Algorithm, Parts
-from sim2real.learning.algorithms.checks import check_at_least, check_loss, refuse_other_policy
-from sim2real.learning.algorithms.collecting import Collecting
-from sim2real.learning.algorithms.randomness import Randomness
+from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.algorithms.checks import check_at_least
+from sim2real.learning.algorithms.on_policy import OnPolicy
 from sim2real.learning.modules.flat import FlatParameters
-from sim2real.learning.modules.policies import Policy, check_policy
-from sim2real.learning.trained import Trained, of_actor
-from sim2real.learning.transforms import affine
-from sim2real.runs.errors import Sim2RealError
 
 
-class PPO(Algorithm):
+class PPO(OnPolicy):
     """Trains an actor and a critic on their own experience.
 
     Args:
@@ -49,8 +41,6 @@ class PPO(Algorithm):
         Sim2RealError: for values out of range, or parts that do not fit together.
     """
 
-    uses = frozenset({"collector", "advantage", "loss", "buffer", "optimizer"})
-
     def __init__(
         self,
         parts: Parts,
@@ -64,57 +54,17 @@ class PPO(Algorithm):
         target_kl: float | None,
     ) -> None:
         check_at_least(1, num_rows=num_rows, steps=steps, epochs=epochs)
-        check_at_least(1, minibatch_size=minibatch_size)
-        if num_rows * steps < minibatch_size:
-            raise Sim2RealError(
-                f"algorithm.minibatch_size={minibatch_size} is more than the {num_rows * steps} "
-                "samples of an iteration (num_rows times steps)"
-            )
-        self.parts, self._epochs = parts, epochs
+        super().__init__(parts, num_rows=num_rows, steps=steps, minibatch_size=minibatch_size)
+        self._epochs = epochs
         self._anneal_frames, self._max_norm, self._target_kl = (
             anneal_frames,
             max_grad_norm,
             target_kl,
         )
-        self._randomness = Randomness(parts.seed, parts.device)
         with self._randomness:
-            env = parts.environment.make(num_rows, device=parts.device, seed=parts.seed)
-            self.policy = _made(parts.policy(env)).to(parts.device)
-            for primer in self.policy.primers():
-                env.append_transform(primer)
-            check_policy(env, self.policy)
-            self._window = self.policy.window
-            if steps % self._window:
-                raise Sim2RealError(
-                    f"policy.window={self._window} does not divide algorithm.steps={steps}"
-                )
-            self.collecting = Collecting(parts, env, self.policy.actor, num_rows * steps)
-            self._advantage = parts.part("advantage")(value_network=self.policy.critic)
-            self._loss = parts.part("loss")(self.policy.actor, self.policy.loss_critic)
-            self._buffer = parts.part("buffer")(batch_size=max(1, minibatch_size // self._window))
             self._optimizer = parts.part("optimizer")(self.policy.parameters())
         self._flat = FlatParameters(list(self.policy.parameters()))
         self._rate = self._optimizer.param_groups[0]["lr"]
-        self.frames = self.iteration = 0
-
-    def iterate(self) -> dict[str, float]:
-        """Gather experience and learn from it."""
-        with self._randomness:
-            data = self.collecting.next()  # (N, T)
-            with torch.no_grad():
-                data = self._advantage(data)
-            epochs, learned = self._learn(data)
-        self._refuse_nan()
-        self.frames += data.numel()
-        self.iteration += 1
-        return {
-            **self.collecting.returns.summary(),
-            **learned,
-            **_assess(data),
-            "train/epochs": float(epochs),
-            "train/learning_rate": float(self._optimizer.param_groups[0]["lr"]),
-            "train/frames": float(self.frames),
-        }
 
     def _learn(self, data: TensorDictBase) -> tuple[int, dict[str, float]]:
         """Go through the samples; return the epochs done, and what the last one logged."""
@@ -128,19 +78,6 @@ class PPO(Algorithm):
                 if logged["train/kl"] > self._target_kl:
                     return epoch + 1, logged
         return self._epochs, _logged([self._step(minibatch) for minibatch in self._buffer])
-
-    def _samples(self, data: TensorDictBase) -> TensorDictBase:
-        """Return steps (N, T) one by one, or as windows (S, L) for a policy with a memory."""
-        needed = data.select(*self._reads(data), strict=False)
-        if self._window == 1:
-            return needed.reshape(-1)
-        return needed.reshape(-1, self._window)
-
-    def _reads(self, data: TensorDictBase) -> list[Any]:
-        """Return what the loss reads, all of which must be there."""
-        keys = [*self._loss.in_keys, *self._advantage.out_keys]
-        check_loss(self._loss, data)
-        return [*keys, *self.policy.actor.in_keys, *self.policy.critic.in_keys]
 
     def _step(self, minibatch: TensorDictBase) -> TensorDictBase:
         """Take a gradient step; return the losses."""
@@ -160,69 +97,6 @@ class PPO(Algorithm):
         for group in self._optimizer.param_groups:
             group["lr"] = self._rate * left
 
-    def _refuse_nan(self) -> None:
-        if not all(torch.isfinite(p).all() for p in self.policy.parameters()):
-            raise Sim2RealError(
-                f"the policy's parameters are no longer finite after iteration {self.iteration}; "
-                "lower optimizer.lr or algorithm.max_grad_norm, or look for rewards that are not "
-                "finite; the checkpoint before is whole"
-            )
-
-    @property
-    def shape(self) -> dict[str, Any]:
-        """The shape of each parameter."""
-        return {name: list(p.shape) for name, p in self.policy.named_parameters()}
-
-    def trained(self) -> Trained:
-        """Return the present actor."""
-        env, environment = self.collecting.env, self.parts.environment
-        statistics = env.transform.state_dict()
-        return of_actor(self.policy, environment, statistics, self.frames, affine(env))
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return all that the next iterations depend on."""
-        return {
-            "policy": self.shape,
-            "networks": {k: v.detach().clone() for k, v in self.policy.state_dict().items()},
-            "optimizer": deepcopy(self._optimizer.state_dict()),
-            "collecting": self.collecting.state_dict(),
-            "random": [one.clone() for one in self._randomness.state],
-            "counts": (self.frames, self.iteration),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a state that `state_dict` returned.
-
-        Raises:
-            CheckpointError: for a state of another policy, other transforms or other rows.
-        """
-        refuse_other_policy(state["policy"], self.shape)
-        self.collecting.load_state_dict(state["collecting"])
-        self.policy.load_state_dict(state["networks"])
-        self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
-        self._randomness.state = [one.clone() for one in state["random"]]
-        self.frames, self.iteration = state["counts"]
-
-    def load_policy(self, state: dict[str, Any]) -> None:
-        """Take over the policy alone, to act and not to go on training.
-
-        Raises:
-            CheckpointError: for a state of another policy or other transforms.
-        """
-        refuse_other_policy(state["policy"], self.shape)
-        self.collecting.load_statistics(state["collecting"])
-        self.policy.load_state_dict(state["networks"])
-        self.frames, self.iteration = state["counts"]
-
-
-def _made(policy: Any) -> Policy:
-    if not isinstance(policy, Policy):
-        raise Sim2RealError(
-            f"algorithm=ppo trains an actor and a critic, {type(policy).__name__} is none; use "
-            "policy=actor_critic or policy=gru, or policy=cnn for images"
-        )
-    return policy
-
 
 def _logged(losses: list[TensorDictBase]) -> dict[str, float]:
     """Return the means of what minibatches logged, besides the losses."""
@@ -234,12 +108,3 @@ def _logged(losses: list[TensorDictBase]) -> dict[str, float]:
         # Schulman's estimator of the divergence: the mean of (r - 1) - log r
         out["train/kl"] = found["train/mean_ratio"] - 1 + found["train/kl_approx"]
     return out
-
-
-def _assess(data: TensorDictBase) -> dict[str, float]:
-    """Return what the critic said before the iteration, and what share of the returns it got."""
-    left = torch.var(data["advantage"]) / torch.var(data["value_target"])
-    return {
-        "train/value": float(data["state_value"].mean()),
-        "train/explained_variance": 1.0 - float(left),
-    }

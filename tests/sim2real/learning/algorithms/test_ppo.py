@@ -33,15 +33,16 @@ def learner(
     base: partial[EnvBase] = HOPPER,
     seed: int = 0,
     device: str = "cpu",
+    kind: type[Any] = PPO,
     **changes: Any,
-) -> PPO:
+) -> Any:
     """Return an untrained PPO of a preset, with changes."""
     own = [f"algorithm.{name}={'null' if v is None else v}" for name, v in changes.items()]
     _, given = prepare(compose([f"algorithm={preset}", *words, *own]), Path())
     parts = replace(given["parts"], seed=seed, device=device)
     environment = replace(parts.environment, base=base)
     made = build(given["algorithm"], replace(parts, environment=environment))
-    assert isinstance(made, PPO)
+    assert isinstance(made, kind)
     return made
 
 
@@ -167,10 +168,15 @@ def fill(buffer: Any, data: TensorDictBase, theirs: Any, gamma: float) -> None:
 
 
 class InTheirOrder:
-    """Minibatches of 64 in the order in which Stable-Baselines3 draws them."""
+    """Minibatches in the order in which Stable-Baselines3 draws them.
 
-    def __init__(self) -> None:
-        self._rng = np.random.RandomState(0)
+    Args:
+        size: samples of a minibatch.
+        draws_before: orders that it draws, and does not use, before.
+    """
+
+    def __init__(self, size: int = 64, draws_before: int = 0) -> None:
+        self._rng, self._size, self._unused = np.random.RandomState(0), size, draws_before
 
     def empty(self) -> None:
         """Forget nothing: the next samples replace these."""
@@ -180,8 +186,11 @@ class InTheirOrder:
         self._data = data
 
     def __iter__(self) -> Iterator[TensorDictBase]:
+        for _ in range(self._unused):
+            self._rng.permutation(len(self._data))
+        self._unused = 0
         order = torch.from_numpy(self._rng.permutation(len(self._data)))
-        yield from (self._data[part] for part in order.split(64))
+        yield from (self._data[part] for part in order.split(self._size))
 
 
 @pytest.mark.skipif(not find_spec("stable_baselines3"), reason="needs stable-baselines3")
