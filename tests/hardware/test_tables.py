@@ -97,6 +97,11 @@ def test_registers_do_not_overlap(name):
         ("xm540-w150", 1130, "current_limit", (38, 2)),
         ("xh540-v270", 1140, "present_current", (126, 2)),
         ("xw540-t260", 1170, "indirect_data_29", (634, 1)),
+        ("xd430-t210", 1011, "present_current", (126, 2)),
+        ("xd430-t350", 1001, "goal_current", (102, 2)),
+        ("xd540-t150", 1111, "external_port_mode_3", (58, 1)),
+        ("xd540-t270", 1101, "external_port_data_1", (152, 2)),
+        ("xw430-t333", 1270, "startup_configuration", (60, 1)),
         ("2xl430-w250", 1090, "present_load", (126, 2)),
         ("mx-28-2", 30, "present_load", (126, 2)),
         ("mx-106-2", 321, "acceleration_limit", (40, 4)),
@@ -120,6 +125,7 @@ def test_types_by_data_sheet_have_no_emulation(chain):
     with pytest.raises(RobotError, match=r"xm540-w270 cannot be emulated; give port=, or use 'xl3"):
         World(replace(robot, servos=servos))
     assert servo_by_number(350) == "xl320"
+    assert servo_by_number(1280) == "xw430-t200"
     assert servo_by_number(9999) is None
 
 

@@ -23,6 +23,7 @@ from envs.effects.supply import _Derating
 from envs.plant import Plant
 from envs.replay import Schedule
 from envs.replay.impedance import impedances
+from envs.replay.recording import ROUNDING
 from sim2real.diagnosis.data.dataset import Data
 
 Path = tuple[mujoco.MjModel, np.ndarray, Schedule, np.ndarray]
@@ -103,7 +104,7 @@ class Heat:
                 square = np.where(known, torque, 0.0) ** 2  # (K, nu)
                 ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
                 rows = slice(window.first, window.last)
-                place = np.searchsorted(log.time[rows], ticks, side="right") - 1  # (K,)
+                place = np.searchsorted(log.time[rows], ticks + ROUNDING, side="right") - 1  # (K,)
                 square, place = square[place >= 0], place[place >= 0]
                 counts = np.bincount(place, minlength=window.last - window.first)
                 for i, column in enumerate(square.T):

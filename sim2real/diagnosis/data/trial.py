@@ -17,6 +17,7 @@ import numpy as np
 from envs.effects import Effect
 from envs.plant import Fixed, Plant
 from envs.replay import Recording, schedule, simulate, switchable
+from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import NEAR, Columns, rows_before, rows_of, to_recording
 
@@ -78,7 +79,8 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
     for number, log in enumerate(logs):
         start = 0
         for part in log.episodes():
-            ends = np.searchsorted(part.time, np.arange(0.0, part.time[-1], seconds))
+            moments = np.arange(0.0, part.time[-1], seconds) - ROUNDING
+            ends = np.searchsorted(part.time, moments)
             for first, last in zip(ends, [*ends[1:], len(part)], strict=True):
                 if last - first >= 2 * NEAR + 1:
                     stir = {

@@ -17,6 +17,7 @@ import numpy as np
 
 from envs.effects.servo import is_joint_servo
 from envs.replay import Recording
+from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
 from sim2real.diagnosis.settings import DEFAULT, TINY, Windows
@@ -86,7 +87,7 @@ def cut(
         cuts = _cuts(part, joints, pieces, settings) if servo else _even(part, pieces)
         for first, last in pairwise(cuts):
             ahead = settings.warm_s if servo else 0.0
-            warm = int(np.searchsorted(part.time, part.time[first] - ahead))
+            warm = int(np.searchsorted(part.time, part.time[first] - ahead - ROUNDING))
             rows = (start + warm, start + first, start + last)
             if last - first > 1 and _free(part, first, last, settings.blocked_share):
                 own = which[number]

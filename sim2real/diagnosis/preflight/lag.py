@@ -16,6 +16,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.trial import Piece, piece, trial
 from sim2real.diagnosis.schema import Finding
@@ -89,7 +90,7 @@ def _starts(log: Log, number: int, settings: Limits) -> list[Piece]:
     """The first minute of each episode that is long enough."""
     start, found = 0, []
     for part in log.episodes():
-        rows = int(np.searchsorted(part.time, settings.episode_s))
+        rows = int(np.searchsorted(part.time, settings.episode_s - ROUNDING))
         if part.time[rows - 1] > 2 * settings.windows_min * settings.window_s:
             found.append(piece(log, number, start, start + rows))
         start += len(part)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.windows import BLOCKED
 from sim2real.diagnosis.schema import Finding
@@ -128,7 +129,7 @@ def _resting(log: Log, servo: _Servo, settings: Limits) -> np.ndarray:
     for part in log.episodes():
         time, position = part.time, part.column(f"qpos.{servo.joint}")
         sides = (-settings.rest_s, settings.rest_s)
-        first, last = (np.searchsorted(time, time + side) for side in sides)
+        first, last = (np.searchsorted(time, time + side - ROUNDING) for side in sides)
         spans = zip(first, np.minimum(last, len(time) - 1) + 1, strict=True)
         found.append(np.array([np.ptp(position[a:b]) < settings.still for a, b in spans]))
     on = log.columns.get(f"torque.{servo.actuator}", np.ones(len(log))) > 0
@@ -140,7 +141,7 @@ def _widened(log: Log, rows: np.ndarray, margin: float) -> np.ndarray:
     wide = np.zeros(len(log), bool)
     same = log.episode
     for moment, episode in zip(log.time[rows], same[rows], strict=True):
-        wide |= (np.abs(log.time - moment) <= margin) & (same == episode)
+        wide |= (np.abs(log.time - moment) <= margin + ROUNDING) & (same == episode)
     return wide
 
 

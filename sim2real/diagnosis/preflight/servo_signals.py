@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of
 from sim2real.diagnosis.schema import Finding
@@ -287,7 +288,7 @@ def _held(log: Log, actuator: str, lag: float) -> np.ndarray:
     """The command that was in force a while before each row's reading, (T,)."""
     found = []
     for part in log.episodes():
-        rows = np.searchsorted(part.time, part.time - lag, side="left") - 1
+        rows = np.searchsorted(part.time, part.time - lag - ROUNDING, side="left") - 1
         found.append(part.column(f"ctrl.{actuator}")[np.maximum(rows, 0)])
     return np.concatenate(found)
 

@@ -17,6 +17,7 @@ from tests.sim2real.diagnosis import arm
 
 TRIED = ("coulomb_friction", "viscous_friction", "armature", "command_delay", "backlash")
 SECONDS, FRICTION = 12.0, 0.15
+TOLERANCE = 1e-6  # of a value
 LACKING = {"lerobot": ("qvel", "stamp")}  # kinds of columns that a format cannot hold
 Answer = tuple[tuple[str, str | None, float, tuple[float, float]], ...]
 
@@ -59,12 +60,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("name", FORMATS)
 def test_one_run_is_one_answer(name: str, folder: Path, tmp_path: Path) -> None:
-    """From CSV to rosbag2 causes agree, and their values to 1e-6 (messages: 1e-5)."""
+    """From CSV to rosbag2 causes agree, and their values and intervals to 1e-6 of each."""
     found = answer(FORMATS[name](tmp_path, recorded()), arm.model(folder))
     expected = wanted(folder, LACKING.get(name, ()))
     assert found[0][:2] == ("coulomb_friction", "b")
     assert [cause[:2] for cause in found] == [cause[:2] for cause in expected]
-    tolerance = 1e-5 if name in ("mcap", "rosbag2") else 1e-6  # these keep whole nanoseconds
     for one, other in zip(found, expected, strict=True):
-        assert one[2] == pytest.approx(other[2], abs=tolerance)
-        assert np.asarray(one[3]) == pytest.approx(np.asarray(other[3]), abs=tolerance)
+        assert one[2] == pytest.approx(other[2], rel=TOLERANCE)
+        assert np.asarray(one[3]) == pytest.approx(np.asarray(other[3]), rel=TOLERANCE)

@@ -31,6 +31,18 @@ def test_windows_cover_the_log_once(data: Data) -> None:
     assert data.mask.sum() == len(data.logs[0])
 
 
+def test_the_last_bit_of_a_time_moves_no_window(data: Data, tmp_path: Path) -> None:
+    """Times in milliseconds, or in nanoseconds from 1970, differ in their last bit: no row more."""
+    (log,) = data.logs
+    for direction in (-np.inf, np.inf):
+        for chosen in (slice(None), slice(None, None, 2), slice(1, None, 2)):
+            time = log.time.copy()
+            time[chosen] = np.nextafter(time[chosen], direction)
+            again = arm.data_of(Log(dict(log.columns) | {"time": time - time[0]}), tmp_path)
+            for one, other in zip(data.windows, again.windows, strict=True):
+                assert one[:6] == other[:6]
+
+
 def test_folds_are_alike(data: Data) -> None:
     """Neither fold has all the lively windows: both span calm and lively ones."""
     lively = np.array([w.lively for w in data.windows])
