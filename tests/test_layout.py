@@ -40,6 +40,7 @@ FLOORS = (
     "schema",
     "data",
     "preflight",
+    "contract",
     "attribution",
     "report",
     "outcome",

@@ -1,0 +1,1 @@
+"""The policy's interface: is what it saw and did what it was trained on?"""
