@@ -19,6 +19,7 @@ from envs.effects.servo import is_joint_servo
 from envs.replay import Recording
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
+from sim2real.diagnosis.data.beginning import first_row
 from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
 from sim2real.diagnosis.settings import DEFAULT, TINY, Windows
 from sim2real.runs.errors import Sim2RealError
@@ -77,6 +78,7 @@ def cut(
     parts = [(n, part) for n, log in enumerate(logs) for part in log.episodes()]
     total = sum(part.time[-1] - part.time[0] for _, part in parts)
     windows, start, before = [], 0, -1
+    counts = {joint.name: joint.count for joint in joints}
     for number, part in parts:
         start = start if number == before else 0
         before = number
@@ -85,9 +87,11 @@ def cut(
         length = float(np.clip(usual, settings.shortest_s, most)) if servo else settings.state_s
         pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
         cuts = _cuts(part, joints, pieces, settings) if servo else _even(part, pieces)
+        cuts[0] = first_row(part, models[which[number]], counts, settings)
         for first, last in pairwise(cuts):
             ahead = settings.warm_s if servo else 0.0
             warm = int(np.searchsorted(part.time, part.time[first] - ahead - ROUNDING))
+            warm = max(warm, int(cuts[0]))
             rows = (start + warm, start + first, start + last)
             if last - first > 1 and _free(part, first, last, settings.blocked_share):
                 own = which[number]

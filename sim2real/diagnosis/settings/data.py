@@ -54,6 +54,11 @@ class Windows:
     )
     slowest_s: float = setting(12.0, "s", "longest window of slow motions", DEVELOPED)
     turn: float = setting(0.1, "1", "least turn of a command, of its range", JUDGED)
+    begins_s: float = setting(0.05, "s", "rows that tell the speed at a log's first row", JUDGED)
+    begins_moving: float = setting(
+        0.25, "1", "speed at the first row, of the usual one, that is no start from rest", JUDGED
+    )
+    begins_least: float = setting(1e-4, "rad", "motion in these rows that counts", JUDGED)
     kick_before_s: float = setting(0.03, "s", "left out before a servo is switched on", JUDGED)
     kick_s: float = setting(
         0.3, "s", "left out after it, since no log has the exact moment", DEVELOPED
