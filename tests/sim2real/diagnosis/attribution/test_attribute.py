@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from envs.effects import make
+from envs.effects.base import PLAIN
+from sim2real.diagnosis.attribution import attribute
 from sim2real.diagnosis.attribution.attribute import Found, Search, meets
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.attribution.fit import Fit, Problem
+from sim2real.diagnosis.attribution.screen import Screening, screen
 from sim2real.diagnosis.data.simulate import Simulator
 from tests.sim2real.diagnosis import arm
 
@@ -61,3 +65,21 @@ def test_only_what_moves_the_same_joint_can_take_a_place() -> None:
     assert not meets(option("armature", "wrist", "wrist"), elbow)
     assert meets(option("link_mass", "hand", "elbow", "wrist"), elbow)
     assert meets(option("command_delay", None), elbow)
+
+
+def test_a_promise_is_no_judge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a linear look ranks fifteenth races too, and wins if it closes the gap."""
+    data = arm.data_of(arm.make_log(("motor_strength", {"where": "a"}, 0.6), noise=3e-4), tmp_path)
+    problem = Problem(data, Simulator(data, threads=1))
+    options = [option for option in candidates(data) if option.group == PLAIN]
+    search = Search(problem, options, 3e-4, np.random.default_rng(0), lambda text, share: None)
+
+    def misled(*arguments: Any) -> Screening:
+        made = screen(*arguments)
+        truth = next(g for g in made.guesses if g.candidate.label == "motor_strength.a")
+        others = [guess for guess in made.guesses if guess is not truth and guess.gain > 0.0]
+        low = truth._replace(gain=others[13].gain)
+        return made._replace(guesses=[*others[:14], low, *others[14:]])
+
+    monkeypatch.setattr(attribute, "screen", misled)
+    assert search.race(search.none, search.base)[0].candidate.label == "motor_strength.a"
