@@ -103,8 +103,12 @@ class ToyTasks(ABC):
 
     Args:
         space: the task's parameters.
+
+    Attributes:
+        distinct: all tasks, (n, P), where there are few; else None.
     """
 
+    distinct: np.ndarray | None = None
     effects: tuple[Effect, ...] = ()
     per: Literal["reset", "row"] = "reset"
 

@@ -166,6 +166,7 @@ class Corners(ToyTasks):
 
     def __init__(self) -> None:
         super().__init__(ParamSpace(_goal(FourCorners.box)))
+        self.distinct = np.array([[-2.0, -2.0], [-2.0, 2.0], [2.0, -2.0], [2.0, 2.0]])
 
     def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Draw n corners, (n, 2)."""

@@ -25,7 +25,7 @@ from hardware.rows import RobotRows
 from hardware.safety import StopLimits
 from sim2real.deployment.session import STATE, Deployment, save
 from sim2real.deployment.trained import task_of
-from sim2real.learning.adapt import Adaptation
+from sim2real.learning.adapt import Adaptation, Steps
 from sim2real.learning.environment import Environment
 from sim2real.learning.trained import Pilot, Trained
 from sim2real.runs.errors import Sim2RealError, Stopped
@@ -105,13 +105,18 @@ def drive(rows: RobotRows, trained: Trained, deployment: Deployment, out: Path) 
     try:
         rows.arm()
         while (turn := deployment.next()) is not None:
-            value = play(rows, trained.pilot(turn.theta), turn.seed)
+            steps = None
+            if deployment.explores(turn):
+                pilot = trained.pilot(turn.theta, explore=turn.seed % 2**63)
+                value, steps = explore(rows, pilot, turn.seed)
+            else:
+                value = play(rows, trained.pilot(turn.theta), turn.seed)
             if rows.stopped is not None:
                 raise SafetyError(
                     f"{rows.stopped} (in episode {deployment.done + 1} of {deployment.total}); "
                     f"remove the cause, then {again}"
                 )
-            deployment.tell(value)
+            deployment.tell(value, steps)
             save(out / STATE, deployment)
             write_text(out / "returns.csv", list_returns(deployment).csv())
             log_.info("%s, episode %d: return %.4g", turn.phase, turn.number + 1, value)
@@ -132,6 +137,22 @@ def play(rows: RobotRows | Simulation, pilot: Pilot, seed: int) -> float:
         observation, total = step.observation, total + float(step.reward[0])
         if step.terminated[0] or step.truncated[0]:
             return total
+
+
+def explore(rows: RobotRows | Simulation, pilot: Pilot, seed: int) -> tuple[float, Steps]:
+    """Run one episode whose actions are drawn; return its return and its steps."""
+    seen, drawn, paid = [], [], []
+    pilot.forget()
+    observation = rows.reset(ROW, NO_VALUES, np.array([seed], np.uint64))
+    while True:
+        step = rows.step(None, pilot(observation))
+        acted = pilot.acted
+        seen.append(acted["observation"][0].numpy().astype(np.float32))
+        drawn.append(acted["action"][0].numpy().astype(np.float32))
+        paid.append(float(step.reward[0]))
+        observation = step.observation
+        if step.terminated[0] or step.truncated[0]:
+            return sum(paid), Steps(np.stack(seen), np.stack(drawn), np.array(paid))
 
 
 def list_returns(deployment: Deployment) -> Table:

@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from hardware.files import whole_file
-from sim2real.learning.adapt import Adaptation
+from sim2real.learning.adapt import Adaptation, Steps
 from sim2real.learning.population.population import draw_seeds
 from sim2real.runs.errors import Sim2RealError
 
@@ -95,8 +95,16 @@ class Deployment:
             return Turn("after", number, self.session.result, int(self.fresh[number]))
         return None
 
-    def tell(self, value: float) -> None:
+    def explores(self, turn: Turn) -> bool:
+        """Return whether an episode's actions are to be drawn, and its steps told."""
+        return turn.phase == "adapt" and self.adapt.explores
+
+    def tell(self, value: float, steps: Steps | None = None) -> None:
         """Report the return of the episode that `next` named.
+
+        Args:
+            value: the return.
+            steps: what happened, of an episode that `explores`.
 
         Raises:
             Sim2RealError: all have been told, or a value that is not finite.
@@ -108,7 +116,7 @@ class Deployment:
                 "returns are finite numbers, one for each episode"
             )
         if turn.phase == "adapt":
-            self.session.tell(value)
+            self.session.tell(value, steps)
         {"before": self.before, "adapt": self.adapting, "after": self.after}[turn.phase].append(
             float(value)
         )

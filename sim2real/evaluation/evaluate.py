@@ -24,7 +24,9 @@ import numpy as np
 from sim2real.evaluation.grid import Box, Grid, training_range
 from sim2real.evaluation.grid_plots import grid_heatmaps, grid_line
 from sim2real.evaluation.scores import GridScores, combine
+from sim2real.learning.adapt import PolicyGradient
 from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.population.gradient_adaptation import score_adaptation
 from sim2real.learning.population.of_trained import population_of
 from sim2real.learning.population.population import (
     AdaptationScores,
@@ -208,6 +210,8 @@ class _Cells:
             return found
         if not self.adaptation_episodes:
             return self._act(values, seeds)
+        if isinstance(self._adapt, PolicyGradient):
+            return score_adaptation(self._trained, self._adapt, values, seeds, self._episodes)
         if self._made is None:
             self._made = population_of(self._trained, min(ROWS, len(values)))
         theta, adapt = self._trained.theta, self._adapt

@@ -13,6 +13,7 @@ vector already; of any other policy the vector is that of its actor's parameters
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +34,7 @@ from envs.rows import Step
 from envs.torch_env import RowsEnv
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.acting import Acting, Actor
+from sim2real.learning.modules.randomness import Randomness
 from sim2real.learning.population.rollout import Played, play
 
 Tensor = torch.Tensor
@@ -100,17 +102,21 @@ class Trained:
         env.transform.eval()
         return env
 
-    def pilot(self, theta: np.ndarray | None = None, num_rows: int = 1) -> Pilot:
+    def pilot(
+        self, theta: np.ndarray | None = None, num_rows: int = 1, explore: int | None = None
+    ) -> Pilot:
         """Return the policy as a function of what robots show.
 
         Args:
             theta: parameters, (P,); None for the trained ones.
             num_rows: robots at a time.
+            explore: seed of actions that are drawn; None for the means.
         """
         shown = self.environment.shown()
         base = partial(FedEnv, *shown, dtype=self.dtype)
         env = self.world(num_rows, self.environment.over(base))
-        return Pilot(env, self.actor(self.theta if theta is None else theta), self.cut)
+        actor = self.actor(self.theta if theta is None else theta)
+        return Pilot(env, actor, self.cut, explore)
 
 
 def of_module(module: nn.Module, environment: Environment, frames: int) -> Trained:
@@ -246,12 +252,26 @@ class Pilot:
         env: over `Fed` rows.
         actor: the policy.
         cut: whether actions are cut at their limits.
+        explore: seed of actions that are drawn; None for the means.
     """
 
-    def __init__(self, env: TransformedEnv, actor: TensorDictModuleBase, cut: bool) -> None:
+    def __init__(
+        self,
+        env: TransformedEnv,
+        actor: TensorDictModuleBase,
+        cut: bool,
+        explore: int | None = None,
+    ) -> None:
         self._env, self._actor, self._cut = env, actor, cut
         self._fed: Fed = env.base_env.rows
         self._now: TensorDictBase | None = None
+        self._random = None if explore is None else Randomness(explore, "cpu")
+
+    @property
+    def acted(self) -> TensorDictBase:
+        """What the policy saw last and drew, before anything cuts it, (N,)."""
+        assert self._now is not None
+        return self._now
 
     def forget(self) -> None:
         """Start an episode: the next observation is its first."""
@@ -261,7 +281,9 @@ class Pilot:
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """Map raw observations (N, O) to actions (N, A) float64."""
         self._fed.observation = np.asarray(observation, np.float64)
-        with set_exploration_type(ExplorationType.DETERMINISTIC):
+        drawn = self._random is not None
+        how = ExplorationType.RANDOM if drawn else ExplorationType.DETERMINISTIC
+        with set_exploration_type(how), self._random or nullcontext():
             before = self._now
             now = self._env.reset() if before is None else step_mdp(self._env.step(before))
             self._now = self._actor(now)

@@ -104,6 +104,7 @@ def run(
     adapt = NoAdaptation() if dry_run else parts.adapt
     check_reward(rows, adapt)
     trained = load_trained(checkpoint, parts, algorithm)
+    adapt = adapt.of(trained.actor(trained.theta))
     deployment = Deployment(trained.theta, adapt, trials, seed)
     if resume is not None:
         load(resume, deployment)

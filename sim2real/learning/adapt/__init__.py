@@ -11,8 +11,20 @@ saved in between. A `Cohort` is many members going through it side by side, the 
 populations run; a session is a cohort of one, so both compute the same numbers.
 """
 
-from sim2real.learning.adapt.base import Adaptation, Cohort, NoAdaptation, Session
+from sim2real.learning.adapt.base import Adaptation, Cohort, NoAdaptation, Session, Steps
 from sim2real.learning.adapt.gradient import GradientAdaptation
 from sim2real.learning.adapt.hillclimb import HillClimb
+from sim2real.learning.adapt.linear_gae import LinearGAE
+from sim2real.learning.adapt.policy_gradient import PolicyGradient
 
-__all__ = ["Adaptation", "Cohort", "GradientAdaptation", "HillClimb", "NoAdaptation", "Session"]
+__all__ = [
+    "Adaptation",
+    "Cohort",
+    "GradientAdaptation",
+    "HillClimb",
+    "LinearGAE",
+    "NoAdaptation",
+    "PolicyGradient",
+    "Session",
+    "Steps",
+]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -17,8 +17,23 @@ import torch
 from sim2real.runs.errors import Sim2RealError
 
 
+class Steps(NamedTuple):
+    """An episode of T steps whose actions were drawn."""
+
+    observation: np.ndarray  # (T, O) float32, as the policy saw it
+    action: np.ndarray  # (T, A) float32, as drawn, before anything cuts it
+    reward: np.ndarray  # (T,)
+
+
 class Adaptation(ABC):
-    """A recipe that changes a parameter vector by the returns of a fixed number of episodes."""
+    """A recipe that changes a parameter vector by a fixed number of episodes.
+
+    Attributes:
+        explores: whether it needs episodes whose actions are drawn, and their steps beside their
+            returns.
+    """
+
+    explores: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -43,6 +58,10 @@ class Adaptation(ABC):
     def episodes(self) -> int:
         """Episodes that an adaptation spends, those of the unchanged policy included."""
         return sum(self.stages)
+
+    def of(self, actor: Any) -> Adaptation:
+        """Return this recipe for a policy's actor, a tensordict module; most serve any policy."""
+        return self
 
     def start(self, theta: np.ndarray, rng: np.random.Generator) -> Session:
         """Start one adaptation that asks for one episode at a time.
@@ -173,8 +192,12 @@ class Session:
             return None
         return self._cohort.candidates(np.array([0]), np.array([len(self._values)]))[0]
 
-    def tell(self, value: float) -> None:
+    def tell(self, value: float, steps: Steps | None = None) -> None:
         """Report the return of the episode that was asked for.
+
+        Args:
+            value: its undiscounted return.
+            steps: what happened in it, for an operator that `explores`.
 
         Raises:
             Sim2RealError: when the adaptation is done, or for a value that is not finite.

@@ -95,8 +95,10 @@ class Algorithm(ABC):
         iteration: iterations done.
         population: where its candidates' episodes run, which a cluster may take over; None for an
             algorithm without candidates.
+        adapts_by: the kind of adaptation that it trains for.
     """
 
+    adapts_by: ClassVar[type[Adaptation]] = Adaptation
     uses: ClassVar[frozenset[str]] = frozenset()
     parts: Parts
     frames: int
@@ -160,6 +162,11 @@ def build(algorithm: Callable[..., Algorithm], parts: Parts, adapts: bool = True
     name = type(made).__name__
     if adapts and "adapt" not in made.uses and not isinstance(parts.adapt, NoAdaptation):
         raise Sim2RealError(f"{name} trains no policy that adapts; use adapt=none")
+    if adapts and not isinstance(parts.adapt, made.adapts_by):
+        raise Sim2RealError(
+            f"{name} trains for adaptation by {made.adapts_by.__name__}, and the run has "
+            f"{type(parts.adapt).__name__}; leave adapt out, or choose adapt=policy_gradient"
+        )
     for one, part in parts.optional.items():
         if part is not None and one not in made.uses:
             raise Sim2RealError(f"{name} uses no {one}; leave it out, or use {one}=none")

@@ -44,6 +44,11 @@ class Collecting:
         self._batches = iter(self._collector)
         self.returns = Returns(env.batch_size[0])
 
+    @property
+    def in_rows(self) -> bool:
+        """Whether episodes run in rows of this process, which can go back into them."""
+        return self._rows is not None
+
     def next(self) -> TensorDictBase:
         """Return the next batch of steps, (N, T)."""
         data = next(self._batches)

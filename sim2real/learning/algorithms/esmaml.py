@@ -26,9 +26,9 @@ from envs.rows import Rows
 from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.adapt.first_order import FirstOrder, FirstOrderCohort
 from sim2real.learning.algorithms.base import Algorithm, Parts
-from sim2real.learning.algorithms.randomness import Randomness
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.normalizer import Normalizer
+from sim2real.learning.modules.randomness import Randomness
 from sim2real.learning.population.actors import flat_policy
 from sim2real.learning.population.es import EvolutionStrategy, StrategySettings
 from sim2real.learning.population.population import (

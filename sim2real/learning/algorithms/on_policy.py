@@ -19,8 +19,8 @@ from tensordict import TensorDictBase
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.algorithms.checks import check_at_least, check_loss, refuse_other_policy
 from sim2real.learning.algorithms.collecting import Collecting
-from sim2real.learning.algorithms.randomness import Randomness
 from sim2real.learning.modules.policies import Policy, check_policy
+from sim2real.learning.modules.randomness import Randomness
 from sim2real.learning.trained import Trained, of_actor
 from sim2real.learning.transforms import affine
 from sim2real.runs.errors import Sim2RealError
@@ -162,7 +162,7 @@ class OnPolicy(Algorithm):
 
 
 def _made(policy: Any, name: str) -> Policy:
-    if not isinstance(policy, Policy):
+    if not isinstance(policy, Policy) or policy.critic is None:
         raise Sim2RealError(
             f"algorithm={name} trains an actor and a critic, {type(policy).__name__} is none; use "
             "policy=actor_critic or policy=gru, or policy=cnn for images"

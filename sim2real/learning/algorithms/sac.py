@@ -29,8 +29,8 @@ from sim2real.learning.algorithms.checks import (
     refuse_other_policy,
 )
 from sim2real.learning.algorithms.collecting import Collecting
-from sim2real.learning.algorithms.randomness import Randomness
 from sim2real.learning.modules.policies import check_policy
+from sim2real.learning.modules.randomness import Randomness
 from sim2real.learning.modules.soft_actor_critic import SoftPolicy
 from sim2real.learning.trained import Trained, of_actor
 from sim2real.learning.transforms import affine

@@ -71,20 +71,21 @@ class Law:
     @torch.no_grad()
     def load(self, vector: Tensor) -> None:
         """Put parameters (P,) into the actor."""
-        for p, part in zip(self.parameters, self._split(vector), strict=True):
+        for p, part in zip(self.parameters, self.split(vector), strict=True):
             p.copy_(part)
 
     def read(self, data: TensorDictBase) -> tuple[Tensor, ...]:
         """Return the entries that the law reads."""
         return tuple(data.get(key) for key in self.in_keys)
 
-    def _split(self, vector: Tensor) -> list[Tensor]:
+    def split(self, vector: Tensor) -> list[Tensor]:
+        """Return views of a vector (P,) in the shapes of the parameters."""
         parts = vector.split(self._sizes)
         return [part.view(shape) for part, shape in zip(parts, self._shapes, strict=True)]
 
     def __call__(self, vector: Tensor, *entries: Tensor) -> Normal:
         """Return means and log-deviations for parameters (P,) and entries (..., O)."""
-        weights = dict(zip(self._names, self._split(vector), strict=True))
+        weights = dict(zip(self._names, self.split(vector), strict=True))
         loc, scale = functional_call(self._chain, weights, entries)
         return loc, scale.log()
 

@@ -39,7 +39,7 @@ class Policy(nn.Module):
 
     Args:
         actor: maps the environment's entries to "action" and "action_log_prob".
-        critic: maps the same to "state_value".
+        critic: maps the same to "state_value"; None for an actor alone.
         head: the part of the critic behind what it shares with the actor, which the loss calls
             after the actor; None where they share nothing.
         memory: the recurrent module in the actor; None for a policy without.
@@ -54,7 +54,7 @@ class Policy(nn.Module):
     def __init__(
         self,
         actor: ProbabilisticTensorDictSequential,
-        critic: TensorDictModuleBase,
+        critic: TensorDictModuleBase | None,
         head: TensorDictModuleBase | None = None,
         memory: Any = None,
         window: int = 1,
@@ -64,7 +64,7 @@ class Policy(nn.Module):
         self._head, self._memory, self.window = head, memory, window
 
     @property
-    def loss_critic(self) -> TensorDictModuleBase:
+    def loss_critic(self) -> TensorDictModuleBase | None:
         """The critic as the loss calls it: after the actor, without what both share."""
         return self.critic if self._head is None else self._head
 
@@ -87,7 +87,7 @@ def actor_critic(
     env: EnvBase,
     *,
     actor: Network,
-    critic: Network,
+    critic: Network | None,
     in_keys: Sequence[str] = ("observation",),
     body: Mapping[str, Network] | None = None,
     memory: Network | None = None,
@@ -100,7 +100,7 @@ def actor_critic(
     Args:
         env: its specs say the sizes.
         actor: makes the network of the actions' means.
-        critic: makes the network of the value.
+        critic: makes the network of the value; None for an actor alone.
         in_keys: entries that are seen, side by side.
         body: networks that actor and critic share, by name and in order; None for none.
         memory: makes a recurrent module that both see beside the entries; None for none.
@@ -128,14 +128,17 @@ def actor_critic(
     size = _size(env, seen, shared, recurrent)
     count = env.action_spec.shape[-1]
     mean = actor(in_features=size, out_features=count)
-    value = critic(in_features=size, out_features=1)
+    value = None if critic is None else critic(in_features=size, out_features=1)
     if orthogonal:
         for module in shared:
             initialize(module, HIDDEN_GAIN)
         initialize(mean, MEAN_GAIN)
-        initialize(value, VALUE_GAIN)
+        if value is not None:
+            initialize(value, VALUE_GAIN)
     scale = AddStateIndependentNormalScale(count, init_value=log_std)
     drawn = gaussian([*shared, *_spread(mean, scale, seen)], env)
+    if value is None:
+        return Policy(drawn, None, memory=recurrent, window=window)
     head = ValueOperator(value, in_keys=seen)
     whole = TensorDictSequential(*shared, head) if shared else head
     return Policy(drawn, whole, head if shared else None, recurrent, window)

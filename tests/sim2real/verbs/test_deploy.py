@@ -228,3 +228,26 @@ def test_a_log_tells_what_it_is_of(run, tmp_path):
     assert meta["settings"]["hinge"]["position_p_gain"] == 800
     assert meta["counters"]["hinge"]["timeout"] == 0
     assert meta["jitter"]["max"] < 1e-6
+
+
+def test_a_policy_adapts_by_its_gradient_on_the_robot(tmp_path, monkeypatch):
+    """Three episodes with drawn actions, then one step; what was interrupted ends alike."""
+    run = train(tmp_path / "run", SMALL_PPO)
+    words = ["adapt=policy_gradient", "adapt.trajectories=3"]
+    whole = go(run, tmp_path / "whole", *words)
+    assert (len(whole.before), len(whole.adapting), len(whole.after)) == (2, 3, 2)
+    assert len(set(whole.adapting)) == 3 and not np.array_equal(whole.session.result, whole.theta)
+    play, count = deploy.explore, iter(range(100))
+
+    def interrupted(*arguments: Any) -> Any:
+        if next(count) == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+        return play(*arguments)
+
+    monkeypatch.setattr(deploy, "explore", interrupted)
+    with pytest.raises(Stopped, match=r"after 4 of 7 episodes, torque is off; continue with"):
+        go(run, tmp_path / "part", *words)
+    monkeypatch.setattr(deploy, "explore", play)
+    again = go(run, tmp_path / "rest", *words, f"resume={tmp_path / 'part'}")
+    assert again.adapting[:2] == whole.adapting[:2]
+    np.testing.assert_allclose(again.session.result, whole.session.result, atol=0.02)

@@ -1,0 +1,238 @@
+"""Adaptation by one policy gradient from whole episodes, as MAML adapts (Finn et al. 2017).
+
+    operator = PolicyGradient(trajectories=20, rate=0.1, surrogate="likelihood", advantage=judge)
+    session = operator.of(trained.actor(theta)).start(theta, rng)
+    while (candidate := session.ask()) is not None:
+        session.tell(value, steps)                  # of an episode whose actions were drawn
+    adapted = session.result                        # theta + rate * gradient of the return
+
+The gradient needs every step of an episode, and actions that vary, where the other operators need
+returns alone. PG-MAML trains through the same step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+import torch
+from torch.func import grad
+
+from sim2real.learning.adapt.base import Adaptation, Cohort, Session, Steps
+from sim2real.learning.adapt.linear_gae import LinearGAE
+from sim2real.learning.modules.law import Law, log_prob
+from sim2real.runs.errors import Sim2RealError
+
+Tensor = torch.Tensor
+SURROGATES = ("likelihood", "ratio")
+
+
+class Experience(NamedTuple):
+    """Steps that were taken in a task, S of them; with a dimension before, in B tasks."""
+
+    seen: tuple[Tensor, ...]  # what the policy saw, (S, O) each
+    action: Tensor  # (S, A), as drawn
+    log_prob: Tensor  # (S,), when they were drawn
+    advantage: Tensor  # (S,)
+    weight: Tensor  # (S,), of each step in means over the task: it sums to 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyGradient(Adaptation):
+    """theta - rate * gradient of the loss of K episodes.
+
+    Args:
+        trajectories: K, episodes of an adaptation.
+        rate: step size.
+        surrogate: what is differentiated, with one and the same gradient where the episodes were
+            drawn: "likelihood", log pi A (REINFORCE, Williams 1992), or "ratio", pi / pi_old A,
+            whose second derivatives vary less between samples (Rothfuss et al. 2019, "ProMP").
+        advantage: what actions are judged by.
+        law: of the policy that adapts; see `of`.
+
+    Raises:
+        Sim2RealError: for values out of range.
+    """
+
+    explores: ClassVar[bool] = True
+    trajectories: int
+    rate: float
+    surrogate: Literal["likelihood", "ratio"]
+    advantage: LinearGAE
+    law: Law | None = None
+
+    def __post_init__(self) -> None:
+        if self.trajectories < 1 or not self.rate > 0:
+            raise Sim2RealError(
+                f"adapt: trajectories={self.trajectories} must be at least 1, rate={self.rate} "
+                "above 0"
+            )
+        if self.surrogate not in SURROGATES:
+            raise Sim2RealError(
+                f"adapt.surrogate={self.surrogate!r} is not one of {', '.join(SURROGATES)}"
+            )
+
+    @property
+    def stages(self) -> tuple[int, ...]:
+        """All episodes are of the unchanged policy."""
+        return (self.trajectories,)
+
+    @property
+    def queries(self) -> int:
+        """None: the actions vary, not the parameters."""
+        return 0
+
+    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
+        """Raise Sim2RealError: populations tell returns, and this needs the steps."""
+        raise Sim2RealError(
+            "adapt=policy_gradient learns from the steps of episodes, and a population tells only "
+            "their returns; use adapt=gradient or adapt=hillclimb, or algorithm=pg_maml"
+        )
+
+    def of(self, actor: Any) -> PolicyGradient:
+        """Return this operator for a policy; raises Sim2RealError for one without a normal law."""
+        return replace(self, law=Law(actor))
+
+    def start(self, theta: np.ndarray, rng: np.random.Generator) -> PolicyGradientSession:
+        """Start one adaptation; raises Sim2RealError before `of` has said of which policy."""
+        if self.law is None:
+            raise Sim2RealError(
+                "adapt=policy_gradient: say which policy adapts, by operator.of(actor)"
+            )
+        return PolicyGradientSession(self, self.law, theta)
+
+    def loss(self, law: Law, theta: Tensor, one: Experience) -> Tensor:
+        """Return what a step lowers, for parameters (P,) and the experience of a task."""
+        score = log_prob(law(theta, *one.seen), one.action)
+        if self.surrogate == "ratio":
+            score = (score - one.log_prob).exp()
+        return -(one.weight * score * one.advantage).sum()
+
+    def step(self, law: Law, theta: Tensor, one: Experience) -> Tensor:
+        """Return the adapted parameters, (P,), a function that can be differentiated."""
+        return theta - self.rate * grad(lambda x: self.loss(law, x, one))(theta)
+
+    def experience(
+        self,
+        seen: Sequence[Tensor],
+        action: Tensor,
+        log_probs: Tensor,
+        reward: Tensor,
+        alive: Tensor,
+    ) -> Experience:
+        """Put episodes (..., M, T, ...) together, the leading dimensions being tasks.
+
+        Args:
+            seen: what the policy saw, (..., M, T, O) each.
+            action: as drawn, (..., M, T, A).
+            log_probs: when they were drawn, (..., M, T).
+            reward: (..., M, T).
+            alive: whether the episode was going on before the step, (..., M, T) bool.
+        """
+        advantage = self.advantage(torch.cat(tuple(seen), -1), reward, alive)
+        weight = alive.to(action.dtype)
+        weight = weight / weight.sum((-2, -1), keepdim=True)
+        return Experience(
+            tuple(x.flatten(-3, -2) for x in seen),
+            action.flatten(-3, -2),
+            *(x.flatten(-2) for x in (log_probs, advantage, weight)),
+        )
+
+
+class PolicyGradientSession(Session):
+    """One robot's adaptation by a policy gradient; see `Session`.
+
+    Args:
+        operator: the recipe.
+        law: of the policy that adapts.
+        theta: parameters before adaptation, (P,).
+    """
+
+    def __init__(self, operator: PolicyGradient, law: Law, theta: np.ndarray) -> None:
+        self._recipe, self._law = operator, law
+        self._restart(theta)
+
+    def _restart(self, theta: np.ndarray) -> None:
+        self._theta = np.array(theta, np.float32)
+        self._values: list[float] = []
+        self._steps: list[Steps] = []
+        self._result = self._theta
+
+    @property
+    def episodes_left(self) -> int:
+        """Episodes still to be run."""
+        return self._recipe.episodes - len(self._values)
+
+    @property
+    def result(self) -> np.ndarray:
+        """The parameters adapted so far, (P,) float32: as they were until `ask` returns None."""
+        return self._result.copy()
+
+    def ask(self) -> np.ndarray | None:
+        """Return the parameters to run for one episode, (P,) float32, or None when done."""
+        return self._theta.copy() if self.episodes_left else None
+
+    def tell(self, value: float, steps: Steps | None = None) -> None:
+        """Report an episode whose actions were drawn: its return and its steps.
+
+        Raises:
+            Sim2RealError: when the adaptation is done, without steps, or for values that are not
+                finite.
+        """
+        if self.episodes_left == 0:
+            raise Sim2RealError(f"adaptation: all {self._recipe.episodes} episodes have been told")
+        if steps is None:
+            raise Sim2RealError(
+                "adaptation: adapt=policy_gradient needs each episode's steps beside its return"
+            )
+        if not all(np.isfinite(x).all() for x in (value, *steps)):
+            raise Sim2RealError("adaptation: returns and steps must be finite numbers")
+        self._values.append(float(value))
+        self._steps.append(steps)
+        if self.episodes_left == 0:
+            self._adapt()
+
+    def _adapt(self) -> None:
+        longest = max(len(one.reward) for one in self._steps)
+
+        def padded(name: str) -> Tensor:
+            parts = [getattr(one, name) for one in self._steps]
+            filled = [np.pad(x, [(0, longest - len(x))] + [(0, 0)] * (x.ndim - 1)) for x in parts]
+            return torch.from_numpy(np.stack(filled).astype(np.float32))
+
+        seen, action, reward = (padded(name) for name in Steps._fields)  # (K, T, ...)
+        lengths = torch.tensor([len(one.reward) for one in self._steps])
+        alive = torch.arange(longest) < lengths[:, None]
+        theta = torch.from_numpy(self._theta)
+        with torch.no_grad():
+            drawn = log_prob(self._law(theta, seen), action)
+        one = self._recipe.experience([seen], action, drawn, reward, alive)
+        self._result = self._recipe.step(self._law, theta, one).detach().numpy()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the start, and the episodes so far one after the other, as tensors."""
+        parts = {
+            f"steps.{name}": torch.from_numpy(
+                np.concatenate([getattr(one, name) for one in self._steps])
+                if self._steps
+                else np.zeros(0, np.float32)
+            )
+            for name in Steps._fields
+        }
+        return {
+            "theta": torch.from_numpy(self._theta.copy()),
+            "noise": torch.zeros(0, len(self._theta)),
+            "values": torch.tensor(self._values, dtype=torch.float64),
+            "lengths": torch.tensor([len(one.reward) for one in self._steps], dtype=torch.int64),
+            **parts,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go back to where `state_dict` was taken, by telling the same episodes again."""
+        self._restart(state["theta"].numpy())
+        ends = np.cumsum(state["lengths"].numpy())[:-1]
+        columns = [np.split(state[f"steps.{name}"].numpy(), ends) for name in Steps._fields]
+        for value, *steps in zip(state["values"].tolist(), *columns, strict=False):
+            self.tell(value, Steps(*steps))
