@@ -1,9 +1,8 @@
 """Clients that are not ours drive the device file: they speak to it as to real servos.
 
 The maker's Python SDK is always there, rustypot (Rust, from PyPI) comes with the extra `test`; more
-Python clients are in `test_clients_more.py`. LeRobot's motor bus runs if it is installed
-(`pip install lerobot`), the maker's C++ SDK if DYNAMIXEL_SDK_CPP names the folder `c++` of a
-checkout of DynamixelSDK and g++ is there; they are too large to come with an extra.
+Python clients are in `test_clients_more.py`, LeRobot is in `test_lerobot.py`. The maker's C++ SDK
+runs if DYNAMIXEL_SDK_CPP names the folder `c++` of a checkout of DynamixelSDK and g++ is there.
 """
 
 from __future__ import annotations
@@ -212,35 +211,6 @@ def test_rustypot_sets_servos_up(device):
     time.sleep(0.5)
     assert list(servos.read_operating_mode(7)) == [3]
     assert servos.write_raw_data_with_error(7, 11, [2]) == 4  # outside of its range
-
-
-@needs("lerobot", "pip install lerobot")
-def test_lerobot(device, monkeypatch):
-    """LeRobot's bus finds its motors at connecting, reads and writes them by name."""
-    from lerobot import motors as lerobot  # type: ignore[import-not-found]
-    from lerobot.motors.dynamixel import DynamixelMotorsBus  # type: ignore[import-not-found]
-
-    monkeypatch.setattr("dynamixel_sdk.port_handler.LATENCY_TIMER", 500)  # ms: patient
-    mode = lerobot.MotorNormMode.DEGREES
-    motors = {f"hinge{i}": lerobot.Motor(i, "xl330-m288", mode) for i in (1, 2, 3)}
-    bus = DynamixelMotorsBus(port=device, motors=motors)
-    bus.connect()
-    try:
-        assert bus.ping("hinge2") == 1200
-        bus.write("Position_P_Gain", "hinge1", 800)
-        assert bus.read("Position_P_Gain", "hinge1") == 800
-        bus.enable_torque("hinge1")
-        goals = {"hinge1": 2048 + 300, "hinge2": 2048}
-        bus.sync_write("Goal_Position", goals, normalize=False)
-        time.sleep(0.8)
-        found = bus.sync_read("Present_Position", ["hinge1", "hinge2"], normalize=False)
-        assert found["hinge1"] == pytest.approx(2048 + 270, abs=60)
-        assert found["hinge2"] == pytest.approx(2048, abs=3)
-        assert bus.packet_handler.reboot(bus.port_handler, 1) == (0, 0)  # it has no reboot itself
-        time.sleep(0.4)
-        assert bus.read("Torque_Enable", "hinge1") == 0
-    finally:
-        bus.disconnect()
 
 
 PROGRAM = """
