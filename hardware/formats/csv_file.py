@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import logging
 import warnings
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,11 @@ def read(path: Path) -> dict[str, np.ndarray]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             line = file.readline(LONGEST)
+        if len(line) == LONGEST:
+            raise LogError(
+                f"{path}: the first line has {LONGEST:,} characters or more; it is to name the "
+                "log's columns"
+            )
         separator = separator_of(line)
         header = [name.strip() for name in next(csv.reader([line], delimiter=separator), [])]
         _check_header(path, header)
@@ -114,9 +120,9 @@ def keep_known(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarr
 def _check_header(path: Path, header: list[str]) -> None:
     if not header:
         raise LogError(f"{path}: the file is empty; the first line of a log names its columns")
-    twice = [name for name in header if header.count(name) > 1]
-    if twice:
-        raise LogError(f"{path}: column {twice[0]!r} is there {header.count(twice[0])} times")
+    name, times = Counter(header).most_common(1)[0]
+    if times > 1:
+        raise LogError(f"{path}: column {name!r} is there {times} times")
 
 
 def _refuse_cell(path: Path, header: list[str], separator: str) -> None:

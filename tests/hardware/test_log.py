@@ -96,6 +96,8 @@ def test_views():
             "'1,5' is not a number; write decimals",
         ),
         ("a" * 300_000 + "\n1\n", "the first line names no columns"),
+        ("x," * 600_000 + "\n1\n", "the first line has 1,000,000 characters or more"),
+        ("x," * 200_000 + "y\n1\n", "column 'x' is there 200000 times"),
         (HEADER, r"has no rows"),
         ("", r"the file is empty"),
         ("episode,time,time,ctrl.a,qpos.a\n", r"'time' is there 2 times"),

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.effects.base import PLAIN
-from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.candidates import Candidate, in_the_way
 from sim2real.diagnosis.attribution.cogging import with_ripples
 from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, columns, refine
 from sim2real.diagnosis.attribution.liveliest import lively, tempered
@@ -303,6 +303,7 @@ class Search:
             option
             for option in self.options
             if (option.name, option.effect.where) not in taken
+            and not any(in_the_way(option.effect, m.effect) for m in fit.members)
             and (option.joint is None or guilty & set(option.shown))
             and (len(guilty) > 1 or not option.shared or option.group == PLAIN)
         ]

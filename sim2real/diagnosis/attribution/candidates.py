@@ -135,10 +135,19 @@ def candidates(
     return found
 
 
+def in_the_way(one: Effect, other: Effect) -> bool:
+    """Return whether two effects of one name meet at a joint that can have only one of them.
+
+    An effect without a place is at all of them: a joint bends about one spring.
+    """
+    meet = one.where == other.where or None in (one.where, other.where)
+    return one.name == other.name and meet and not one.composes
+
+
 def _taken(effect: Effect, fixed: Sequence[Fixed]) -> bool:
     """Return whether an effect is fixed at this place, and cannot stand beside itself."""
     there = any((one.name, one.where) == (effect.name, effect.where) for one, _ in fixed)
-    return there and (not effect.composes or effect.how == "set")
+    return (there and effect.how == "set") or any(in_the_way(one, effect) for one, _ in fixed)
 
 
 def _make(

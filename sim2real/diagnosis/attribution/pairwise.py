@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.candidates import Candidate, in_the_way
 from sim2real.diagnosis.attribution.fit import FOLDS, Problem
 from sim2real.diagnosis.attribution.screen import Response
 from sim2real.diagnosis.settings import TINY_SQUARE, Screening
@@ -44,7 +44,13 @@ def pairs(
     gram, across, whole = _products(problem, base, drift, responses)
     names = [(r.candidate.name, r.candidate.effect.where) for r in responses]
     numbers = np.array([names.index(name) for name in names])
-    i, j = np.nonzero(np.triu(numbers[:, None] != numbers[None, :]))
+    apart = np.array(
+        [
+            [not in_the_way(a.candidate.effect, b.candidate.effect) for a in responses]
+            for b in responses
+        ]
+    )
+    i, j = np.nonzero(np.triu(apart & (numbers[:, None] != numbers[None, :])))
     left = np.zeros(len(i))
     scales = np.zeros((FOLDS, 2, len(i)))
     for f in range(FOLDS):

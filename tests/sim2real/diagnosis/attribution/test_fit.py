@@ -58,6 +58,25 @@ def test_two_effects_are_found_together(problem: Problem, options: list[Candidat
     assert found["position_gain.b"] == pytest.approx(0.7, rel=0.02)
 
 
+def test_a_joint_bends_about_one_spring(problem: Problem) -> None:
+    """A spring in all joints is paired with no spring in one of them; frictions add up."""
+    options = [
+        option
+        for option in candidates(problem.data)
+        if option.name in ("coulomb_friction", "joint_compliance")
+        and option.effect.where in (None, "a")
+        and option.effect.side in (None, "motor")
+    ]
+    screening = screen(problem, NOTHING, options)
+    found = [
+        pair.members
+        for pair in pairs(problem, screening.base, screening.drift, screening.responses)
+    ]
+    springs = [[m.effect.where for m in both if m.name == "joint_compliance"] for both in found]
+    assert max(map(len, springs)) == 1
+    assert {"coulomb_friction", "joint_compliance"} in [{m.name for m in both} for both in found]
+
+
 def test_what_is_known_may_follow_what_is_screened(
     problem: Problem, options: list[Candidate]
 ) -> None:
