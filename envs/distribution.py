@@ -69,7 +69,7 @@ class Distribution:
         made_by: the method and its settings.
         logs: SHA-256 of each log, by name.
         flat: directions in which the logs say nothing.
-        noise: what is left at each joint when all is fitted, root mean square [rad or m].
+        noise: gap that is left at each joint and made by no draw, root mean square [rad or m].
         per: "reset" draws anew for each episode; "row" once for each row.
 
     Raises:

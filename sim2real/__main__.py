@@ -34,6 +34,7 @@ EXTRAS = {  # packages that only some verbs need, and the extra that brings them
     "hydra_plugins.hydra_joblib_launcher": "train",
     "imageio_ffmpeg": "film",
     "PIL": "film",
+    "cma": "identify",
     "pyarrow": "data",
     "h5py": "data",
     "zarr": "data",

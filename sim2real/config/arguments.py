@@ -31,9 +31,11 @@ PATHS = (
     "columns",
     "against",
     "params.path",
+    "candidates",
 )
 PLACES = {  # what stands after a verb without a key
     "diagnose": "log",
+    "identify": "log",
     "replay": "log",
     "convert": "log",
     "evaluate": "checkpoint",

@@ -107,6 +107,8 @@ class Config:
     target: dict[str, Any] | None
     episodes: int
     log: str | list[str] | None
+    candidates: str | list[str] | None
+    identify: dict[str, Any]
     model: str | None
     joints: list[str]
     columns: str | None

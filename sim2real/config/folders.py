@@ -15,8 +15,10 @@ from sim2real.config.arguments import PATHS
 from sim2real.config.targets import ConfigError
 
 READ = tuple(key for key in PATHS if key != "columns")  # convert writes that one
+NAMES = ("candidates",)  # of these a list holds names, and no paths
 NEEDED = {  # by verb, what it cannot do without
     "diagnose": "log",
+    "identify": "log",
     "replay": "log",
     "convert": "log",
     "evaluate": "checkpoint",
@@ -64,6 +66,8 @@ def refuse_missing(tree: dict[str, Any], used: Collection[str]) -> None:
     begun = {"resume"} if verb in STARTED_BY_RESUME else set()
     for key in (one for one in READ if one in used and one not in begun):
         given = tree[key] if isinstance(tree[key], list) else [tree[key]]
+        if key in NAMES and isinstance(tree[key], list):
+            continue
         for path in (Path(str(one)).expanduser() for one in given if one):
             if not path.exists():
                 near = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []

@@ -1,0 +1,73 @@
+"""What an identification is given: logs, their model, and what is known already.
+
+data = Recordings(read_logs("logs/"), "arm.xml", fixed=load_effects("effects.yaml"))
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from envs.effects import Effect
+from envs.plant import Fixed
+from envs.rows import Rows
+from hardware.log import Log
+from sim2real.diagnosis.data.dataset import Data
+
+Act = Callable[[np.ndarray], np.ndarray]  # observations (n, O) to actions (n, A)
+
+
+@dataclass(frozen=True)
+class World:
+    """The simulated task that a policy acts in, for rollouts.
+
+    Args:
+        rows: makes the task's rows, of these effects and this number.
+        act: makes the policy for a number of rows; called with all their observations, step after
+            step, it returns their actions.
+        name: of the task, for messages.
+    """
+
+    rows: Callable[[Sequence[Effect], int], Rows]
+    act: Callable[[int], Act]
+    name: str = "the task"
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """Logs of one robot.
+
+    Args:
+        logs: the logs.
+        model: an MJCF for all of them; None takes the one that each log names.
+        fixed: effects that are known, and part of the model.
+        world: what rollouts need; None where nothing rolls out.
+    """
+
+    logs: Sequence[Log]
+    model: str | Path | None = None
+    fixed: Sequence[Fixed] = ()
+    world: World | None = field(default=None)
+
+    @cached_property
+    def windows(self) -> Data:
+        """The logs, cut into windows as a diagnosis cuts them; raises what `Data.of` raises."""
+        return Data.of(self.logs, self.model)
+
+    def hashes(self) -> dict[str, str]:
+        """Return the SHA-256 of each log's file, by name; of one in memory, of its numbers."""
+        found = {}
+        for number, log in enumerate(self.logs):
+            name = log.path.name if log.path else f"log {number + 1}"
+            content = (
+                log.path.read_bytes()
+                if log.path and log.path.is_file()
+                else b"".join(np.ascontiguousarray(c).tobytes() for c in log.columns.values())
+            )
+            found[name] = hashlib.sha256(content).hexdigest()
+        return found

@@ -1,0 +1,83 @@
+"""From logs to a distribution of simulators.
+
+outcome = identify("logs/", "arm.xml", method, prior=["coulomb_friction", "link_mass"])
+outcome.found.names, outcome.found.mean, outcome.found.std
+outcome.judged.coverage            # of held-out readings, by the 90 % band of draws
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from envs.distribution import Distribution
+from envs.randomization import Randomization, Tasks
+from sim2real.identification.data import Recordings
+from sim2real.identification.held_out import Judged, judge
+from sim2real.identification.methods.base import Method, Run
+from sim2real.identification.outcome import Outcome
+from sim2real.identification.prior import of_candidates, of_tasks
+from sim2real.identification.providers.base import Aligned, MakeProvider, Provider
+from sim2real.identification.providers.replay import replay
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+JUDGING = 1  # the stream of randomness of draws on held-out recordings
+
+
+def prior_of(
+    candidates: str | Path | Sequence[str] | None, tasks: Tasks, data: Recordings
+) -> Distribution:
+    """Return the prior: of a diagnosis or of effects by name, or what a training draws.
+
+    Raises:
+        Sim2RealError: both or neither are given, or see `of_candidates` and `of_tasks`.
+    """
+    drawn = bool(tasks.effects)
+    if candidates is None:
+        return of_tasks(tasks, data if drawn else None)
+    if drawn:
+        raise Sim2RealError(
+            "candidates and params are two priors; give one of them (params=none leaves it out)"
+        )
+    return of_candidates(candidates, data)
+
+
+def identify(
+    data: Recordings,
+    method: Method,
+    prior: Distribution | str | Path | Sequence[str] | Tasks,
+    provider: MakeProvider = replay,
+    run: Run | None = None,
+) -> Outcome:
+    """Fit a distribution to logs, and judge it by those that were held out.
+
+    Args:
+        data: the logs.
+        method: how.
+        prior: a distribution, a diagnosis's report.json, names of effects, or a randomization.
+        provider: what simulates.
+        run: journal, seed and who watches.
+
+    Raises:
+        Sim2RealError: logs, priors, methods and scores that do not fit each other, before any work.
+    """
+    run = run or Run()
+    if not isinstance(prior, Distribution):
+        tasks = prior if hasattr(prior, "effects") else Randomization()
+        given = None if hasattr(prior, "effects") else prior
+        prior = prior_of(given, tasks, data)  # type: ignore[arg-type]
+    found = method.fit(provider, prior, data, run)
+    made = provider(data, found.effects, rows=method.rows, seed=run.seed)
+    return Outcome(prior, found, _judged(made, found, run.seed), made.neutral)
+
+
+def _judged(made: Provider, found: Distribution, seed: int) -> Judged | None:
+    """Return what held-out recordings say; None where the provider is not aligned."""
+    if not isinstance(made, Aligned):
+        return None
+    _, held = made.split()
+    return judge(held, found, np.random.default_rng([seed, JUDGING]))

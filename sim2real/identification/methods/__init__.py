@@ -1,0 +1,1 @@
+"""Methods: a provider, a prior and data in, a distribution out."""

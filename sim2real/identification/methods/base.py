@@ -1,0 +1,118 @@
+"""What every method is, and what it hands to whoever watches or stops it.
+
+found = method.fit(provider, prior, data)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from envs.distribution import Distribution, Entry
+from envs.laws import Law
+from sim2real.identification.data import Recordings
+from sim2real.identification.journal import Journal
+from sim2real.identification.providers.base import MakeProvider
+from sim2real.identification.scores.base import Score
+from sim2real.runs.errors import Sim2RealError
+
+Watch = Callable[[int, int, float | None], None]  # turns done, turns in all, best number so far
+
+
+@dataclass(frozen=True)
+class Run:
+    """Where a fit keeps its journal, whom it tells, and where its randomness comes from.
+
+    Args:
+        seed: all randomness follows from it.
+        folder: gets `journal.npz`; None keeps nothing.
+        resume: the folder of a run to go on from; None starts anew.
+        watch: called after each turn.
+    """
+
+    seed: int = 0
+    folder: Path | None = None
+    resume: Path | None = None
+    watch: Watch = field(default=lambda done, total, best: None)
+
+    def journal(self, score: Score | None = None) -> Journal:
+        """Return the fit's journal, that of the resumed run read."""
+        path = None if self.folder is None else self.folder / "journal.npz"
+        start = None if self.resume is None else Path(self.resume) / "journal.npz"
+        return Journal(path, score, start)
+
+
+class Method(Protocol):
+    """See the module's text."""
+
+    name: str  # what `made_by` calls it
+    rows: int | None  # what its score compares, see `Score`
+    provider: MakeProvider  # what a verb gives `fit`
+
+    def fit(
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: Run = ...
+    ) -> Distribution:
+        """Return the distribution of simulators that the data speak for.
+
+        Args:
+            provider: makes what simulates, of data and effects.
+            prior: where values may be, and how wide that is.
+            data: the logs.
+            run: journal, seed and who watches.
+        """
+        ...
+
+
+def refuse_kind(score: Score, aligned: bool) -> None:
+    """Raise Sim2RealError for a score that cannot compare what the provider offers."""
+    if score.aligned == aligned:
+        return
+    name = type(score).__name__
+    if aligned:
+        raise Sim2RealError(
+            f"{name} compares transitions of rollouts, and the provider replays logs; choose "
+            "identify/provider=rollout, or a score such as one_step, k_step or likelihood"
+        )
+    raise Sim2RealError(
+        f"{name} compares row by row, and rollouts are not aligned with the logs; choose "
+        "identify/provider=replay, or a score such as mmd, sliced_wasserstein or critic_gp"
+    )
+
+
+def gaussian(
+    prior: Distribution,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    spread: np.ndarray | None = None,
+    uncertainty: np.ndarray | None = None,
+) -> Distribution:
+    """Return normal laws about a mean, cut off at the prior's ends.
+
+    Args:
+        prior: gives effects and ends.
+        mean: (P,).
+        covariance: of a draw, (P, P).
+        spread: standard deviations between episodes, (P,); None where they are not known.
+        uncertainty: of the mean, (P,); None where it is not known.
+    """
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(std > 0, std, 1.0)
+    joint = covariance / np.outer(safe, safe)
+    joint = (joint + joint.T) / 2
+    np.fill_diagonal(joint, 1.0)
+    mean = np.clip(mean, prior.low, prior.high)
+    entries, first = [], 0
+    for entry in prior.entries:
+        own = slice(first, first + len(entry.laws))
+        laws = tuple(
+            Law("normal", float(m), float(s), law.low, law.high)
+            for m, s, law in zip(mean[own], std[own], entry.laws, strict=True)
+        )
+        apart = [None if v is None else tuple(map(float, v[own])) for v in (spread, uncertainty)]
+        entries.append(Entry(entry.effect, laws, *apart))
+        first = own.stop
+    return Distribution(tuple(entries), joint)

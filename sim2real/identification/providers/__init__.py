@@ -1,0 +1,1 @@
+"""What simulates: aligned with a log's commands (`Replay`), or with a policy that acts."""

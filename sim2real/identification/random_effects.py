@@ -1,0 +1,65 @@
+"""How much a robot varies between episodes, apart from how well its mean is known.
+
+    split = random_effects(estimates, covariances)       # (E, P), (E, P, P)
+    split.mean, split.spread, split.uncertainty          # (P,), (P, P), (P, P)
+
+The model of a meta-analysis: an episode's true value is N(mean, spread), its estimate is
+N(true value, covariance). Spread by restricted maximum likelihood, by an EM algorithm (Laird and
+Ware, Biometrics 38, 1982); the mean's uncertainty is that of generalized least squares.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.settings import TINY
+from sim2real.identification.settings import DEFAULT, Settings
+
+
+class Split(NamedTuple):
+    """A mean, and two covariances."""
+
+    mean: np.ndarray  # (P,)
+    spread: np.ndarray  # (P, P) between episodes; zeros of one episode
+    uncertainty: np.ndarray  # (P, P) of the mean
+
+
+def random_effects(
+    estimates: np.ndarray, covariances: np.ndarray, settings: Settings = DEFAULT
+) -> Split:
+    """Split the scatter of episodes' estimates.
+
+    Args:
+        estimates: of E episodes, (E, P).
+        covariances: how well each is known, (E, P, P), positive definite.
+        settings: `em_rounds` and `em_change` are used.
+    """
+    count, size = estimates.shape
+    if count == 1 or size == 0:
+        return Split(estimates[0], np.zeros((size, size)), covariances[0])
+    spread = np.atleast_2d(np.cov(estimates.T)) + TINY * np.eye(size)
+    for _ in range(settings.em_rounds):
+        mean, inverse, uncertainty = _mean(estimates, covariances, spread)
+        gain = spread @ inverse  # (E, P, P): how much of an estimate is believed
+        apart = estimates - mean
+        scatter = apart[:, :, None] * apart[:, None] + uncertainty
+        new = (gain @ scatter @ gain.transpose(0, 2, 1) + spread - gain @ spread).mean(axis=0)
+        new = (new + new.T) / 2
+        done = np.abs(new - spread).max() <= settings.em_change * np.abs(spread).max()
+        spread = new
+        if done:
+            break
+    mean, _, uncertainty = _mean(estimates, covariances, spread)
+    return Split(mean, spread, uncertainty)
+
+
+def _mean(
+    estimates: np.ndarray, covariances: np.ndarray, spread: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the weighted mean (P,), the weights (E, P, P) and the mean's covariance (P, P)."""
+    inverse = np.linalg.inv(covariances + spread)
+    uncertainty = np.linalg.inv(inverse.sum(axis=0))
+    mean = uncertainty @ np.einsum("epq,eq->p", inverse, estimates)
+    return mean, inverse, uncertainty

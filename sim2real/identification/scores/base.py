@@ -1,0 +1,49 @@
+"""What every score is.
+
+    numbers = score(real, simulated, turn)      # (...), (n, ...) -> (n,)
+
+`aligned` says whether it compares row by row, or samples of transitions; see the providers. `rows`
+is what an aligned score compares: so many rows on from each measured state, None for whole windows.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+
+class Score(Protocol):
+    """See the module's text."""
+
+    aligned: bool
+    rows: int | None
+
+    def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:
+        """Return how far each of n simulations is from what was measured, (n,).
+
+        Args:
+            real: as the provider's `real`.
+            simulated: n of them, (n, ...).
+            turn: the number of the call, from 0; what is random follows from it.
+        """
+        ...
+
+    def state(self) -> dict[str, Any]:
+        """Return what later calls depend on, as arrays by name; {} for a score without memory."""
+        ...
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Go back to a state."""
+        ...
+
+
+class Memoryless:
+    """A score whose calls do not depend on each other."""
+
+    def state(self) -> dict[str, Any]:
+        """Return {}."""
+        return {}
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Do nothing."""

@@ -1,0 +1,85 @@
+r"""The verb `identify`: from a robot's logs to a distribution of simulators.
+
+    python -m sim2real run=identify log=swing.csv candidates=outputs/diagnose/default/<time>
+    python -m sim2real run=identify log=logs/ candidates=[coulomb_friction,link_mass]
+    python -m sim2real run=identify log=logs/ params=udr identify/score=one_step
+    python -m sim2real +experiment=udr params=distribution params.path=.../distribution.yaml
+
+The prior is what a diagnosis leaves open (`candidates`, a report.json), effects by name, or what a
+training draws (`params`). The run's folder gets distribution.yaml, table.md and table.csv,
+identify.json and plots/parameters.png; any of them is whole or absent. A run that was stopped goes
+on with `resume=FOLDER` and the same other keys.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any
+
+from envs.effects import load_effects
+from envs.randomization import Tasks
+from hardware.log import read_logs
+from sim2real.identification.data import Recordings
+from sim2real.identification.identify import identify as find
+from sim2real.identification.identify import prior_of
+from sim2real.identification.methods.base import Run
+from sim2real.identification.outcome import Outcome, readable, table, warnings, write
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.progress import Progress
+
+log_ = logging.getLogger(__name__)
+
+
+def run(
+    *,
+    log: str | list[str] | None,
+    model: str | None,
+    effects: str | None,
+    candidates: str | list[str] | None,
+    params: Tasks,
+    identify: Any,
+    seed: int,
+    resume: str | None,
+    out: Path,
+) -> Outcome:
+    """Fit a distribution to logs and write it.
+
+    Args:
+        log: a log, a folder of logs, or a list of these.
+        model: an MJCF for all logs; None takes the one that each log names.
+        effects: an effects.yaml of what is known already; put into the model first.
+        candidates: the report.json of a diagnosis (or its folder), or names of effects; None takes
+            the prior from `params`.
+        params: what a training draws, as a prior.
+        identify: the method; its provider, score and search are its own.
+        seed: all randomness follows from it.
+        resume: the folder of a run to go on from; None starts anew.
+        out: the run's folder.
+
+    Returns:
+        The distribution, its prior, and what held-out recordings say.
+
+    Raises:
+        Sim2RealError: input that cannot work, before any work starts.
+        LogError: a log that is damaged, or names what the model lacks.
+        EffectError: an effects file that is wrong, or an effect that the robot cannot have.
+    """
+    if not log:
+        raise Sim2RealError("identify needs a recording; give log=PATH")
+    fixed = [] if effects is None else load_effects(effects)
+    data = Recordings(read_logs(log), model, fixed)
+    prior = prior_of(candidates, params, data)
+    with Progress(total=1, unit="generation") as progress:
+        watch = Run(
+            seed,
+            Path(out),
+            None if resume is None else Path(resume),
+            lambda done, total, best: progress.report(done, total),
+        )
+        outcome = find(data, identify, prior, identify.provider, watch)
+    write(outcome, Path(out))
+    log_.info("the robot's parameters\n%s", readable(table(outcome)).markdown())
+    for words in warnings(outcome):
+        log_.warning("%s", words)
+    return outcome
