@@ -42,6 +42,7 @@ from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
+from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all, summary
 from sim2real.diagnosis.data.simulate import Simulator
@@ -56,8 +57,6 @@ from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
-Progress = Callable[[str, float], None]  # what is being tried, and the share of the work done
-EVERY = 5.0  # s between lines of progress
 WEIGHING, TELLING = 0.9, 0.95  # shares of the work that are done then
 
 
@@ -113,7 +112,7 @@ def run_diagnosis(
     (pictures of recordings, the next experiment). A step after that which fails is a line in the
     report, under `failed`.
     """
-    start, on_progress = time.monotonic(), _forward(progress or (lambda text, share: None))
+    start, on_progress = time.monotonic(), Moving(progress or (lambda text, share: None))
     check_names(exclude)
     fixed = [] if effects is None else load_effects(effects)
     rng = np.random.default_rng(seed)
@@ -126,7 +125,7 @@ def run_diagnosis(
     findings = [*held, *preflight(logs, specs, settings)]
     floors = _floors(data)
     floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
-    problem = Problem(data, Simulator(data, fixed))
+    problem = Problem(data, Simulator(data, fixed, on_run=on_progress.tick))
     _refuse_lost(problem)
     options, own = candidates(data, exclude, fixed), floors / data.scale
     search = Search(problem, options, floor, rng, on_progress, own)
@@ -245,33 +244,8 @@ def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Gener
     if is_spread(search, found):
         found = by_family(search, found)
     found = simplified(search, found)
-    search.on_progress("weighing what was found", WEIGHING)
+    search.say("weighing what was found", WEIGHING)
     return conclude(search, found, floors, rng)
-
-
-class ProgressLines:
-    """Progress as lines of the log, not more often than every few seconds."""
-
-    def __init__(self) -> None:
-        self._last = -np.inf
-
-    def __call__(self, text: str, share: float) -> None:
-        """Log what is being done and the share that is done, in [0, 1]."""
-        if time.monotonic() - self._last > EVERY:
-            self._last = time.monotonic()
-            log_.info("%3.0f %%  %s", 100 * share, text)
-
-
-def _forward(progress: Progress) -> Progress:
-    """Return progress whose share never falls: what is left to try is known only as it is tried."""
-    furthest = 0.0
-
-    def on_progress(text: str, share: float) -> None:
-        nonlocal furthest
-        furthest = max(furthest, share)
-        progress(text, furthest)
-
-    return on_progress
 
 
 def _read(logs: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:

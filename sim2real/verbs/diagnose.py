@@ -18,7 +18,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from hardware.log import read_logs
-from sim2real.diagnosis.diagnose import ProgressLines, run_diagnosis
+from sim2real.diagnosis.data.progress import ProgressLines
+from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, last_words, write
 from sim2real.diagnosis.report.comparison import read_report
 from sim2real.diagnosis.schema import Report

@@ -19,13 +19,20 @@ import numpy as np
 from envs.effects.base import PLAIN
 from sim2real.diagnosis.attribution.candidates import Candidate, in_the_way
 from sim2real.diagnosis.attribution.cogging import with_ripples
-from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, columns, refine
+from sim2real.diagnosis.attribution.fit import (
+    FOLDS,
+    Fit,
+    Job,
+    Problem,
+    columns,
+    refine,
+    refine_each,
+)
 from sim2real.diagnosis.attribution.liveliest import lively, tempered
 from sim2real.diagnosis.attribution.pairwise import pairs
 from sim2real.diagnosis.attribution.promise import Guess
 from sim2real.diagnosis.attribution.screen import Response, Screening, screen
 from sim2real.diagnosis.data.score import Blocks, coherence
-from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 PAIRING, STARTED, CAUSE, ENDING = 0.3, 0.1, 0.25, 0.9  # shares of the work, for the progress
@@ -111,7 +118,7 @@ class Search:
         self.racing = problem.subset(liveliest(limits.racing_s), weight)
         self.screening = problem.subset(liveliest(limits.screening_s), weight)
         longer = problem.data.stepping(problem.data.settings.screening.coarse_s)
-        self.coarse = None if longer is None else Simulator(longer, problem.simulator.fixed)
+        self.coarse = None if longer is None else problem.simulator.of(longer)
         seconds = coherence(problem.data, self.base)
         self.blocks = Blocks(problem.data, problem.windows, rng, seconds)
         self.before = self.blocks.rms(self.base)
@@ -120,6 +127,7 @@ class Search:
         self.least = max(limits.done_floors * floor, rounded)  # nothing is left then
         self.first = Screening([], [], self.base, self.base)
         self.responses: list[Response] = []  # of each candidate, as last screened
+        self.best = ""  # what explains most so far, in words
 
     def run(self) -> Found:
         """Search."""
@@ -132,7 +140,7 @@ class Search:
             if best is None or not self.joins(best, found, contenders):
                 break
             best = self.polish(best)
-            found.fit, found.error = best.fit, best.error
+            self.keep(found, best.fit, best.error)
             found.steps.append((best.candidate.label, best.error))
             found.rivals[best.candidate.label] = contenders
             if self.blocks.rms(found.error) <= self.least:
@@ -142,6 +150,17 @@ class Search:
         if found.fit.members:
             self.settle(found)
         return found
+
+    def say(self, text: str, share: float) -> None:
+        """Tell what is being tried, beside the best so far, and the share of the work done."""
+        self.on_progress(f"{text}{self.best}", share)
+
+    def keep(self, found: Found, fit: Fit, error: np.ndarray) -> None:
+        """Let a fit with its held-out errors be the best so far."""
+        found.fit, found.error = fit, error
+        labels = ", ".join(member.label for member in fit.members) or "nothing"
+        closed = self.closed(self.blocks.rms(error))
+        self.best = f" (best so far: {labels}, {closed:.0%} of the gap closed)"
 
     def settle(self, found: Found) -> None:
         """Fit what was found to more windows and to the end, unless little is left as it is.
@@ -157,7 +176,7 @@ class Search:
         fit = refine(self.settling, found.fit.members, starts, self.settings.final_rounds)
         error = self.problem.held_out(fit.members, fit.values)
         if self.blocks.rms(error) < self.blocks.rms(found.error):
-            found.fit, found.error = fit, error
+            self.keep(found, fit, error)
 
     def pair(self, found: Found) -> None:
         """Put two effects in the place of the first, if they do far better together.
@@ -168,20 +187,22 @@ class Search:
         if alone <= self.least or self.closed(alone) > self.settings.alone:
             return
         first, (most, *fewer) = self.first, self.settings.pairs
-        fits = []
-        for pair in pairs(self.screening, first.base, first.drift, first.responses)[:most]:
-            self.on_progress(f"fitting {' and '.join(m.label for m in pair.members)}", PAIRING)
-            fits.append(refine(self.screening, pair.members, pair.start[None], 1))
+        jobs = [
+            Job(pair.members, pair.start[None], 1)
+            for pair in pairs(self.screening, first.base, first.drift, first.responses)[:most]
+        ]
+        fits = refine_each(self.screening, jobs, self._telling(PAIRING))
         stages = (self.screening, self.racing, self.fitting)
         for count, problem in zip(fewer, stages, strict=True):
             fits = sorted(fits, key=lambda fit: float(fit.cost.sum()))[:count]
-            fits = [refine(problem, fit.members, fit.values[None], 1) for fit in fits]
+            jobs = [Job(fit.members, fit.values[None], 1) for fit in fits]
+            fits = refine_each(problem, jobs, self._telling(PAIRING))
         if not fits:
             return
         error = self.problem.held_out(fits[0].members, fits[0].values)
         both = Contender(fits[0].members[1], fits[0], error)
         if self.joins(both, found):
-            found.fit, found.error = both.fit, both.error
+            self.keep(found, both.fit, both.error)
             found.rivals = {}
             self.settle(found)
             found.steps.append((" and ".join(m.label for m in fits[0].members), found.error))
@@ -215,7 +236,7 @@ class Search:
         options = self.suspects(fit, error)
         if replacing is not None:
             options = [option for option in options if meets(option, replacing)]
-        self.on_progress(f"screening {len(options)} effects", self._share(fit))
+        self.say(f"screening {len(options)} effects", self._share(fit))
         looked, racing = self.stages(error)
         before = self.responses if looked is self.screening else ()
         coarse = None if self.coarse is None else looked.by(self.coarse)
@@ -233,10 +254,9 @@ class Search:
         for count, rounds in self.settings.race:
             runners = runners[:count]
             problem = racing if rounds else looked
-            for guess in runners:
-                self.on_progress(f"fitting {guess.candidate.label}", self._share(fit))
-                key = guess.candidate.label
-                fits[key] = self.add(problem, fit, guess, fits.get(key), rounds)
+            jobs = [self.job(fit, g, fits.get(g.candidate.label), rounds) for g in runners]
+            done = refine_each(problem, jobs, self._telling(self._share(fit)))
+            fits |= {g.candidate.label: one for g, one in zip(runners, done, strict=True)}
             runners.sort(key=lambda guess: float(fits[guess.candidate.label].cost.sum()))
         contenders = [self.judge(guess.candidate, fits[guess.candidate.label]) for guess in runners]
         contenders.sort(key=lambda c: self.blocks.rms(c.error))
@@ -272,17 +292,17 @@ class Search:
         fit = refine(self.fitting, best.fit.members, starts, self.settings.settled_rounds)
         return self.judge(best.candidate, fit)
 
-    def add(self, problem: Problem, fit: Fit, guess: Guess, before: Fit | None, rounds: int) -> Fit:
-        """Fit a guess beside the effects found, from its start or from where it was left."""
+    def job(self, fit: Fit, guess: Guess, before: Fit | None, rounds: int) -> Job:
+        """Return the fit of a guess beside the effects found, from its start or where it was."""
         candidate = guess.candidate
         members = (*fit.members, candidate)
         if before is not None:
-            return refine(problem, members, before.values[None], rounds)
+            return Job(members, before.values[None], rounds, candidate.label)
         starts = [
             np.concatenate([guess.known, np.tile(candidate.towards(guess.start, s), (FOLDS, 1))], 1)
             for s in self.settings.spread
         ]
-        return refine(problem, members, np.array(starts), rounds)
+        return Job(members, np.array(starts), rounds, candidate.label)
 
     def judge(self, candidate: Candidate, fit: Fit) -> Contender:
         """Return a fit with its errors on all held-out windows."""
@@ -326,12 +346,12 @@ class Search:
             best = contenders[0]
             dropped = Found(rest, error)
             if not self.joins(best, dropped, contenders):
-                found.fit, found.error = rest, error
+                self.keep(found, rest, error)
                 found.rivals.pop(member.label, None)
                 continue
             if best.candidate is not member:
                 best = self.polish(best)
-            found.fit, found.error = best.fit, best.error
+            self.keep(found, best.fit, best.error)
             found.rivals.pop(member.label, None)
             found.rivals[best.candidate.label] = contenders
 
@@ -345,6 +365,10 @@ class Search:
             keep += [] if m is member else list(range(place, place + size))
             place += size
         return refine(self.fitting, members, fit.values[:, keep][None], self.settings.rest_rounds)
+
+    def _telling(self, share: float) -> Callable[[Job], None]:
+        """Return what tells which fit is being made."""
+        return lambda job: self.say(f"fitting {job.told}", share)
 
     def _share(self, fit: Fit) -> float:
         return min(STARTED + CAUSE * len(fit.members), ENDING)

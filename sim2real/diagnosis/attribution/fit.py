@@ -11,9 +11,11 @@ simulation step, or half of one, is fitted along, since no log knows its stamps 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -172,6 +174,40 @@ def refine(
         if (state.cost > (1 - problem.settings.settled) * before).all():
             break
     return Fit(members, state.values, state.cost)
+
+
+class Job(NamedTuple):
+    """A fit to be made; see `refine`."""
+
+    members: tuple[Candidate, ...]
+    starts: np.ndarray
+    rounds: int = DEFAULT.fitting.rounds
+    new: str = ""  # what is tried, for the progress; "": all members
+
+    @property
+    def told(self) -> str:
+        """What is being tried, in words."""
+        return self.new or " and ".join(member.label for member in self.members)
+
+
+def refine_each(
+    problem: Problem, jobs: Sequence[Job], on_start: Callable[[Job], None] = lambda job: None
+) -> list[Fit]:
+    """Make several fits on the same windows, on several cores.
+
+    Args:
+        problem: on the windows to look at.
+        jobs: the fits.
+        on_start: called before each fit, in the process that makes it.
+    """
+
+    def values(job: Job) -> tuple[np.ndarray, np.ndarray]:
+        on_start(job)
+        fit = refine(problem, job.members, job.starts, job.rounds)
+        return fit.values, fit.cost
+
+    done = problem.simulator.together([partial(values, job) for job in jobs])
+    return [Fit(tuple(job.members), *own) for job, own in zip(jobs, done, strict=True)]
 
 
 class _Pick:

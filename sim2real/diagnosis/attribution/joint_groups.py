@@ -98,7 +98,7 @@ class _Families:
             for choice in ranked:
                 told = " and ".join(choice)
                 share = STARTED + FAMILY * len(found.steps)
-                search.on_progress(f"fitting {told} at every joint", share)
+                search.say(f"fitting {told} at every joint", share)
                 members = (*found.fit.members, *self.members(choice))
                 start = self.promise(self.judge, choice, found.fit)[1]
                 fit = self.settled(members, start, range(self.limits.rounds))

@@ -36,7 +36,7 @@ def simplified(search: Search, found: Found) -> Found:
     """Return what was found with fewer values, where the further ones do not pay."""
     if len(found.fit.members) < 2:
         return found
-    search.on_progress("leaving out what is not needed", SIMPLIFYING)
+    search.say("leaving out what is not needed", SIMPLIFYING)
     found = _wide(search, found)
     found = _merged(search, found)
     return _eliminated(search, found)

@@ -7,6 +7,7 @@ spread = intervals(problem, fit, left, rng)          # spread.ends: (P, 2)
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import combinations
 from math import factorial
 from typing import NamedTuple
@@ -53,15 +54,18 @@ def coalitions(
         full: its held-out errors, (W, T, M).
     """
     count = len(fit.members)
-    found: dict[Set, np.ndarray] = {frozenset(range(count)): full}
-    for size in range(count):
-        for kept in combinations(range(count), size):
-            part = without(fit, kept)
-            if size:
-                rounds = problem.data.settings.causes.subset_rounds
-                part = refine(racing, part.members, part.values[None], rounds)
-            found[frozenset(kept)] = problem.held_out(part.members, part.values)
-    return found
+    sets = [kept for size in range(count) for kept in combinations(range(count), size)]
+    rounds = problem.data.settings.causes.subset_rounds
+
+    def error(kept: Sequence[int]) -> np.ndarray:
+        part = without(fit, kept)
+        if kept:
+            part = refine(racing, part.members, part.values[None], rounds)
+        return problem.held_out(part.members, part.values)
+
+    errors = problem.simulator.together([partial(error, kept) for kept in sets])
+    found = {frozenset(kept): one for kept, one in zip(sets, errors, strict=True)}
+    return {frozenset(range(count)): full, **found}
 
 
 def one_less(problem: Problem, fit: Fit, full: np.ndarray) -> dict[Set, np.ndarray]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -235,15 +236,27 @@ def _simulate(
     problem = view.problem if problem is None else problem
     own = view.base if own is None else own
     found = []
-    for group in dict.fromkeys(look.candidate.group for look in looks):
-        part = [look for look in looks if look.candidate.group == group]
-        error, start = _errors(problem, view.found, part), 0
+    groups = dict.fromkeys(look.candidate.group for look in looks)
+    parts = [[look for look in looks if look.candidate.group == group] for group in groups]
+    for part, error in zip(parts, _each(problem, view.found, parts), strict=True):
+        start = 0
         for option, probes in part:
             changes = {k: error[start + i] - own for i, k in enumerate(probes)}
             start += len(probes)
             if made := promises(view, option, changes):
                 found.append(_Seen(option, made, changes))
     return found
+
+
+def _each(problem: Problem, found: Fit, parts: Sequence[Sequence[_Look]]) -> list[np.ndarray]:
+    """Return the errors of several groups' probes: large groups one by one, the rest together."""
+    alone = [len({look.candidate.label for look in part}) < 2 for part in parts]
+    tasks = [partial(_errors, problem, found, parts[i]) for i in np.flatnonzero(alone)]
+    done = iter(problem.simulator.together(tasks))
+    return [
+        next(done) if one else _errors(problem, found, part)
+        for part, one in zip(parts, alone, strict=True)
+    ]
 
 
 def _errors(problem: Problem, found: Fit, looks: Sequence[_Look]) -> np.ndarray:

@@ -17,7 +17,6 @@ import numpy as np
 from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
 from sim2real.diagnosis.attribution.fit import Problem
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.windows import Window
 from sim2real.diagnosis.settings import TINY_SQUARE
 
@@ -84,7 +83,7 @@ def _search(search: Search, on: np.ndarray, chosen: np.ndarray) -> Search:
         w._replace(usable=row[: len(w.usable)]) for w, row in zip(data.windows, on, strict=True)
     )
     part = replace(data, windows=windows, mask=on).only(chosen)
-    simulator = Simulator(part, search.problem.simulator.fixed)
+    simulator = search.problem.simulator.of(part)
     rng = search.rng.spawn(1)[0]
     problem = Problem(part, simulator)
     return Search(problem, search.options, search.floor, rng, search.on_progress, search.floors)

@@ -4,15 +4,18 @@
     result = simulator.run((make("coulomb_friction", where="elbow"),), windows, values)
     result.error                # (R, T, M): simulated minus measured, in normalized units
 
-Each row R is one window under one set of values. Plants are kept by their structure and size.
+Each row R is one window under one set of values. Plants are kept by their structure and size. The
+engine steps many rows with all cores by itself; where effects act between its steps, processes
+share the rows. A row's numbers are the same wherever it is simulated.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
 
 import mujoco
 import numpy as np
@@ -22,12 +25,14 @@ from envs.plant import Fixed, Plant
 from envs.replay import Readings, Schedule, interpolate, readings, schedule, simulate
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.thermal import Heat
+from sim2real.diagnosis.data.together import cores, is_helper, together
 from sim2real.diagnosis.data.windows import Window
 
 ACTUATORS = tuple(
     f"actuator_{name}" for name in ("gainprm", "biasprm", "forcerange", "damping", "delay")
 )
 BYTES = 8  # of a number
+T = TypeVar("T")
 
 
 class Simulated(NamedTuple):
@@ -58,21 +63,33 @@ class Simulator:
     Args:
         data: the windows.
         fixed: effects that are known, and part of the model.
-        threads: the number of threads of the physics; 0 for all cores.
+        threads: the number of threads of the physics, and of processes; 0 for all cores.
+        on_run: called after each run, for the progress.
     """
 
-    def __init__(self, data: Data, fixed: Sequence[Fixed] = (), threads: int = 0) -> None:
-        self.data, self.fixed, self.threads = data, tuple(fixed), threads
+    def __init__(
+        self,
+        data: Data,
+        fixed: Sequence[Fixed] = (),
+        threads: int = 0,
+        on_run: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
         self.settings = data.settings.simulation
         self.heat = Heat(data, self._paths)
         self.seconds = 0.0  # of robot time simulated
         self.steps = 0  # of physics, of all rows
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
+        self._parents: OrderedDict[tuple[Any, ...], Plant] | None = None  # in a helping process
         self._stepped: dict[tuple[Any, ...], bool] = {}  # by structure: whether Python steps it
         self._length = data.mask.shape[1]
         self._plans = [self._plan(window) for window in data.windows]
         self._places = np.array([joint.qpos for joint in data.joints])
         self._spread = np.array([joint.spread for joint in data.joints])
+
+    def of(self, data: Data) -> Simulator:
+        """Return a simulator of other windows with the same effects and cores."""
+        return Simulator(data, self.fixed, self.threads, self.on_run)
 
     def _plan(self, window: Window) -> _Plan:
         dt = self.data.models[window.model].opt.timestep
@@ -95,9 +112,48 @@ class Simulator:
         for index in np.unique(model):
             rows = np.flatnonzero(model == index)
             for chunk in np.array_split(rows, self._pieces(windows[rows], index)):
-                part = self._chunk(effects, int(index), windows[chunk], values[chunk])
-                error[chunk], slope[chunk], lost[chunk] = part
+                shares = self._shares(effects, int(index), chunk)
+                work = [
+                    partial(self._chunk, effects, int(index), windows[own], values[own])
+                    for own in shares
+                ]
+                for own, part in zip(shares, self.together(work), strict=True):
+                    error[own], slope[own], lost[own] = part
+                self.on_run()
         return Simulated(error, slope, lost)
+
+    def together(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
+        """Return what tasks return that simulate with this, done on several cores."""
+
+        def counted(task: Callable[[], T]) -> tuple[T, float, int]:
+            seconds, steps = self.seconds, self.steps
+            result = task()
+            done = self.seconds - seconds, self.steps - steps
+            self.seconds, self.steps = seconds, steps
+            return result, *done
+
+        results = together([partial(counted, task) for task in tasks], self.threads)
+        self.seconds += sum(seconds for _, seconds, _ in results)
+        self.steps += sum(steps for *_, steps in results)
+        return [result for result, *_ in results]
+
+    def _shares(self, effects: Sequence[Effect], model: int, rows: np.ndarray) -> list[np.ndarray]:
+        """Return rows (n,) in as many shares as there are processes, where that saves time."""
+        few = len(rows) < self.settings.shared_rows
+        if few or is_helper() or not self._is_stepped(effects, model):
+            return [rows]
+        hands = self.threads or cores()
+        return [rows[k::hands] for k in range(hands)]
+
+    def _is_stepped(self, effects: Sequence[Effect], model: int) -> bool:
+        """Return whether something acts between the engine's steps."""
+        if any(plan.schedule.law is not None for plan in self._plans):
+            return True
+        structure = (model, *map(key_of, effects))
+        if structure not in self._stepped:
+            plant = Plant(self.data.specs[model], effects, 1, 1, fixed=self.fixed)
+            self._stepped[structure] = bool(plant.substep_rules)
+        return self._stepped[structure]
 
     def _pieces(self, windows: np.ndarray, model: int) -> int:
         steps = max(self._plans[i].schedule.steps for i in windows)
@@ -107,18 +163,15 @@ class Simulator:
         )
 
     def _plant(self, effects: Sequence[Effect], model: int, rows: int) -> Plant:
+        if is_helper() and self._parents is None:
+            self._parents, self._plants = self._plants, OrderedDict()  # their threads are not here
         key = (model, rows, *map(key_of, effects))
         if key in self._plants:
             self._plants.move_to_end(key)
             return self._plants[key]
-        spec, structure = self.data.specs[model], (model, *key[2:])
-        few = rows < self.settings.threads_rows
-        threads = 1 if self._stepped.get(structure, False) and few else self.threads
-        plant = Plant(spec, effects, rows, threads, fixed=self.fixed)
-        if structure not in self._stepped:
-            self._stepped[structure] = bool(plant.substep_rules)
-            if plant.substep_rules:
-                return self._plant(effects, model, rows)
+        alone = is_helper() or self._is_stepped(effects, model)
+        threads = 1 if alone else self.threads
+        plant = Plant(self.data.specs[model], effects, rows, threads, fixed=self.fixed)
         self._plants[key] = plant
         if len(self._plants) > self.settings.plants:
             self._plants.popitem(last=False)
@@ -133,7 +186,8 @@ class Simulator:
         name = None if weak is None else self.data.models[model].actuator(weak).name
         effects = () if name is None else (make("motor_strength", where=name),)
         spec, count = self.data.specs[model], len(windows)
-        plant = Plant(spec, effects, count, self.threads, fixed=self.fixed)  # none that is in use
+        threads = 1 if is_helper() else self.threads
+        plant = Plant(spec, effects, count, threads, fixed=self.fixed)  # none that is in use
         _set(plant, np.full((count, len(effects)), strength))
         plans = [self._plans[i].schedule for i in windows]
         motion, simulated = simulate(plant, plans), actuated(plant)

@@ -75,9 +75,9 @@ class Simulation:
 
     error_max: float = setting(10.0, "1", "error of what diverged, of the motion", JUDGED)
     spread_min: float = setting(1e-3, "rad", "least motion that this is taken of", JUDGED)
-    batch_bytes: float = setting(2.5e8, "B", "memory of one batch", COST)
+    batch_bytes: float = setting(8e7, "B", "memory of one batch", COST)
     plants: int = setting(12, "1", "models kept ready", COST)
-    threads_rows: int = setting(400, "1", "rows from which threads help Python laws", COST)
+    shared_rows: int = setting(96, "1", "rows from which processes share Python laws", COST)
     weak: float = setting(0.5, "1", "strength of the motor whose heat is compared", DEVELOPED)
 
 

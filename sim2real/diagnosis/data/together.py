@@ -1,0 +1,108 @@
+"""Pieces of work on several cores: what is stepped from Python keeps one core busy at a time.
+
+    first, second, third = together([task, other, another])
+
+Processes are forked for the call and know all that this one knew; who is free takes the next task.
+Results are the same in whichever process, if a task depends on nothing that another one changes.
+Where processes cannot be forked (not on Linux), and in one that was, all tasks are done in turn.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.connection import Connection, Pipe
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+MOST = 256  # tasks of a call that are shared: a task's number is a byte, which is read whole
+
+_forked = False  # whether this process is a helper
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else 1
+
+
+def is_helper() -> bool:
+    """Return whether this process is a helper: threads of its parent are not there."""
+    return _forked
+
+
+def together(tasks: Sequence[Callable[[], T]], hands: int = 0) -> list[T]:
+    """Return what tasks return, in their order; an exception of one is raised.
+
+    Args:
+        tasks: take no argument, and return what can be pickled.
+        hands: processes, this one included; 0 for one a core.
+    """
+    count = min(hands or cores(), len(tasks))
+    if count < 2 or _forked or sys.platform != "linux" or len(tasks) > MOST:
+        return [task() for task in tasks]
+    numbers, queue = os.pipe()
+    os.write(queue, bytes(range(len(tasks))))
+    os.close(queue)
+    helpers = [_helper(tasks, numbers) for _ in range(count - 1)]
+    done: dict[int, Any] = {}
+    try:
+        done = {number: tasks[number]() for number in _taken(numbers)}
+    finally:
+        os.close(numbers)
+        told = [_told(*helper) for helper in helpers]
+    for results in told:
+        if isinstance(results, Exception):
+            raise results
+        done |= results
+    return [done[n] if n in done else task() for n, task in enumerate(tasks)]
+
+
+def _taken(numbers: int) -> Iterator[int]:
+    """Yield numbers of tasks that nobody else does."""
+    while byte := os.read(numbers, 1):
+        yield byte[0]
+
+
+def _helper(tasks: Sequence[Callable[[], Any]], numbers: int) -> tuple[int, Connection]:
+    """Fork a process that does tasks; return it and where its results come from."""
+    here, there = Pipe(duplex=False)
+    with warnings.catch_warnings():  # Python 3.12 warns of threads: helpers use none of them
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = os.fork()
+    if child == 0:
+        here.close()
+        _work(tasks, numbers, there)
+    there.close()
+    return child, here
+
+
+def _work(tasks: Sequence[Callable[[], Any]], numbers: int, answer: Connection) -> None:
+    """Do tasks, say what they return and end this process; never returns."""
+    global _forked
+    try:
+        _forked = True
+        gc.freeze()  # what belongs to the parent's threads is never to be cleaned up here
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent says when it is over
+        results: Any
+        try:
+            results = {number: tasks[number]() for number in _taken(numbers)}
+        except Exception as error:
+            results = error
+        answer.send(results)
+    finally:
+        os._exit(0)
+
+
+def _told(child: int, answer: Connection) -> Any:
+    """Return what a helper says; {} where it was ended: its tasks are then done here."""
+    try:
+        return answer.recv()
+    except EOFError:
+        return {}
+    finally:
+        answer.close()
+        os.waitpid(child, 0)
