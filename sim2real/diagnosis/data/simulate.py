@@ -25,7 +25,7 @@ from envs.plant import Fixed, Plant
 from envs.replay import Readings, Schedule, interpolate, readings, schedule, simulate
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.thermal import Heat
-from sim2real.diagnosis.data.together import cores, is_helper, together
+from sim2real.diagnosis.data.together import cores, is_free, is_helper, together
 from sim2real.diagnosis.data.windows import Window
 
 ACTUATORS = tuple(
@@ -140,10 +140,10 @@ class Simulator:
     def _shares(self, effects: Sequence[Effect], model: int, rows: np.ndarray) -> list[np.ndarray]:
         """Return rows (n,) in as many shares as there are processes, where that saves time."""
         few = len(rows) < self.settings.shared_rows
-        if few or is_helper() or not self._is_stepped(effects, model):
+        if few or not is_free() or not self._is_stepped(effects, model):
             return [rows]
-        hands = self.threads or cores()
-        return [rows[k::hands] for k in range(hands)]
+        most = 2 * len(rows) // self.settings.shared_rows
+        return np.array_split(rows, min(self.threads or cores(), most))  # few effects in each
 
     def _is_stepped(self, effects: Sequence[Effect], model: int) -> bool:
         """Return whether something acts between the engine's steps."""

@@ -22,6 +22,7 @@ T = TypeVar("T")
 MOST = 256  # tasks of a call that are shared: a task's number is a byte, which is read whole
 
 _forked = False  # whether this process is a helper
+_sharing = False  # whether helpers are at work
 
 
 def cores() -> int:
@@ -34,6 +35,11 @@ def is_helper() -> bool:
     return _forked
 
 
+def is_free() -> bool:
+    """Return whether tasks would be shared: not where others are being done."""
+    return not (_forked or _sharing) and sys.platform == "linux"
+
+
 def together(tasks: Sequence[Callable[[], T]], hands: int = 0) -> list[T]:
     """Return what tasks return, in their order; an exception of one is raised.
 
@@ -41,17 +47,20 @@ def together(tasks: Sequence[Callable[[], T]], hands: int = 0) -> list[T]:
         tasks: take no argument, and return what can be pickled.
         hands: processes, this one included; 0 for one a core.
     """
+    global _sharing
     count = min(hands or cores(), len(tasks))
-    if count < 2 or _forked or sys.platform != "linux" or len(tasks) > MOST:
+    if count < 2 or not is_free() or len(tasks) > MOST:
         return [task() for task in tasks]
     numbers, queue = os.pipe()
     os.write(queue, bytes(range(len(tasks))))
     os.close(queue)
     helpers = [_helper(tasks, numbers) for _ in range(count - 1)]
     done: dict[int, Any] = {}
+    _sharing = True
     try:
         done = {number: tasks[number]() for number in _taken(numbers)}
     finally:
+        _sharing = False
         os.close(numbers)
         told = [_told(*helper) for helper in helpers]
     for results in told:

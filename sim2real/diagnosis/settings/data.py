@@ -77,7 +77,7 @@ class Simulation:
     spread_min: float = setting(1e-3, "rad", "least motion that this is taken of", JUDGED)
     batch_bytes: float = setting(8e7, "B", "memory of one batch", COST)
     plants: int = setting(12, "1", "models kept ready", COST)
-    shared_rows: int = setting(96, "1", "rows from which processes share Python laws", COST)
+    shared_rows: int = setting(24, "1", "rows from which processes share Python laws", COST)
     weak: float = setting(0.5, "1", "strength of the motor whose heat is compared", DEVELOPED)
 
 
