@@ -258,7 +258,9 @@ class Search:
             done = refine_each(problem, jobs, self._telling(self._share(fit)))
             fits |= {g.candidate.label: one for g, one in zip(runners, done, strict=True)}
             runners.sort(key=lambda guess: float(fits[guess.candidate.label].cost.sum()))
-        contenders = [self.judge(guess.candidate, fits[guess.candidate.label]) for guess in runners]
+        made = [fits[guess.candidate.label] for guess in runners]
+        parts = zip(runners, made, self.problem.held_out_each(made), strict=True)
+        contenders = [Contender(guess.candidate, one, wrong) for guess, one, wrong in parts]
         contenders.sort(key=lambda c: self.blocks.rms(c.error))
         if found is not None and not fit.members:
             found.singles = contenders

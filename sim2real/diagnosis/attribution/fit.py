@@ -113,6 +113,11 @@ class Problem:
         shift = self.shift(error[0], slope[0])[::-1]
         return error[1] + shift[self.fold][:, None, None] * slope[1]
 
+    def held_out_each(self, fits: Sequence[Fit]) -> list[np.ndarray]:
+        """Return the held-out errors of several fits, (W, T, M) each, made on several cores."""
+        tasks = [partial(self.held_out, fit.members, fit.values) for fit in fits]
+        return self.simulator.together(tasks)
+
 
 def _clock(data: Data) -> float:
     """Return by how much the log's clock may be off [s].

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -92,7 +93,9 @@ class _Families:
         found = Found(search.none, search.base)
         while len(found.steps) < self.limits.families_max:
             kinds = self.choices(found.fit)
-            gains = {c: self.promise(search.racing, c, found.fit)[0] for c in kinds}
+            promises = [partial(self.promise, search.racing, c, found.fit) for c in kinds]
+            done = search.problem.simulator.together(promises)
+            gains = {c: gain for c, (gain, _) in zip(kinds, done, strict=True)}
             ranked = sorted(kinds, key=lambda choice: -gains[choice])[: self.limits.tried]
             tried = []
             for choice in ranked:
@@ -202,7 +205,8 @@ class _Families:
         Whether the others are worth their price is told in the end (`parsimony`).
         """
         whole, every = self.gap(fit), range(len(fit.members))
-        falls = [self.gap(without(fit, [i for i in every if i != n])) - whole for n in every]
+        rests = [without(fit, [i for i in every if i != n]) for n in every]
+        falls = [self.judged.rms(e) - whole for e in self.judge.held_out_each(rests)]
         return without(fit, [n for n in every if falls[n] > 0])
 
     def promise(

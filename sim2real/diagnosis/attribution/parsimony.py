@@ -133,10 +133,7 @@ def _eliminated(search: Search, found: Found) -> Found:
     """
     every = range(len(found.fit.members))
     rests = [without(found.fit, [k for k in every if k != i]) for i in every]
-    losses = [
-        worth(search, search.problem.held_out(rest.members, rest.values), found.error)
-        for rest in rests
-    ]
+    losses = [worth(search, e, found.error) for e in search.problem.held_out_each(rests)]
     order, paid = [found.fit.members[i] for i in np.argsort(losses)], 0
     for member in order:
         if paid > search.problem.data.settings.parsimony.kept or len(found.fit.members) < 2:

@@ -77,11 +77,9 @@ def one_less(problem: Problem, fit: Fit, full: np.ndarray) -> dict[Set, np.ndarr
         full: its held-out errors, (W, T, M).
     """
     every = frozenset(range(len(fit.members)))
-    found: dict[Set, np.ndarray] = {every: full}
-    for member in every:
-        part = without(fit, sorted(every - {member}))
-        found[every - {member}] = problem.held_out(part.members, part.values)
-    return found
+    rests = [without(fit, sorted(every - {member})) for member in every]
+    errors = zip(every, problem.held_out_each(rests), strict=True)
+    return {every: full, **{every - {member}: error for member, error in errors}}
 
 
 def shapley(values: dict[Set, float], count: int) -> np.ndarray:
