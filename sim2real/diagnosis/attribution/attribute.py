@@ -158,9 +158,8 @@ class Search:
     def keep(self, found: Found, fit: Fit, error: np.ndarray) -> None:
         """Let a fit with its held-out errors be the best so far."""
         found.fit, found.error = fit, error
-        labels = ", ".join(member.label for member in fit.members) or "nothing"
-        closed = self.closed(self.blocks.rms(error))
-        self.best = f" (best so far: {labels}, {closed:.0%} of the gap closed)"
+        names, closed = [m.label for m in fit.members], self.closed(self.blocks.rms(error))
+        self.best = f" (best so far: {', '.join(names) or 'nothing'}, {closed:.0%} closed)"
 
     def settle(self, found: Found) -> None:
         """Fit what was found to more windows and to the end, unless little is left as it is.
@@ -245,11 +244,9 @@ class Search:
             seen = {response.candidate.label for response in screening.responses}
             self.responses = [r for r in self.responses if r.candidate.label not in seen]
             self.responses += screening.responses
-        guesses = screening.guesses
         if found is not None and not fit.members:
-            found.guesses = guesses
-            self.first = screening
-        runners = self.promising(guesses, fit)[: self.settings.race[0][0]]
+            found.guesses, self.first = screening.guesses, screening
+        runners = self.promising(screening.guesses, fit)[: self.settings.race[0][0]]
         fits = {}
         for count, rounds in self.settings.race:
             runners = runners[:count]
@@ -259,8 +256,8 @@ class Search:
             fits |= {g.candidate.label: one for g, one in zip(runners, done, strict=True)}
             runners.sort(key=lambda guess: float(fits[guess.candidate.label].cost.sum()))
         made = [fits[guess.candidate.label] for guess in runners]
-        parts = zip(runners, made, self.problem.held_out_each(made), strict=True)
-        contenders = [Contender(guess.candidate, one, wrong) for guess, one, wrong in parts]
+        parts = zip(made, self.problem.held_out_each(made), strict=True)
+        contenders = [Contender(fit.members[-1], fit, wrong) for fit, wrong in parts]
         contenders.sort(key=lambda c: self.blocks.rms(c.error))
         if found is not None and not fit.members:
             found.singles = contenders
