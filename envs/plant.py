@@ -31,6 +31,7 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 
 from envs.effects.base import BoundEffect, CommandRule, Effect, Measurement, SubstepRule
+from envs.effects.goal import Goal
 from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, compile_structure
 from envs.errors import EffectError, TaskError
@@ -52,6 +53,7 @@ class Plant:
         persistent: keep a whole MjData per row, for derived quantities that a step does not
             compute.
         fixed: effects that all rows have, each with its values, as `load_effects` returns them.
+        goal: whether a task gives the rows a goal; without one the effect `goal` is refused.
 
     Attributes:
         qpos: true positions [m, rad], (N, nq) of the model as given; read only where effects added
@@ -76,11 +78,18 @@ class Plant:
         threads: int = 0,
         persistent: bool = False,
         fixed: Sequence[Fixed] = (),
+        goal: bool = False,
     ) -> None:
         if num_rows < 1:
             raise TaskError(f"num_rows={num_rows} must be at least 1")
         _refuse_doubles(effects, [effect for effect, _ in fixed])
         every = [effect for effect, _ in fixed] + list(effects)
+        if not goal and any(isinstance(effect, Goal) for effect in every):
+            raise EffectError(
+                "goal is what a task asks for, and there is no task with one here: no robot, "
+                "recording or diagnosis has it; leave it out, or use a task that has a goal, such "
+                "as env=halfcheetah_direction"
+            )
         self.nominal = spec.copy().compile()
         spec = spec.copy()
         for effect in every:

@@ -22,7 +22,7 @@ from envs.effects.base import Effect
 from envs.errors import ParameterError, did_you_mean
 from envs.params import ParamSpace
 
-Distribution = Literal["uniform", "normal", "truncated_normal"]
+Distribution = Literal["uniform", "normal", "truncated_normal", "ends"]
 FARTHEST = (
     6.0  # standard deviations of a normal draw that must stay within what the parameter means
 )
@@ -49,7 +49,8 @@ class Draw:
 
     Args:
         effect: what is randomized.
-        distribution: "uniform" in [low, high]; "normal" (mean, std); "truncated_normal" (all four).
+        distribution: "uniform" in [low, high]; "normal" (mean, std); "truncated_normal" (all four);
+            "ends": low or high, each as likely.
         low: smallest value, in the parameter's unit and way (set, add or scale).
         high: largest value.
         mean: the mean of the normal law before truncation.
@@ -71,6 +72,7 @@ class Draw:
         needs: dict[str, tuple[str, ...]] = {
             "uniform": ("low", "high"),
             "normal": ("mean", "std"),
+            "ends": ("low", "high"),
         }
         needs["truncated_normal"] = needs["uniform"] + needs["normal"]
         if self.distribution not in needs:
@@ -105,6 +107,8 @@ class Draw:
         if self.distribution == "uniform":
             return rng.uniform(self.low, self.high, shape)  # type: ignore[arg-type]
         low, high = self.reach
+        if self.distribution == "ends":
+            return rng.choice([low, high], shape)
         a, b = (low - self.mean) / self.std, (high - self.mean) / self.std  # type: ignore[operator]
         law = truncnorm(a, b, loc=self.mean, scale=self.std)
         return np.asarray(law.rvs(size=shape, random_state=rng))

@@ -21,6 +21,7 @@ import numpy as np
 
 from envs.contact_forces import ContactForces
 from envs.effects.base import Effect
+from envs.effects.goal import Goals
 from envs.errors import TaskError
 from envs.plant import Fixed, Plant
 from envs.quiet import no_deprecation_notice
@@ -60,6 +61,7 @@ class Simulation:
                 threads,
                 persistent=task.contact_forces,
                 fixed=_fixed(task, effects, fixed),
+                goal=task.has_goal,
             )
         self.num_rows = num_rows
         if task.max_steps < 1:
@@ -70,6 +72,8 @@ class Simulation:
         self.action_low, self.action_high = task.action_range(self.plant.nominal)  # (A,)
         self.action_size = len(self.action_low)
         self._extra = None if task.extra_field is None else self.plant.batch.bind(task.extra_field)
+        goals = self.plant.share("goal", lambda: Goals(num_rows))
+        self._goals = goals.values if task.has_goal else None  # (N,)
         self._forces = ContactForces(self.plant) if task.contact_forces else None
         self._steps = np.zeros(num_rows, dtype=np.int64)  # (N,)
         self._seeds = np.zeros(num_rows, dtype=np.uint64)  # (N,)
@@ -185,9 +189,9 @@ class Simulation:
         rows = slice(None) if ids is None else ids
         extra = None if self._extra is None else self._extra[rows]
         forces = None if self._forces is None else self._forces.values[rows]
-        return State(
-            self.plant.qpos[rows], self.plant.qvel[rows], extra, forces, self._commanded(rows)
-        )
+        goal = None if self._goals is None else self._goals[rows]
+        command = self._commanded(rows)
+        return State(self.plant.qpos[rows], self.plant.qvel[rows], extra, forces, command, goal)
 
     def _commanded(self, rows: np.ndarray | slice) -> Commanded | None:
         if not self.task.commands:

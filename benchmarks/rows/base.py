@@ -46,7 +46,7 @@ class Row(ABC):
     of: str | None = "raw_physics"
     unit: str = "env steps"
     setup: str
-    needs: ClassVar[str | None] = None
+    needs: str | None = None
     simulations: int = 1
     memory: str | None = None
     long: bool = False

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
@@ -75,27 +76,25 @@ class Ours(Row):
 
 
 class StableBaselines3(Row):
-    """One of its algorithms with its defaults.
+    """One of its algorithms with its defaults; TRPO is in its package of contributions.
 
     Args:
         name: of the row.
-        algorithm: "PPO" or "SAC".
+        algorithm: "PPO", "SAC" or "TRPO".
         amount: environment steps of a run; after SAC's first ones each is an update, too.
     """
 
-    needs = "stable_baselines3"
     of = None
 
-    def __init__(self, name: str, algorithm: Literal["PPO", "SAC"], amount: int) -> None:
+    def __init__(self, name: str, algorithm: Literal["PPO", "SAC", "TRPO"], amount: int) -> None:
         self.name, self._algorithm, self._amount = name, algorithm, amount
+        self.needs = "sb3_contrib" if algorithm == "TRPO" else "stable_baselines3"
         self.unit = "updates" if algorithm == "SAC" else "env steps"
         self.setup = f"its {algorithm}, defaults, 1 environment"
 
     def build(self) -> None:
         """Make the learner and warm it up."""
-        import stable_baselines3  # an optional package
-
-        maker = getattr(stable_baselines3, self._algorithm)
+        maker = getattr(import_module(self.needs), self._algorithm)  # an optional package
         self._learner = maker("MlpPolicy", TASK, device="cpu", seed=0)
         self._learner.learn(150 if self._algorithm == "SAC" else BATCH)
 

@@ -39,6 +39,7 @@ from envs.effects.friction_rules import (
     LoadDependentFriction,
     StribeckFriction,
 )
+from envs.effects.goal import Goal
 from envs.effects.hysteresis import HystereticCompliance
 from envs.effects.inertia import CenterOfMass, GravityTilt, LinkInertia, LinkMass, Payload
 from envs.effects.registry import EFFECTS, make, register
@@ -67,6 +68,7 @@ for _effect in (
     *(LinkMass, CenterOfMass, Payload, GravityTilt, GroundFriction, ContactStiffness),
     LinkInertia,
     *(Colour, LightLevel, LightDirection, CameraShift, CameraTurn),
+    Goal,
 ):
     register(_effect)
 

