@@ -12,7 +12,7 @@ RACE = (
     "never raced; it closes 0.973, what won among ten 0.942"
 )
 ROUNDING = "derived: keeps a singular system solvable, far below what data say"
-GLANCE = "judged: kept the exact top five in six cases of `benchmarks.screening`, seed 77"
+GLANCE = "judgement: kept the exact top five in six cases of `benchmarks.screening`, seed 77"
 
 
 @dataclass(frozen=True)
