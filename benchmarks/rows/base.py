@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from importlib.util import find_spec
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 
 class Timing(NamedTuple):

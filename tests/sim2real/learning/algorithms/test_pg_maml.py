@@ -117,7 +117,7 @@ def test_it_learns_to_adapt(words: tuple[str, ...]) -> None:
 
 @pytest.mark.slow
 def test_clipped_steps_raise_the_adapted_return() -> None:
-    """ProMP's outer step, as published, for twenty iterations; it is slower than the natural one."""
+    """ProMP's outer step, as published, for twenty iterations: slower than the natural one."""
     since_the_start, by_adapting = learned(learner("algorithm=promp"), 20)
     assert since_the_start > 30 and by_adapting > 0
 
