@@ -16,11 +16,43 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from envs.distribution import Distribution
 from sim2real.runs.errors import Sim2RealError
 
 Evaluate = Callable[[np.ndarray, int], np.ndarray]  # points (n, P), turn -> (n,)
 OnTurn = Callable[[int, int, float], None]  # turns done, turns in all, best number so far
+
+
+class Space(Protocol):
+    """Where to search: a prior, or a box."""
+
+    @property
+    def low(self) -> np.ndarray:
+        """(P,)."""
+        ...
+
+    @property
+    def high(self) -> np.ndarray:
+        """(P,)."""
+        ...
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(P,), where to start."""
+        ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """P of them."""
+        ...
+
+
+class Box(NamedTuple):
+    """A space of its own ends."""
+
+    low: np.ndarray  # (P,)
+    high: np.ndarray  # (P,)
+    mean: np.ndarray  # (P,)
+    names: tuple[str, ...]
 
 
 class Found(NamedTuple):
@@ -38,7 +70,7 @@ class Search(Protocol):
     def minimize(
         self,
         evaluate: Evaluate,
-        prior: Distribution,
+        prior: Space,
         seed: int,
         on_turn: OnTurn | None = None,
     ) -> Found:
@@ -88,7 +120,7 @@ class Cma:
     def minimize(
         self,
         evaluate: Evaluate,
-        prior: Distribution,
+        prior: Space,
         seed: int,
         on_turn: OnTurn | None = None,
     ) -> Found:
@@ -164,7 +196,7 @@ class EasiEs:
     def minimize(
         self,
         evaluate: Evaluate,
-        prior: Distribution,
+        prior: Space,
         seed: int,
         on_turn: OnTurn | None = None,
     ) -> Found:
