@@ -27,6 +27,7 @@ from sim2real.diagnosis.settings.attribution import (
     Verdict,
 )
 from sim2real.diagnosis.settings.base import TINY, TINY_SQUARE, Row, rows, setting
+from sim2real.diagnosis.settings.contract import Contract
 from sim2real.diagnosis.settings.data import (
     Bootstrap,
     Dataset,
@@ -58,6 +59,7 @@ __all__ = [
     "Checks",
     "Clocks",
     "Cogging",
+    "Contract",
     "Dataset",
     "Encoder",
     "Experiment",
@@ -108,6 +110,7 @@ class Settings:
     lag: Lag = field(default_factory=Lag)
     checks: Checks = field(default_factory=Checks)
     unlogged: Unlogged = field(default_factory=Unlogged)
+    contract: Contract = field(default_factory=Contract)
     numerics: Numerics = field(default_factory=Numerics)
     fitting: Fitting = field(default_factory=Fitting)
     screening: Screening = field(default_factory=Screening)
