@@ -7,13 +7,13 @@
     log.follow(measured)                                        # the next row's measurement
     log.finish({"missed": 0})                                   # writes logs/episode-0000.csv
 
-Beside the columns of every log there are `action.<i>` (what the policy said), `action.<servo>` (the
-goal that the task made of it) where `ctrl.<servo>` is what was sent; `sensor.count_`, `duty_`,
-`torque_`, `fresh_` and `lost_<servo>` (raw position, duty, N·m, whether the answer is new, answers
-lost so far), those of the IMU if the robot's file says its site, `sensor.<name>_<i>` of another
-sensor, `flag.late` (a deadline was missed in this
-step), `flag.limited` (the guard sent less than the goal), `flag.stopped` and `flag.end` (the
-episode's last measurement: nothing was sent any more, the last command holds).
+Beside the columns of every log there are `obs.<i>` and `action.<i>` (what the policy saw and said),
+`action.<servo>` (the goal that the task made of it) where `ctrl.<servo>` is what was sent;
+`sensor.count_`, `duty_`, `torque_`, `fresh_` and `lost_<servo>` (raw position, duty, N·m, whether
+the answer is new, answers lost so far), those of the IMU if the robot's file says its site,
+`sensor.<name>_<i>` of another sensor, `flag.late` (a deadline was missed in this step),
+`flag.limited` (the guard sent less than the goal), `flag.stopped` and `flag.end` (the episode's
+last measurement: nothing was sent any more, the last command holds).
 """
 
 from __future__ import annotations
@@ -64,6 +64,7 @@ class EpisodeLog:
         sent: Sent,
         health: Sequence[Health | None],
         counters: Mapping[str, Counters],
+        observation: Sequence[float] | np.ndarray = (),
     ) -> None:
         """Write down a command beside what was measured before it.
 
@@ -74,6 +75,7 @@ class EpisodeLog:
             sent: the goals sent.
             health: the newest state of each servo; empty where there is none.
             counters: of each servo.
+            observation: what the policy saw, (O,).
         """
         assert self._measured is not None
         row = {"time": time, **self._measurement(self._measured)}
@@ -81,6 +83,7 @@ class EpisodeLog:
         for i, name in enumerate(names):
             row[f"ctrl.{name}"], row[f"action.{name}"] = float(sent.angles[i]), float(wanted[i])
         row |= {f"action.{i}": float(value) for i, value in enumerate(action)}
+        row |= {f"obs.{i}": float(value) for i, value in enumerate(observation)}
         row["flag.limited"] = float(any(sent.limited))
         for name, state in zip(names, health, strict=False):
             if state is not None:

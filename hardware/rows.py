@@ -192,7 +192,8 @@ class RobotRows:
         time, health, counters = started.time, [], {}
         if isinstance(backend, ServoBackend):
             time, health, counters = backend.written, backend.health, backend.counters
-        self.log.add(time, action, goal[self._to_robot], sent, health, counters)
+        seen = self._last[0]
+        self.log.add(time, action, goal[self._to_robot], sent, health, counters, seen)
         limited = np.array([bool(why) for why in sent.limited])[self._from_robot]
         applied = sent.angles[self._from_robot]
         self.note = Note(goal, applied, limited, self.note.fresh, time - started.time, 0)

@@ -36,6 +36,7 @@ EXTRAS = {  # packages that only some verbs need, and the extra that brings them
     "PIL": "film",
     "cma": "identify",
     "pyarrow": "data",
+    "onnxruntime": "onnx",
     "h5py": "data",
     "zarr": "data",
     "mcap": "ros",
@@ -46,6 +47,10 @@ OTHER_ROOT = ("--config-path", "-cp", "--config-name", "-cn")
 
 class Refused(BaseException):
     """The sentence for a mistake; no Exception, so that Hydra lets it pass without a word."""
+
+
+class Answered(BaseException):
+    """The exit status of a verb whose answer has one; no Exception, as `Refused`."""
 
 
 def main() -> None:
@@ -67,6 +72,8 @@ def main() -> None:
         sys.exit(_say(str(stop) or "interrupted", getattr(stop, "exit_code", 130)))
     except Refused as refused:
         sys.exit(_say(str(refused), 2))
+    except Answered as answered:
+        sys.exit(answered.args[0])
     except Exception as error:
         sentence = None if os.environ.get(FULL) == "1" else explained(error)
         if sentence is None:
@@ -161,6 +168,7 @@ def _write_to_log(sentence: str) -> None:
 
 def _run(config: Any) -> None:
     from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
 
     from sim2real.config.compose import checked, prepare, save
     from sim2real.config.folders import refuse_used
@@ -174,8 +182,11 @@ def _run(config: Any) -> None:
     save(tree, out)
     verb, arguments = prepare(tree, out)
     logging.getLogger("sim2real").info("%s in %s", verb.__module__.split(".")[-1], out)
-    verb(**arguments)
+    answer = verb(**arguments)
     logging.getLogger("sim2real").info("results are in %s", out)
+    status = getattr(answer, "exit_status", 0)
+    if status and hydra.mode != RunMode.MULTIRUN:  # a sweep goes on to its next job
+        raise Answered(status)
 
 
 def explained(error: Exception) -> str | None:

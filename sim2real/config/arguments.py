@@ -30,6 +30,8 @@ PATHS = (
     "calibration",
     "columns",
     "against",
+    "actor",
+    "observation",
     "params.path",
     "candidates",
 )
@@ -37,6 +39,7 @@ PLACES = {  # what stands after a verb without a key
     "diagnose": "log",
     "identify": "log",
     "replay": "log",
+    "contract": "log",
     "convert": "log",
     "evaluate": "checkpoint",
     "deploy": "checkpoint",

@@ -116,6 +116,8 @@ class Config:
     effects: str | None
     exclude: list[str]
     against: str | None
+    actor: str | None
+    observation: str | None
     seed: int
     device: Literal["auto", "cpu", "cuda"]
     iterations: int | None

@@ -14,12 +14,14 @@ from envs.errors import did_you_mean
 from sim2real.config.arguments import PATHS
 from sim2real.config.targets import ConfigError
 
-READ = tuple(key for key in PATHS if key != "columns")  # convert writes that one
+# convert writes the first of these, and the second may be the name of a ready-made description
+READ = tuple(key for key in PATHS if key not in ("columns", "observation"))
 NAMES = ("candidates",)  # of these a list holds names, and no paths
 NEEDED = {  # by verb, what it cannot do without
     "diagnose": "log",
     "identify": "log",
     "replay": "log",
+    "contract": "log",
     "convert": "log",
     "evaluate": "checkpoint",
     "export": "checkpoint",

@@ -12,7 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from sim2real.diagnosis.contract.decode import Change, Decoded
+from sim2real.diagnosis.contract.decode import Decoded
+from sim2real.diagnosis.contract.ways import Change
 from sim2real.diagnosis.settings import Contract
 from sim2real.runs.files import write_text
 

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from sim2real.diagnosis.contract.answer import Finding, Open, findings_of, open_of
-from sim2real.diagnosis.contract.decode import Decoded, Target, decode
+from sim2real.diagnosis.contract.decode import Decoded, decode
 from sim2real.diagnosis.contract.description import Description
 from sim2real.diagnosis.contract.history import unstack
 from sim2real.diagnosis.contract.rebuild import Variant, variants
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.terms import ContractError
+from sim2real.diagnosis.contract.ways import Target
 from sim2real.diagnosis.settings import Contract
 
 Actor = Callable[[np.ndarray], np.ndarray]
