@@ -18,12 +18,13 @@ from envs import MujocoEnv
 from envs.tasks import HopperPolito, InvertedPendulum
 from sim2real.learning.algorithms.trpo import TRPO
 from sim2real.learning.modules.law import divergence, log_prob
+from sim2real.learning.optimizers.natural import RESIDUAL
 from sim2real.runs.checkpoint import CheckpointStore, restore
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.learning.algorithms.test_ppo import InTheirOrder, copy_weights, fill, judged
 from tests.sim2real.learning.algorithms.test_ppo import learner as any_learner
 
-PENDULUM = partial(MujocoEnv, task=InvertedPendulum(max_steps=100))
+PENDULUM = partial(MujocoEnv, task=InvertedPendulum(max_steps=60))
 SMALL = ("num_rows=4", "steps=32", "minibatch_size=64", "critic_epochs=2")
 
 
@@ -39,7 +40,10 @@ def test_its_step_is_the_dense_solution() -> None:
     """One step equals one with the divergence's whole Hessian and a direct solution."""
     tiny = ("policy.actor.num_cells=[3]", "step.cg_iterations=60", "kl_per_action=false")
     algorithm = learner(*tiny, "num_rows=4", "steps=64")
-    samples = algorithm._samples(judged(algorithm, algorithm.collecting.next()))
+    with algorithm._randomness:
+        data = judged(algorithm, algorithm.collecting.next())
+    algorithm.policy.double()
+    samples = algorithm._samples(data).double()
     law = algorithm._law
     start, seen = law.vector(), law.read(samples)
     old = law(start, *seen)
@@ -51,19 +55,21 @@ def test_its_step_is_the_dense_solution() -> None:
         return (ratio * advantage).mean()
 
     curvature = hessian(lambda theta: divergence(law(theta, *seen), old).mean())(start)
-    damped = (curvature + 0.1 * torch.eye(len(start))).double()
-    slope = grad(objective)(start).double()
+    damped = curvature + 0.1 * torch.eye(len(start)).double()
+    slope = grad(objective)(start)
     direction = torch.linalg.solve(damped, slope)
-    full = (2 * 0.01 / (slope @ direction)).sqrt() * direction
-    tried = [start + (0.8**k * full).float() for k in range(10)]
+    length = (2 * 0.01 / (slope @ direction)).sqrt()
+    tried = [start + 0.8**k * length * direction for k in range(10)]
     expected = next(
         theta
         for theta in tried
         if divergence(law(theta, *seen), old).mean() < 0.01 and objective(theta) > objective(start)
     )
     algorithm._climb(samples)
-    assert float((expected - start).abs().max()) > 0.01
-    torch.testing.assert_close(law.vector(), expected, atol=2e-5, rtol=0)
+    # conjugate gradients end at a residual of RESIDUAL; no eigenvalue is below the damping
+    within = float(length) * RESIDUAL**0.5 / 0.1
+    assert float((expected - start).abs().max()) > 100 * within
+    torch.testing.assert_close(law.vector(), expected, atol=within, rtol=0)
 
 
 @pytest.mark.skipif(not find_spec("sb3_contrib"), reason="needs sb3-contrib")
@@ -144,13 +150,13 @@ def test_a_loaded_state_goes_on_to_the_last_bit(tmp_path: Path) -> None:
 
 
 def test_it_learns_to_balance_a_pole() -> None:
-    """Within 40000 steps the actor alone keeps the pole up for all 100."""
+    """Within 20000 steps the actor alone keeps the pole up for all 60."""
     algorithm, score = learner("step.max_kl=0.05", "critic_epochs=4", "optimizer.lr=3.0e-3"), 0.0
     seeds = np.arange(8, dtype=np.uint64)
-    while score < 95 and algorithm.frames < 40_000:
+    while score < 57 and algorithm.frames < 20_000:
         algorithm.iterate()
         score = algorithm.trained().play(seeds).returns.mean()
-    assert score >= 95
+    assert score >= 57
 
 
 def test_what_cannot_be_is_refused_in_a_sentence() -> None:
