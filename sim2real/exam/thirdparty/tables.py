@@ -105,6 +105,8 @@ def lines(marks: Sequence[Mark]) -> Table:
     add("robot-wide: named as robot-wide", "robot_wide", "rank1", "≥ 0.90")
     add("torque-controlled: rank 1 right", "torque", "rank1", "≥ 0.80")
     add("two encoders: rank 1 right", "encoders", "rank1", "")
+    wrong = [not one.rank1 for one in marks if one.verdict == "explained"]
+    table.add("of all called explained: a false first cause", len(wrong), wilson(wrong), "")
     covered = _of(marks, "covered")
     table.add("value in its 90 % interval", len(covered), wilson(covered), "0.82 to 0.96")
     asked = [one for one in marks if one.right is not None]

@@ -113,6 +113,20 @@ def test_calibration_error() -> None:
     assert tables.calibration_error([]) is None
 
 
+def test_a_false_explanation_has_a_line_of_its_own() -> None:
+    """A wrong first cause, or a law outside, that is called explained; what is open is none."""
+    marks = [
+        mark(key("single", FRICTION), report("explained", FOUND)),
+        mark(key("single", FRICTION), report("explained", {**FOUND, "where": "yaw"})),
+        mark(key("outside", {"effect": "cable", "joint": "elbow"}), report("explained", FOUND)),
+        mark(key("single", FRICTION), report("partly_explained", {**FOUND, "where": "yaw"})),
+    ]
+    rows = {row[0]: row[1:3] for row in tables.lines(marks).rows}
+    count, share = rows["of all called explained: a false first cause"]
+    assert count == 3
+    assert share.value == pytest.approx(2 / 3)
+
+
 def test_tables_count_each_effect_in_each_kind(tmp_path: Path) -> None:
     """Recall says right of asked; the picture is drawn; failures are listed one by one."""
     marks = [
