@@ -35,6 +35,7 @@ EXTRAS = {  # packages that only some verbs need, and the extra that brings them
     "imageio_ffmpeg": "film",
     "PIL": "film",
     "cma": "identify",
+    "ot": "identify",
     "pyarrow": "data",
     "onnxruntime": "onnx",
     "h5py": "data",

@@ -3,6 +3,7 @@ r"""The verb `identify`: from a robot's logs to a distribution of simulators.
     python -m sim2real run=identify log=swing.csv candidates=outputs/diagnose/default/<time>
     python -m sim2real run=identify log=logs/ candidates=[coulomb_friction,link_mass]
     python -m sim2real run=identify log=logs/ params=udr identify/score=one_step
+    python -m sim2real run=identify log=logs/ params=udr identify=easi checkpoint=RUN
     python -m sim2real +experiment=udr params=distribution params.path=.../distribution.yaml
 
 The prior is what a diagnosis leaves open (`candidates`, a report.json), effects by name, or what a
@@ -14,13 +15,17 @@ on with `resume=FOLDER` and the same other keys.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from envs.distribution import Distribution
 from envs.effects import load_effects
+from envs.plant import Fixed
 from envs.randomization import Tasks
 from hardware.log import read_logs
-from sim2real.identification.data import Recordings
+from sim2real.identification.data import Recordings, World
 from sim2real.identification.identify import identify as find
 from sim2real.identification.identify import prior_of
 from sim2real.identification.methods.base import Run
@@ -40,6 +45,7 @@ def run(
     params: Tasks,
     identify: Any,
     seed: int,
+    checkpoint: str | list[str] | None,
     resume: str | None,
     out: Path,
 ) -> Outcome:
@@ -54,6 +60,7 @@ def run(
         params: what a training draws, as a prior.
         identify: the method; its provider, score and search are its own.
         seed: all randomness follows from it.
+        checkpoint: the training whose policy made the logs, for a provider that rolls out.
         resume: the folder of a run to go on from; None starts anew.
         out: the run's folder.
 
@@ -70,6 +77,8 @@ def run(
     fixed = [] if effects is None else load_effects(effects)
     data = Recordings(read_logs(log), model, fixed)
     prior = prior_of(candidates, params, data)
+    if checkpoint is not None:
+        data = replace(data, world=_world(checkpoint, prior, fixed, seed))
     with Progress(total=1, unit="generation") as progress:
         watch = Run(
             seed,
@@ -83,3 +92,21 @@ def run(
     for words in warnings(outcome):
         log_.warning("%s", words)
     return outcome
+
+
+def _world(
+    checkpoint: str | list[str], prior: Distribution, fixed: Sequence[Fixed], seed: int
+) -> World:
+    """Return what rollouts need: the checkpoint's policy in the simulator that it was trained in.
+
+    It draws its actions, as EASI's does. This imports torch.
+    """
+    from sim2real.deployment.trained import load_policy, one_checkpoint
+
+    trained = load_policy(one_checkpoint(checkpoint))
+    environment = replace(trained.environment, tasks=prior, fixed=tuple(fixed))
+    return World(
+        lambda effects, rows: environment.base_rows(rows),
+        lambda rows: trained.pilot(num_rows=rows, explore=seed),
+        environment.name,
+    )

@@ -50,6 +50,7 @@ def go(out: Path, log: Path | None, **changes: Any) -> Any:
         "params": RANGES,
         "identify": Matching(KStep(), Cma(generations=6)),
         "seed": 0,
+        "checkpoint": None,
         "resume": None,
         "out": out,
     }

@@ -1,0 +1,113 @@
+"""Scores of transitions as samples of two distributions, (N, F) and (n, N', F).
+
+Columns are divided by their deviation in the real data, so that no unit counts more than another.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+
+from sim2real.diagnosis.settings import TINY
+from sim2real.identification.scores.base import Memoryless
+from sim2real.runs.errors import Sim2RealError
+
+HALF = 0.5
+
+
+def standard(real: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values (..., F) less the mean of the real data (N, F), over its deviation."""
+    return (values - real.mean(axis=0)) / np.maximum(real.std(axis=0), TINY)
+
+
+def some(values: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
+    """Return at most so many rows of values (N, F), drawn at random."""
+    if len(values) <= most:
+        return values
+    return values[rng.choice(len(values), most, replace=False)]
+
+
+class Mmd(Memoryless):
+    """Maximum mean discrepancy with Gaussian kernels (Gretton et al., JMLR 13, 2012), squared.
+
+    Args:
+        rows: transitions of each world that are compared, drawn anew each turn.
+        widths: of the kernels, in the median distance between real transitions.
+
+    Raises:
+        Sim2RealError: too few rows, or no width.
+    """
+
+    aligned = False
+    rows = None
+
+    def __init__(self, compared: int = 300, widths: tuple[float, ...] = (0.5, 1.0, 2.0)) -> None:
+        if compared < 2 or not widths or min(widths) <= 0:
+            raise Sim2RealError(
+                f"score: compared={compared} must be at least 2 and widths={list(widths)} above 0"
+            )
+        self.compared, self.widths = compared, tuple(widths)
+
+    def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:
+        """Return it for each simulation, (n,)."""
+        rng = np.random.default_rng(turn)
+        first = standard(real, some(real, self.compared, rng))
+        within = _squares(first, first)
+        middle = float(np.median(within[~np.eye(len(first), dtype=bool)])) + TINY
+        own = self._kernel(within, middle).mean()
+        found = []
+        for one in simulated:
+            other = standard(real, some(one, self.compared, rng))
+            across = self._kernel(_squares(first, other), middle).mean()
+            found.append(own + self._kernel(_squares(other, other), middle).mean() - 2 * across)
+        return np.array(found)
+
+    def _kernel(self, square: np.ndarray, middle: float) -> np.ndarray:
+        return np.mean([np.exp(-HALF * square / (middle * w**2)) for w in self.widths], axis=0)
+
+
+def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return square distances, (N, N'), of (N, F) and (N', F)."""
+    both = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2 * one @ other.T
+    return np.maximum(both, 0.0)
+
+
+class SlicedWasserstein(Memoryless):
+    """Wasserstein distance along random directions (Bonneel et al. 2015), by the library POT.
+
+    Args:
+        projections: directions, drawn anew each turn.
+        compared: transitions of each world that are compared.
+
+    Raises:
+        Sim2RealError: the library is not installed, or too few directions or transitions.
+    """
+
+    aligned = False
+    rows = None
+
+    def __init__(self, projections: int = 50, compared: int = 1000) -> None:
+        if find_spec("ot") is None:
+            raise Sim2RealError(
+                "score=sliced_wasserstein needs the package POT: pip install 'sim2real[identify]'"
+            )
+        if projections < 1 or compared < 2:
+            raise Sim2RealError(
+                f"score: projections={projections} must be at least 1, compared={compared} 2"
+            )
+        self.projections, self.compared = projections, compared
+
+    def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:
+        """Return it for each simulation, (n,)."""
+        from ot import sliced_wasserstein_distance
+
+        rng = np.random.default_rng(turn)
+        first = standard(real, some(real, self.compared, rng))
+        found = []
+        for one in simulated:
+            other = standard(real, some(one, self.compared, rng))
+            found.append(
+                sliced_wasserstein_distance(first, other, n_projections=self.projections, seed=turn)
+            )
+        return np.array(found, dtype=float)
