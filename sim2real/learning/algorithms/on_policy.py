@@ -55,10 +55,12 @@ class OnPolicy(Algorithm):
         self._randomness = Randomness(parts.seed, parts.device)
         with self._randomness:
             env = parts.environment.make(num_rows, device=parts.device, seed=parts.seed)
-            self.policy = _made(parts.policy(env), type(self).__name__.lower()).to(parts.device)
+            self.policy = self._made(parts.policy(env)).to(parts.device)
             for primer in self.policy.primers():
                 env.append_transform(primer)
             check_policy(env, self.policy)
+            if self.policy.critic is None:
+                raise _refused(f"policy: it has no critic, and {self.name} trains one, too")
             self._window = self.policy.window
             if steps % self._window:
                 raise Sim2RealError(
@@ -149,6 +151,17 @@ class OnPolicy(Algorithm):
         self._randomness.state = [one.clone() for one in state["random"]]
         self.frames, self.iteration = state["counts"]
 
+    @property
+    def name(self) -> str:
+        """What its configuration is called, such as "ppo"."""
+        return type(self).__name__.lower()
+
+    def _made(self, policy: Any) -> Policy:
+        if not isinstance(policy, Policy):
+            kind = type(policy).__name__
+            raise _refused(f"algorithm={self.name} trains an actor and a critic, {kind} is none")
+        return policy
+
     def load_policy(self, state: dict[str, Any]) -> None:
         """Take over the policy alone, to act and not to go on training.
 
@@ -161,13 +174,8 @@ class OnPolicy(Algorithm):
         self.frames, self.iteration = state["counts"]
 
 
-def _made(policy: Any, name: str) -> Policy:
-    if not isinstance(policy, Policy) or policy.critic is None:
-        raise Sim2RealError(
-            f"algorithm={name} trains an actor and a critic, {type(policy).__name__} is none; use "
-            "policy=actor_critic or policy=gru, or policy=cnn for images"
-        )
-    return policy
+def _refused(why: str) -> Sim2RealError:
+    return Sim2RealError(f"{why}; use policy=actor_critic or policy=gru, or policy=cnn for images")
 
 
 def _assess(data: TensorDictBase) -> dict[str, float]:
