@@ -218,7 +218,7 @@ class TrainingCollected(Collected):
 
     def _world(self) -> EnvBase:
         norm, known = RunningNorm(), controller(self._gait).normalizer()
-        norm.set_extra_state({"observation": known.state_dict()})
+        norm.moments["observation"].load(known.state_dict())
         base = RowsEnv(make_simulation(self.simulations), seed=SEED)
         transforms: Any = (RandomizeParams(make_tasks()), norm, RewardScaling(0.99))
         return TransformedEnv(base, Compose(*transforms))
