@@ -14,7 +14,7 @@ run: setup
 	$(BIN)/python -m sim2real +experiment=esmaml
 
 # Two files of tests side by side.
-test: setup $(VENV)/.engines
+test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-long: setup $(VENV)/.engines

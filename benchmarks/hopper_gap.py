@@ -170,15 +170,17 @@ def _notes(plan: Plan, found: dict[str, dict[int, TransferScores]]) -> list[str]
 
 
 def draw(returns: dict[str, np.ndarray], path: Path) -> None:
-    """Draw each run's return on the target, and the interquartile means."""
+    """Draw each run's return on the target, interquartile means and their 95 % intervals."""
     with figure(path, 1, 1, (5.4, 3.2)) as (_, axes):
         panel = axes[0, 0]
         for place, values in enumerate(returns.values()):
             spread = np.linspace(-0.16, 0.16, len(values))
             panel.plot(place + spread, values[:, 0], "o", color=COLOURS[place], alpha=0.7)
-            panel.hlines(float(iqm(values)), place - 0.3, place + 0.3, color=INK, lw=2)
+            told = bootstrap(values, iqm, np.random.default_rng(0), draws=DRAWS, resample="rows")
+            panel.hlines(told.value, place - 0.3, place + 0.3, color=INK, lw=2)
+            panel.vlines(place, told.low, told.high, color=INK, lw=1.2)
         panel.set_xticks(range(len(returns)), [f"trained in\n{WORDS[name]}" for name in returns])
-        panel.set_ylabel("return on the target")
+        panel.set_ylabel("return of an episode on the target\n(dots: runs; lines: IQM, 95 %)")
         panel.set_ylim(bottom=0)
         panel.grid(axis="y")
 

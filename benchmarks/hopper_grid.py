@@ -234,15 +234,23 @@ def cells_csv(scores: Mapping[str, GridScores]) -> str:
     return out.getvalue()
 
 
+TITLES = {  # of the maps, in their order
+    "es_fixed, after": "one robot",
+    "es_dr, after": "random robots",
+    "es_dr, adapted, after": "random robots, adapted",
+    "esmaml, before": "meta-learned",
+    "esmaml, after": "meta-learned, adapted",
+}
+
+
 def picture(scores: Mapping[str, GridScores], path: Path) -> None:
     """Draw the grids of all methods on one scale."""
     first = next(iter(scores.values()))
     maps = {}
     for method, found in scores.items():
-        if method == "esmaml":
-            maps["esmaml, before"] = found.before.mean(axis=(0, 2))
-            method = "esmaml, adapted"
-        maps[method] = found.after.mean(axis=(0, 2))
+        for when, values in (("before", found.before), ("after", found.after)):
+            if title := TITLES.get(f"{method}, {when}"):
+                maps[title] = values.mean(axis=(0, 2))
     heatmaps(first.grid, first.parameters, maps, path, box=BOX)
 
 
@@ -257,7 +265,7 @@ def page(plan: Plan, scores: Mapping[str, GridScores]) -> str:
         "# Hopper over 12 masses and 15 frictions",
         *([] if complete else [partial]),
         f"![Mean return over the grid]({NAME}.png)",
-        "Red: the range that training draws from (`es_fixed`: mass 6, friction 2). Returns are "
+        "Framed: the range that training draws from (`es_fixed`: mass 6, friction 2). Returns are "
         "after adaptation where there is any.",
         methods_table(scores).markdown().strip(),
         protocol(scores),

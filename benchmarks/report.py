@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.speed import BUSY, Measured
+from sim2real.runs.figures import AFTER, BEFORE, FLOOR, INK
 from sim2real.runs.statistics import FEW, bootstrap
 
 
@@ -240,32 +241,38 @@ def picture(document: dict[str, Any]) -> bytes:
     from io import BytesIO
 
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
     rows = document["rows"][::-1]
-    figure = Figure(figsize=(8, 0.32 * len(rows) + 1.2), layout="constrained")
+    figure = Figure(figsize=(10, 0.34 * len(rows) + 1.4), layout="constrained")
     axes = figure.subplots()
     ceiling = [row["name"].startswith("raw_physics") for row in rows]
     own = [row["name"].startswith(OWN) or row["name"] in ("sac", "fit") for row in rows]
-    colours = ["0.65" if raw else "C0" if ours else "C1"
+    colours = [FLOOR if raw else AFTER if ours else BEFORE
                for raw, ours in zip(ceiling, own, strict=True)]  # fmt: skip
-    bars = axes.barh(
-        [row["name"] for row in rows], [row["per_second"] for row in rows], color=colours
-    )
-    axes.bar_label(
-        bars,
-        [f"{row['per_second']:,.0f}  ({_number(row['ratio'], 2)})" for row in rows],
-        padding=3,
-        fontsize=8,
-    )
-    axes.set_xlabel("environment steps per second (ratio to the row it is compared with)")
+    places = range(len(rows))
+    axes.barh(places, [row["per_second"] for row in rows], color=colours)
+    for place, row in enumerate(rows):
+        low, high = min(row["runs"]), max(row["runs"])
+        axes.plot([low, high], [place, place], color=INK, linewidth=1.4)
+        axes.text(1.08 * high, place, f"{_rate(row)}  ({_number(row['ratio'], 2)})",
+                  va="center", fontsize=8)  # fmt: skip
+    axes.set_yticks(places, [f"{row['name']}: {row['setup']}"[:WIDE] for row in rows], fontsize=7)
+    axes.set_xlabel("environment steps a second (ratio to the row it is compared with); lines: "
+                    "slowest and fastest round")  # fmt: skip
+    axes.set_xscale("log")
     axes.margins(y=0.01)
-    axes.set_xlim(right=1.25 * max(row["per_second"] for row in rows))
+    axes.set_xlim(right=8 * max(row["per_second"] for row in rows))
     axes.spines[["top", "right"]].set_visible(False)
+    legend = {"physics alone": FLOOR, "this project": AFTER, "others": BEFORE}
+    marks = [Patch(color=colour, label=name) for name, colour in legend.items()]
+    axes.legend(handles=marks, loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3)
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=150)
     return buffer.getvalue()
 
 
+WIDE = 70  # letters of a label
 OWN = (
     "batched_env",
     "collector",

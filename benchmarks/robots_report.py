@@ -171,17 +171,18 @@ def listing(found: Figures) -> Table:
     return table
 
 
-BARS = (  # figure, label, colour
-    ("servo.in_servo", "servo\nin servo", 0),
-    ("servo.on_bus", "servo\non bus", 0),
-    ("ideal.in_ideal", "ideal\nin ideal", 1),
-    ("ideal.on_bus", "ideal\non bus", 1),
-    ("ppo.in_servo", "PPO\nin servo", 2),
-    ("ppo.on_bus", "PPO\non bus", 2),
-    ("esmaml.on_bus", "MAML\non bus", 3),
-    ("load.before", "load", 3),
+TRAINED = ("servo model", "ideal motors", "PPO, servo model", "meta-learned")  # by colour
+BARS = (  # figure, where it is tried, colour
+    ("servo.in_servo", "simu-\nlation", 0),
+    ("servo.on_bus", "bus", 0),
+    ("ideal.in_ideal", "simu-\nlation", 1),
+    ("ideal.on_bus", "bus", 1),
+    ("ppo.in_servo", "simu-\nlation", 2),
+    ("ppo.on_bus", "bus", 2),
+    ("esmaml.on_bus", "bus", 3),
+    ("load.before", "bus,\nload", 3),
     ("load.after", "load,\nadapted", 3),
-    ("friction.before", "slippery", 3),
+    ("friction.before", "bus,\nslippery", 3),
     ("friction.after", "slippery,\nadapted", 3),
 )
 
@@ -190,15 +191,20 @@ def picture(found: Figures, path: Path) -> None:
     """Draw the median and every seed, a panel for each robot."""
     with figure(path, len(found), 1, (8.4, 2.9 * len(found))) as (_, axes):
         for panel, (robot, seeds) in zip(axes[:, 0], found.items(), strict=True):
+            told = set()
             for place, (name, _, colour) in enumerate(BARS):
                 values = values_of(seeds, _item(name))
                 if values:
-                    panel.bar(place, np.median(values), 0.65, color=COLOURS[colour], alpha=0.45)
+                    words = None if colour in told else f"trained with: {TRAINED[colour]}"
+                    told.add(colour)
+                    shade = COLOURS[colour]
+                    panel.bar(place, np.median(values), 0.65, color=shade, alpha=0.45, label=words)
                     panel.plot([place] * len(values), values, "o", color=INK, markersize=3)
             panel.set_xticks(range(len(BARS)), [label for _, label, _ in BARS], fontsize=7)
             panel.set_xlim(-0.6, len(BARS) - 0.4)
-            panel.set_ylabel("return of an episode")
+            panel.set_ylabel("return of an episode\n(bars: median of seeds)")
             panel.set_title(robot)
+        axes[0, 0].legend(fontsize=7, ncols=2, loc="lower center", bbox_to_anchor=(0.6, 1.0))
 
 
 def page(found: Figures) -> str:

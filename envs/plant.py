@@ -35,8 +35,10 @@ from envs.effects.goal import Goal
 from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, compile_structure
 from envs.errors import EffectError, TaskError
+from envs.memory import refuse_larger, row_bytes
 from envs.params import ParamSpace
 from envs.quiet import quiet_engine
+from envs.substeps import Substeps
 
 Fixed = tuple[Effect, Sequence[float]]
 T = TypeVar("T")
@@ -68,6 +70,7 @@ class Plant:
         EffectError: an effect that the robot cannot have, or the same one fixed and drawn where
             they do not compose.
         ParameterError: a fixed value outside its range.
+        EnvsError: more simulations than the machine has memory for.
     """
 
     def __init__(
@@ -103,6 +106,8 @@ class Plant:
             ParamSpace(p).validate(np.atleast_2d(v)) for p, (_, v) in zip(own, fixed, strict=False)
         ]
 
+        needed = num_rows * row_bytes(self.model)
+        refuse_larger(needed, f"{num_rows} simulations side by side", "fewer rows")
         self.batch = Batch(self.model, num_rows, threads, persistent)
         self.num_rows = num_rows
         self.ctrl, self.applied, self.time = (
@@ -110,10 +115,9 @@ class Plant:
         )
         self.layout = Layout(self.batch, self.nominal, keep)
         self.qpos, self.qvel = self.layout.qpos, self.layout.qvel
-        # live values of the fields that effects write, (N, ...), and what those that substep rules
-        # change return to before each substep
+        # live values of the fields that effects write, (N, ...)
         self._fields: dict[str, np.ndarray] = {}
-        self._live: dict[str, np.ndarray] = {}
+        self._substeps = Substeps(num_rows)
         self._shared: dict[str, Any] = {}  # mechanisms that several effects are parts of
         self._bound = [effect.bind(self) for effect in every]
         ends = np.cumsum([len(parameters) for parameters in drawn], dtype=int)
@@ -134,7 +138,6 @@ class Plant:
         parts = [*self._bound, *self._shared.values(), *history]
         parts.sort(key=lambda part: part.order)
         self._parts = list({id(part): part for part in parts}.values())
-        self._rules = [b for b in self._parts if isinstance(b, SubstepRule)]
         self._commands = [b for b in self._parts if isinstance(b, CommandRule)]
         self._measurements = [b for b in self._parts if isinstance(b, Measurement)]
         starters = [b for b in self._parts if type(b).start is not BoundEffect.start]
@@ -142,12 +145,9 @@ class Plant:
             starters, key=lambda b: not isinstance(b, CommandRule)
         )  # what arrives, then who hears it
         own = [id(bound) for bound in self._bound]
-        self._awake = {
-            bound: np.ones(self.num_rows, dtype=bool)
-            for bound in self._bound
-            if isinstance(bound, SubstepRule) and own.count(id(bound)) == 1
-        }  # where such an effect is not absent, (N,); what several effects share always acts
-        self._asked: dict[SubstepRule, np.ndarray | slice] = {}  # the same as rows
+        single = [b for b in self._bound if isinstance(b, SubstepRule) and own.count(id(b)) == 1]
+        rules = [b for b in self._parts if isinstance(b, SubstepRule)]
+        self._substeps.use(rules, single)
         self._fresh = np.zeros(self.num_rows, dtype=bool)  # reset, and no command seen yet
         self.measures = bool(self._measurements)  # whether `measured` differs from the true state
         if self.measures:
@@ -157,7 +157,7 @@ class Plant:
     @property
     def substep_rules(self) -> tuple[SubstepRule, ...]:
         """What acts before each physics substep."""
-        return tuple(self._rules)
+        return self._substeps.rules
 
     @property
     def command_rules(self) -> tuple[CommandRule, ...]:
@@ -184,9 +184,7 @@ class Plant:
 
     def live(self, name: str) -> np.ndarray:
         """Return the same for a substep rule to change; each substep starts as `write` left it."""
-        if name not in self._live:
-            self._live[name] = self.field(name).copy()
-        return self._fields[name]
+        return self._substeps.live(name, self.field(name))
 
     def hold(self, name: str, ids: np.ndarray, values: np.ndarray) -> None:
         """Let a field that was given out be values (n, ...) in the rows ids, from now on.
@@ -194,8 +192,7 @@ class Plant:
         Live fields return to them before each substep; new parameters undo it.
         """
         self._fields[name][ids] = values
-        if name in self._live:
-            self._live[name][ids] = values
+        self._substeps.hold(name, ids)
 
     def varies(self, name: str) -> bool:
         """Return whether an effect writes that model field, so that rows may differ in it."""
@@ -230,15 +227,9 @@ class Plant:
             bound.write(ids, np.repeat(constants, len(ids), axis=0))
         for bound, columns in self._drawn:
             bound.write(ids, values[:, columns])
-            if isinstance(bound, SubstepRule) and bound in self._awake:
-                away = values[:, columns] != self.space.neutral[columns]
-                self._awake[bound][ids] = away.any(axis=1)
-        self._asked = {
-            rule: slice(None) if awake.all() else np.flatnonzero(awake)
-            for rule, awake in self._awake.items()
-        }
-        for name, base in self._live.items():
-            base[ids] = self._fields[name][ids]
+            away = values[:, columns] != self.space.neutral[columns]
+            self._substeps.place(bound, ids, away.any(axis=1))
+        self._substeps.written(ids)
         if self._constants:
             self.batch.set_const(ids)
         self.params[ids] = values
@@ -292,23 +283,32 @@ class Plant:
             (n,) bool: the rows whose simulation broke (an engine error or warning, such as a
             diverged state).
         """
+        broken = self.advance(ids, ctrl, nstep)
+        rows = slice(None) if ids is None else ids
+        self.layout.read(rows)
+        self._sense(rows)
+        return broken
+
+    def advance(self, ids: np.ndarray | None, ctrl: np.ndarray, nstep: int) -> np.ndarray:
+        """Do as `step` does, but read no sensors: `qpos`, `qvel` and `measured` stay behind.
+
+        Whoever replays many steps reads `layout.raw_qpos`, and turns the whole path into readings.
+        """
         rows = slice(None) if ids is None else ids
         self.ctrl[rows] = self._received(rows, ctrl) if self._starters or self._commands else ctrl
         broken = np.zeros(self.num_rows, dtype=bool)
-        if self._rules:
+        if self._substeps.rules:
             for _ in range(nstep):
-                self._substep(rows)
+                self._substeps.act(ids, self.applied)
                 self._advance(ids, 1, broken)
         else:
             self._advance(ids, nstep, broken)
-        warned = self._warnings[rows].any(axis=1)  # (n,)
-        if warned.any():
-            self._warnings[rows] = (
-                0  # the engine's own reset clears counts: only what rose from 0 can be told
-            )
-        self.layout.read(rows)
-        self._sense(rows)
-        return broken[rows] | warned
+        if self._warnings.any():
+            warned = self._warnings[rows].any(axis=1)  # (n,)
+            # the engine's own reset clears counts: only what rose from 0 can be told
+            self._warnings[rows] = 0
+            return broken[rows] | warned
+        return broken[rows]
 
     def _received(self, rows: np.ndarray | slice, ctrl: np.ndarray) -> np.ndarray:
         """Return what arrives of the commands (n, nu) in the rows."""
@@ -327,25 +327,6 @@ class Plant:
             bound.start(ids, held)
         self.ctrl[ids] = held
         self._fresh[ids] = False
-
-    def _substep(self, rows: np.ndarray | slice) -> None:
-        for name, base in self._live.items():
-            self._fields[name][rows] = base[rows]
-        self.applied[rows] = 0.0
-        with np.errstate(all="ignore"):  # a diverged row's numbers are its own affair
-            for rule in self._rules:
-                self._ask(rule, rows)
-
-    def _ask(self, rule: SubstepRule, rows: np.ndarray | slice) -> None:
-        """Let a rule act, but for the rows in which its effect is absent."""
-        asked = self._asked.get(rule, slice(None))
-        if isinstance(asked, slice):
-            rule.before_substep(rows)
-            return
-        if not isinstance(rows, slice):
-            asked = rows[self._awake[rule][rows]]
-        if asked.size:
-            rule.before_substep(asked)
 
     def _advance(self, ids: np.ndarray | None, nstep: int, broken: np.ndarray) -> None:
         try:

@@ -17,7 +17,7 @@
     backends.py     episodes on a robot            replayed.py     episodes of a log
     body.py         IMU and tracker                episode_log.py  a log of every step
     rows.py         a task on a robot              exported.py     a policy in NumPy
-    env.py          the same for TorchRL
+    env.py          the same for TorchRL           commands.py     python -m hardware
 
 Needs numpy, PyYAML, dynamixel-sdk, pyserial and mujoco (log.py only numpy); knows neither the
 simulated worlds (env.py aside) nor the algorithms. `docs/hardware.md` is the manual.

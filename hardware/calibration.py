@@ -22,6 +22,7 @@ Source: lerobot/motors/motors_bus.py, `set_half_turn_homings`, `record_ranges_of
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -190,7 +191,9 @@ def _joint(entry: Any, place: str) -> Joint:
     sign, zero, model = entry.get("sign", 1), entry.get("zero"), entry.get("model")
     if sign not in (1, -1):
         raise RobotError(f"{place}: sign is {sign!r}; it can be 1 or -1")
-    if zero is not None and (not isinstance(zero, int | float) or isinstance(zero, bool)):
+    if zero is not None and (
+        not isinstance(zero, int | float) or isinstance(zero, bool) or not math.isfinite(zero)
+    ):
         raise RobotError(f"{place}: zero is {zero!r}, not a count")
     if not isinstance(model, str | None):
         raise RobotError(f"{place}: model is {model!r}, not the name of a servo's type")

@@ -96,11 +96,16 @@ class Log:
 
     @property
     def model(self) -> Path | None:
-        """The MJCF that the metadata names, seen from the log's folder."""
+        """The MJCF that the metadata names, seen from the log's folder, or one of its name there.
+
+        So a log that was moved finds the model that was moved with it.
+        """
         name = self.meta.get("model")
         if name is None:
             return None
-        return (self.path.parent if self.path else Path()) / name
+        folder = self.path.parent if self.path else Path()
+        beside = folder / Path(name).name
+        return beside if beside.is_file() and not (folder / name).exists() else folder / name
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -85,6 +85,7 @@ class RobotRows:
         self.log = EpisodeLog(robot, folder)
         self.stopped: str | None = None
         self.over = True  # no episode is going on
+        self.facts: dict[str, Any] = {}  # further metadata of the logs, such as "policy"
         self._rest: np.ndarray = np.asarray(task.rest(model))[None]  # (1, n)
         self._measured: Measured | None = None
         blank = Commanded(np.zeros(1), np.zeros((1, self.action_size)), self._rest)
@@ -226,7 +227,7 @@ class RobotRows:
     def finish(self) -> None:
         """End the present episode, and write its log."""
         self.over = True
-        facts: dict[str, Any] = {"task": type(self.task).__name__}
+        facts: dict[str, Any] = {"task": type(self.task).__name__, **self.facts}
         backend = self.backend
         if isinstance(backend, ServoBackend) and self._measured is not None:
             facts["counters"] = {name: c.as_dict() for name, c in backend.counters.items()}

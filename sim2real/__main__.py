@@ -43,6 +43,7 @@ EXTRAS = {  # packages that only some verbs need, and the extra that brings them
     "mcap": "ros",
     "rosbags": "ros",
 }
+FULL_MEMORY = ("bad_alloc", "can't allocate memory")  # as C++ and torch say it
 OTHER_ROOT = ("--config-path", "-cp", "--config-name", "-cn")
 
 
@@ -182,34 +183,58 @@ def _run(config: Any) -> None:
     write_manifest(out, seed=tree["seed"])
     save(tree, out)
     verb, arguments = prepare(tree, out)
+    logging.raiseExceptions = False  # a log file on a full disk; what else is written says so
     logging.getLogger("sim2real").info("%s in %s", verb.__module__.split(".")[-1], out)
     answer = verb(**arguments)
-    logging.getLogger("sim2real").info("results are in %s", out)
+    logging.getLogger("sim2real").info("results are in %s: %s", out, made_in(out))
     status = getattr(answer, "exit_status", 0)
     if status and hydra.mode != RunMode.MULTIRUN:  # a sweep goes on to its next job
         raise Answered(status)
 
 
+def made_in(out: Path) -> str:
+    """Return the names of what a verb left in a run's folder, what a person reads first."""
+    own = {"config.yaml", "manifest.json", "sim2real.log", "timing.csv"}
+    names = [path.name + "/" * path.is_dir() for path in out.iterdir()]
+    shown = [name for name in names if name not in own and not name.startswith(".")]
+    return ", ".join(sorted(shown, key=lambda name: (not name.endswith((".html", ".md")), name)))
+
+
 def explained(error: Exception) -> str | None:
     """Return the sentence for an error that a user can cause; None for a defect of the program."""
+    if isinstance(error, ModuleNotFoundError):  # perhaps hydra's, too
+        return lacking(error)
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
     from sim2real.config.compose import explain
     from sim2real.runs.errors import DiskError
 
-    if isinstance(error, MemoryError) or str(error).endswith("bad_alloc"):
+    if isinstance(error, MemoryError) or any(words in str(error) for words in FULL_MEMORY):
         return f"this needs more memory than there is ({error}); ask for fewer or smaller parts"
     if isinstance(error, OSError) and error.errno in DiskError.USUAL:
         where = f"{error.filename}: " if error.filename else "a file of this run: "
         return f"{where}{error.strerror}; {DiskError.remedy(error)}, then start again"
-
-    if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
-        extra = EXTRAS[error.name]
-        return f"this needs {error.name}; install it with: pip install 'sim2real[{extra}]'"
     if isinstance(error, HydraException | OmegaConfBaseException):
         return str(explain(error, [a for a in sys.argv[1:] if not a.startswith("-")]))
     return str(error) if isinstance(error, ValueError) and _raised_here(error) else None
+
+
+def lacking(error: ModuleNotFoundError) -> str | None:
+    """Return the sentence for a package that is not installed; None for a module of this project.
+
+    An optional package is named with the extra that brings it, any other with the Python that has
+    none of them: the one outside this project's environment.
+    """
+    name = error.name or ""
+    if name in EXTRAS:
+        return f"this needs {name}; install it with: pip install 'sim2real[{EXTRAS[name]}]'"
+    if name.split(".")[0] in ("sim2real", "envs", "hardware"):
+        return None
+    return (
+        f"{sys.executable} has no package {name!r}: use the Python that sim2real is installed in, "
+        "such as .venv/bin/python after make setup, or install it here with: pip install ."
+    )
 
 
 def _raised_here(error: BaseException) -> bool:

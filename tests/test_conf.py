@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -70,7 +71,13 @@ def test_choices_compose(group: str, option: str) -> None:
     assert tree[group] is None or tree[group][name]
 
 
-@pytest.mark.parametrize("name", options("experiment"))
+def alone(name: str) -> Any:
+    """Return an experiment as a parameter; the one that needs Drake waits for the long suite."""
+    marks = [pytest.mark.slow] if name == "blindcheck_drake" else []
+    return pytest.param(name, marks=marks)
+
+
+@pytest.mark.parametrize("name", map(alone, options("experiment")))
 def test_experiments_can_be_built(name: str, tmp_path: Path) -> None:
     """What an experiment names can be made, and its tasks fit its environment."""
     trains = compose([f"+experiment={name}"])["run"]["_target_"] == "sim2real.verbs.train.run"

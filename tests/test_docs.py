@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from hardware import __main__ as servos
+from hardware import commands as servos
 from hardware.config import load_robot
 from sim2real.__main__ import precheck, readable
 
@@ -191,3 +191,64 @@ def test_imports_of_examples_are_there(page: Path) -> None:
             if isinstance(node, ast.ImportFrom) and module.split(".")[0] in ROOMS:
                 room = importlib.import_module(module)
                 assert all(hasattr(room, name.name) for name in node.names), module
+
+
+CHECKED = ROOT / "docs" / "checked.md"
+TEST = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
+
+
+def test_every_test_that_is_promised_is_there() -> None:
+    """Each fault of `docs/checked.md` names a test that exists, or says why it was declined."""
+    text = CHECKED.read_text(encoding="utf-8")
+    for file, name in TEST.findall(text):
+        path = ROOT / file
+        assert path.is_file() and f"def {name}(" in path.read_text(encoding="utf-8"), (file, name)
+    rows = [line for line in text.splitlines() if re.match(r"\|\s*[^-|\s]", line)]
+    bare = [row for row in rows if not re.search(r"::test_|the same|declined|held by", row)]
+    assert bare == []
+
+
+def test_no_number_of_the_round_is_left_out() -> None:
+    """Forty-five inputs and twenty-five differences of the bus, in their order."""
+    numbers = re.findall(r"^\| (\d+) \|", CHECKED.read_text(encoding="utf-8"), re.MULTILINE)
+    assert [int(n) for n in numbers] == [*range(1, 46), *range(1, 26)]
+
+
+WORDS = 700  # of the README, at most
+
+
+def test_the_readme_stays_short() -> None:
+    """A stranger reads it to the end, and finds how to install."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.split()) <= WORDS
+    assert "pip install" in text
+
+
+def test_the_site_has_contents_and_a_search() -> None:
+    """Every page is in the menu; long ones show their contents beside the text."""
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    assert "toc.follow" in text and "- search" in text
+    for page in (ROOT / "docs").rglob("*.md"):
+        assert str(page.relative_to(ROOT / "docs")) in text, page
+
+
+SAMPLES = sorted((ROOT / "docs" / "samples").glob("*.html"))
+LARGEST = 500_000  # bytes of a sample report
+
+
+def test_sample_reports_are_shown() -> None:
+    """The page links to each, and to none that is not there."""
+    text = (ROOT / "docs" / "samples.md").read_text(encoding="utf-8")
+    linked = {target for target, _ in LINK.findall(text) if target.endswith(".html")}
+    assert len(SAMPLES) >= 2
+    assert linked == {f"samples/{path.name}" for path in SAMPLES}
+
+
+@pytest.mark.parametrize("path", SAMPLES, ids=lambda p: p.name)
+def test_a_sample_report_is_small_and_offline(path: Path) -> None:
+    """It loads nothing, says which command made it, and tells nothing of the machine."""
+    page = path.read_text(encoding="utf-8")
+    assert len(page.encode()) < LARGEST
+    assert not re.search(r"<(script|link|img)[^>]*(src|href)=[\"']?https?:", page)
+    assert "diagnose" in page
+    assert not re.search(r"/(work|home|root|Users)/\w", page)

@@ -54,7 +54,9 @@ FLOORS = (
     "contract",
     "attribution",
     "report",
+    "comparison",
     "outcome",
+    "design",
     "diagnose",
 )  # of diagnosis/
 

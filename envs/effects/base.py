@@ -81,6 +81,13 @@ class SubstepRule(BoundEffect, ABC):
     adds to the applied forces (`Plant.applied`, zeroed before each substep).
     """
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Take note of the rows that the coming calls of `before_substep` are for.
+
+        Called before the first of them, and again whenever the rows or their parameters are
+        others: the place for what stays the same from substep to substep.
+        """
+
     @abstractmethod
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Act on the rows ids, through the plant's batch (controls, applied forces)."""

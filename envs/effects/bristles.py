@@ -60,13 +60,17 @@ class Bristles(SubstepRule):
         """Let the first substep find what bends the bristles."""
         self._running[ids] = False
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Keep the rows whose bristles bend."""
+        rows = np.arange(len(self.bend))[ids]
+        self._bent = rows[self.bend[rows, 0] > 0]
+        self._at = (self._bent[:, None], self._dofs)
+
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Replace the friction loss of the joints by the bristles' torque."""
-        rows = np.arange(len(self.bend))[ids]
-        rows = rows[self.bend[rows, 0] > 0]
+        rows, at, dt = self._bent, self._at, self._dt
         if not rows.size:
             return
-        at, dt = (rows[:, None], self._dofs), self._dt
         speed, level = self._qvel[at], np.maximum(self._loss[at], LEAST)
         stiffness = (level + self.faded[rows]) / self.bend[rows]
         stiffness = np.minimum(stiffness, self._stiffest)

@@ -31,14 +31,14 @@ class _Cogging(SubstepRule):
         self.count[ids, 0] = self.effect.scalar("count", values)
         self.phase[ids, 0] = self.effect.scalar("phase", values)
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        rows = np.arange(len(self.value))[ids][:, None]
+        self.at, self.to = (rows, self.q), (rows, self.v)
+        self.wave = self.value[ids], self.count[ids], self.phase[ids]
+
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        torque = self.value[ids] * np.sin(
-            self.count[ids] * self.qpos[ids][:, self.q] + self.phase[ids]
-        )
-        if isinstance(ids, slice):
-            self.applied[:, self.v] += torque
-        else:
-            self.applied[ids[:, None], self.v] += torque
+        value, count, phase = self.wave
+        self.applied[self.to] += value * np.sin(count * self.qpos[self.at] + phase)
 
 
 class Cogging(Effect):

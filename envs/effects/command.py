@@ -161,15 +161,54 @@ class Profile(SubstepRule):
             np.full(shape, np.inf),
             np.full(shape, np.inf),
         )  # inf: no limit
+        # who limits: the servos' places among those here, and their limits in each row
+        self.parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {
+            "velocity": [],
+            "acceleration": [],
+        }
         self.goal, self.speed, self.target = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self.before = np.zeros(shape)  # the targets until the last command
+        self.moving = np.zeros(plant.num_rows, dtype=bool)  # rows whose goals are kept
+
+    def collect(self, kind: str, ids: np.ndarray) -> None:
+        """Bring the limits of a kind up to date in the rows ids."""
+        limits: np.ndarray = getattr(self, kind)
+        limits[ids] = np.inf
+        for columns, own in self.parts[kind]:
+            at = (ids[:, None], columns)
+            limits[at] = np.minimum(limits[at], own[ids])
 
     def start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         """Begin at rest at the command that was held."""
-        self.goal[ids] = self._clipped(ids, ctrl[:, self.columns])
-        self.speed[ids] = 0.0
+        self._rest(ids, ctrl[:, self.columns])
+        self.moving[ids] = self._limited(ids)
+
+    def _rest(self, ids: np.ndarray, goal: np.ndarray) -> None:
+        self.goal[ids], self.speed[ids] = self._clipped(ids, goal), 0.0
+
+    def _limited(self, ids: np.ndarray) -> np.ndarray:
+        """Return in which of the rows ids (n,) a goal has a limit, (n,)."""
+        limits = np.minimum(self.velocity[ids], self.acceleration[ids])
+        return np.isfinite(limits).any(axis=1)
+
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Keep the rows whose goals have limits; the others' commands are left as they are."""
+        rows = np.arange(self.plant.num_rows)[ids]
+        limited = self._limited(rows)
+        fresh = rows[limited & ~self.moving[rows]]  # were free: there already
+        self._rest(fresh, self.before[fresh])
+        self.moving[rows] = limited
+        self.rows = rows[limited]
+        self.at = (self.rows[:, None], self.columns)
+        bounds = control_range(self.plant, self.rows)[:, self.columns]
+        self.ends = bounds[..., 0], bounds[..., 1]
+        fastest, hardest = self.velocity[self.rows], self.acceleration[self.rows]
+        self.limits = fastest, hardest, np.where(np.isfinite(hardest), hardest, 1.0)
+        self.hard, self.free = np.isfinite(hardest), np.isinf(fastest) & np.isinf(hardest)
 
     def receive(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
         """Take new targets from commands (n, nu)."""
+        self.before[ids] = self.target[ids]
         self.target[ids] = ctrl[:, self.columns]
 
     def _clipped(self, ids: np.ndarray | slice, target: np.ndarray) -> np.ndarray:
@@ -178,27 +217,27 @@ class Profile(SubstepRule):
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Move the goals by one substep, and make them the commands."""
-        goal, speed, dt = self.goal[ids], self.speed[ids], self.dt
-        fastest, hardest = self.velocity[ids], self.acceleration[ids]
-        target = self._clipped(ids, self.target[ids])
+        rows, dt, (fastest, hardest, soft) = self.rows, self.dt, self.limits
+        if not rows.size:
+            return
+        goal, speed, sent = self.goal[rows], self.speed[rows], self.target[rows]
+        target = np.clip(sent, *self.ends)
         way = target - goal
-        soft = np.where(np.isfinite(hardest), hardest, 1.0)
+        far = np.abs(way)
         braking = (
-            soft * dt * (np.sqrt(0.25 + 2.0 * np.abs(way) / (soft * dt * dt)) - 0.5)
+            soft * dt * (np.sqrt(0.25 + 2.0 * far / (soft * dt * dt)) - 0.5)
         )  # stops at the target
-        wanted = np.where(
-            np.isfinite(hardest), np.minimum(braking, np.abs(way) / dt), np.abs(way) / dt
-        )
+        direct = far / dt
+        wanted = np.where(self.hard, np.minimum(braking, direct), direct)
         wanted = np.sign(way) * np.minimum(wanted, fastest)
-        speed = speed + np.clip(wanted - speed, -hardest * dt, hardest * dt)
-        there = (np.abs(way) <= np.abs(speed) * dt * (1 + 1e-9)) & (
-            np.abs(speed) <= np.maximum(hardest * dt, 0)
-        )
-        free = np.isinf(fastest) & np.isinf(hardest)
-        goal = np.where(there | free, target, goal + speed * dt)
-        self.goal[ids], self.speed[ids] = goal, np.where(there | free, 0.0, speed)
-        at = (np.arange(self.plant.num_rows)[ids][:, None], self.columns)
-        self.plant.ctrl[at] = np.where(free, self.target[ids], goal)
+        change = hardest * dt
+        speed = speed + np.clip(wanted - speed, -change, change)
+        fast = np.abs(speed)
+        there = (far <= fast * dt * (1 + 1e-9)) & (fast <= np.maximum(change, 0))
+        there |= self.free
+        goal = np.where(there, target, goal + speed * dt)
+        self.goal[rows], self.speed[rows] = goal, np.where(there, 0.0, speed)
+        self.plant.ctrl[self.at] = np.where(self.free, sent, goal)
 
 
 class _Targets(CommandRule):
@@ -214,15 +253,16 @@ class _Targets(CommandRule):
 
 
 class _Limit(BoundEffect):
-    """Writes one of the profile's limits for k of its servos."""
+    """Writes one of the profile's limits for k of its servos; the smallest of several holds."""
 
-    def __init__(self, limits: np.ndarray, columns: np.ndarray, scale: np.ndarray) -> None:
-        self._limits, self._columns, self._scale = limits, columns, scale
+    def __init__(self, profile: Profile, kind: str, columns: np.ndarray) -> None:
+        self._profile, self._kind, self._scale = profile, kind, profile.scale[columns]
+        self._own = np.full((profile.plant.num_rows, len(columns)), np.inf)
+        profile.parts[kind].append((columns, self._own))
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        self._limits[ids[:, None], self._columns] = (
-            np.where(values >= NO_LIMIT, np.inf, values) * self._scale
-        )
+        self._own[ids] = np.where(values >= NO_LIMIT, np.inf, values) * self._scale
+        self._profile.collect(self._kind, ids)
 
 
 class _ProfileEffect(ActuatorEffect):
@@ -248,7 +288,7 @@ class _ProfileEffect(ActuatorEffect):
         profile = plant.share("profile", lambda: Profile(plant))
         plant.share("profile targets", lambda: _Targets(profile))
         columns = np.flatnonzero(np.isin(profile.index, self.actuators(plant.model)))
-        return _Limit(getattr(profile, self.limit), columns, profile.scale[columns])
+        return _Limit(profile, self.limit, columns)
 
     def batch(self) -> str:
         """Return the group of rules that are stepped from Python."""

@@ -38,22 +38,28 @@ class _DriveRule(SubstepRule):
         """Keep the value of each row."""
         self.value[ids] = values[:, :1]
 
-    def at(self, ids: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
-        """Return the index of the actuators in the rows ids of a field."""
-        return np.arange(self.plant.num_rows)[ids][:, None], self.index
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Keep where the actuators and joints are in the rows ids of fields, and the values."""
+        rows = np.arange(self.plant.num_rows)[ids][:, None]
+        self.at, self.own = (rows, self.index), self.value[ids]
+        self.places = (rows, self.q), (rows, self.v)
+        self.low, self.high = (*self.at, 0), (*self.at, 1)  # in the range
 
     def command(self, ids: np.ndarray | slice) -> np.ndarray:
         """Return what reaches the actuators in the coming substep, (n, k)."""
         return self.arrivals.at(ids, self.index)
 
-    def law(self, ids: np.ndarray | slice) -> np.ndarray:
-        """Return the force that the actuators' laws ask for in the coming substep, (n, k)."""
-        layout, at = self.plant.layout, self.at(ids)
-        bias = self.bias[at]  # (n, k, 10)
-        length = self.gear * layout.raw_qpos[ids][:, self.q]
-        speed = self.gear * layout.raw_qvel[ids][:, self.v]
-        held = bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
-        return self.gain[(*at, 0)] * self.command(ids) + held
+    def law(self, ids: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what the actuators' laws ask for in the coming substep, (n, k) each.
+
+        The force, its part from the command and the position, and the gain.
+        """
+        layout, (q, v) = self.plant.layout, self.places
+        held, stiff, drag = (self.bias[(*self.at, column)] for column in range(3))
+        gain = self.gain[(*self.at, 0)]
+        sent, spring = gain * self.command(ids), stiff * (self.gear * layout.raw_qpos[q])
+        damper = drag * (self.gear * layout.raw_qvel[v])
+        return sent + (held + spring + damper), sent + held + spring, gain
 
 
 class _Knee(_DriveRule):
@@ -69,14 +75,15 @@ class _Knee(_DriveRule):
         super().write(ids, values)
         self.no_load[ids, 0] = self.effect.scalar("no_load", values)
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        super().prepare(ids)
+        self.free, self.fall = self.no_load[ids] * self.own, (self.no_load[ids] - 1) * self.own
+
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        at = self.at(ids)
-        speed = self.plant.layout.raw_qvel[ids][:, self.v] * np.sign(self.gear)  # (n, k)
-        knee = self.value[ids]
-        left = (self.no_load[ids] * knee - np.abs(speed)) / ((self.no_load[ids] - 1) * knee)
-        left = np.clip(left, 0.0, 1.0)
-        self.range[(*at, 1)] *= np.where(speed > 0, left, 1.0)
-        self.range[(*at, 0)] *= np.where(speed < 0, left, 1.0)
+        speed = self.plant.layout.raw_qvel[self.places[1]] * np.sign(self.gear)  # (n, k)
+        left = np.minimum(np.maximum((self.free - np.abs(speed)) / self.fall, 0.0), 1.0)
+        self.range[self.high] *= np.where(speed > 0, left, 1.0)
+        self.range[self.low] *= np.where(speed < 0, left, 1.0)
 
 
 class TorqueSpeedKnee(ActuatorEffect):
@@ -147,14 +154,16 @@ class _Lag(_DriveRule):
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         self.running[ids] = False  # the first substep has what the law asks for
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        super().prepare(ids)
+        self.kept = np.exp(-self.plant.model.opt.timestep / np.maximum(self.own, 1e-12))
+
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        at = self.at(ids)
-        wanted = np.clip(self.law(ids), self.range[(*at, 0)], self.range[(*at, 1)])
-        kept = np.exp(-self.plant.model.opt.timestep / np.maximum(self.value[ids], 1e-12))
-        kept = np.where(self.running[ids][:, None], kept, 0.0)
+        wanted = np.clip(self.law(ids)[0], self.range[self.low], self.range[self.high])
+        kept = np.where(self.running[ids][:, None], self.kept, 0.0)
         force = wanted + (self.force[ids] - wanted) * kept
         self.force[ids], self.running[ids] = force, True
-        self.range[at] = force[..., None]  # both ends: the engine's clamp yields this force
+        self.range[self.at] = force[..., None]  # both ends: the engine's clamp yields this force
 
 
 class ActuatorLag(ActuatorEffect):
@@ -212,16 +221,14 @@ class _Integral(_DriveRule):
         self.sum[ids] = 0.0
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        at, dt = self.at(ids), self.plant.model.opt.timestep
-        gain, bias = self.gain[(*at, 0)], self.bias[at]
-        length = self.gear * self.plant.layout.raw_qpos[ids][:, self.q]
-        pull = gain * self.command(ids) + bias[..., 0] + bias[..., 1] * length  # (n, k)
-        error = pull / np.where(gain > 0, gain, 1.0)
-        force = self.law(ids) + gain * self.value[ids] * self.sum[ids]
-        low, high = self.range[(*at, 0)], self.range[(*at, 1)]
+        (law, pull, gain), dt = self.law(ids), self.plant.model.opt.timestep
+        error, rate, total = pull / np.where(gain > 0, gain, 1.0), gain * self.own, self.sum[ids]
+        force = law + rate * total
+        low, high = self.range[self.low], self.range[self.high]
         winds = ((force >= high) & (error > 0)) | ((force <= low) & (error < 0))
-        self.sum[ids] += np.where(winds, 0.0, error * dt)
-        self.bias[(*at, 0)] += gain * self.value[ids] * self.sum[ids]
+        total = total + np.where(winds, 0.0, error * dt)
+        self.sum[ids] = total
+        self.bias[self.low] += rate * total
 
 
 class IntegralAction(ActuatorEffect):

@@ -63,15 +63,24 @@ class _Loop(SubstepRule):
         self.q, self.v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
         self.bias = plant.live("actuator_biasprm")
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Keep the rows whose encoders are off their axes, and how far."""
+        rows = np.arange(self.plant.num_rows)[ids]
+        rows = rows[self.encoder.value[rows, 0] != 0]
+        self.at, self.rows = (rows[:, None], self.servos), rows
+        self.size, self.phase = self.encoder.value[rows], self.encoder.phase[rows]
+        self.places = (rows[:, None], self.q), (rows[:, None], self.v)
+
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Shift the laws by what the encoders say too much."""
-        layout, at = self.plant.layout, (np.arange(self.plant.num_rows)[ids][:, None], self.servos)
-        value, angle = self.encoder.value[ids], layout.raw_qpos[ids][:, self.q]
-        angle = angle + self.encoder.phase[ids]
-        bias = self.bias[at]  # (n, k, 10)
-        speed = value * np.cos(angle) * layout.raw_qvel[ids][:, self.v]
-        shift = bias[..., 1] * value * np.sin(angle) + bias[..., 2] * speed
-        self.bias[(*at, 0)] += self.gear * shift
+        if not self.rows.size:
+            return
+        layout, (q, v) = self.plant.layout, self.places
+        angle = layout.raw_qpos[q] + self.phase
+        speed = self.size * np.cos(angle) * layout.raw_qvel[v]
+        stiff, drag = self.bias[(*self.at, 1)], self.bias[(*self.at, 2)]  # (n, k)
+        shift = stiff * self.size * np.sin(angle) + drag * speed
+        self.bias[(*self.at, 0)] += self.gear * shift
 
 
 class EncoderEccentricity(Effect):

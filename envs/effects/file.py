@@ -25,7 +25,7 @@ import re
 import secrets
 from collections.abc import Sequence
 from pathlib import Path
-from reprlib import repr as short
+from reprlib import Repr
 from typing import Any
 
 import yaml
@@ -34,23 +34,29 @@ from envs.effects.base import Effect
 from envs.effects.registry import make
 from envs.errors import EffectError, did_you_mean
 
+FILE = "effects.yaml"  # in the folder of a diagnosis
 KEYS = ("effect", "where", "side", "value", "ci", "unit", "extra")
 LAW_KEYS = ("law", "mean", "std", "low", "high", "spread", "uncertainty")  # of a distribution's
 ENTRIES = "entries"  # the key of a distribution under which its entries are
 EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")  # YAML takes 1e-3 for text
 Values = tuple[float, ...]
+_REPR = Repr()
+_REPR.maxlevel = 2  # nested aliases of YAML stand for lists of any size
+short = _REPR.repr
 
 
 def load_effects(path: str | os.PathLike[str]) -> list[tuple[Effect, Values]]:
     """Return the effects of a file with their values, for the argument `fixed` of a plant.
 
-    Places are checked by the plant, which knows the robot.
+    A folder is that of a diagnosis, which holds an `effects.yaml`. Places are checked by the plant,
+    which knows the robot.
 
     Raises:
         EffectError: a file that is missing or no such list; an unknown key, effect, side or extra
             (with the nearest); a value that is no finite number, or in another unit. Each names
             file and entry.
     """
+    path = Path(path, FILE) if Path(path).is_dir() else path
     try:
         entries = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:

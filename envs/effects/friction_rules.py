@@ -42,12 +42,14 @@ class _FrictionRule(SubstepRule):
         self.value[ids] = values[:, :1]
         self.grip.hold(ids[values[:, 0] != 0])
 
-    def add(self, ids: np.ndarray | slice, torque: np.ndarray) -> None:
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Keep where the joints are in the rows ids of a field, and the rows' coefficients."""
+        self.at = (np.arange(len(self.value))[ids][:, None], self.dofs)
+        self.own = self.value[ids]
+
+    def add(self, torque: np.ndarray) -> None:
         """Add friction torques (n, k) [N·m] for the coming substep."""
-        if isinstance(ids, slice):
-            self.loss[:, self.dofs] += torque
-        else:
-            self.loss[ids[:, None], self.dofs] += torque
+        self.loss[self.at] += torque
 
 
 class _Stribeck(_FrictionRule):
@@ -66,11 +68,17 @@ class _Stribeck(_FrictionRule):
         self.shape[ids, 0] = self.effect.scalar("shape", values)
         self.bristles.bend[ids, 0] = self.effect.scalar("bristle", values)
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        super().prepare(ids)
+        self.fall, self.power = self.speed[ids], self.shape[ids]
+        self.bends = bool((self.bristles.bend[ids] > 0).any())
+
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        slowness = np.abs(self.qvel[ids][:, self.dofs]) / self.speed[ids]
-        excess = self.value[ids] * np.exp(-(slowness ** self.shape[ids]))
-        self.add(ids, excess)
-        self.bristles.faded[ids] = self.value[ids] - excess
+        slowness = np.abs(self.qvel[self.at]) / self.fall
+        excess = self.own * np.exp(-(slowness**self.power))
+        self.add(excess)
+        if self.bends:
+            self.bristles.faded[ids] = self.own - excess
 
 
 class StribeckFriction(Effect):
@@ -175,12 +183,17 @@ class _LoadDependent(_FrictionRule):
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         self.running[ids] = False
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        super().prepare(ids)
+        self.motors, self.part = (self.at[0], self.driven), self.external[ids]
+
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        bias = self.bias[ids][:, self.dofs]  # (n, k)
-        drag = self.damping[ids][:, self.driven] @ self.turns * self.qvel[ids][:, self.dofs]
-        motor = np.where(self.running[ids], self.motor[ids][:, self.dofs] - drag, bias)
-        self.add(ids, self.value[ids] * np.abs(motor + self.external[ids] * bias))
-        self.running[ids] = True
+        bias, running = self.bias[self.at], self.running[ids]  # (n, k), (n, 1)
+        motor = self.motor[self.at] - self.damping[self.motors] @ self.turns * self.qvel[self.at]
+        if not running.all():
+            motor = np.where(running, motor, bias)
+            self.running[ids] = True
+        self.add(self.own * np.abs(motor + self.part * bias))
 
 
 class LoadDependentFriction(Effect):
@@ -254,10 +267,8 @@ class _OneWay(_FrictionRule):
         self.applied = plant.applied
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        half = self.value[ids] / 2
-        self.add(ids, np.broadcast_to(np.abs(half), (len(half), len(self.dofs))))
-        rows = np.arange(len(self.value))[ids][:, None]
-        self.applied[rows, self.dofs] -= half
+        self.add(np.abs(self.own / 2))
+        self.applied[self.at] -= self.own / 2
 
 
 class AsymmetricFriction(Effect):

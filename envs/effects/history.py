@@ -59,6 +59,8 @@ class Arrivals(SubstepRule):
             (model.actuator_historyadr >= 0) & (model.actuator_ctrlnum == 1)
         )
         self._history = plant.batch.bind("history") if model.nhistory else None  # (N, nhistory)
+        self._first = model.actuator_historyadr[self._lines]  # (L,)
+        self._samples, self._interp = model.actuator_history[self._lines].T
         self._found = np.zeros((plant.num_rows, model.nactuator))
         self._stale = True
 
@@ -66,6 +68,20 @@ class Arrivals(SubstepRule):
     def of(cls, plant: PlantView) -> Arrivals:
         """Return the plant's one; to be asked for while effects are bound."""
         return plant.share("arrivals", lambda: cls(plant))
+
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Keep the rows whose commands are late, and the ranges of all."""
+        limits = control_range(self._plant, slice(None))[:, self._columns]
+        self._low, self._high = limits[..., 0], limits[..., 1]
+        every = self._plant.batch.expanded("actuator_delay")
+        delays = self._plant.model.actuator_delay if every is None else every
+        shape = (self._plant.num_rows, len(self._lines))
+        delays = np.broadcast_to(delays[..., self._lines], shape)
+        self._rows = np.flatnonzero((delays > 0).any(axis=1) & (self._history is not None))
+        self._delay = delays[self._rows]
+        self._at_newest = (self._rows[:, None], self._first + 1)
+        self._after = np.ones(self._delay.shape, int)
+        self._steps = bool((self._interp == 0).any())
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Forget what reached the actuators before."""
@@ -79,39 +95,51 @@ class Arrivals(SubstepRule):
         return self._found[rows][:, actuators]
 
     def _read(self) -> None:
-        plant = self._plant
-        found = plant.ctrl[:, self._columns]
-        for i in self._lines.tolist():
-            found[:, i] = self._late(i, found[:, i])
-        limits = control_range(plant, slice(None))[:, self._columns]
-        self._found = np.clip(found, limits[..., 0], limits[..., 1])
+        found = self._plant.ctrl[:, self._columns]
+        if self._rows.size:
+            at = (self._rows[:, None], self._lines)
+            found[at] = self._late(found[at])
+        self._found = np.clip(found, self._low, self._high)
 
-    def _late(self, actuator: int, now: np.ndarray) -> np.ndarray:
-        """Return the delay line's value at the time minus the delay, as mj_readCtrl does, (N,)."""
-        plant, model = self._plant, self._plant.model
-        samples, interp = model.actuator_history[actuator]
-        delays = plant.batch.expanded("actuator_delay")
-        delay = model.actuator_delay[actuator] if delays is None else delays[:, actuator]
-        delay = np.broadcast_to(delay, now.shape)
-        rows = np.flatnonzero(delay > 0)
-        if self._history is None or not rows.size:
-            return now
-        first = int(model.actuator_historyadr[actuator])
-        line = self._history[rows, first : first + 2 + 2 * samples]  # (n, 2 + 2 samples)
-        times, values = line[:, 2 : 2 + samples], line[:, 2 + samples :]
-        oldest = line[:, 1].astype(int) + 1
-        when = plant.time[rows] - delay[rows]
-        each = np.arange(len(rows))
-        after = np.clip((times <= (when + SAME)[:, None]).sum(axis=1), 1, samples - 1)
-        here, there = (oldest + after - 1) % samples, (oldest + after) % samples
-        t0, t1 = times[each, here], times[each, there]
-        v0, v1 = values[each, here], values[each, there]
+    def _late(self, now: np.ndarray) -> np.ndarray:
+        """Return the delay lines' values at the time minus the delay, as mj_readCtrl does.
+
+        Args:
+            now: what is sent to the actuators with a line in the rows with a delay, (n, L).
+        """
+        newest = self._history[self._at_newest].astype(int)  # (n, L)
+        when = self._plant.time[self._at_newest[0]] - self._delay
+        (t0, v0), (t1, v1) = self._around(newest, when + SAME)
         weight = np.clip((when - t0) / np.where(t1 > t0, t1 - t0, 1.0), 0.0, 1.0)
-        if interp == 0:
-            weight = np.floor(weight + 1e-9)
-        late = now.copy()
-        late[rows] = v0 + weight * (v1 - v0)
-        return late
+        if self._steps:
+            weight = np.where(self._interp == 0, np.floor(weight + 1e-9), weight)
+        return np.where(self._delay > 0, v0 + weight * (v1 - v0), now)
+
+    def _around(self, newest: np.ndarray, when: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return times and values of the samples before and after a time, (n, L) each.
+
+        The sample after it, counted from the oldest one, mostly is the same as in the substep
+        before; where it is not, all of the line is looked at.
+        """
+        history, rows = self._history, self._at_newest[0]
+        times, samples = self._first + 2, self._samples
+        (t0, _), (t1, _) = pair = self._pair(newest)
+        right = (t0 <= when) | (self._after == 1)
+        right &= (t1 > when) | (self._after == samples - 1)
+        if right.all():
+            return pair
+        for line in np.flatnonzero(~right.all(axis=0)):
+            wrong, first, count = ~right[:, line], times[line], samples[line]
+            own = history[rows[wrong], np.arange(first, first + count)]  # (n, samples)
+            before = (own <= when[wrong, line, None]).sum(axis=1)
+            self._after[wrong, line] = np.clip(before, 1, count - 1)
+        return self._pair(newest)
+
+    def _pair(self, newest: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        rows, times, samples = self._at_newest[0], self._first + 2, self._samples
+        here = (newest + self._after) % samples
+        places = (times + here, times + (here + 1) % samples)
+        return [(self._history[rows, p], self._history[rows, p + samples]) for p in places]
 
 
 def control_range(plant: PlantView, rows: np.ndarray | slice) -> np.ndarray:

@@ -47,7 +47,16 @@ class HystereticCompliance(SeriesEffect):
             fit=(0.0, 1e3),
             typical=(0.0, 0.2),
         ),
-        Extra("damping", "N·m·s/rad", 0.0, 0.0, 1e3, "the spring's damping, beside its friction"),
+        Extra(
+            "damping",
+            "N·m·s/rad",
+            0.0,
+            0.0,
+            1e3,
+            "the spring's damping, beside its friction",
+            fit=(0.0, 1e3),
+            typical=(0.0, 0.2),
+        ),
     )
     typical = (0.0, 0.5)
     bound = _Hysteresis
@@ -62,14 +71,16 @@ class HystereticCompliance(SeriesEffect):
         """Let its friction stick."""
         joint.solimp_friction, joint.solref_friction = STIFF_SOLIMP, [2 * timestep, 1.0]
 
-    @classmethod
-    def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
-        """Return the one whose encoder is on the link's side: a motor's hardly shows it."""
-        return [more for more in super().variants(scale) if more["side"] == "link"]
-
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return springs that a torque bends little and much, and two frictions."""
-        torque = scale.torque_at(self.where)
+        """Return springs that a torque bends little and much, and two frictions.
+
+        With a tenth of critical damping besides: friction takes the rest.
+        """
+        torque, inertia = scale.torque_at(self.where), scale.inertia(self.where)
         return np.array(
-            [(s / torque, part * torque) for s in (0.02, 0.1, 0.4) for part in (0.03, 0.12)]
+            [
+                (s / torque, part * torque, 0.2 * np.sqrt(inertia * torque / s))
+                for s in (0.02, 0.1, 0.4)
+                for part in (0.03, 0.12)
+            ]
         )

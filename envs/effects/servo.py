@@ -332,19 +332,20 @@ class _DeadZone(SubstepRule):
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self.value[ids] = values[:, 0]
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        rows = np.arange(self.plant.num_rows)[ids][:, None]
+        self.at, self.places, self.width = (rows, self.index), (rows, self.q), self.value[ids, None]
+
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        rows = np.arange(self.plant.num_rows)[ids]
-        commands = self.arrivals.at(ids, self.index)  # (n, k)
-        for actuator, gear, q, ctrl in zip(self.index, self.gear, self.q, commands.T, strict=True):
-            gain, bias = self.gain[rows, actuator, 0], self.bias[rows, actuator]
-            length = gear * self.plant.layout.raw_qpos[rows, q]
-            law = gain * ctrl + bias[:, 0] + bias[:, 1] * length
-            error = (
-                np.abs(law) / np.where(gain > 0, gain, 1.0) / abs(gear)
-            )  # rad at the joint, (n,)
-            idle = rows[error < self.value[ids]]
-            self.gain[idle, actuator, 0] = 0.0
-            self.bias[idle, actuator, :2] = 0.0
+        gain, held, stiff = self.gain[(*self.at, 0)], *(self.bias[(*self.at, c)] for c in (0, 1))
+        length = self.gear * self.plant.layout.raw_qpos[self.places]
+        law = gain * self.arrivals.at(ids, self.index) + held + stiff * length  # (n, k)
+        error = np.abs(law) / np.where(gain > 0, gain, 1.0) / np.abs(self.gear)  # rad at the joint
+        idle = error < self.width
+        if idle.any():
+            self.gain[(*self.at, 0)] = np.where(idle, 0.0, gain)
+            self.bias[(*self.at, 0)] = np.where(idle, 0.0, held)
+            self.bias[(*self.at, 1)] = np.where(idle, 0.0, stiff)
 
 
 class DeadZone(ActuatorEffect):

@@ -104,10 +104,8 @@ class LinkSide(SubstepRule):
         layout = self._series.plant.layout
         p, speed = layout.raw_qpos[ids, self._series.q], layout.raw_qvel[ids, self._series.v]
         for i in self._servos:
-            bias = self._bias[ids, i]  # (n, 10)
-            self._bias[ids, i, 0] = bias[:, 0] + self._gear[i] * (
-                bias[:, 1] * p + bias[:, 2] * speed
-            )
+            shift = self._bias[ids, i, 1] * p + self._bias[ids, i, 2] * speed
+            self._bias[ids, i, 0] += self._gear[i] * shift
 
 
 class SeriesEffect(Effect):
@@ -148,16 +146,15 @@ class SeriesEffect(Effect):
 
     @classmethod
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
-        """Return one encoder on either side, and a servo's on the motor with a log's on the link.
+        """Return one encoder on either side, and a servo's and a log's on two sides.
 
-        A servo that closes its loop on the link and a log of the motor are not tried; without any
-        servo it is the log's encoder alone that matters.
+        Without any servo it is the log's encoder alone that matters.
         """
         one = super().variants(scale)
         if not any(is_joint_servo(scale.model, i) for i in range(scale.model.nactuator)):
             return one
-        two = [{**more, "encoder": "link"} for more in one if more["side"] == "motor"]
-        return [*one, *two]
+        other = {"motor": "link", "link": "motor"}
+        return [*one, *({**more, "encoder": other[more["side"]]} for more in one)]
 
     def joint_name(self, motor: str) -> str:
         """Return the name of the joint that the effect adds after a motor's."""

@@ -124,25 +124,34 @@ class _Weakening(SubstepRule):
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         self.running[ids] = False
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Keep where the actuators and their joints are in the rows ids of fields."""
+        rows = np.arange(self.plant.num_rows)[ids]
+        self.at, self.driven, self.own = (
+            (rows[:, None], self.index),
+            (rows[:, None], self.dofs),
+            self.value[ids],
+        )
+        self.law = (rows[:, None, None], self.index[:, None], np.arange(3))
+
     def torque(self, ids: np.ndarray | slice) -> np.ndarray:
         """Return the motors' torques at the joints, (n, k) [N·m]; 0 before the first substep.
 
         The force of the substep before, less the actuator's own damping, the back-EMF: current goes
         with the torque that is left.
         """
-        drag = self.damping[ids][:, self.index] * self.turns * self.qvel[ids][:, self.dofs]
-        torque = self.force[ids][:, self.index] * self.gear - drag
-        torque = np.where(self.running[ids], torque, 0.0)
-        self.running[ids] = True
+        drag = self.damping[self.at] * self.turns * self.qvel[self.driven]
+        torque, running = self.force[self.at] * self.gear - drag, self.running[ids]
+        if not running.all():
+            torque = np.where(running, torque, 0.0)
+            self.running[ids] = True
         return torque
 
-    def weaken(self, ids: np.ndarray | slice, factor: np.ndarray) -> None:
+    def weaken(self, factor: np.ndarray) -> None:
         """Scale by factors (n, k)."""
-        at = (np.arange(self.plant.num_rows)[ids][:, None], self.index)
-        self.gain[(*at, 0)] *= factor
-        for column in range(3):
-            self.bias[(*at, column)] *= factor
-        self.limit[at] *= factor[..., None]
+        self.gain[(*self.at, 0)] *= factor
+        self.bias[self.law] *= factor[..., None]
+        self.limit[self.at] *= factor[..., None]
 
 
 class _Sag(_Weakening):
@@ -156,8 +165,7 @@ class _Sag(_Weakening):
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         load = np.abs(self.torque(ids)).sum(1, keepdims=True)  # (n, 1) [N·m]
-        factor = np.maximum(1.0 - self.value[ids] * self.scale * load, 0.0)
-        self.weaken(ids, np.broadcast_to(factor, (len(factor), len(self.index))))
+        self.weaken(np.maximum(1.0 - self.own * self.scale * load, 0.0))
 
 
 class SupplySag(Effect):
@@ -230,18 +238,20 @@ class _Derating(_Weakening):
         super().reset(ids, seeds)
         self.heat[ids] = 0.0
 
-    def before_substep(self, ids: np.ndarray | slice) -> None:
-        kept = np.exp(-self.decay[ids] * self.dt)
-        left = np.maximum(1.0 - self.value[ids] * self.heat[ids], 0.0)
-        self._brake(ids, left)  # as it was in the substep before
-        self.heat[ids] = self.heat[ids] * kept + self.torque(ids) ** 2 * self.dt
-        weaker = np.maximum(1.0 - self.value[ids] * self.heat[ids], 0.0)
-        self.weaken(ids, weaker)
-        self._brake(ids, weaker / np.maximum(left, 1e-9))
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        super().prepare(ids)
+        self.kept = np.exp(-self.decay[ids] * self.dt)
 
-    def _brake(self, ids: np.ndarray | slice, factor: np.ndarray) -> None:
-        """Scale the back-EMF, which goes through the same winding, by factors (n, k)."""
-        self.damping[np.arange(self.plant.num_rows)[ids][:, None], self.index] *= factor
+    def before_substep(self, ids: np.ndarray | slice) -> None:
+        heat = self.heat[ids]
+        left = np.maximum(1.0 - self.own * heat, 0.0)
+        self.damping[self.at] *= left  # the back-EMF as it was in the substep before
+        heat = heat * self.kept + self.torque(ids) ** 2 * self.dt
+        self.heat[ids] = heat
+        weaker = np.maximum(1.0 - self.own * heat, 0.0)
+        self.weaken(weaker)
+        # it goes through the same winding
+        self.damping[self.at] *= weaker / np.maximum(left, 1e-9)
 
 
 class ThermalDerating(ActuatorEffect):

@@ -60,10 +60,7 @@ def _awake(ends: np.ndarray, step: int) -> np.ndarray | None:
 def _is_plain(plant: Plant) -> bool:
     """Return whether nothing of the plant acts between physics steps or remembers readings."""
     rules = [*plant.command_rules, *plant.measurements]
-    return not plant.substep_rules and all(
-        isinstance(rule, Measurement) and type(rule).measure_path is not Measurement.measure_path
-        for rule in rules
-    )
+    return not plant.substep_rules and all(map(_has_path, rules))
 
 
 class _Power:
@@ -101,11 +98,8 @@ class _Power:
 
 def _roll(plant: Plant, ctrl: np.ndarray, power: _Power, ends: np.ndarray) -> np.ndarray:
     """Let the engine take all steps at once, between switchings and ends of rows."""
-    (rows, steps, _), layout = ctrl.shape, plant.layout
+    (rows, steps, _), start = ctrl.shape, _live(plant)
     ctrl = _shifted(plant, ctrl)
-    start = {"qpos": layout.raw_qpos, "qvel": layout.raw_qvel}
-    if not any(rule.needs_speed for rule in plant.measurements):
-        del start["qvel"]
     raw = {k: np.empty((rows, steps + 1, v.shape[1])) for k, v in start.items()}
     for name, path in raw.items():
         path[:, 0] = start[name]
@@ -176,12 +170,17 @@ def _step(
     plant: Plant, ctrl: np.ndarray, power: _Power, laws: Laws, ends: np.ndarray
 ) -> np.ndarray:
     """Step the plant, whose effects act between physics steps."""
-    rows, steps, _ = ctrl.shape
-    paths = np.empty((rows, steps + 1, plant.qpos.shape[1]))
-    paths[:, 0] = plant.measured(None)[0]
-    broken = np.zeros(rows, bool)
+    (rows, steps, _), along = ctrl.shape, all(map(_has_path, plant.measurements))
+    take = plant.advance if along else plant.step
+    live = _live(plant) if along else {"qpos": plant.measured(None)[0]}
+    raw = {name: np.empty((steps + 1, *now.shape)) for name, now in live.items()}
+    for name, now in live.items():
+        raw[name][0] = now
+    broken = np.full(rows, steps + 1)  # from where a row's numbers mean nothing
     cuts, changes = set(power.cuts.tolist()), {0, *ends.tolist()}
-    ids: np.ndarray | None = None
+    sent = np.ascontiguousarray(ctrl.swapaxes(0, 1))  # (K, N, nu)
+    every, ids = np.arange(rows), None
+    own: np.ndarray | slice = slice(None)
     with quiet_engine():
         for step in range(steps):
             if step in changes:
@@ -190,11 +189,30 @@ def _step(
             if step in cuts:
                 power.switch(step)
             laws.act(step)
-            broken[own] |= plant.step(ids, ctrl[own, step], 1)
-            paths[own, step + 1] = plant.measured(ids)[0]
-            if broken.any():
-                paths[broken, step + 1] = np.nan
+            failed = take(ids, sent[step, own], 1)
+            if failed.any():
+                failed = every[own][failed]
+                broken[failed] = np.minimum(broken[failed], step + 1)
+            if not along:
+                live["qpos"][own] = plant.measured(ids)[0]
+            for name, now in live.items():
+                raw[name][step + 1] = now
     power.restore()
     laws.restore()
-    _hold(paths, ends)
-    return paths
+    paths = {name: np.ascontiguousarray(path.swapaxes(0, 1)) for name, path in raw.items()}
+    qpos = _measured(plant, paths) if along else paths["qpos"]
+    qpos[np.arange(steps + 1) >= broken[:, None]] = np.nan
+    return qpos
+
+
+def _live(plant: Plant) -> dict[str, np.ndarray]:
+    """Return the state that readings are told from, as it is at any time, (N, ...) each."""
+    layout = plant.layout
+    needs_speed = any(rule.needs_speed for rule in plant.measurements)
+    return {"qpos": layout.raw_qpos, **({"qvel": layout.raw_qvel} if needs_speed else {})}
+
+
+def _has_path(rule: object) -> bool:
+    """Return whether a measurement can be told from a whole path."""
+    along = type(rule).measure_path if isinstance(rule, Measurement) else Measurement.measure_path
+    return along is not Measurement.measure_path

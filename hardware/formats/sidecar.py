@@ -26,4 +26,8 @@ def read_meta(path: Path) -> dict[str, Any]:
         raise LogError(f"{path}: the metadata is a {kind}, not a table of names and values")
     if not isinstance(meta.get("model", ""), str):
         raise LogError(f"{path}: 'model' is {meta['model']!r}; it is the path of an MJCF or URDF")
+    if not isinstance(meta.get("settings", {}), dict):
+        raise LogError(
+            f"{path}: 'settings' is {meta['settings']!r}; it is a table of registers by actuator"
+        )
     return meta

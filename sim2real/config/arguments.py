@@ -34,6 +34,10 @@ PATHS = (
     "observation",
     "params.path",
     "candidates",
+    "before",
+    "after",
+    "ci",
+    "diagnosis",
 )
 PLACES = {  # what stands after a verb without a key
     "diagnose": "log",
@@ -44,6 +48,7 @@ PLACES = {  # what stands after a verb without a key
     "evaluate": "checkpoint",
     "deploy": "checkpoint",
     "export": "checkpoint",
+    "worth": "checkpoint",
     "view": "robot",
     "record": "robot",
     "report": "runs",

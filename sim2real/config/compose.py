@@ -35,32 +35,15 @@ from sim2real.runs.files import write_text
 
 ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
 PARTS = "sim2real.learning.parts.assemble"  # makes a verb's `parts` of the root keys it names
+LEARNING = ("collector", "advantage", "loss", "buffer", "optimizer")  # what learns from experience
 INHERITED = (  # what a run says about itself
-    "env",
-    "effects",
-    "params",
-    "transforms",
-    "policy",
-    "adapt",
-    "algorithm",
-    "collector",
-    "advantage",
-    "loss",
-    "buffer",
-    "optimizer",
+    *("env", "effects", "params", "transforms", "policy", "adapt", "algorithm"),
+    *LEARNING,
     "eval",
 )
-OPTIONAL = (  # groups that can be none
-    "eval",
-    "video",
-    "collector",
-    "advantage",
-    "loss",
-    "buffer",
-    "optimizer",
-)
+OPTIONAL = ("eval", "video", *LEARNING)  # groups that can be none
 NAMED = ("transforms",)  # groups of objects by name
-DATA = ("robot", "stops")  # groups that are read as they are: no class is made of them here
+DATA = ("robot", "stops", "limits")  # groups that are read as they are, no class is made of them
 RESOLVED = "config.yaml"
 ASSETS = Path(__file__).resolve().parents[2] / "envs" / "assets"
 
@@ -104,6 +87,8 @@ class Config:
     stops: dict[str, Any] | None
     motions: list[str]
     seconds: float
+    size: float
+    budget: float
     target: dict[str, Any] | None
     episodes: int
     log: str | list[str] | None
@@ -118,6 +103,15 @@ class Config:
     against: str | None
     actor: str | None
     observation: str | None
+    before: str | list[str] | None
+    after: str | list[str] | None
+    units: list[str]
+    ci: str | None
+    watch: list[str]
+    limits: dict[str, Any] | None
+    remounted: bool
+    diagnosis: str | None
+    rollouts: int
     seed: int
     device: Literal["auto", "cpu", "cuda"]
     iterations: int | None

@@ -25,6 +25,7 @@ NEEDED = {  # by verb, what it cannot do without
     "convert": "log",
     "evaluate": "checkpoint",
     "export": "checkpoint",
+    "worth": "checkpoint",
     "deploy": "checkpoint",
     "report": "runs",
 }

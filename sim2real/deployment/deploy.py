@@ -106,6 +106,7 @@ def drive(rows: RobotRows, trained: Trained, deployment: Deployment, out: Path) 
         rows.arm()
         while (turn := deployment.next()) is not None:
             steps = None
+            rows.facts = made_by(trained) if turn.phase == "before" else {}
             if deployment.explores(turn):
                 pilot = trained.pilot(turn.theta, explore=turn.seed % 2**63)
                 value, steps = explore(rows, pilot, turn.seed)
@@ -125,6 +126,11 @@ def drive(rows: RobotRows, trained: Trained, deployment: Deployment, out: Path) 
         raise Stopped(f"{done}; {again}", 130) from None
     finally:
         rows.close()
+
+
+def made_by(trained: Trained) -> dict[str, Any]:
+    """Return what the metadata of a log say of the policy that made it, as it was trained."""
+    return {} if trained.source is None else {"policy": str(trained.source.resolve())}
 
 
 def play(rows: RobotRows | Simulation, pilot: Pilot, seed: int) -> float:
@@ -213,6 +219,9 @@ def draw(rows: RobotRows, deployment: Deployment, folder: Path) -> None:
             if values:
                 place = np.arange(start, start + len(values))
                 panel.plot(place, values, "o-", color=colour, label=name)
+            if key == "adapting" and values:
+                best = np.maximum.accumulate(values)
+                panel.step(place, best, where="post", color=INK, lw=1, label="best so far")
             start += len(values)
         panel.set_xlabel("episode on the robot")
         panel.set_ylabel("return")

@@ -13,18 +13,58 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from hardware.config import Robot
+from hardware.calibration import apply_calibration, read_calibration
+from hardware.config import Robot, make_robot
 from hardware.connect import make_driver
 from hardware.excite import Kind, excite, suiting
 from hardware.log import Log, write_log
 from hardware.record import Recording, joint_names
 from hardware.safety import Guard
+from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 
 log_ = logging.getLogger(__name__)
+
+
+def prepared(
+    robot: dict[str, Any],
+    port: str | list[str] | None,
+    calibration: str | None,
+    arm: bool,
+    seconds: float,
+    size: float,
+) -> Robot:
+    """Return a robot that may be driven along motions.
+
+    Args:
+        robot: the content of conf/robot/NAME.yaml.
+        port: its serial port, or those of its buses; None for its own, or the emulated robot.
+        calibration: a file of `python -m hardware calibrate`; None for the robot's own zeros.
+        arm: whether a real robot may move.
+        seconds: how long it will.
+        size: how far of the way to its limits.
+
+    Raises:
+        Sim2RealError: a real robot that was not armed, no time to move in, a size out of range.
+        HardwareError: a robot or a calibration that is wrong.
+    """
+    if not seconds > 0:
+        raise Sim2RealError(f"seconds={seconds} must be above 0")
+    if not 0 < size <= 1:
+        raise Sim2RealError(f"size={size} must be above 0 and at most 1")
+    machine = make_robot({**robot, **({"port": port} if port else {})})
+    if machine.port is not None and not arm:
+        raise Sim2RealError(
+            f"{machine.name} at {machine.port} would move; clear the space around it, then "
+            "add arm=true"
+        )
+    if calibration is not None:
+        machine = apply_calibration(machine, read_calibration(calibration))
+    return machine
 
 
 def drive(
@@ -33,6 +73,7 @@ def drive(
     seconds: float,
     rng: np.random.Generator,
     path: Path | None = None,
+    size: float = 0.6,
 ) -> Log:
     """Connect, arm, move from where the robot is, and let go.
 
@@ -43,6 +84,7 @@ def drive(
         rng: the random generator of phases, poses and sizes.
         path: where the log goes, also one that the guard, Ctrl-C or anything else ended early;
             None writes none.
+        size: part of the way from where the robot is to the nearer limit that is used, in (0, 1].
     """
     kinds = suiting(robot, motions)
     driver = make_driver(robot)
@@ -52,7 +94,7 @@ def drive(
         driver.configure()
         with guard:
             pose = np.clip(guard.arm().position, guard.low, guard.high)
-            recording.drive(excite(robot, pose, seconds, kinds, rng))
+            recording.drive(excite(robot, pose, seconds, kinds, rng, size))
     finally:
         driver.close()
         if path is not None and len(recording) > 1:

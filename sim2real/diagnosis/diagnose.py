@@ -28,16 +28,17 @@ from envs.effects import Effect, combined, load_effects
 from envs.plant import Fixed
 from envs.replay import without_impedance
 from hardware.log import Log, read_logs
+from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.attribution.attribute import Search
 from sim2real.diagnosis.attribution.candidates import candidates, check_names
-from sim2real.diagnosis.attribution.conclude import Conclusion, conclude, nothing
+from sim2real.diagnosis.attribution.conclude import Conclusion, conclude, nothing, unsearched
 from sim2real.diagnosis.attribution.fit import Fit, Problem, columns
 from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
-from sim2real.diagnosis.attribution.next_experiment import Member, next_experiment
 from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics, null_test
 from sim2real.diagnosis.attribution.parsimony import simplified
 from sim2real.diagnosis.attribution.torque_on import refit_torque_on
 from sim2real.diagnosis.attribution.verdict import is_no_gap, stands_out
+from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.kinds import refuse_kinds
@@ -46,9 +47,10 @@ from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all, summary
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.design import design
 from sim2real.diagnosis.evidence import Evidence
 from sim2real.diagnosis.outcome import Diagnosis
-from sim2real.diagnosis.preflight.checks import preflight
+from sim2real.diagnosis.preflight.checks import UNITS, preflight
 from sim2real.diagnosis.preflight.obstruction import mark_blocked, positioned
 from sim2real.diagnosis.preflight.torques import measured_torques
 from sim2real.diagnosis.report.traces import signals, traces
@@ -72,6 +74,7 @@ def diagnose(
     seed: int = 0,
     progress: Progress | None = None,
     settings: Settings = DEFAULT,
+    load_policy: LoadPolicy | None = None,
 ) -> Report:
     """Locate a gap, name what causes it, and say how much is left once it is added.
 
@@ -83,6 +86,9 @@ def diagnose(
         seed: the seed of the bootstrap.
         progress: called with what is being tried and the share of the work that is done.
         settings: every number that steers the answer, by stage.
+        load_policy: reads the policy that a log names, such as
+            `sim2real.deployment.actors.load_actor`, so that its actions are compared; None checks
+            the rest of its interface.
 
     Returns:
         The report; `report.evidence` holds what its pictures show.
@@ -93,7 +99,9 @@ def diagnose(
         LogError: a log that is damaged, or names what the model lacks.
         EffectError: an effects file that is wrong, or an effect that the robot cannot have.
     """
-    return run_diagnosis(_read(logs), model, effects, exclude, seed, progress, settings).report
+    return run_diagnosis(
+        _read(logs), model, effects, exclude, seed, progress, settings, load_policy=load_policy
+    ).report
 
 
 def run_diagnosis(
@@ -105,6 +113,7 @@ def run_diagnosis(
     progress: Progress | None,
     settings: Settings = DEFAULT,
     on_verdict: Callable[[Diagnosis], None] | None = None,
+    load_policy: LoadPolicy | None = None,
 ) -> Diagnosis:
     """Diagnose; the other arguments are those of `diagnose`, logs in memory.
 
@@ -122,7 +131,8 @@ def run_diagnosis(
     specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
     for log, spec in zip(logs, specs, strict=True):
         refuse_kinds(log, spec, settings.kinds)
-    findings = [*held, *preflight(logs, specs, settings)]
+    interface = check_beforehand(logs, load_policy, settings)
+    findings = [*interface.findings, *held, *preflight(logs, specs, settings)]
     floors = _floors(data)
     floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
     problem = Problem(data, Simulator(data, fixed, on_run=on_progress.tick))
@@ -130,7 +140,10 @@ def run_diagnosis(
     options, own = candidates(data, exclude, fixed), floors / data.scale
     search = Search(problem, options, floor, rng, on_progress, own)
     null = null_test(logs, specs, fixed, settings.numerics)
-    made = _search(search, data, floors, rng)
+    if wrong := [finding for finding in findings if finding.check in UNITS]:
+        made = unsearched(search, floors, rng, wrong[0].finding)
+    else:
+        made = _search(search, data, floors, rng)
     on_progress("telling what was found", TELLING)
     evidence = Evidence(
         (),
@@ -140,15 +153,27 @@ def run_diagnosis(
         settings=tuple(rows(settings)),
         correlations=made.correlations,
     )
+    inputs = _inputs(data, model, seed, exclude)
+    if interface.verdict is not None:
+        inputs["policy's interface"] = interface.verdict.replace("_", " ")
     report = replace(
         made.report,
         preflight=(*findings, *made.report.preflight),
         numerics=dict(null.words) or {"timestep": "ok"},
         seconds=time.monotonic() - start,
-        evidence=replace(evidence, inputs=_inputs(data, model, seed, exclude)),
+        failed=(*interface.failed, *made.report.failed),
+        evidence=replace(evidence, inputs=inputs),
     )
     plain = without_impedance(data.specs[0])
-    found = Diagnosis(report, _causes(made.fit), plain, _intervals(made), tuple(fixed))
+    found = Diagnosis(
+        report,
+        _causes(made.fit),
+        plain,
+        _intervals(made),
+        tuple(fixed),
+        tuple(Member(label, _causes(fit)) for label, fit in made.alike),
+        {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
+    )
     if on_verdict is not None:
         on_verdict(found)
     steps: dict[str, Step] = {
@@ -156,7 +181,7 @@ def run_diagnosis(
         "the pictures of recordings": lambda d: _pictured(d, made, data, floors),
         "the replay of whole recordings": lambda d: _replayed(d, logs, specs),
         "the other channels": lambda d: _witnessed(d, data),
-        "the next experiment": lambda d: _planned(d, made, data, floors, seed),
+        "the next experiment": lambda d: _planned(d, data, seed),
     }
     for name, step in steps.items():
         found = _added(found, name, step)
@@ -215,11 +240,18 @@ def _witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     return found._replace(report=report)
 
 
-def _planned(
-    found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray, seed: int
-) -> Diagnosis:
-    plan = _plan(made, data, found.known, floors, seed)
-    return found._replace(report=replace(found.report, next_experiment=plan))
+def _planned(found: Diagnosis, data: Data, seed: int) -> Diagnosis:
+    """Add what to record to separate effects that explain the logs alike, where some do."""
+    if not found.alike:
+        return found
+    logs = [log for number, log in enumerate(data.logs) if _model_of(data, number) == 0]
+    rng, limits = np.random.default_rng(seed), data.settings.experiment
+    try:
+        plan = design(found, logs, data.specs[0], rng=rng, settings=limits)
+    except Sim2RealError as error:
+        log_.info("no next experiment: %s", error)
+        return found
+    return found._replace(report=replace(found.report, next_experiment=plan.text))
 
 
 def _replayed(found: Diagnosis, logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> Diagnosis:
@@ -302,24 +334,6 @@ def _intervals(made: Conclusion) -> tuple[tuple[float, float], ...]:
     """Return the interval of each cause's first value."""
     starts = [place.start for place in columns(made.fit.members)]
     return tuple((float(low), float(high)) for low, high in made.intervals[starts])
-
-
-def _plan(
-    made: Conclusion, data: Data, fixed: Sequence[Fixed], floors: np.ndarray, seed: int
-) -> str | None:
-    """Return what to record to separate effects that explain the logs alike; None if none do."""
-    if not made.alike:
-        return None
-    members = [Member(label, _causes(fit)) for label, fit in made.alike]
-    floor = {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)}
-    rng = np.random.default_rng(seed)
-    try:
-        limits = data.settings.experiment
-        plan = next_experiment(members, data.specs[0], floor, rng=rng, fixed=fixed, settings=limits)
-        return plan.text
-    except Sim2RealError as error:
-        log_.info("no next experiment: %s", error)
-        return None
 
 
 def _sha256(path: Path) -> str:

@@ -6,13 +6,16 @@ last_words(found.report)                    # what to correct first
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import mujoco
 
 from envs.effects import combined, write_effects
 from envs.plant import Fixed
+from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.preflight.checks import BLOCKING, NOTES
 from sim2real.diagnosis.report.html import write_html
 from sim2real.diagnosis.report.model_file import write as write_model
@@ -28,6 +31,8 @@ class Diagnosis(NamedTuple):
     spec: mujoco.MjSpec  # of the first log's model
     intervals: tuple[tuple[float, float], ...]  # of each cause's first value
     known: tuple[Fixed, ...]  # what was in the model before
+    alike: tuple[Member, ...] = ()  # explanations that the logs cannot tell apart
+    floors: Mapping[str, float] = MappingProxyType({})  # noise of each joint [rad or m]
 
 
 def write(found: Diagnosis, out: Path) -> None:

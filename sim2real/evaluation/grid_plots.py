@@ -20,6 +20,9 @@ from sim2real.runs.statistics import bootstrap, mean
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+# black dashes on white: told from every colour of the map, whatever the reader's eyes
+FRAME = (("white", 3.2, "-"), ("black", 1.6, (0, (3, 2))))
+
 
 def grid_heatmaps(scores: GridScores, path: str | Path) -> None:
     """Draw the mean return over a grid of two axes: before, after and gained by adaptation.
@@ -108,13 +111,21 @@ def _frame(ax: Axes, x: Axis, y: Axis, box: Box) -> None:
     if not box or left > right or bottom > top:
         return
     if left == right and bottom == top:
-        ax.plot(left, bottom, marker="x", color=BOX, markersize=8, markeredgewidth=2.2)
+        for colour, width, _ in FRAME:
+            ax.plot(left, bottom, marker="x", color=colour, markersize=8, markeredgewidth=width)
         return
-    ax.add_patch(
-        Rectangle(
-            (left, bottom), right - left, top - bottom, fill=False, edgecolor=BOX, linewidth=2
+    for colour, width, dashes in FRAME:
+        ax.add_patch(
+            Rectangle(
+                (left, bottom),
+                right - left,
+                top - bottom,
+                fill=False,
+                edgecolor=colour,
+                linewidth=width,
+                linestyle=dashes,
+            )
         )
-    )
 
 
 def _sides(x: Axis, y: Axis, box: Box) -> list[tuple[np.ndarray, tuple[float, float]]]:

@@ -4,8 +4,10 @@
 
 `task.json` among the logs says which effects may not be used, which file has effects that are known
 already, and the seed. The answer is `report.json` and `effects.yaml`, what a user of the diagnosis
-gets; a diagnosis that fails leaves `error.txt`, which counts as wrong. `version.txt` names which
-code answered, so that an exam of several versions is known for one.
+gets; as there they are written with the verdict, and again once the rest is added, so that a case
+whose time is over in between has its answer. A diagnosis that fails leaves `error.txt`, which
+counts as wrong. `version.txt` names which code answered, so that an exam of several versions is
+known for one.
 """
 
 from __future__ import annotations
@@ -76,12 +78,16 @@ def _diagnose(logs: Path, folder: Path) -> None:
     from envs.effects import write_effects
     from hardware.log import read_logs
     from sim2real.diagnosis.diagnose import run_diagnosis
+    from sim2real.diagnosis.outcome import Diagnosis
+
+    def write(found: Diagnosis) -> None:
+        write_effects(folder / EFFECTS, found.found)
+        found.report.write(folder / REPORT)
 
     task = json.loads((logs / TASK).read_text(encoding="utf-8"))
     known = logs / task["effects"] if task["effects"] else None
-    answer = run_diagnosis(read_logs(logs), None, known, tuple(task["exclude"]), task["seed"], None)
-    write_effects(folder / EFFECTS, answer.found)
-    answer.report.write(folder / REPORT)
+    given = read_logs(logs), None, known, tuple(task["exclude"]), task["seed"], None
+    write(run_diagnosis(*given, on_verdict=write))
 
 
 def main(arguments: list[str]) -> None:

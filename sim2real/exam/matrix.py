@@ -17,7 +17,7 @@ import numpy as np
 
 from sim2real.exam.hiding import EFFECTS
 from sim2real.exam.score import Mark
-from sim2real.runs.figures import INK, figure
+from sim2real.runs.figures import AFTER, BEFORE, figure
 from sim2real.runs.tables import Table
 
 NOTHING = "nothing"
@@ -35,7 +35,11 @@ class Confusion(NamedTuple):
 def confusion(marks: Sequence[Mark]) -> Confusion:
     """Count the cases with one hidden effect, and those with none."""
     asked = [one for one in marks if one.kind in ("one", "none")]
-    pairs = [(one.truths[0] if one.truths else NOTHING, one.first) for one in asked]
+    return counted([(one.truths[0] if one.truths else NOTHING, one.first) for one in asked])
+
+
+def counted(pairs: Sequence[tuple[str, str]]) -> Confusion:
+    """Count pairs of what was hidden and what was named first."""
     order = [*EFFECTS, NOTHING]
     hidden = sorted({truth for truth, _ in pairs}, key=order.index)
     right = [RIGHT_OF_NOTHING if name == NOTHING else name for name in hidden]
@@ -57,20 +61,27 @@ def table(found: Confusion) -> Table:
 
 
 def draw(found: Confusion, path: Path) -> None:
-    """Draw the matrix; what is right lies on the diagonal."""
-    rows, columns = found.counts.shape
-    shares = found.counts / np.maximum(found.counts.sum(axis=1, keepdims=True), 1)
-    with figure(path, 1, 1, (2.6 + 0.34 * columns, 2.2 + 0.28 * rows)) as (_, axes):
+    """Draw how many cases of each hidden effect were named right, and what the others were called.
+
+    The whole matrix is in `table`: nearly all of its cells are empty.
+    """
+    rows = len(found.hidden)
+    own = [RIGHT_OF_NOTHING if name == NOTHING else name for name in found.hidden]
+    right = np.array([found.counts[i, found.named.index(name)] for i, name in enumerate(own)])
+    wrong = found.counts.sum(axis=1) - right
+    with figure(path, 1, 1, (6.4, 0.9 + 0.22 * rows)) as (_, axes):
         panel = axes[0, 0]
-        panel.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
-        for row, column in np.argwhere(found.counts):
-            colour = "white" if shares[row, column] > 0.6 else INK
-            count = str(found.counts[row, column])
-            panel.text(column, row, count, ha="center", va="center", color=colour, fontsize=7)
+        panel.barh(range(rows), right, color=AFTER, label="named first")
+        panel.barh(range(rows), wrong, left=right, color=BEFORE, label="another was")
+        for row, name in enumerate(own):
+            others = [n for k, n in enumerate(found.named) if found.counts[row, k] and n != name]
+            words = ", ".join(other.replace("_", " ") for other in others)
+            panel.text(right[row] + wrong[row], row, f"  {words}", va="center", fontsize=7)
         panel.set_yticks(range(rows), [name.replace("_", " ") for name in found.hidden])
-        words = [name.replace("_", " ") for name in found.named]
-        panel.set_xticks(range(columns), words, rotation=90)
-        panel.set_xlabel("named first")
+        panel.invert_yaxis()
+        panel.set_xlabel("cases")
         panel.set_ylabel("hidden")
-        panel.spines[:].set_visible(False)
-        panel.tick_params(length=0)
+        panel.margins(y=0.02)
+        panel.set_xlim(right=1.25 * max(1, int((right + wrong).max())))
+        panel.xaxis.get_major_locator().set_params(integer=True)
+        panel.legend(loc="upper right")

@@ -32,9 +32,9 @@ from sim2real.learning.trained import Trained
 from sim2real.learning.training import train
 from sim2real.runs.checkpoint import FOLDER
 from sim2real.runs.errors import Sim2RealError, Stopped
-from sim2real.runs.figures import COLOURS, figure
+from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap, mean, share_closed
+from sim2real.runs.statistics import Interval, bootstrap, iqm, mean, share_closed
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
@@ -176,19 +176,24 @@ def draw(tried: dict[str, list[Tried]], path: Path) -> None:
         tried: the runs, by the simulator that they learned in.
         path: the path of the picture.
     """
+    labels = ("in its simulator", "on the emulated robot")
     with figure(path, 1, 1, (6.0, 3.2)) as (_, axes):
         panel = axes[0, 0]
         for place, runs in enumerate(tried.values()):
-            for number, one in enumerate(runs):
-                ends = [float(np.mean(one.simulator)), float(np.mean(one.robot))]
-                at = [place - 0.18, place + 0.18]
-                panel.plot(at, ends, "-", color="#aaaaaa", lw=1)
-                labels = ("in its simulator", "on the robot") if place + number == 0 else ("", "")
-                for x, y, colour, label in zip(at, ends, COLOURS, labels, strict=False):
-                    panel.plot(x, y, "o", color=colour, label=label or None)
+            at = [place - 0.18, place + 0.18]
+            ends = np.array(
+                [[np.mean(one.simulator), np.mean(one.robot)] for one in runs]
+            )  # (n, 2)
+            for pair in ends:
+                panel.plot(at, pair, "-", color="#aaaaaa", lw=1)
+            for x, values, colour, words in zip(at, ends.T, COLOURS, labels, strict=False):
+                panel.plot([x] * len(values), values, "o", color=colour, label=words)
+                if len(values) > 1:
+                    panel.hlines(float(iqm(values[:, None])), x - 0.1, x + 0.1, color=INK, lw=2)
+            labels = (None, None)
         panel.set_xticks(
             range(len(tried)), [f"learned in the simulator\n{WORDS[n]}" for n in tried]
         )
-        panel.set_ylabel("return")
+        panel.set_ylabel("return of an episode\n(lines: IQM of runs)")
         panel.grid(axis="y")
         panel.legend(fontsize=8)

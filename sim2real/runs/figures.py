@@ -51,6 +51,8 @@ STYLE: dict[Any, Any] = {
     "savefig.facecolor": "white",
 }
 DPI = 150
+METRICS = {"kl": "KL divergence (nat)"}  # what is no word
+LOGARITHMIC = ("train/kl",)  # sizes that lie decades apart
 WORDS = {"link_mass": "mass", "ground_friction": "ground friction coefficient"}
 
 
@@ -120,6 +122,8 @@ def learning_curve(
             curves = [read_curve(file, x, y) for file in files]
             _curve(ax, curves, colour, name, draws, rng)
         finish(ax, _words(x), _words(y))
+        if y in LOGARITHMIC:
+            ax.set_yscale("log")
         ax.xaxis.set_major_formatter(_engineering())
         ax.set_xlim(left=0)
         if len(runs) > 1 or any(len(files) > 1 for files in runs.values()):
@@ -230,6 +234,8 @@ def _words(metric: str) -> str:
     if metric == "train/frames":
         return "Environment steps"
     group, _, name = metric.rpartition("/")
+    if name in METRICS:
+        return METRICS[name]
     return name.replace("_", " ").capitalize() + (f" ({group})" if group else "")
 
 

@@ -18,6 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hardware.log import read_logs
+from sim2real.diagnosis.contract.logged import Policy
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, last_words, write
@@ -67,6 +68,11 @@ def run(
         if earlier is not None:
             report.save_comparison(Path(out) / "comparison.html", earlier)
 
+    def load_policy(path: str | Path) -> Policy:
+        from sim2real.deployment.actors import load_actor  # here: it needs torch
+
+        return load_actor(path)
+
     found = run_diagnosis(
         read_logs(log),
         model,
@@ -75,6 +81,7 @@ def run(
         seed,
         ProgressLines(),
         on_verdict=write_all,
+        load_policy=load_policy,
     )
     write_all(found)
     gap = found.report.gap

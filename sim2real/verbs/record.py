@@ -16,12 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from hardware.calibration import apply_calibration, read_calibration
-from hardware.config import make_robot
 from hardware.excite import Kind
 from hardware.log import Log
-from sim2real.deployment.record import draw, drive
-from sim2real.runs.errors import Sim2RealError
+from sim2real.deployment.record import draw, drive, prepared
 
 
 def run(
@@ -32,6 +29,7 @@ def run(
     arm: bool,
     motions: Sequence[Kind],
     seconds: float,
+    size: float,
     seed: int,
     out: Path,
 ) -> Log:
@@ -44,6 +42,7 @@ def run(
         arm: whether a real robot may move.
         motions: kinds of motion, one after the other; see `hardware.excite`.
         seconds: the duration of all of them, shared evenly.
+        size: part of the way from where the robot is to the nearer limit that is used, in (0, 1].
         seed: the seed of phases, poses and sizes.
         out: the run's folder; gets log.csv, log.json and plots/log.png.
 
@@ -51,21 +50,12 @@ def run(
         The log.
 
     Raises:
-        Sim2RealError: a real robot that was not armed, or no time to move in.
+        Sim2RealError: a real robot that was not armed, no time to move in, a size out of range.
         HardwareError: a robot that is wrong, is not there, or stopped on the way; the rows until
             then are in log.csv, whose metadata say why.
     """
-    if not seconds > 0:
-        raise Sim2RealError(f"seconds={seconds} must be above 0")
-    machine = make_robot({**robot, **({"port": port} if port else {})})
-    if machine.port is not None and not arm:
-        raise Sim2RealError(
-            f"{machine.name} at {machine.port} would move; clear the space around it, then "
-            "add arm=true"
-        )
-    if calibration is not None:
-        machine = apply_calibration(machine, read_calibration(calibration))
+    machine = prepared(robot, port, calibration, arm, seconds, size)
     rng, path = np.random.default_rng(seed), Path(out) / "log.csv"
-    log = drive(machine, motions, seconds, rng, path)
+    log = drive(machine, motions, seconds, rng, path, size)
     draw(log, machine, Path(out) / "plots" / "log.png")
     return log

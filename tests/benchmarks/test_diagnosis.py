@@ -42,6 +42,7 @@ def check(worked: Worked) -> None:
     assert worked.memory > 5e7
 
 
+@pytest.mark.slow
 def test_the_fit_finds_what_is_hidden(recorded: Recorded) -> None:
     """Of six values four are neutral and two are those of the emulated arm."""
     check(fitted(recorded))

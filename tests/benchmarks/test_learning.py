@@ -14,6 +14,7 @@ from benchmarks.rows.learning import BATCH, Ours, StableBaselines3, TorchRLPPO
 from benchmarks.speed import Measured
 
 
+@pytest.mark.slow
 def test_our_rows_count_steps_and_updates() -> None:
     """A run makes at least what it was asked for, and SAC's unit is shown with its rate."""
     torch.set_num_threads(1)

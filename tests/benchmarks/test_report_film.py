@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import report_film
 from sim2real.diagnosis.report.html import render
-from tests.sim2real.diagnosis.report.conftest import browser as browser  # a fixture
+from tests.sim2real.diagnosis.conftest import browser as browser  # a fixture
 from tests.sim2real.diagnosis.report.test_browser import sample
 
 

@@ -150,3 +150,16 @@ def test_damaged_files(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(RobotError, match=message):
         read_calibration(path)
+
+
+@pytest.mark.parametrize(
+    ("zero", "message"),
+    [(99999, "nothing in common"), (float("nan"), "zero is nan, not a count")],
+)
+def test_a_zero_that_cannot_be_is_refused(tmp_path, zero, message):
+    """Limits that are no numbers would hold nothing: a zero far away or of NaN is no zero."""
+    path = tmp_path / "bench1.json"
+    joint = Joint(1, 0, 0, 1000, 3000, model="xl330-m288", zero=zero)
+    write_calibration(path, Calibration({"hinge": joint}, "bench1"))
+    with pytest.raises(RobotError, match=message):
+        apply_calibration(load_robot("bench1"), read_calibration(path))

@@ -343,7 +343,7 @@ def test_lost_port_in_connect(chain):
 @pytest.mark.slow
 @pytest.mark.timeout(7200)  # 4 minutes of processor time; the machine may be shared
 def test_22_an_hour_of_twelve_servos(chain):
-    """An hour at 50 Hz with 12 servos: nothing grows, nothing is missed, faster than 10 x real."""
+    """An hour at 50 Hz with 12 servos: nothing grows, none missed. `benchmarks.bus` times it."""
     import resource
     import time
 
@@ -370,7 +370,6 @@ def test_22_an_hour_of_twelve_servos(chain):
     expected = arming + 180_000 + 180_000 // 12  # readings, and healths in turn
     assert (np.array(r.count("asked")) - before).tolist() == [expected] * 12
     assert r.world.firmware.errors.tolist() == [0] * 12
-    assert 3600 / busy > 10  # of this process's own time: the machine may be shared
 
 
 def test_a_hundred_steps_a_second_with_twelve_servos(chain):

@@ -145,6 +145,23 @@ def test_bad_files(tmp_path):
         read_log(tmp_path / "y.parquet")
 
 
+@pytest.mark.parametrize(
+    ("meta", "message"),
+    [
+        ('{"model": 5}', "a.json: 'model' is 5; it is the path of an MJCF or URDF"),
+        ('{"settings": 3}', "a.json: 'settings' is 3; it is a table"),
+        ("[1]", "a.json: the metadata is a list, not a table"),
+        ('{"model": ', "a.json: the log's metadata cannot be read as JSON"),
+    ],
+)
+def test_metadata_of_another_kind_is_refused(tmp_path, meta, message):
+    """The file beside the log, with the key and what it should be."""
+    (tmp_path / "a.csv").write_text(HEADER + "0,0,1,1\n0,1,1,1\n")
+    (tmp_path / "a.json").write_text(meta)
+    with pytest.raises(LogError, match=message):
+        read_log(tmp_path / "a.csv")
+
+
 def test_unknown_columns_are_left_out_with_a_warning(tmp_path, caplog):
     """A column of another name is no part of the log, and the user hears of it."""
     path = write_text(tmp_path, "episode,time,ctrl.a,qpos.a,qvl.a\n0,0,1,1,9\n0,1,1,1,9\n")

@@ -12,12 +12,13 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
-import hardware.__main__ as command
+from hardware import commands as command
 from hardware.clock import RealClock
 from hardware.config import load_robot
 from hardware.connect import make_driver
@@ -48,16 +49,19 @@ def emulated(
         process.wait()
 
 
-def patiently(action: Callable[..., tuple], *arguments: object) -> tuple:
+def patiently(action: Callable[..., tuple], port: Any, *arguments: object) -> tuple:
     """Repeat what an SDK does until it is answered: a busy machine misses its 34 ms.
 
-    An answer that comes late raises IndexError in the makers' SDKs.
+    An answer that comes late raises IndexError in the makers' SDKs, or is taken for the next one's:
+    it is waited for, and thrown away.
     """
     for _ in range(20):
         with contextlib.suppress(IndexError):
-            answer = action(*arguments)
+            answer = action(port, *arguments)
             if answer[-2] == COMM_SUCCESS:
                 return answer
+        time.sleep(0.2)
+        port.clearPort()
     raise AssertionError("nobody answers the maker's SDK")
 
 

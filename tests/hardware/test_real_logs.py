@@ -24,7 +24,6 @@ from hardware.tables import servo_type
 
 REAL = os.environ.get("SIM2REAL_DATA")
 STEP = 2 * np.pi / 4096
-SLOW = pytest.mark.slow
 FRICTION = [  # as Rhoban/bam identified it: models m1 (first two) and m4 (the others)
     {"effect": "coulomb_friction", "value": 0.0128},
     {"effect": "viscous_friction", "value": 0.0037},
@@ -75,9 +74,8 @@ def emulated(log: Log, effects: list) -> np.ndarray:
 
 
 @pytest.mark.skipif(not REAL, reason="SIM2REAL_DATA does not name the folder of real logs")
-@pytest.mark.parametrize(
-    "gain", [pytest.param(100, marks=SLOW), 200, pytest.param(800, marks=SLOW)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [100, 200, 800])
 def test_published_constants_are_nearer_to_the_real_servo(monkeypatch, gain):
     """The servo with published constants replays the real logs better than the nominal models."""
     logs = read_logs(Path(str(REAL)) / "xl330_bench")

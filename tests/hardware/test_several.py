@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-import hardware.__main__ as command
+from hardware import commands as command
 from hardware.clock import VirtualClock
 from hardware.config import ROBOTS, Robot, load_robot, make_robot
 from hardware.connect import make_driver

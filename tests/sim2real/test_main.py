@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import re
+import resource
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -16,8 +17,10 @@ from typing import Any
 import pytest
 import yaml
 
+from hardware.log import write_log
 from sim2real import __main__ as entry
 from sim2real.config.targets import ConfigError, check
+from tests.sim2real.diagnosis import arm
 
 TINY = ["+experiment=nav2d", "iterations=1", "eval=none", "algorithm.pairs=2", "adapt.queries=2"]
 TINY += ["algorithm.num_rows=4", "algorithm.refill=1", "env.max_steps=5", "logger=csv"]
@@ -129,6 +132,18 @@ def test_alone_it_says_what_it_can_do(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_end_of_a_run_says_where_its_results_are(run: Run, tmp_path: Path) -> None:
+    """What a person reads comes first; what every run has is left out."""
+    for name in ("report.json", "report.html", "manifest.json", "sim2real.log", "config.yaml"):
+        (tmp_path / name).touch()
+    (tmp_path / "plots").mkdir()
+    (tmp_path / ".hydra").mkdir()
+    assert entry.made_in(tmp_path) == "report.html, plots/, report.json"
+    assert run("record", "bench1", "seconds=1.0", "motions=[ramp]", "out=here") == 0
+    said = (tmp_path / "here" / "sim2real.log").read_text(encoding="utf-8").splitlines()[-1]
+    assert re.search("results are in .*here: log.csv, log.json, plots/", said)
+
+
 def test_a_failed_run_says_why_in_its_log(run: Run, tmp_path: Path) -> None:
     """The sentence on the terminal stands in the run's log file too."""
     assert run(*TINY, "algorithm.num_rows=0") == 2
@@ -162,6 +177,7 @@ def test_the_traceback_is_there_on_demand(run: Run, monkeypatch: pytest.MonkeyPa
         ),
         (MemoryError("Unable to allocate 27 GiB"), "more memory than there is .Unable"),
         (ValueError("std::bad_alloc"), "more memory than there is"),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "more memory than there is"),
     ],
 )
 def test_what_a_machine_lacks_is_a_sentence(error: Exception, words: str) -> None:
@@ -186,6 +202,10 @@ def test_broken_yaml_of_a_user_is_a_sentence(
     (tmp_path / "mine" / "experiment" / "bad.yaml").write_text("a: [1\n b: {")
     assert run("--config-dir", "mine", "+experiment=bad") == 2
     assert re.search(r"no YAML: .*bad\.yaml.*line 2", capsys.readouterr().err)
+    (tmp_path / "mine" / "robot").mkdir()
+    (tmp_path / "mine" / "robot" / "broken.yaml").write_text("rate: [1\n b: {")
+    assert run("record", "robot=broken", "--config-dir", "mine") == 2
+    assert re.search(r"no YAML: .*broken\.yaml.*line 2", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("value", ["-1", "nan"])
@@ -206,3 +226,63 @@ def test_an_error_of_a_library_is_no_sentence() -> None:
         check({"_target_": "os.system"}, "env")
     assert entry.explained(theirs.value) is None
     assert entry.explained(ours.value) == str(ours.value)
+
+
+@pytest.mark.parametrize("program", ["sim2real", "hardware"])
+def test_a_python_without_the_packages_says_which_to_use(program: str, tmp_path: Path) -> None:
+    """One sentence with the interpreter and the remedy, where a first package is missing."""
+    absent = "import sys; sys.modules['hydra'] = sys.modules['dynamixel_sdk'] = None"
+    (tmp_path / "sitecustomize.py").write_text(absent, encoding="utf-8")
+    path = f"{tmp_path}:{Path(entry.__file__).resolve().parents[1]}"
+    words = [sys.executable, "-m", program, "record", "robot=bench1"]
+    done = subprocess.run(
+        words, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert done.returncode in (1, 2)
+    assert re.search(r"python\S* has no package '.*': use .*\.venv/bin/python", done.stderr)
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_module_of_ours_that_is_missing_is_a_defect() -> None:
+    """Nobody can install it."""
+    assert entry.explained(ModuleNotFoundError("no", name="sim2real.verbs.none")) is None
+    assert "[film]" in str(entry.explained(ModuleNotFoundError("no", name="PIL")))
+
+
+@pytest.mark.parametrize(
+    ("verb", "lost"), [("record", "log.csv"), ("replay", "png"), ("diagnose", "report.html")]
+)
+def test_a_full_disk_is_one_sentence_and_nothing_is_half_written(
+    verb: str, lost: str, run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No file can be larger than 7 kB: what does not fit is absent, and why is said."""
+    given = ["bench1", "seconds=2.0", "motions=[ramp]"]
+    if verb != "record":
+        (tmp_path / "arm.xml").write_text(arm.XML)
+        given = [str(write_log(tmp_path / "arm.csv", arm.make_log(seconds=4.0))), "arm.xml"]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (7000, hard))
+    try:
+        assert run(verb, *given, "out=here") == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    (words,) = [w for w in capsys.readouterr().err.splitlines() if w.startswith("sim2real:")]
+    assert re.search("File too large; free some space", words)
+    there = [path.name for path in (tmp_path / "here").rglob("*") if path.is_file()]
+    assert not [name for name in there if lost in name]
+    assert not [name for name in there if name.startswith(".") and name != ".hydra"]
+
+
+def test_a_log_file_on_a_full_disk_is_no_traceback(
+    run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What does not fit into the run's own log is left out; the next other file says why."""
+
+    def full(self: logging.FileHandler, record: logging.LogRecord) -> None:
+        self.handleError(record)
+
+    monkeypatch.setattr(logging, "raiseExceptions", True)  # put back afterwards
+    monkeypatch.setattr(logging.FileHandler, "emit", full)
+    assert run("record", "bench1", "seconds=1.0", "motions=[ramp]") == 0
+    assert "Logging error" not in capsys.readouterr().err

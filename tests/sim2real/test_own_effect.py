@@ -110,6 +110,7 @@ def log() -> Log:
     return Log(columns)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_finds_it_and_a_report_says_it(tmp_path: Path) -> None:
     """Of all effects it promises most, and its fit has the true stiffness."""
     data = Data.of([log()], arm.model(tmp_path))

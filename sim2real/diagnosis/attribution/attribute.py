@@ -5,7 +5,8 @@
 
 Forward: every candidate is screened, the promising ones race (few steps for many, more for fewer),
 and the best on held-out windows joins if the lower bound of its gain is above zero and it closes
-enough to matter. Then back: each member is taken out and may be replaced, or stays out.
+enough to matter; a further one has to pay its price as well, or would go again in the end. Then
+back: each member is taken out and may be replaced, or stays out.
 """
 
 from __future__ import annotations
@@ -25,12 +26,15 @@ from sim2real.diagnosis.attribution.fit import (
     Job,
     Problem,
     columns,
+    in_words,
     refine,
     refine_each,
 )
 from sim2real.diagnosis.attribution.liveliest import lively, tempered
 from sim2real.diagnosis.attribution.pairwise import pairs
+from sim2real.diagnosis.attribution.price import pays
 from sim2real.diagnosis.attribution.promise import Guess
+from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.attribution.screen import Response, Screening, screen
 from sim2real.diagnosis.data.score import Blocks, coherence
 from sim2real.diagnosis.settings import TINY_SQUARE
@@ -140,6 +144,8 @@ class Search:
             if best is None or not self.joins(best, found, contenders):
                 break
             best = self.polish(best)
+            if found.fit.members and not pays(self, found.error, best.error):
+                break
             self.keep(found, best.fit, best.error)
             found.steps.append((best.candidate.label, best.error))
             found.rivals[best.candidate.label] = contenders
@@ -190,12 +196,12 @@ class Search:
             Job(pair.members, pair.start[None], 1)
             for pair in pairs(self.screening, first.base, first.drift, first.responses)[:most]
         ]
-        fits = refine_each(self.screening, jobs, self._telling(PAIRING))
+        fits = self._fits(self.screening, jobs, PAIRING)
         stages = (self.screening, self.racing, self.fitting)
         for count, problem in zip(fewer, stages, strict=True):
             fits = sorted(fits, key=lambda fit: float(fit.cost.sum()))[:count]
             jobs = [Job(fit.members, fit.values[None], 1) for fit in fits]
-            fits = refine_each(problem, jobs, self._telling(PAIRING))
+            fits = self._fits(problem, jobs, PAIRING)
         if not fits:
             return
         error = self.problem.held_out(fits[0].members, fits[0].values)
@@ -252,7 +258,7 @@ class Search:
             runners = runners[:count]
             problem = racing if rounds else looked
             jobs = [self.job(fit, g, fits.get(g.candidate.label), rounds) for g in runners]
-            done = refine_each(problem, jobs, self._telling(self._share(fit)))
+            done = self._fits(problem, jobs, self._share(fit))
             fits |= {g.candidate.label: one for g, one in zip(runners, done, strict=True)}
             runners.sort(key=lambda guess: float(fits[guess.candidate.label].cost.sum()))
         made = [fits[guess.candidate.label] for guess in runners]
@@ -296,12 +302,12 @@ class Search:
         candidate = guess.candidate
         members = (*fit.members, candidate)
         if before is not None:
-            return Job(members, before.values[None], rounds, candidate.label)
+            return Job(members, before.values[None], rounds)
         starts = [
             np.concatenate([guess.known, np.tile(candidate.towards(guess.start, s), (FOLDS, 1))], 1)
             for s in self.settings.spread
         ]
-        return Job(members, np.array(starts), rounds, candidate.label)
+        return Job(members, np.array(starts), rounds)
 
     def judge(self, candidate: Candidate, fit: Fit) -> Contender:
         """Return a fit with its errors on all held-out windows."""
@@ -356,18 +362,13 @@ class Search:
 
     def without(self, fit: Fit, member: Candidate) -> Fit:
         """Return the fit of all members but one."""
-        members = tuple(m for m in fit.members if m is not member)
-        keep = []
-        place = 0
-        for m in fit.members:
-            size = len(m.neutral)
-            keep += [] if m is member else list(range(place, place + size))
-            place += size
-        return refine(self.fitting, members, fit.values[:, keep][None], self.settings.rest_rounds)
+        rest = without(fit, [i for i, m in enumerate(fit.members) if m is not member])
+        return refine(self.fitting, rest.members, rest.values[None], self.settings.rest_rounds)
 
-    def _telling(self, share: float) -> Callable[[Job], None]:
-        """Return what tells which fit is being made."""
-        return lambda job: self.say(f"fitting {job.told}", share)
+    def _fits(self, problem: Problem, jobs: Sequence[Job], share: float) -> list[Fit]:
+        """Tell what is being fitted, and fit it."""
+        self.say(f"fitting {in_words(jobs)}", share)
+        return refine_each(problem, jobs)
 
     def _share(self, fit: Fit) -> float:
         return min(STARTED + CAUSE * len(fit.members), ENDING)

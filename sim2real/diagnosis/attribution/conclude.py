@@ -6,7 +6,7 @@ report = conclude(search, found, floors, rng)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from sim2real.diagnosis.attribution.quantify import (
 )
 from sim2real.diagnosis.attribution.residual import describe
 from sim2real.diagnosis.attribution.singles import singles
-from sim2real.diagnosis.attribution.verdict import Rest, stands_out, verdict_of
+from sim2real.diagnosis.attribution.verdict import Rest, is_open, stands_out, verdict_of
 from sim2real.diagnosis.evidence import Band, Rung, SingleFit
 from sim2real.diagnosis.schema import (
     Cause,
@@ -80,6 +80,24 @@ def nothing(search: Search, floors: np.ndarray, rng: np.random.Generator) -> Con
     )
 
 
+def unsearched(
+    search: Search, floors: np.ndarray, rng: np.random.Generator, why: str
+) -> Conclusion:
+    """Return the conclusion of a log in which no cause can be looked for; see `conclude`.
+
+    Args:
+        search: before its run.
+        floors: see `conclude`.
+        rng: see `conclude`.
+        why: what is wrong with the log.
+    """
+    made = nothing(search, floors, rng)
+    gap = replace(made.report.gap, after=search.before, closed=0.0, closed_ci=(0.0, 0.0))
+    left = Unexplained(1.0, why)
+    report = replace(made.report, verdict="unexplained", gap=gap, unexplained=left)
+    return replace(made, report=report)
+
+
 def conclude(
     search: Search, found: Found, floors: np.ndarray, rng: np.random.Generator
 ) -> Conclusion:
@@ -122,7 +140,8 @@ def conclude(
     alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
     where, spectrum = _where(search, found.error, floors, rng)
     gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
-    rest = Rest(search.before, after, floor, closed, ci[0], alone, len(causes))
+    unsaid = is_open(found.error, data, floors)
+    rest = Rest(search.before, after, floor, closed, ci[0], alone, unsaid, len(causes))
     many = len(causes) > data.settings.verdict.causes_max
     report = Report(
         verdict_of(rest, data),

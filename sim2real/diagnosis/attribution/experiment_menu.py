@@ -23,6 +23,8 @@ from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Experiment as Limits
 
 GRAM = 1e-3  # kg
+LENGTHS = (0.5, 1.0, 2.0)  # of drawn motions, in lengths of the menu's
+SEEDS = 2**31  # of drawn motions: fewer than so many
 
 
 class Item(NamedTuple):
@@ -31,6 +33,9 @@ class Item(NamedTuple):
     Args:
         name: what it is, as a person says it.
         motions: kinds of `hardware.excite`.
+        seconds: of the motion.
+        size: part of the way to the nearer limit that it goes.
+        seed: of its phases and poses.
         setup: seconds that it takes besides the motion, to change something by hand.
         by_hand: what to change first; None for nothing.
         change: the same, done to a model.
@@ -39,25 +44,48 @@ class Item(NamedTuple):
 
     name: str
     motions: tuple[Kind, ...]
+    seconds: float = DEFAULT.experiment.motion_s
+    size: float = DEFAULT.experiment.size
+    seed: int = 0
     setup: float = 0.0
     by_hand: str | None = None
     change: Callable[[mujoco.MjSpec], None] | None = None
     override: Callable[[Robot], str] | None = None
 
 
+WORDS: dict[Kind, str] = {
+    "swing": "swings with the torque off",
+    "ramp": "slow ramps with reversals",
+    "steps": "steps",
+    "chirp": "a chirp",
+    "multisine": "a multisine",
+    "hold": "holds, approached from both sides",
+}
+
+
+def drawn(
+    count: int, rng: np.random.Generator, settings: Limits = DEFAULT.experiment
+) -> list[Item]:
+    """Return motions of one or two kinds whose duration, size, phases and poses are drawn."""
+    found = []
+    for _ in range(count):
+        kinds = rng.permutation(list(WORDS))[: rng.integers(1, 3)]
+        motions: tuple[Kind, ...] = tuple(kind for kind in WORDS if kind in kinds)
+        size = float(np.exp(rng.uniform(np.log(settings.size_min), np.log(settings.size_max))))
+        seconds = float(settings.motion_s * rng.choice(LENGTHS))
+        name = f"{' and '.join(WORDS[kind] for kind in motions)}, {size:.0%} of the way"
+        found.append(Item(name, motions, seconds, round(size, 3), int(rng.integers(SEEDS))))
+    return found
+
+
 def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Item]:
     """Return the motions that a robot can be asked for; what its model cannot show is left out."""
-    found = [
-        Item("swings with the torque off", ("swing",)),
-        Item("slow ramps with reversals", ("ramp",)),
-        Item("steps", ("steps",)),
-        Item("a chirp", ("chirp",)),
-        Item("a multisine", ("multisine",)),
-        Item("holds, approached from both sides", ("hold",)),
-    ]
+    usual = settings.motion_s, settings.size, 0
+    found = [Item(name, (kind,), *usual) for kind, name in WORDS.items()]
     gain = Item(
         "steps and holds at half the P gain",
         ("steps", "hold"),
+        *usual,
         settings.gain_s,
         "halve the P gain",
         _scaled_gain(settings.gain),
@@ -66,6 +94,7 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
     supply = Item(
         f"steps and a chirp at {settings.supply:.0%} of the supply",
         ("steps", "chirp"),
+        *usual,
         settings.hand_s,
         f"lower the supply's voltage to {settings.supply:.0%}",
         _scaled_supply(settings.supply),
@@ -74,6 +103,7 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
     load = Item(
         f"ramps and steps with {mass / GRAM:.0f} g at the end",
         ("ramp", "steps"),
+        *usual,
         settings.hand_s,
         f"fix {mass / GRAM:.0f} g to the end of the last link",
         _loaded(mass, settings.load_radius),
@@ -81,6 +111,7 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
     tilt = Item(
         f"ramps and holds with the base tilted by {degrees:.0f} degrees",
         ("ramp", "hold"),
+        *usual,
         settings.hand_s,
         f"tilt the base by {degrees:.0f} degrees about its y axis",
         _tilted(settings.tilt),

@@ -11,14 +11,14 @@ simulation step, or half of one, is fitted along, since no log knows its stamps 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Generator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from sim2real.diagnosis.attribution.batches import Rows, simulate_each
 from sim2real.diagnosis.attribution.bounds import Bounds
 from sim2real.diagnosis.attribution.candidates import FREE, Candidate
 from sim2real.diagnosis.data.dataset import Data
@@ -26,6 +26,15 @@ from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Fitting
 
 FOLDS = 2
+NAMED = 3  # fits of several that are told by name
+T = TypeVar("T")
+
+
+class Ask(NamedTuple):
+    """What a fit wants to see simulated."""
+
+    members: tuple[Candidate, ...]
+    points: np.ndarray  # (K, 2, P) values of their parameters, one row for each fold
 
 
 class Problem:
@@ -67,16 +76,26 @@ class Problem:
         self, members: Sequence[Candidate], points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return errors and clock slopes, (K, W, T, M), under points (K, 2, P), one a fold."""
-        k, w = len(points), len(self.windows)
-        values = points[:, self.fold].reshape(k * w, -1)  # (K W, P)
-        effects = [member.effect for member in members]
-        result = self.simulator.run(effects, np.tile(self.windows, k), values)
-        shape = (k, w, *result.error.shape[1:])
-        error, slope = result.error.reshape(shape), result.slope.reshape(shape)
-        if self.weight is None:
-            return error, slope
-        weight = self.weight[:, None, None]
-        return weight * error, weight * slope
+        return self.errors_each([Ask(tuple(members), points)])[0]
+
+    def errors_each(
+        self, asks: Sequence[Ask], remember: bool = True
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return what `errors` does of several asks, simulated side by side.
+
+        `remember` takes what was simulated before from memory; see `simulate_each`.
+        """
+        sets = []
+        for members, points in asks:
+            values = points[:, self.fold].reshape(len(points) * len(self.windows), -1)  # (K W, P)
+            sets.append(Rows(members, np.tile(self.windows, len(points)), values))
+        found = []
+        for result in simulate_each(self.simulator, sets, remember):
+            shape = (-1, len(self.windows), *result.error.shape[1:])
+            error, slope = result.error.reshape(shape), result.slope.reshape(shape)
+            weight = 1.0 if self.weight is None else self.weight[:, None, None]
+            found.append((weight * error, weight * slope))
+        return found
 
     def shift(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """Return the clock's shift [s] that fits best in each fold, (..., 2), of (..., W, T, M)."""
@@ -105,18 +124,20 @@ class Problem:
 
         The clock is the other fold's as well.
         """
-        if not members:
-            error, slope = self.errors((), np.zeros((1, FOLDS, 0)))
-            shift = self.shift(error[0], slope[0])[::-1]
-            return error[0] + shift[self.fold][:, None, None] * slope[0]
-        error, slope = self.errors(members, np.stack([values, values[::-1]]))
-        shift = self.shift(error[0], slope[0])[::-1]
-        return error[1] + shift[self.fold][:, None, None] * slope[1]
+        return self._held_out([Ask(tuple(members), values)])[0]
 
     def held_out_each(self, fits: Sequence[Fit]) -> list[np.ndarray]:
-        """Return the held-out errors of several fits, (W, T, M) each, made on several cores."""
-        tasks = [partial(self.held_out, fit.members, fit.values) for fit in fits]
-        return self.simulator.together(tasks)
+        """Return the held-out errors of several fits, (W, T, M) each, simulated side by side."""
+        return self._held_out([Ask(fit.members, fit.values) for fit in fits])
+
+    def _held_out(self, asks: Sequence[Ask]) -> list[np.ndarray]:
+        """Return the held-out errors under values (2, P) of each fold."""
+        both = [Ask(m, np.stack([v, v[::-1]] if m else [v])) for m, v in asks]
+        found = []
+        for error, slope in self.errors_each(both):
+            shift = self.shift(error[0], slope[0])[::-1]
+            found.append(error[-1] + shift[self.fold][:, None, None] * slope[-1])
+        return found
 
 
 def _clock(data: Data) -> float:
@@ -166,19 +187,7 @@ def refine(
         starts: (K, P), or (K, 2, P) where the folds start from values of their own.
         rounds: steps at most.
     """
-    members = tuple(members)
-    starts = np.repeat(starts[:, None], FOLDS, axis=1) if starts.ndim == 2 else starts
-    bounds = Bounds(members)
-    points = bounds.clip(starts)
-    error, slope = problem.errors(members, points)
-    costs = problem.cost(error, slope)  # (K, 2)
-    state = _Pick(problem, points, error, slope, costs)
-    for _ in range(rounds):
-        before = state.cost.copy()
-        _round(problem, members, bounds, state)
-        if (state.cost > (1 - problem.settings.settled) * before).all():
-            break
-    return Fit(members, state.values, state.cost)
+    return refine_each(problem, [Job(tuple(members), starts, rounds)])[0]
 
 
 class Job(NamedTuple):
@@ -187,32 +196,56 @@ class Job(NamedTuple):
     members: tuple[Candidate, ...]
     starts: np.ndarray
     rounds: int = DEFAULT.fitting.rounds
-    new: str = ""  # what is tried, for the progress; "": all members
-
-    @property
-    def told(self) -> str:
-        """What is being tried, in words."""
-        return self.new or " and ".join(member.label for member in self.members)
 
 
-def refine_each(
-    problem: Problem, jobs: Sequence[Job], on_start: Callable[[Job], None] = lambda job: None
-) -> list[Fit]:
-    """Make several fits on the same windows, on several cores.
+def in_words(jobs: Sequence[Job]) -> str:
+    """Return what is tried: the newest member of each fit, the first few by name."""
+    if not jobs:
+        return "nothing"
+    newest = [job.members[-1].label for job in jobs]
+    more = f" and {len(newest) - NAMED} more" if len(newest) > NAMED else ""
+    return ", ".join(newest[:NAMED]) + more
+
+
+def refine_each(problem: Problem, jobs: Sequence[Job]) -> list[Fit]:
+    """Make several fits on the same windows, side by side: each of their steps is one simulation.
 
     Args:
         problem: on the windows to look at.
         jobs: the fits.
-        on_start: called before each fit, in the process that makes it.
     """
+    fits: dict[int, Fit] = {}
+    steps = {number: _steps(problem, job) for number, job in enumerate(jobs)}
+    asks = {number: next(step) for number, step in steps.items()}
+    while asks:
+        seen = dict(zip(asks, problem.errors_each(list(asks.values())), strict=True))
+        asks = {}
+        for number, errors in seen.items():
+            try:
+                asks[number] = steps[number].send(errors)
+            except StopIteration as end:
+                fits[number] = end.value
+    return [fits[number] for number in range(len(jobs))]
 
-    def values(job: Job) -> tuple[np.ndarray, np.ndarray]:
-        on_start(job)
-        fit = refine(problem, job.members, job.starts, job.rounds)
-        return fit.values, fit.cost
 
-    done = problem.simulator.together([partial(values, job) for job in jobs])
-    return [Fit(tuple(job.members), *own) for job, own in zip(jobs, done, strict=True)]
+Steps = Generator[Ask, tuple[np.ndarray, np.ndarray], T]  # asks for simulations, is sent errors
+
+
+def _steps(problem: Problem, job: Job) -> Steps[Fit]:
+    """Make a fit whose simulations another one makes."""
+    members, starts = tuple(job.members), job.starts
+    starts = np.repeat(starts[:, None], FOLDS, axis=1) if starts.ndim == 2 else starts
+    bounds = Bounds(members)
+    points = bounds.clip(starts)
+    error, slope = yield Ask(members, points)
+    costs = problem.cost(error, slope)  # (K, 2)
+    state = _Pick(problem, points, error, slope, costs)
+    for _ in range(job.rounds):
+        before = state.cost.copy()
+        yield from _round(problem, members, bounds, state)
+        if (state.cost > (1 - problem.settings.settled) * before).all():
+            break
+    return Fit(members, state.values, state.cost)
 
 
 class _Pick:
@@ -261,16 +294,30 @@ def sensitivities(
 ) -> np.ndarray:
     """Return how the errors change with each parameter at values (2, P), (P, W, T, M)."""
     step = nudges(members, values, problem.settings)
+    moved, _ = problem.errors(members, _nudged(values, step))
+    return _slopes(problem, moved - error, step)
+
+
+def _nudged(values: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Return values (2, P) with one parameter moved in each, (P, 2, P)."""
     size = values.shape[1]
     points = np.repeat(values[None], size, axis=0)
     points[np.arange(size), :, np.arange(size)] += step.T
-    moved, _ = problem.errors(members, points)
-    return (moved - error) / step.T[:, problem.fold][:, :, None, None]
+    return points
 
 
-def _round(problem: Problem, members: tuple[Candidate, ...], bounds: Bounds, state: _Pick) -> None:
+def _slopes(problem: Problem, change: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Return changes (P, W, T, M) over the steps (2, P) that made them."""
+    return change / step.T[:, problem.fold][:, :, None, None]
+
+
+def _round(
+    problem: Problem, members: tuple[Candidate, ...], bounds: Bounds, state: _Pick
+) -> Steps[None]:
     """Take one step in each fold, the best of several dampings."""
-    change = sensitivities(problem, members, state.values, state.error)  # (P, W, T, M)
+    step = nudges(members, state.values, problem.settings)
+    moved, _ = yield Ask(members, _nudged(state.values, step))
+    change = _slopes(problem, moved - state.error, step)  # (P, W, T, M)
     settings = problem.settings
     trials = np.repeat(state.values[None], len(settings.dampings), axis=0)
     for f in range(FOLDS):
@@ -291,5 +338,5 @@ def _round(problem: Problem, members: tuple[Candidate, ...], bounds: Bounds, sta
             matrix = curve + np.diag((damping + settings.damping_min) * size)
             trials[k, f] -= np.linalg.solve(matrix, down)
     trials = bounds.clip(trials)
-    error, slope = problem.errors(members, trials)
+    error, slope = yield Ask(members, trials)
     state.improve(trials, error, slope, problem.cost(error, slope))

@@ -3,33 +3,32 @@
     members = [Member("backlash at elbow", backlash), Member("joint_compliance at elbow", spring)]
     plan = next_experiment(members, spec, floor, rng=np.random.default_rng(0), robot=robot)
     plan.text                               # for a person
-    plan.motions, plan.seconds              # for hardware.excite and run=record
+    plan.item.motions, plan.item.seconds    # for hardware.excite and run=record
     plan.overrides                          # for the command line
 
-Each motion of a menu is simulated under every member with its fitted values. The one wins whose
-two most similar members part fastest: evidence (the squared distance over twice the squared noise,
-one sample a second, since neighbouring rows are no news) by the time that it takes, changes by hand
-included.
+Each motion of a menu, and drawn ones if asked for, is simulated under every member. The one wins
+whose two most similar members part fastest, after each has refitted to what the other would show
+(`apart`): evidence (the squared distance over twice the squared noise, one sample a second, since
+neighbouring rows are no news) by the time that it takes, changes by hand included.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, starmap
 from pathlib import Path
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from envs.effects import combined
 from envs.effects.servo import is_joint_servo
 from envs.plant import Fixed
 from envs.replay import Recording
 from hardware.config import BusSettings, Robot, Servo, Supply
-from hardware.excite import Kind, Plan, excite
-from sim2real.diagnosis.attribution.experiment_menu import Item, menu
+from hardware.excite import Plan, excite
+from sim2real.diagnosis.attribution.apart import Asked, Member, refitted, separation
+from sim2real.diagnosis.attribution.experiment_menu import Item, drawn, menu
 from sim2real.diagnosis.data.noise_floor import rounding
 from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.trial import trial
@@ -38,33 +37,21 @@ from sim2real.diagnosis.settings import Experiment as Limits
 from sim2real.runs.errors import Sim2RealError
 
 
-class Member(NamedTuple):
-    """One of the explanations that the logs leave open: a label and effects with their values."""
-
-    label: str
-    fixed: tuple[Fixed, ...]
-
-
 @dataclass(frozen=True)
 class Experiment:
     """What to record next.
 
     Args:
         text: the recommendation in words.
-        name: the motion's name in the menu.
-        motions: kinds of `hardware.excite`.
-        seconds: the duration of the motion.
-        by_hand: what has to be changed first; None for nothing.
+        item: the motion.
         overrides: overrides for `sim2real record`.
-        separation: how far the two most similar members are apart, in noise floors.
-        ranking: each motion of the menu and its separation, the best one first.
+        separation: how far the two most similar members are apart there once they have refitted,
+            in noise floors.
+        ranking: each motion and its separation, the best one first.
     """
 
     text: str
-    name: str
-    motions: tuple[Kind, ...]
-    seconds: float
-    by_hand: str | None
+    item: Item
     overrides: tuple[str, ...]
     separation: float
     ranking: tuple[tuple[str, float], ...]
@@ -78,17 +65,28 @@ def next_experiment(
     rng: np.random.Generator,
     robot: Robot | None = None,
     fixed: Sequence[Fixed] = (),
+    past: Sequence[Recording] = (),
+    draws: int = 0,
+    exact: int = 0,
+    by_hand: bool = True,
+    longest: float = math.inf,
     settings: Limits = DEFAULT.experiment,
 ) -> Experiment:
-    """Simulate the menu under each member and return what separates them fastest.
+    """Simulate motions under each member and return what separates them fastest.
 
     Args:
         members: at least two explanations.
         spec: the model.
         floor: noise of a single run by joint [rad or m].
-        rng: the random generator of the motions' phases and poses.
+        rng: the random generator of drawn motions.
         robot: its limits and rate, where it is known; else the model's ranges are used.
         fixed: effects that the robot has in any case.
+        past: recordings that the members follow already, and must follow when they refit.
+        draws: number of motions that are drawn, besides those of the menu.
+        exact: of so many of the best, refits are simulated until they settle; of the others they
+            are one linear step.
+        by_hand: whether motions count before which something has to be changed.
+        longest: duration of a motion at most [s].
         settings: the motions, and the robot where only its model is known.
 
     Raises:
@@ -98,31 +96,40 @@ def next_experiment(
     if len(members) <= 1:
         raise Sim2RealError(f"{len(members)} explanation leaves nothing to separate; give two")
     machine = stand_in(spec, settings) if robot is None else robot
-    falls = _falls(spec, machine, rng.spawn(1)[0], settings)
-    items = [item for item in menu(spec, settings) if not (falls and "swing" in item.motions)]
+    falls = _falls(spec, machine, settings)
+    items = [*menu(spec, settings), *drawn(draws, rng, settings)]
+    items = [
+        item
+        for item in items
+        if item.seconds <= longest and not (falls and "swing" in item.motions)
+    ]
     together = [item for item in items if item.change is None]  # one batch: the same model
-    groups = [together, *([item] for item in items if item.change is not None)]
+    apart = [item for item in items if item.change is not None and by_hand]
+    asked = Asked(spec, _noise(spec, floor, settings), tuple(past), tuple(fixed))
     scores = [
-        (item, score)
-        for group in groups
-        for item, score in _scores(group, members, spec, machine, floor, fixed, rng, settings)
+        (item, float(score))
+        for group in ([together], [[item] for item in apart])
+        for some in group
+        if some
+        for item, score in _scores(some, members, machine, asked, settings)
     ]
     if not scores:
         raise Sim2RealError("the model diverges in every motion under one of the explanations")
-    seconds = settings.motion_s
-    scores.sort(key=lambda pair: -(pair[1] ** 2) * seconds / (seconds + pair[0].setup))
-    item, separation = scores[0]
-    overrides = _overrides(item, robot, settings)
-    return Experiment(
-        _text(item, members, separation, overrides, settings),
-        item.name,
-        item.motions,
-        seconds,
-        item.by_hand,
-        overrides,
-        separation,
-        tuple((other.name, score) for other, score in scores),
-    )
+    scores.sort(key=_worth, reverse=True)
+    best = [(item, _exact(item, members, machine, asked, settings)) for item, _ in scores[:exact]]
+    scores = sorted([*best, *scores[exact:]], key=_worth, reverse=True) if best else scores
+    item, distance = max(best, key=_worth) if best else scores[0]
+    overrides = _overrides(item, robot)
+    text = _text(item, members, distance, overrides, settings)
+    ranking = tuple((other.name, score) for other, score in scores)
+    return Experiment(text, item, overrides, distance, ranking)
+
+
+def _worth(scored: tuple[Item, float]) -> float:
+    """Return the evidence that a motion gives in a second of the operator's time."""
+    item, distance = scored
+    evidence = np.nan_to_num(distance) ** 2 * item.seconds
+    return float(evidence / (item.seconds + item.setup))
 
 
 def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robot:
@@ -151,52 +158,54 @@ def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robo
     return Robot("model", Path(), tuple(servos), {}, bus, *rest)
 
 
-def _scores(
-    items: Sequence[Item],
-    members: Sequence[Member],
-    spec: mujoco.MjSpec,
-    robot: Robot,
-    floor: Mapping[str, float],
-    fixed: Sequence[Fixed],
-    rng: np.random.Generator,
-    settings: Limits,
-) -> Iterator[tuple[Item, float]]:
-    """How far the two most similar members are apart in motions of one model, in noise.
-
-    Motions in which a member diverges are left out.
-    """
-    spec = spec.copy()
-    if items[0].change is not None:
-        items[0].change(spec)
-    model = spec.copy().compile()
-    recordings = [record_of(item.motions, model, robot, rng, settings) for item in items]
-    paths = [trial(spec, recordings, fixed=combined(fixed, member.fixed)) for member in members]
-    places = {
-        model.joint(i).name: int(model.jnt_qposadr[i])
+def _noise(spec: mujoco.MjSpec, floor: Mapping[str, float], settings: Limits) -> dict[int, float]:
+    """Return the noise of one reading by column of the state [rad or m]."""
+    model, least = spec.copy().compile(), rounding(settings.count)
+    return {
+        int(model.jnt_qposadr[i]): max(floor.get(model.joint(i).name, 0.0), least)
         for i in range(model.njnt)
         if is_scalar(model, i)
     }
-    noise = np.array([max(floor.get(name, 0.0), rounding(settings.count)) for name in places])
-    columns = list(places.values())
-    for number, item in enumerate(items):
-        own = [path[number][:, columns] / noise for path in paths]
-        if np.isfinite(own).all():
-            yield item, min(starmap(_apart, combinations(own, 2)))
 
 
-def _apart(one: np.ndarray, other: np.ndarray) -> float:
-    """The distance of two motions in noise, root mean square over time, summed over joints."""
-    return float(np.sqrt(np.mean((one - other) ** 2, axis=0).sum()))
+def _changed(item: Item, asked: Asked, robot: Robot, settings: Limits) -> tuple[Asked, Recording]:
+    """Return the model in a motion, what it changes in it done, and the motion."""
+    if item.change is None:
+        return asked, record_of(item, asked.spec.copy().compile(), robot, settings)
+    spec = asked.spec.copy()
+    item.change(spec)
+    return asked._replace(changed=spec), record_of(item, spec.copy().compile(), robot, settings)
+
+
+def _scores(
+    items: Sequence[Item],
+    members: Sequence[Member],
+    robot: Robot,
+    asked: Asked,
+    settings: Limits,
+) -> Iterator[tuple[Item, float]]:
+    """Yield motions of one model and how far the two most similar members are apart in them.
+
+    Motions in which a member diverges are left out.
+    """
+    pairs = [_changed(item, asked, robot, settings) for item in items]
+    found = separation(members, [motion for _, motion in pairs], pairs[0][0])
+    for item, distance in zip(items, found, strict=True):
+        if np.isfinite(distance):
+            yield item, distance
+
+
+def _exact(
+    item: Item, members: Sequence[Member], robot: Robot, asked: Asked, settings: Limits
+) -> float:
+    asked, motion = _changed(item, asked, robot, settings)
+    return refitted(members, motion, asked)
 
 
 def record_of(
-    motions: Sequence[Kind],
-    model: mujoco.MjModel,
-    robot: Robot,
-    rng: np.random.Generator,
-    settings: Limits = DEFAULT.experiment,
+    item: Item, model: mujoco.MjModel, robot: Robot, settings: Limits = DEFAULT.experiment
 ) -> Recording:
-    """Return a motion as a recording of commands, from rest in its middle pose."""
+    """Return a motion as a recording of commands, from rest in the robot's middle pose."""
     home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
     qpos = np.array(model.qpos0 if home is None else model.key_qpos[home])
     ctrl = np.zeros(model.nu) if home is None else np.array(model.key_ctrl[home])
@@ -207,7 +216,8 @@ def record_of(
         limits, axis=1
     )
     pose = np.where(edge, limits.mean(axis=1), pose)
-    plan: Plan = excite(robot, pose, settings.motion_s, motions, rng, settings.size)
+    rng = np.random.default_rng(item.seed)
+    plan: Plan = excite(robot, pose, item.seconds, item.motions, rng, item.size)
     commands = np.tile(ctrl, (len(plan.angles), 1))
     commands[:, columns] = plan.angles
     powered = np.ones(commands.shape, bool)
@@ -218,10 +228,10 @@ def record_of(
     return Recording(time, commands, qpos, np.zeros(model.nv), powered)
 
 
-def _falls(spec: mujoco.MjSpec, robot: Robot, rng: np.random.Generator, settings: Limits) -> bool:
+def _falls(spec: mujoco.MjSpec, robot: Robot, settings: Limits) -> bool:
     """Say whether a robot that is let go in its middle pose leaves it: it would fall over."""
     model = spec.copy().compile()
-    rest = record_of(("hold",), model, robot, rng, settings)
+    rest = record_of(Item("a hold", ("hold",)), model, robot, settings)
     rows = int(settings.fall_s * robot.rate)
     off = np.zeros((rows, model.nu), bool)
     (path,) = trial(
@@ -234,10 +244,11 @@ def _falls(spec: mujoco.MjSpec, robot: Robot, rng: np.random.Generator, settings
     return not bool(np.abs(path[:, places] - path[0, places]).max() < settings.fallen)
 
 
-def _overrides(item: Item, robot: Robot | None, settings: Limits) -> tuple[str, ...]:
+def _overrides(item: Item, robot: Robot | None) -> tuple[str, ...]:
     name = "NAME" if robot is None else robot.name
-    seconds = f"seconds={settings.motion_s:g}"
-    found = [f"robot={name}", f"motions=[{','.join(item.motions)}]", seconds]
+    found = [f"robot={name}", f"motions=[{','.join(item.motions)}]", f"seconds={item.seconds:g}"]
+    if (item.size, item.seed) != (DEFAULT.experiment.size, 0):
+        found += [f"size={item.size:g}", f"seed={item.seed}"]
     if item.override is not None and robot is not None:
         found.append(item.override(robot))
     return tuple(found)
@@ -258,7 +269,10 @@ def _text(
     text = f"To tell {names} apart, record {item.name}: {first}`{command}`. "
     if separation < settings.apart_min:
         return (
-            f"{text}Even there they are only {separation:.1f} times the noise apart: no motion of "
-            "the menu separates them on this robot, so either will do in its simulator."
+            f"{text}Even there they are only {separation:.1f} times the noise apart once each has "
+            "refitted: no motion of the menu separates them on this robot, so either will do in "
+            "its simulator."
         )
-    return f"{text}There they are {separation:.0f} times the noise floor apart."
+    return (
+        f"{text}There they are {separation:.0f} times the noise floor apart once each has refitted."
+    )

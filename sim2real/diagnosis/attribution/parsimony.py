@@ -1,7 +1,6 @@
 """As few values as the logs ask for: what is shared by all joints first, and each value paid for.
 
     found = simplified(search, found)           # after a search
-    pays(search, fewer, more, values=2)         # are two further values worth it?
 
 A search that adds effects one by one, and one by families even more so, ends with values that the
 robot does not have. Three things take them away again, all on held-out errors:
@@ -10,9 +9,7 @@ robot does not have. Three things take them away again, all on held-out errors:
 * each value is taken out, the cheapest first, and stays out unless it pays for itself;
 * so does one whose interval holds neutral (`conclude`).
 
-The price of a value is told joint by joint, so that it does not depend on how many joints a robot
-has: of what there is to close at the joint, of its noise floor, and of what is left there. The last
-one is large where the law of an effect is not the robot's: whatever is added then mends a bad fit.
+The price of a value is told in `price`.
 """
 
 from __future__ import annotations
@@ -26,8 +23,8 @@ import numpy as np
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import Fit, Problem, columns, refine
+from sim2real.diagnosis.attribution.price import pays, worth
 from sim2real.diagnosis.attribution.quantify import without
-from sim2real.diagnosis.settings import TINY_SQUARE
 
 SIMPLIFYING = 0.85  # share of the work that is done then
 
@@ -40,28 +37,6 @@ def simplified(search: Search, found: Found) -> Found:
     found = _wide(search, found)
     found = _merged(search, found)
     return _eliminated(search, found)
-
-
-def pays(search: Search, fewer: np.ndarray, more: np.ndarray, values: int = 1) -> bool:
-    """Return whether further values are worth their price on held-out windows.
-
-    Args:
-        search: whose blocks, floors and gap as given the price is told from.
-        fewer: held-out errors without these values, (W, T, M).
-        more: held-out errors with them.
-        values: their number; a price is paid for each.
-    """
-    return worth(search, fewer, more) >= values and search.blocks.gain(fewer, more)[0] > 0
-
-
-def worth(search: Search, fewer: np.ndarray, more: np.ndarray) -> float:
-    """Return how many prices the fall of the joints' gaps pays; see `pays`."""
-    data = search.problem.data
-    limits, floors = data.settings.parsimony, search.floors
-    base, first, last = (np.sqrt(data.mean_squares(e)) for e in (search.base, fewer, more))
-    price = np.maximum(limits.floors * floors, limits.share * (base - floors))
-    price = np.maximum(price, limits.mends * (last - floors))
-    return float(((first - last) / np.maximum(price, TINY_SQUARE)).sum())
 
 
 def _wide(search: Search, found: Found) -> Found:

@@ -7,7 +7,6 @@ spread = intervals(problem, fit, left, rng)          # spread.ends: (P, 2)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from itertools import combinations
 from math import factorial
 from typing import NamedTuple
@@ -19,9 +18,10 @@ from sim2real.diagnosis.attribution.candidates import FREE
 from sim2real.diagnosis.attribution.fit import (
     FOLDS,
     Fit,
+    Job,
     Problem,
     columns,
-    refine,
+    refine_each,
     sensitivities,
 )
 from sim2real.diagnosis.data.dataset import Data
@@ -56,14 +56,10 @@ def coalitions(
     count = len(fit.members)
     sets = [kept for size in range(count) for kept in combinations(range(count), size)]
     rounds = problem.data.settings.causes.subset_rounds
-
-    def error(kept: Sequence[int]) -> np.ndarray:
-        part = without(fit, kept)
-        if kept:
-            part = refine(racing, part.members, part.values[None], rounds)
-        return problem.held_out(part.members, part.values)
-
-    errors = problem.simulator.together([partial(error, kept) for kept in sets])
+    parts = {kept: without(fit, kept) for kept in sets}
+    jobs = [Job(part.members, part.values[None], rounds) for part in parts.values() if part.members]
+    parts |= zip((kept for kept in sets if kept), refine_each(racing, jobs), strict=True)
+    errors = problem.held_out_each(list(parts.values()))
     found = {frozenset(kept): one for kept, one in zip(sets, errors, strict=True)}
     return {frozenset(range(count)): full, **found}
 

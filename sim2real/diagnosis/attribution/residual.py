@@ -2,61 +2,16 @@
 
     describe(data, models_error, floor)     # "none", or a sentence
 
-A free-form model (ridge regression on smooth functions of the commands' and the joints' motion)
-says how much could still be explained by anything that depends on them. It is fitted to one fold
-and judged on the other: in sample such a model explains noise as well.
+A free-form model (`free_form`) says how much could still be explained by anything that depends on
+the commands and the motion, now or before.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.fit import FOLDS
-from sim2real.diagnosis.data.dataset import Data, Window
-
-CUBE = 3
-
-
-def ceiling(data: Data, error: np.ndarray) -> float:
-    """Return the share of the squared error (W, T, M) that a free-form model removes, held out."""
-    left, whole, limits = 0.0, float((error**2).sum()), data.settings.residual
-    if whole <= 0:
-        return 0.0
-    features = [_features(data, window) for window in data.windows]
-    size = features[0].shape[1]
-    curve, across = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size, error.shape[2]))
-    for index, (window, table) in enumerate(zip(data.windows, features, strict=True)):
-        own, f = window.usable, data.fold[index]
-        rows = table[own]
-        curve[f] += rows.T @ rows
-        across[f] += rows.T @ error[index, : len(own)][own]
-    models = [
-        np.linalg.solve(c + limits.ridge * np.trace(c) / size * np.eye(size), a)
-        for c, a in zip(curve, across, strict=True)
-    ]
-    for index, (window, table) in enumerate(zip(data.windows, features, strict=True)):
-        own = window.usable
-        model = models[1 - data.fold[index]]
-        left += float(((error[index, : len(own)] - table @ model)[own] ** 2).sum())
-    return 1.0 - left / whole
-
-
-def _features(data: Data, window: Window) -> np.ndarray:
-    """Return smooth functions of what the robot was told and did, (T, F), each about 1 in size."""
-    time, limits = window.sample[:, 0], data.settings.residual
-    columns = [np.ones(len(time))]
-    for j, joint in enumerate(data.joints):
-        q = window.measured[:, j] / max(joint.spread, limits.spread_min)
-        speed = _slope(q, time) / limits.speed
-        push = _slope(speed, time) / limits.acceleration
-        sign, wave = np.tanh(limits.sign * speed), np.sin(limits.wave * q)
-        columns += [q, q**2, q**CUBE, wave, speed, speed * np.abs(speed), sign, push]
-        columns += [sign * np.abs(q), sign * np.abs(push)]
-    return np.clip(np.column_stack(columns), -limits.feature_max, limits.feature_max)
-
-
-def _slope(values: np.ndarray, time: np.ndarray) -> np.ndarray:
-    return np.gradient(values, time) if len(time) > 1 else np.zeros_like(values)
+from sim2real.diagnosis.attribution.free_form import caught, foreseen, slope
+from sim2real.diagnosis.data.dataset import Data
 
 
 def describe(data: Data, error: np.ndarray, floor: float) -> str:
@@ -76,10 +31,10 @@ def describe(data: Data, error: np.ndarray, floor: float) -> str:
     share = square[worst] / square.sum()
     joint = data.joints[worst].name
     place = f"most of it ({share:.0%}) at {joint}" if len(data.joints) > 1 else f"at {joint}"
-    caught = ceiling(data, error)
+    rest = caught(error, foreseen(data, error))
     free = (
-        f"a free-form model of commands and motion would catch {caught:.0%} of its square"
-        if caught > limits.found
+        f"a free-form model of commands and motion would catch {rest:.0%} of its square"
+        if rest > limits.found
         else "no free-form model of commands and motion catches any of it"
     )
     return f"{place}, {_tempo(data, error[..., worst])}, {_moment(data, error, worst)}; {free}"
@@ -104,7 +59,7 @@ def _moment(data: Data, error: np.ndarray, joint: int) -> str:
     limits = data.settings.residual
     for index, window in enumerate(data.windows):
         q = window.measured[:, joint]
-        speed = np.abs(_slope(q, window.sample[:, joint]))
+        speed = np.abs(slope(q, window.sample[:, joint]))
         own = error[index, : len(q), joint] ** 2
         limit = limits.moving * max(data.joints[joint].spread, limits.spread_min)
         moving.append(own[window.usable & (speed > limit)])

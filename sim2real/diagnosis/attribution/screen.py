@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,14 @@ import numpy as np
 from envs.effects import Effect
 from envs.effects.base import PLAIN, RULES
 from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, columns, sensitivities
+from sim2real.diagnosis.attribution.fit import (
+    FOLDS,
+    Ask,
+    Fit,
+    Problem,
+    columns,
+    sensitivities,
+)
 from sim2real.diagnosis.attribution.promise import Guess, View, promises
 from sim2real.diagnosis.settings import TINY_SQUARE
 
@@ -238,7 +244,8 @@ def _simulate(
     found = []
     groups = dict.fromkeys(look.candidate.group for look in looks)
     parts = [[look for look in looks if look.candidate.group == group] for group in groups]
-    for part, error in zip(parts, _each(problem, view.found, parts), strict=True):
+    each = problem.errors_each([_points(view.found, part) for part in parts], False)
+    for part, (error, _) in zip(parts, each, strict=True):
         start = 0
         for option, probes in part:
             changes = {k: error[start + i] - own for i, k in enumerate(probes)}
@@ -248,19 +255,8 @@ def _simulate(
     return found
 
 
-def _each(problem: Problem, found: Fit, parts: Sequence[Sequence[_Look]]) -> list[np.ndarray]:
-    """Return the errors of several groups' probes: large groups one by one, the rest together."""
-    alone = [len({look.candidate.label for look in part}) < 2 for part in parts]
-    tasks = [partial(_errors, problem, found, parts[i]) for i in np.flatnonzero(alone)]
-    done = iter(problem.simulator.together(tasks))
-    return [
-        next(done) if one else _errors(problem, found, part)
-        for part, one in zip(parts, alone, strict=True)
-    ]
-
-
-def _errors(problem: Problem, found: Fit, looks: Sequence[_Look]) -> np.ndarray:
-    """Return the errors of probes beside what is known, one after the other, (K, W, T, M)."""
+def _points(found: Fit, looks: Sequence[_Look]) -> Ask:
+    """Return probes beside what is known, one after the other."""
     own = [look.candidate for look in looks]
     known = found.values.shape[1]
     neutral = np.concatenate([option.neutral for option in own])
@@ -270,4 +266,4 @@ def _errors(problem: Problem, found: Fit, looks: Sequence[_Look]) -> np.ndarray:
             point = np.concatenate([found.values, np.tile(neutral, (FOLDS, 1))], axis=1)
             point[:, known + place.start : known + place.stop] = probe
             points.append(point)
-    return problem.errors([*found.members, *own], np.array(points))[0]
+    return Ask((*found.members, *own), np.array(points))

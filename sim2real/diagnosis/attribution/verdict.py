@@ -3,10 +3,15 @@
     verdict_of(Rest(before, after, floor, closed, low), data)
 
 `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if what is
-left is within twice the floor, or nine tenths are closed and no more than three floors are left;
+left is within twice the floor, or nine tenths are closed and nothing lasting is left at any joint;
 `partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
 than four effects are needed for the former two, it is `fitted`: then there are values, and no
 causes.
+
+What is left on held-out windows is noise, which differs from row to row, and what the causes do not
+say, which lasts: a wrong law, a missing effect, a wrong value. The mean product of errors a moment
+apart is the square of the latter alone, so that a floor which is told too low excuses no law, and
+one wrong joint is not averaged away by others.
 """
 
 from __future__ import annotations
@@ -38,6 +43,35 @@ def stands_out(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
     return bool((np.sqrt(data.mean_squares(error)) * data.scale > least).any())
 
 
+def lasting(error: np.ndarray, data: Data) -> np.ndarray:
+    """Return the RMS of what lasts of errors (W, T, M), in their units, (M,).
+
+    Root of the mean product of rows `lasting_s` apart, their autocovariance at that lag: white
+    noise has none. 0 where it is negative.
+    """
+    total, count = np.zeros(error.shape[2]), 0
+    for wrong, own, time in zip(error, data.mask, data.times(), strict=True):
+        step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+        lag = max(round(min(data.settings.verdict.lasting_s / step, len(time))), 1)
+        both = own[lag:] & own[:-lag]
+        total += (wrong[lag:] * wrong[:-lag])[both].sum(axis=0)
+        count += int(both.sum())
+    return np.sqrt(np.maximum(total / max(count, 1), 0.0))
+
+
+def is_open(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
+    """Return whether something lasting is left at a joint, beyond its floor and its encoder.
+
+    Args:
+        error: held out, in the units of `data`, (W, T, M).
+        data: the windows.
+        floors: noise floor of each joint [rad or m], (M,).
+    """
+    counts, limits = np.array([joint.count for joint in data.joints]), data.settings.verdict
+    most = np.maximum(limits.explained_floors * floors, limits.explained_counts * counts)
+    return bool((lasting(error, data) * data.scale > most).any())
+
+
 def is_no_gap(before: float, floor: float, data: Data, alone: bool) -> bool:
     """Return whether a gap is within what noise and rounding make; `alone`: see `stands_out`."""
     return not alone and before <= max(
@@ -55,6 +89,7 @@ class Rest(NamedTuple):
         closed: the share that is closed.
         low: its lower bound.
         alone: whether one joint stands out, before and after.
+        unsaid: whether something lasting is left; see `is_open`.
         values: number of effects that were needed; a shared one counts once.
     """
 
@@ -64,6 +99,7 @@ class Rest(NamedTuple):
     closed: float
     low: float
     alone: tuple[bool, bool] = (False, False)
+    unsaid: bool = False
     values: int = 1
 
 
@@ -73,9 +109,7 @@ def verdict_of(rest: Rest, data: Data) -> Verdict:
         return "no_gap"
     limits = data.settings.verdict
     near = rest.after <= limits.no_gap_floors * rest.floor and not rest.alone[1]
-    most = rest.closed >= limits.explained and rest.after <= max(
-        limits.explained_floors * rest.floor, resolution(data)
-    )
+    most = rest.closed >= limits.explained and not rest.unsaid
     if not (near or most) and not (rest.closed >= limits.partly and rest.low > 0):
         return "unexplained"
     if rest.values > limits.causes_max:

@@ -25,7 +25,7 @@ from sim2real.diagnosis.data.impedance import impedance_of, with_laws
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.recording import check_log, load_model, with_bus_delay
-from sim2real.diagnosis.data.refuse import refuse_loose_base
+from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow
 from sim2real.diagnosis.data.windows import Joint, Window, cut
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 from sim2real.runs.errors import Sim2RealError
@@ -148,6 +148,17 @@ class Data:
         """Return each window's square over its compared rows, (W,), of errors (W, T, M)."""
         return (error**2).sum(axis=(1, 2)) / np.maximum(self.mask.sum(axis=1), 1)
 
+    def with_windows(self, windows: Sequence[Window]) -> Data:
+        """Return the data with other windows of the same logs."""
+        longest = max(len(w.measured) for w in windows)
+        return replace(
+            self,
+            windows=tuple(windows),
+            fold=_folds(windows, self.settings),
+            mask=_masks(windows, longest),
+            measured=np.array([_padded(w.measured, longest) for w in windows]),
+        )
+
     def only(self, chosen: np.ndarray) -> Data:
         """Return the data of some windows, (n,) indices."""
         return replace(
@@ -241,14 +252,9 @@ def _joints(
 
 def _refuse_clock(logs: Sequence[Log], settings: Settings) -> None:
     """Raise Sim2RealError if logs are not in seconds, or too short for any interval."""
-    most, least = settings.channels.slowest_s, settings.dataset.seconds_min
+    least = settings.dataset.seconds_min
     for log in logs:
-        step = float(np.median(np.concatenate([np.diff(part.time) for part in log.episodes()])))
-        if step > most:
-            raise Sim2RealError(
-                f"{log.path or 'the log'}: its rows are {step:.4g} s apart, more than {most:g} s; "
-                "`time` is in seconds, multiply it by 0.001 if it is in ms"
-            )
+        refuse_slow(log, settings)
     total = sum(float(part.time[-1] - part.time[0]) for log in logs for part in log.episodes())
     if total < least:
         place = f"{logs[0].path or 'the log'}" + (f" and {len(logs) - 1} more" if logs[1:] else "")

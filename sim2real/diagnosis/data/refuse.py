@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import mujoco
+import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import columns_of
+from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
@@ -33,6 +35,17 @@ def refuse_loose_base(log: Log, model: mujoco.MjModel, joints: Sequence[str]) ->
                 "you can; or hold the base still while you record, and give a model whose base is "
                 "fixed"
             )
+
+
+def refuse_slow(log: Log, settings: Settings = DEFAULT) -> None:
+    """Raise Sim2RealError for a log whose `time` can be no seconds: a replay would take hours."""
+    most = settings.channels.slowest_s
+    step = float(np.median(np.concatenate([np.diff(part.time) for part in log.episodes()])))
+    if step > most:
+        raise Sim2RealError(
+            f"{log.path or 'the log'}: its rows are {step:.4g} s apart, more than {most:g} s; "
+            "`time` is in seconds, multiply it by 0.001 if it is in ms"
+        )
 
 
 def _carriers(model: mujoco.MjModel, joint: int) -> list[int]:

@@ -31,6 +31,7 @@ from sim2real.diagnosis.data.recording import (
     to_recording,
     with_bus_delay,
 )
+from sim2real.diagnosis.data.refuse import refuse_slow
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -75,7 +76,7 @@ def measure_all(
 
     Raises:
         LogError: a log that names what its model lacks.
-        Sim2RealError: a model that diverges.
+        Sim2RealError: a model that diverges, a log whose time is not in seconds.
     """
     found: dict[int, Gap] = {}
     kinds = [(id(spec), impedance_of(log)) for log, spec in zip(logs, specs, strict=True)]
@@ -93,6 +94,7 @@ def _of_one_model(
     model = spec.copy().compile()
     for log in logs:
         check_log(log, model)
+        refuse_slow(log)
     delayed = with_laws(with_bus_delay(switchable(spec), logs[0]), logs[0])
     model = delayed.copy().compile()
     episodes = [(number, part) for number, log in enumerate(logs) for part in log.episodes()]

@@ -21,9 +21,11 @@ import mujoco
 import numpy as np
 
 from envs.effects import Effect, make
+from envs.effects.supply import ThermalDerating
 from envs.plant import Fixed, Plant
 from envs.replay import Readings, Schedule, interpolate, readings, schedule, simulate
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.memory import Memory
 from sim2real.diagnosis.data.thermal import Heat
 from sim2real.diagnosis.data.together import cores, is_free, is_helper, together
 from sim2real.diagnosis.data.windows import Window
@@ -41,6 +43,14 @@ class Simulated(NamedTuple):
     error: np.ndarray  # (R, T, M) simulated minus measured, over scale; 0 where nothing is compared
     slope: np.ndarray  # (R, T, M) its change with the time of reading [1/s]
     lost: np.ndarray  # (R,) s from the window's start at which the row diverged; inf: it did not
+
+
+class Run(NamedTuple):
+    """R rows to be simulated, each a window under values of the effects' parameters."""
+
+    effects: tuple[Effect, ...]
+    windows: np.ndarray  # (R,)
+    values: np.ndarray  # (R, P)
 
 
 class _Plan(NamedTuple):
@@ -77,6 +87,7 @@ class Simulator:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
         self.settings = data.settings.simulation
         self.heat = Heat(data, self._paths)
+        self.memory = Memory(self.settings.memory_bytes)
         self.seconds = 0.0  # of robot time simulated
         self.steps = 0  # of physics, of all rows
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
@@ -105,22 +116,51 @@ class Simulator:
             windows: the window of each row, (R,).
             values: of the effects' parameters, (R, P).
         """
-        shape = (len(windows), self._length, len(self.data.joints))
-        error, slope = np.zeros(shape), np.zeros(shape)
-        lost = np.full(len(windows), np.inf)
-        model = np.array([self.data.windows[i].model for i in windows])
-        for index in np.unique(model):
-            rows = np.flatnonzero(model == index)
-            for chunk in np.array_split(rows, self._pieces(windows[rows], index)):
-                shares = self._shares(effects, int(index), chunk)
-                work = [
-                    partial(self._chunk, effects, int(index), windows[own], values[own])
-                    for own in shares
-                ]
-                for own, part in zip(shares, self.together(work), strict=True):
-                    error[own], slope[own], lost[own] = part
-                self.on_run()
-        return Simulated(error, slope, lost)
+        return self.run_each([Run(tuple(effects), windows, values)])[0]
+
+    def run_each(self, runs: Sequence[Run]) -> list[Simulated]:
+        """Simulate the rows of several runs: what Python steps on several cores, side by side."""
+        found = [self.blank(len(run.windows)) for run in runs]
+        tasks, places = [], []
+        for result, (effects, windows, values) in zip(found, runs, strict=True):
+            models = np.array([self.data.windows[i].model for i in windows], int)
+            for model in np.unique(models):
+                rows = np.flatnonzero(models == model)
+                self._warm(effects, int(model), windows[rows])
+                for chunk in np.array_split(rows, self._pieces(windows[rows], model)):
+                    for own in self._shares(effects, int(model), chunk):
+                        some = Run(effects, windows[own], values[own])
+                        tasks.append(partial(self._chunk, int(model), some))
+                        places.append((result, own))
+        for (result, own), part in zip(places, self._done(tasks), strict=True):
+            for all_, some in zip(result, part, strict=True):
+                all_[own] = some
+        return found
+
+    def _warm(self, effects: Sequence[Effect], model: int, windows: np.ndarray) -> None:
+        for effect in effects:
+            if isinstance(effect, ThermalDerating):
+                self.heat.learn(windows, effect.actuators(self.data.models[model]))
+
+    def blank(self, rows: int) -> Simulated:
+        """Return what rows come to that follow the log to the bit."""
+        shape = (rows, self._length, len(self.data.joints))
+        return Simulated(np.zeros(shape), np.zeros(shape), np.full(rows, np.inf))
+
+    def _done(self, tasks: Sequence[partial[Simulated]]) -> list[Simulated]:
+        """Return what chunks come to.
+
+        Large ones that the engine steps itself are done one after the other, on all cores, the
+        others side by side.
+        """
+        large = [
+            len(run.windows) >= self.settings.shared_rows
+            and not self._is_stepped(run.effects, model)
+            for model, run in (task.args for task in tasks)
+        ]
+        shared = [task for task, alone in zip(tasks, large, strict=True) if not alone]
+        done = iter(self.together(shared))
+        return [task() if alone else next(done) for task, alone in zip(tasks, large, strict=True)]
 
     def together(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Return what tasks return that simulate with this, done on several cores."""
@@ -142,18 +182,24 @@ class Simulator:
         few = len(rows) < self.settings.shared_rows
         if few or not is_free() or not self._is_stepped(effects, model):
             return [rows]
-        most = 2 * len(rows) // self.settings.shared_rows
-        return np.array_split(rows, min(self.threads or cores(), most))  # few effects in each
+        hands, limits = self.threads or cores(), self.settings
+        count = hands * int(np.ceil(len(rows) / (hands * limits.share_rows)))
+        most = 2 * len(rows) // limits.shared_rows
+        return np.array_split(rows, min(count, most))  # few effects in each
 
     def _is_stepped(self, effects: Sequence[Effect], model: int) -> bool:
         """Return whether something acts between the engine's steps."""
         if any(plan.schedule.law is not None for plan in self._plans):
             return True
-        structure = (model, *map(key_of, effects))
-        if structure not in self._stepped:
-            plant = Plant(self.data.specs[model], effects, 1, 1, fixed=self.fixed)
-            self._stepped[structure] = bool(plant.substep_rules)
-        return self._stepped[structure]
+        for effect in effects or (None,):
+            own = () if effect is None else (effect,)
+            key = (model, *map(key_of, own))
+            if key not in self._stepped:
+                plant = Plant(self.data.specs[model], own, 1, 1, fixed=self.fixed)
+                self._stepped[key] = bool(plant.substep_rules)
+            if self._stepped[key]:
+                return True
+        return False
 
     def _pieces(self, windows: np.ndarray, model: int) -> int:
         steps = max(self._plans[i].schedule.steps for i in windows)
@@ -196,9 +242,8 @@ class Simulator:
             on = (plan.off[:, None] >> bits & 1) == 0
             yield simulated, path[: plan.steps + 1], plan, on
 
-    def _chunk(
-        self, effects: Sequence[Effect], model: int, windows: np.ndarray, values: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _chunk(self, model: int, run: Run) -> Simulated:
+        effects, windows, values = run
         data, plans = self.data, [self._plans[i] for i in windows]
         plant = self._plant(effects, model, len(windows))
         _set(plant, values)
@@ -215,7 +260,8 @@ class Simulator:
         limits = self.settings
         limit = np.maximum(limits.error_max * self._spread, limits.spread_min) / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
-        return error, np.nan_to_num(slope), motion.lost
+        self.on_run()
+        return Simulated(error, np.nan_to_num(slope), motion.lost)
 
 
 def actuated(plant: Plant) -> mujoco.MjModel:

@@ -47,13 +47,20 @@ class Heat:
         self._squares: dict[tuple[int, int | None], np.ndarray] = {}  # (T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
-        """Warm the motors of a plant whose rows replay these windows, (R,)."""
+        """Warm the motors of a plant whose rows replay these windows, (R,), where heat counts."""
         for rule in plant.substep_rules:
-            if isinstance(rule, _Derating):
-                rule.heat[:] = self._at(rule, windows)
+            if isinstance(rule, _Derating) and (rows := np.flatnonzero(rule.value)).size:
+                rule.heat[rows] = self._at(rule, rows, windows[rows])
 
-    def _at(self, rule: _Derating, windows: np.ndarray) -> np.ndarray:
-        """Return the heat of the rule's motors, (R, k) N²·m²·s."""
+    def learn(self, windows: np.ndarray, actuators: np.ndarray) -> None:
+        """Work out what `start` needs for windows (R,) and motors (k,), once for all processes."""
+        for log in sorted({self._data.windows[int(window)].log for window in windows}):
+            for weak in (None, *actuators.tolist()):
+                self.squares(log, weak)
+
+    def _at(self, rule: _Derating, rows: np.ndarray, windows: np.ndarray) -> np.ndarray:
+        """Return the heat of the rule's motors in some rows (n,), (n, k) N²·m²·s."""
+        value, decay = rule.value[rows], rule.decay[rows]
         parts = [self._before(int(w), rule.index) for w in windows]
         longest = max(len(span) for span, _ in parts)
         heat = np.zeros((len(windows), len(rule.index)))
@@ -65,9 +72,9 @@ class Heat:
         falls = (squares[0] - squares[1]) / (1.0 - self._weak)  # as the strength falls by 1
         for k in range(longest):
             span = spans[:, k : k + 1]
-            lost = np.minimum(rule.value * heat, 1.0)
+            lost = np.minimum(value * heat, 1.0)
             square = np.maximum(squares[0, :, k] - lost * falls[:, k], 0.0)
-            heat = heat * np.exp(-rule.decay * span) + square * span
+            heat = heat * np.exp(-decay * span) + square * span
         return heat
 
     def _before(self, window: int, actuators: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,10 @@
 Processes are forked for the call and know all that this one knew; who is free takes the next task.
 Results are the same in whichever process, if a task depends on nothing that another one changes.
 Where processes cannot be forked (not on Linux), and in one that was, all tasks are done in turn.
+
+`concurrent.futures` would do as well, but for three things: it has no processes inside a worker of
+`multiprocessing.Pool`, which is daemonic; its own outlive a parent that is killed; and the process
+that waits takes no task itself.
 """
 
 from __future__ import annotations

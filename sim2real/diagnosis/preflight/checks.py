@@ -31,6 +31,7 @@ GRAVE = ("sign", "swap", "degrees", "scale")  # makes other checks of the same j
 WRONG = (*GRAVE, "zero", "rate", "no_command")  # no lag is measured in a log with these
 ORDER = (*WRONG, "control_law", "excitation")
 BLOCKING = (*GRAVE, "rate", "no_command")  # a log with these says nothing of the robot's physics
+UNITS = ("degrees",)  # with these no cause is looked for: every fit would be of the wrong unit
 FOLLOWS = ("degrees", "scale", "zero", "control_law", "speed", "ctrlrange", "saturation")
 
 

@@ -55,7 +55,8 @@ def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
     for key, value in tree.items():
         if key == "command":
             continue  # it stands above the list
-        title = f"{head}{str(key).replace('_', ' ')}"
+        own = str(key)  # a word, or the path of a log, which keeps its underscores
+        title = head + (own.replace("_", " ") if own.isidentifier() else own)
         if isinstance(value, Mapping):
             lines += flat(value, f"{title}: ")
         elif isinstance(value, list | tuple):

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from envs.effects import EFFECTS
+from sim2real.diagnosis.preflight.checks import UNITS
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.diagnosis.settings import DEFAULT, TINY
 
@@ -81,6 +82,8 @@ def sentence(report: Report) -> str:
             "Simulation and robot agree: what is left between them,"
             f" {quantity(gap.before, gap.unit)}, is noise."
         )
+    if unsearched(report):
+        return "The log is in another unit than its model: correct it first."
     if report.verdict == "unexplained" or not report.values:
         return "There is a gap, and no known effect explains it."
     subject = _and(subjects([place_of(cause) for cause in report.values]))
@@ -95,6 +98,11 @@ def sentence(report: Report) -> str:
     if report.verdict == "partly_explained":
         text = f"{text[:-1]}; the rest has another cause."
     return text[0].upper() + text[1:]
+
+
+def unsearched(report: Report) -> bool:
+    """Return whether the log's units were wrong, so that no cause was looked for."""
+    return any(finding.check in UNITS for finding in report.preflight)
 
 
 def place_of(cause: Cause) -> tuple[str, str | None]:
@@ -124,6 +132,8 @@ def details(report: Report) -> str:
     on = "on parts of the recordings that nothing was fitted to" if gap.held_out else ""
     if gap.after is None:
         return f"The noise floor of these recordings is {floor}{motion}."
+    if unsearched(report):
+        return f"No cause was looked for. {report.unexplained.structure}"
     if not report.values:
         return (
             f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from sim2real.diagnosis.settings.attribution import (
     Causes,
     Cogging,
-    Experiment,
     Fitting,
     JointGroups,
     Locating,
@@ -27,6 +26,7 @@ from sim2real.diagnosis.settings.attribution import (
     Verdict,
 )
 from sim2real.diagnosis.settings.base import TINY, TINY_SQUARE, Row, rows, setting
+from sim2real.diagnosis.settings.comparison import Compared
 from sim2real.diagnosis.settings.contract import Contract
 from sim2real.diagnosis.settings.data import (
     Bootstrap,
@@ -38,6 +38,7 @@ from sim2real.diagnosis.settings.data import (
     Simulation,
     Windows,
 )
+from sim2real.diagnosis.settings.experiment import Experiment
 from sim2real.diagnosis.settings.preflight import (
     Channels,
     Checks,
@@ -59,6 +60,7 @@ __all__ = [
     "Checks",
     "Clocks",
     "Cogging",
+    "Compared",
     "Contract",
     "Dataset",
     "Encoder",
@@ -124,6 +126,7 @@ class Settings:
     locating: Locating = field(default_factory=Locating)
     residual: Residual = field(default_factory=Residual)
     experiment: Experiment = field(default_factory=Experiment)
+    compared: Compared = field(default_factory=Compared)
 
 
 DEFAULT = Settings()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting
@@ -212,8 +211,17 @@ class Verdict:
     explained_floors: float = setting(
         3.0,
         "1",
-        "floors left beyond which nine tenths are not enough",
+        "floors of a joint that lastingly left errors may have where nine tenths are closed",
         "derived: `joint_floors`, from which a single joint stands out",
+    )
+    explained_counts: float = setting(
+        1.0,
+        "1",
+        "encoder counts that they may have instead",
+        "derived: what the encoder resolves, where the search ends too",
+    )
+    lasting_s: float = setting(
+        0.01, "s", "time after which an error that is still there is no noise of a row", JUDGED
     )
     partly: float = setting(0.3, "1", "closed share from which it is partly explained", JUDGED)
     causes_max: int = setting(
@@ -297,13 +305,27 @@ class Residual:
     found: float = setting(
         0.03, "1", "share of the squared rest that a free-form model must catch", JUDGED
     )
-    ridge: float = setting(1e-3, "1", "ridge of the free-form model, of its mean variance", JUDGED)
+    ridge: float = setting(
+        1e-2,
+        "1",
+        "ridge of the free-form model, of its mean variance",
+        "measured: of 1e-4 to 1e-1 best for three of four effects in 24 s logs of the tests' arm",
+    )
     spread_min: float = setting(1e-9, "rad", "least spread of a joint's motion", ROUNDING)
     speed: float = setting(3.0, "1/s", "speed that counts as 1, of the motion's spread", JUDGED)
     acceleration: float = setting(10.0, "1/s", "acceleration that counts as 1, of speeds", JUDGED)
     sign: float = setting(5.0, "1", "steepness of the sign of a speed", JUDGED)
     wave: float = setting(3.0, "1", "frequency of the sine of a position, of its spread", JUDGED)
     feature_max: float = setting(10.0, "1", "larger features count as this", JUDGED)
+    lags_s: tuple[float, ...] = setting(
+        (0.03, 0.1, 0.3), "s", "lags of motions and commands that the free-form model knows", JUDGED
+    )
+    plays: tuple[float, ...] = setting(
+        (0.01, 0.05, 0.2), "1", "its play operators' widths, of a motion's spread", JUDGED
+    )
+    decays_s: tuple[float, ...] = setting(
+        (1.0, 10.0), "s", "time constants of its leaky integrals", JUDGED
+    )
     noise_floors: float = setting(2.0, "1", "floors within which the rest is noise", JUDGED)
     constant: float = setting(0.6, "1", "share of a window's mean that is constant", JUDGED)
     fast: float = setting(0.3, "1", "share of squared differences that is fast", JUDGED)
@@ -334,43 +356,3 @@ class Numerics:
     tolerance: float = setting(1e-12, "1", "the tighter solver's tolerance", JUDGED)
     line_tolerance: float = setting(1e-6, "1", "the same of its line search", JUDGED)
     iterations: int = setting(4, "1", "the tighter solver's iterations, of the model's", JUDGED)
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """The next recording."""
-
-    motion_s: float = setting(8.0, "s", "length of a motion", JUDGED)
-    size: float = setting(0.6, "1", "part of the way to the limits", JUDGED)
-    count: float = setting(
-        2 * math.pi / 4096,
-        "rad",
-        "encoder count where no floor is known",
-        "derived: 12 bits a turn",
-    )
-    apart_min: float = setting(2.0, "1", "noise floors that separate explanations", JUDGED)
-    fall_s: float = setting(2.0, "s", "time without torque in which a robot may fall", JUDGED)
-    fallen: float = setting(0.5, "rad", "motion from which it has fallen over", JUDGED)
-    reach: float = setting(1.0, "rad", "range of an actuator without limits", JUDGED)
-    fastest: float = setting(8.0, "rad/s", "speed of a servo whose model gives none", JUDGED)
-    rate_hz: float = setting(50.0, "1/s", "rate of a robot known by its model alone", JUDGED)
-    servo: str = setting("xl330-m288", "", "servo of a robot known by its model alone", JUDGED)
-    zero_count: int = setting(2048, "1", "its middle position", "reference: Dynamixel X e-manual")
-    baud: int = setting(1_000_000, "1/s", "its bus", JUDGED)
-    answer_s: float = setting(0.001, "s", "its bus's time to answer", JUDGED)
-    margin: float = setting(0.1, "rad", "its distance from the limits", JUDGED)
-    supply_v: float = setting(5.0, "V", "its supply", "reference: XL330 e-manual")
-    edge: float = setting(0.05, "1", "part of the range too close to a limit to start from", JUDGED)
-    gain: float = setting(0.5, "1", "factor of the P gain", JUDGED)
-    gain_register: int = setting(
-        800,
-        "1",
-        "P gain register unless the robot's file gives one",
-        "reference: Dynamixel X e-manual, default",
-    )
-    gain_s: float = setting(5.0, "s", "time to change a register", JUDGED)
-    hand_s: float = setting(60.0, "s", "time to change something by hand", JUDGED)
-    supply: float = setting(0.85, "1", "factor of the supply's voltage", JUDGED)
-    load: float = setting(0.3, "1", "added mass, of what moves", JUDGED)
-    load_radius: float = setting(0.005, "m", "radius of the ball that stands for it", JUDGED)
-    tilt: float = setting(math.pi / 6, "rad", "tilt of the base", JUDGED)

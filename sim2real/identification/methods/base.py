@@ -45,6 +45,11 @@ class Run:
         start = None if self.resume is None else Path(self.resume) / "journal.npz"
         return Journal(path, score, start)
 
+    def made_by(self, method: str, **parts: object) -> dict[str, str | int]:
+        """Return what a distribution says of how it was made: the method, its parts' classes."""
+        classes = {name: type(part).__name__ for name, part in parts.items()}
+        return {"method": method, **classes, "seed": self.seed}
+
 
 class Method(Protocol):
     """See the module's text."""

@@ -91,8 +91,8 @@ class Dropo:
             raise Sim2RealError("dropo compares row by row; choose identify/provider=replay")
         fitted, _ = made.split(self.settings)
         found = self.found(fitted, prior, run)
-        made_by = {"method": self.name, "search": type(self.search).__name__, "rows": self.rows}
-        return replace(found, made_by={**made_by, "seed": run.seed}, logs=data.hashes())
+        made_by = run.made_by(self.name, search=self.search) | {"rows": self.rows}
+        return replace(found, made_by=made_by, logs=data.hashes())
 
     def found(self, provider: Aligned, prior: Distribution, run: Run) -> Distribution:
         """Return the Gaussian under which an aligned provider's data are likely."""

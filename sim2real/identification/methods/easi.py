@@ -55,12 +55,7 @@ class Easi:
         made: Any = provider(data, prior.effects, rows=None, seed=run.seed)
         refuse_kind(self.score, made.aligned)
         found = self.found(made, prior, run)
-        made_by = {
-            "method": self.name,
-            "score": type(self.score).__name__,
-            "search": type(self.search).__name__,
-            "seed": run.seed,
-        }
+        made_by = run.made_by(self.name, score=self.score, search=self.search)
         return replace(found, made_by=made_by, logs=data.hashes())
 
     def found(self, provider: Rollout, prior: Distribution, run: Run) -> Distribution:

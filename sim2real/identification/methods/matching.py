@@ -81,12 +81,7 @@ class Matching:
         refuse_kind(self.score, made.aligned)
         fitted, _ = made.split(self.settings)
         found = self.found(fitted, prior, run)
-        made_by = {
-            "method": self.name,
-            "score": type(self.score).__name__,
-            "search": type(self.search).__name__,
-            "seed": run.seed,
-        }
+        made_by = run.made_by(self.name, score=self.score, search=self.search)
         return replace(found, made_by=made_by, logs=data.hashes())
 
     def found(self, provider: Aligned, prior: Distribution, run: Run) -> Distribution:

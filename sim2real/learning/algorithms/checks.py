@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+import torch
 from tensordict import TensorDictBase
 
 from sim2real.runs.errors import CheckpointError, Sim2RealError
@@ -43,3 +44,18 @@ def check_share(**shares: float) -> None:
     for name, value in shares.items():
         if not 0 <= value <= 1:
             raise Sim2RealError(f"algorithm.{name}={value} must be between 0 and 1")
+
+
+def refuse_nan(parameters: Iterable[torch.Tensor], iteration: int, lower: str) -> None:
+    """Raise Sim2RealError for parameters that are no longer finite.
+
+    Args:
+        parameters: of the policy.
+        iteration: after which they are looked at.
+        lower: the options that a person should lower.
+    """
+    if not all(torch.isfinite(p).all() for p in parameters):
+        raise Sim2RealError(
+            f"the policy's parameters are no longer finite after iteration {iteration}; lower "
+            f"{lower}, or look for rewards that are not finite; the checkpoint before is whole"
+        )

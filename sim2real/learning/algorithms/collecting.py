@@ -17,7 +17,8 @@ from torchrl.envs import TransformedEnv
 from envs.torch_env import RowsEnv
 from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.algorithms.returns import Returns
-from sim2real.learning.trained import of_all_rows
+from sim2real.learning.trained import Trained, of_actor, of_all_rows
+from sim2real.learning.transforms import affine
 from sim2real.runs.errors import CheckpointError
 
 log = logging.getLogger(__name__)
@@ -36,7 +37,7 @@ class Collecting:
     def __init__(
         self, parts: Parts, env: TransformedEnv, actor: TensorDictModuleBase, frames_per_batch: int
     ) -> None:
-        self.env = env
+        self.env, self._environment = env, parts.environment
         make = parts.part("collector")
         self._collector = make(env, actor, frames_per_batch=frames_per_batch, total_frames=-1)
         here = not isinstance(self._collector, MultiCollector)  # or its episodes are elsewhere
@@ -54,6 +55,11 @@ class Collecting:
         data = next(self._batches)
         self.returns.note(data)
         return data
+
+    def trained(self, policy: Any, frames: int) -> Trained:
+        """Return a policy as it acts behind the transforms of now; see `of_actor`."""
+        statistics = self.env.transform.state_dict()
+        return of_actor(policy, self._environment, statistics, frames, affine(self.env))
 
     def state_dict(self) -> dict[str, Any]:
         """Return all that the next batches depend on besides the policy."""

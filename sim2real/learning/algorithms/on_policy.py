@@ -17,12 +17,16 @@ import torch
 from tensordict import TensorDictBase
 
 from sim2real.learning.algorithms.base import Algorithm, Parts
-from sim2real.learning.algorithms.checks import check_at_least, check_loss, refuse_other_policy
+from sim2real.learning.algorithms.checks import (
+    check_at_least,
+    check_loss,
+    refuse_nan,
+    refuse_other_policy,
+)
 from sim2real.learning.algorithms.collecting import Collecting
 from sim2real.learning.modules.policies import Policy, check_policy
 from sim2real.learning.modules.randomness import Randomness
-from sim2real.learning.trained import Trained, of_actor
-from sim2real.learning.transforms import affine
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -79,7 +83,9 @@ class OnPolicy(Algorithm):
             with torch.no_grad():
                 data = self._advantage(data)
             epochs, learned = self._learn(data)
-        self._refuse_nan()
+        refuse_nan(
+            self.policy.parameters(), self.iteration, "optimizer.lr or algorithm.max_grad_norm"
+        )
         self.frames += data.numel()
         self.iteration += 1
         return {
@@ -108,14 +114,6 @@ class OnPolicy(Algorithm):
         check_loss(self._loss, data)
         return [*keys, *self.policy.actor.in_keys, *self.policy.critic.in_keys]
 
-    def _refuse_nan(self) -> None:
-        if not all(torch.isfinite(p).all() for p in self.policy.parameters()):
-            raise Sim2RealError(
-                f"the policy's parameters are no longer finite after iteration {self.iteration}; "
-                "lower optimizer.lr or algorithm.max_grad_norm, or look for rewards that are not "
-                "finite; the checkpoint before is whole"
-            )
-
     @property
     def shape(self) -> dict[str, Any]:
         """The shape of each parameter."""
@@ -123,9 +121,7 @@ class OnPolicy(Algorithm):
 
     def trained(self) -> Trained:
         """Return the present actor."""
-        env, environment = self.collecting.env, self.parts.environment
-        statistics = env.transform.state_dict()
-        return of_actor(self.policy, environment, statistics, self.frames, affine(env))
+        return self.collecting.trained(self.policy, self.frames)
 
     def state_dict(self) -> dict[str, Any]:
         """Return all that the next iterations depend on."""

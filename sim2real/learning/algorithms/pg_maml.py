@@ -26,7 +26,7 @@ from envs.torch_env import RowsEnv
 from sim2real.learning.adapt import PolicyGradient
 from sim2real.learning.adapt.policy_gradient import Experience
 from sim2real.learning.algorithms.base import Algorithm, Parts
-from sim2real.learning.algorithms.checks import check_at_least, refuse_other_policy
+from sim2real.learning.algorithms.checks import check_at_least, refuse_nan, refuse_other_policy
 from sim2real.learning.algorithms.collecting import Collecting
 from sim2real.learning.collectors.by_task import TaskActor, TaskBatch, check_batch
 from sim2real.learning.losses.meta import MetaObjective
@@ -36,8 +36,7 @@ from sim2real.learning.modules.randomness import Randomness
 from sim2real.learning.optimizers.clipped import ClippedSteps
 from sim2real.learning.optimizers.natural import NaturalStep, Taken
 from sim2real.learning.population.gradient_adaptation import adapt_to
-from sim2real.learning.trained import Trained, of_actor
-from sim2real.learning.transforms import affine
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -126,7 +125,7 @@ class PGMAML(Algorithm):
             )
             taken = self._improve(objective)
         self._law.load(taken.theta)
-        self._refuse_nan()
+        refuse_nan(self._law.parameters, self.iteration, "algorithm.step.max_kl or optimizer.lr")
         self.frames += 2 * data.numel()
         self.iteration += 1
         return {
@@ -191,14 +190,6 @@ class PGMAML(Algorithm):
         rest = [some(x) for x in experience[1:4]]
         return Experience(seen, *rest, torch.full_like(rest[-1], 1 / count))
 
-    def _refuse_nan(self) -> None:
-        if not all(torch.isfinite(p).all() for p in self._law.parameters):
-            raise Sim2RealError(
-                f"the policy's parameters are no longer finite after iteration {self.iteration}; "
-                "lower algorithm.step.max_kl or optimizer.lr, or look for rewards that are not "
-                "finite; the checkpoint before is whole"
-            )
-
     @property
     def shape(self) -> dict[str, Any]:
         """The shape of each parameter."""
@@ -206,9 +197,7 @@ class PGMAML(Algorithm):
 
     def trained(self) -> Trained:
         """Return the present actor."""
-        env, environment = self.collecting.env, self.parts.environment
-        statistics = env.transform.state_dict()
-        return of_actor(self.policy, environment, statistics, self.frames, affine(env))
+        return self.collecting.trained(self.policy, self.frames)
 
     def adapted(self, values: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
         """Return the parameters that the policy adapts to on a robot; None if it does not adapt."""

@@ -26,14 +26,14 @@ from sim2real.learning.algorithms.checks import (
     check_at_least,
     check_loss,
     check_share,
+    refuse_nan,
     refuse_other_policy,
 )
 from sim2real.learning.algorithms.collecting import Collecting
 from sim2real.learning.modules.policies import check_policy
 from sim2real.learning.modules.randomness import Randomness
 from sim2real.learning.modules.soft_actor_critic import SoftPolicy
-from sim2real.learning.trained import Trained, of_actor
-from sim2real.learning.transforms import affine
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -107,7 +107,7 @@ class SAC(Algorithm):
                 self.frames += len(data)
                 due = self._ratio * (self.frames - self._warmup) - self.updates
                 self._learn(int(due + 1e-9))
-        self._refuse_nan()
+        refuse_nan(self._loss.parameters(), self.iteration, "optimizer.lr")
         self.iteration += 1
         return {
             **self.collecting.returns.summary(),
@@ -135,14 +135,6 @@ class SAC(Algorithm):
             self._target.step()
         self.updates += count
 
-    def _refuse_nan(self) -> None:
-        if not all(torch.isfinite(p).all() for p in self._loss.parameters()):
-            raise Sim2RealError(
-                f"the policy's parameters are no longer finite after iteration {self.iteration}; "
-                "lower optimizer.lr, or look for rewards that are not finite; the checkpoint "
-                "before is whole"
-            )
-
     @property
     def shape(self) -> dict[str, Any]:
         """The shape of each parameter."""
@@ -150,9 +142,7 @@ class SAC(Algorithm):
 
     def trained(self) -> Trained:
         """Return the present actor."""
-        env, environment = self.collecting.env, self.parts.environment
-        statistics = env.transform.state_dict()
-        return of_actor(self.policy, environment, statistics, self.frames, affine(env))
+        return self.collecting.trained(self.policy, self.frames)
 
     def _networks(self) -> dict[str, Tensor]:
         """Return the parameters, those of the target among them, by name."""

@@ -7,10 +7,8 @@ losses = loss(minibatch)                          # loss_objective = -mean(r A),
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import torch
-from tensordict.nn import TensorDictModuleBase
 
 from sim2real.learning.losses.fast_clip_ppo import FastClipPPOLoss
 
@@ -32,14 +30,6 @@ class FastPPOLoss(FastClipPPOLoss):
         Sim2RealError: for networks that it cannot differentiate, and for options that it does not
             have; `PPOLoss` takes those.
     """
-
-    def __init__(
-        self,
-        actor_network: TensorDictModuleBase | None = None,
-        critic_network: TensorDictModuleBase | None = None,
-        **options: Any,
-    ) -> None:
-        super().__init__(actor_network, critic_network, **options)
 
     @property
     def _clip_bounds(self) -> tuple[Tensor, Tensor]:

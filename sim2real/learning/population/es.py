@@ -24,8 +24,10 @@ import numpy as np
 import torch
 from scipy.stats import rankdata
 
+from envs.memory import refuse_larger
 from sim2real.runs.errors import Sim2RealError
 
+COPIES = 4  # of a parameter vector for each direction: its noise, its step, a candidate each way
 Estimator = Literal["antithetic", "forward_fd"]
 Shaping = Literal["centred_ranks", "standardized", "none"]
 
@@ -129,11 +131,16 @@ class EvolutionStrategy:
         mean: where to start, (P,).
         rng: source of the perturbations, owned by this object from now on.
         settings: how it searches.
+
+    Raises:
+        EnvsError: more directions than the machine has memory for.
     """
 
     def __init__(
         self, mean: np.ndarray, rng: np.random.Generator, settings: StrategySettings
     ) -> None:
+        needed = COPIES * settings.pairs * np.asarray(mean, np.float64).nbytes
+        refuse_larger(needed, f"algorithm.pairs={settings.pairs} directions", "fewer pairs")
         self.pairs, self.sigma = settings.pairs, settings.sigma
         self.estimator: Estimator = settings.estimator
         self.shaping: Shaping = settings.shaping

@@ -126,6 +126,27 @@ def test_profile_velocity_is_the_slope_of_the_goal(bench, one) -> None:
     assert (goal[:, 1] == 1.0).all()
 
 
+def test_the_smallest_of_several_limits_holds(bench, one) -> None:
+    """A limit of all servos that is absent takes none away from a single one."""
+    both = [one("profile_velocity"), make("profile_velocity")]
+    arm = bench(both, [[2.0, 1e6], [1e6, 3.0], [2.0, 3.0]])
+    arm.reset(ctrl=np.zeros((3, 1)))
+    assert np.diff(goals(arm, 1.0, 200)[1:], axis=0).mean(axis=0) == pytest.approx(
+        [2e-3, 3e-3, 2e-3]
+    )
+
+
+def test_a_limit_that_appears_in_motion_starts_from_the_goal_in_force(bench, one) -> None:
+    """Without a reset: what was free until then is at its last target."""
+    arm = bench([one("profile_velocity")], [[1e6]])
+    arm.reset(ctrl=np.zeros((1, 1)))
+    goals(arm, 1.0, 50)
+    arm.plant.set_params(np.zeros(1, int), np.array([[2.0]]))
+    goal = goals(arm, 0.5, 100)[:, 0]
+    assert goal[0] == pytest.approx(1.0, abs=0.5)
+    assert np.diff(goal) == pytest.approx(-2e-3)
+
+
 def test_profile_acceleration_makes_a_triangle(bench, one) -> None:
     """A step of d takes 2 sqrt(d / a), speeds up and slows down by a, and does not overshoot."""
     hard, way = 20.0, 1.0

@@ -155,3 +155,24 @@ def test_places_of_a_file_are_checked_by_the_plant(tmp_path: Path, bench) -> Non
     write_effects(path, [(make("coulomb_friction", where="hing"), (0.1,))])
     with pytest.raises(EffectError, match=r"no joint 'hing'.*did you mean 'hinge'"):
         bench(fixed=load_effects(path))
+
+
+def test_nested_aliases_are_refused_in_a_short_sentence(tmp_path: Path) -> None:
+    """Ten aliases of ten aliases, nine levels deep, stand for 10^10 names in 600 bytes."""
+    nested = "&a0 [x]"
+    for level in range(1, 10):
+        nested += f", &a{level} [" + ", ".join([f"*a{level - 1}"] * 10) + "]"
+    path = tmp_path / "bomb.yaml"
+    path.write_text(f"- {{effect: backlash, value: 0.01, where: [{nested}]}}\n", encoding="utf-8")
+    with pytest.raises(EffectError, match=r"where=.* must be a name or null") as refused:
+        load_effects(path)
+    assert len(str(refused.value)) < 1000
+
+
+def test_the_folder_of_a_diagnosis_is_its_effects(tmp_path: Path) -> None:
+    """Its effects.yaml is read; a folder without one is named with the file that it lacks."""
+    with pytest.raises(EffectError, match=r"effects.yaml: No such file"):
+        load_effects(tmp_path)
+    write_effects(tmp_path / "effects.yaml", [(make("backlash", where="elbow"), (0.05,))])
+    ((effect, values),) = load_effects(tmp_path)
+    assert (effect.name, values) == ("backlash", (0.05,))

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
+import sys
+import termios
+import time
 import tty
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,6 +27,7 @@ from hardware.parts import Imu
 from tests.hardware.test_several import data_of
 
 UPRIGHT = (0.5, 0.5, -0.5, 0.5)  # its x axis points down
+HELD = 4000  # bytes that a terminal surely holds for who reads it
 
 
 class Part:
@@ -47,9 +52,21 @@ class Part:
             frame = bytearray(rvc.encode(self.number, self.turned, np.array([0, 0, 9.80665])))
             frame[9] ^= self.damage
             if self.sends:
-                with contextlib.suppress(BlockingIOError):  # nobody reads, and it is full
-                    os.write(self.master, bytes(frame))
+                self._send(bytes(frame))
         self._sleep(moment)
+
+    def _send(self, frame: bytes) -> None:
+        """Write a frame and wait until it can be read: the system hands it over when it likes."""
+        due = self._waiting() + len(frame)
+        with contextlib.suppress(BlockingIOError):  # nobody reads, and it is full
+            os.write(self.master, frame)
+        end = time.monotonic() + 5.0
+        while self._waiting() < due < HELD and time.monotonic() < end:
+            time.sleep(1e-4)
+
+    def _waiting(self) -> int:
+        """Return how many bytes can be read now."""
+        return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)), sys.byteorder)
 
     def wait(self, seconds: float) -> None:
         """Let the clock go on."""

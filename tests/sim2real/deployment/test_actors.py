@@ -17,6 +17,8 @@ from hardware.exported import SCHEMA
 from sim2real.deployment import actors
 from sim2real.deployment.actors import load_actor
 from sim2real.deployment.program_check import ActorError, check_program
+from sim2real.deployment.trained import load_policy
+from tests.sim2real.trained import SMALL_ES, SMALL_PPO, train
 
 SEEN = np.random.default_rng(0).normal(size=(7, 5))
 
@@ -182,3 +184,21 @@ def test_a_policy_that_is_not_there(tmp_path):
     """One sentence."""
     with pytest.raises(ActorError, match="no such policy"):
         load_actor(tmp_path / "policy.onnx")
+
+
+@pytest.mark.parametrize("words", [SMALL_ES, SMALL_PPO], ids=["es", "ppo"])
+def test_a_run_of_ours_acts_as_on_the_robot(tmp_path, words):
+    """A run's folder, or a checkpoint in it: what its pilot does, statistics included."""
+    run = train(tmp_path / "run", words)
+    trained = load_policy(run)
+    size = trained.environment.shown()[0]
+    mean, std = load_actor(run).normalizer
+    seen = mean + std * np.random.default_rng(3).normal(0, 2.0, (6, size))
+    pilot, wanted = trained.pilot(), []
+    for row in seen:
+        pilot.forget()
+        wanted.append(pilot(row[None])[0])
+    for path in (run, trained.source):
+        actor = load_actor(path)
+        assert (actor.size, actor.task) == (size, "Bench1")
+        assert actor(seen) == pytest.approx(np.array(wanted), abs=1e-5)

@@ -6,13 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 
 from envs.effects import load_effects, make
+from hardware.log import Log
 from sim2real.diagnosis import diagnose as module
 from sim2real.diagnosis.attribution.numerics import NullTest
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, last_words, write
+from sim2real.diagnosis.report.words import sentence
 from sim2real.diagnosis.schema import Cause, Finding, GapNumbers, Report, Unexplained
 from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis import arm
@@ -102,3 +105,20 @@ def test_a_log_in_memory_is_diagnosed_like_a_list_of_one() -> None:
     """`diagnose(log, model)` reads nothing from disk and takes the log as it is."""
     log = arm.make_log(seconds=1.0)
     assert module._read(log) == [log] == module._read([log])
+
+
+def test_in_degrees_no_cause_is_looked_for(tmp_path: Path) -> None:
+    """Commands and positions alike in degrees: said, with the remedy, and nothing is blamed."""
+    (tmp_path / "arm.xml").write_text(arm.XML)
+    log = arm.make_log(seconds=8.0)
+    angles = [name for name in log.columns if name.startswith(("ctrl.", "qpos.", "qvel."))]
+    turned = {name: np.rad2deg(log.columns[name]) for name in angles}
+    degrees = Log({**log.columns, **turned}, log.meta)
+    found = run_diagnosis([degrees], tmp_path / "arm.xml", None, (), 0, None)
+    assert found.report.verdict == "unexplained"
+    assert found.report.values == ()
+    assert "degrees" in found.report.unexplained.structure
+    assert "pi/180" in last_words(found.report)[0]
+    assert sentence(found.report).startswith("The log is in another unit")
+    write(found, tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.json", "report.html"}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import colorsys
+import re
 from pathlib import Path
 
 import numpy as np
@@ -70,8 +72,10 @@ def test_the_training_range_is_framed(tmp_path: Path, drawn: list[Figure]) -> No
     """The frame has the range's corners, cut at the picture's edge."""
     maps(tmp_path, {"link_mass.torso": (1.2, 9.0), "ground_friction": (0.5, 1.0)})
     for ax in drawn[0].axes[:3]:
-        (frame,) = (patch for patch in ax.patches if isinstance(patch, Rectangle))
-        np.testing.assert_allclose(frame.get_bbox().extents, [1.2, 0.5, 3.5, 1.0])
+        light, dark = (patch for patch in ax.patches if isinstance(patch, Rectangle))
+        for frame in (light, dark):
+            np.testing.assert_allclose(frame.get_bbox().extents, [1.2, 0.5, 3.5, 1.0])
+        assert light.get_edgecolor()[:3] == (1, 1, 1) and dark.get_edgecolor()[:3] == (0, 0, 0)
 
 
 def test_a_single_training_robot_is_a_cross(tmp_path: Path, drawn: list[Figure]) -> None:
@@ -79,7 +83,7 @@ def test_a_single_training_robot_is_a_cross(tmp_path: Path, drawn: list[Figure])
     maps(tmp_path, {"link_mass.torso": (2.0, 2.0), "ground_friction": (1.0, 1.0)})
     ax = drawn[0].axes[0]
     assert not ax.patches
-    assert [np.asarray(line.get_xydata()).tolist() for line in ax.lines] == [[[2.0, 1.0]]]
+    assert [np.asarray(line.get_xydata()).tolist() for line in ax.lines] == [[[2.0, 1.0]]] * 2
 
 
 def test_a_learning_curve_is_the_mean_of_its_seeds(tmp_path: Path, drawn: list[Figure]) -> None:
@@ -134,3 +138,28 @@ def test_a_picture_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError), plots.figure(tmp_path / "a.png", 1, 1, (1, 1)):
         raise RuntimeError
     assert not any(tmp_path.iterdir())
+
+
+def test_a_divergence_is_in_nats_and_decades(tmp_path: Path, drawn: list[Figure]) -> None:
+    """One update that diverges must not hide the others."""
+    file = tmp_path / "m.csv"
+    file.write_text("train/frames,train/kl\n0,0.001\n100,2.0\n", encoding="utf-8")
+    plots.learning_curve({"ppo": [file]}, tmp_path / "kl.png", y="train/kl")
+    ax = drawn[0].axes[0]
+    assert (ax.get_yscale(), ax.get_ylabel()) == ("log", "KL divergence (nat)")
+
+
+def test_before_and_after_have_one_colour_everywhere() -> None:
+    """The hues of the report's page are those of the pictures, darker where they are text."""
+    page = Path(__file__).parents[3] / "sim2real/diagnosis/report/page/colours.css"
+    style = page.read_text(encoding="utf-8")
+    for name, colour in (("before", plots.BEFORE), ("after", plots.AFTER)):
+        shades = re.findall(rf"--{name}: (#[0-9a-f]{{6}})", style)
+        assert len(shades) == 3
+        for shade in shades:
+            assert abs(hue(shade) - hue(colour)) < 0.05
+
+
+def hue(colour: str) -> float:
+    """Return where a colour lies on the colour circle, 0 to 1."""
+    return colorsys.rgb_to_hsv(*(int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)))[0]

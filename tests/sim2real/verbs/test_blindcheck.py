@@ -67,6 +67,7 @@ def exam(tmp_path_factory: pytest.TempPathFactory):
         yield out, run(exam=EXAM, seed=1, resume=None, out=out)
 
 
+@pytest.mark.slow
 def test_who_knows_the_truth_passes(exam) -> None:
     """Every effect is named, closes the gap of a log that was held back, and nothing is alarmed."""
     _, marks = exam

@@ -60,6 +60,7 @@ def test_pieces_restart_from_the_recorded_state(log: Log) -> None:
     np.testing.assert_allclose(gap.simulated, gap.measured, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_torsos_kilogram_is_named(tmp_path: Path) -> None:
     """From ten episodes of random actions: link_mass at the torso, within 5 %, and nothing else."""
     verb, arguments = prepare(compose(["+experiment=hopper_gap"]), tmp_path)

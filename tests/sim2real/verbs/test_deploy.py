@@ -24,9 +24,10 @@ from sim2real.deployment.session import Deployment
 from sim2real.learning.modules.acting import Actor
 from sim2real.learning.trained import Pilot
 from sim2real.learning.transforms import affine
+from sim2real.runs.checkpoint import find
 from sim2real.runs.errors import Sim2RealError, Stopped
+from sim2real.verbs import contract, replay
 from sim2real.verbs import deploy as verb
-from sim2real.verbs import replay
 from tests.sim2real.trained import SMALL_ES, SMALL_PPO, train
 
 CLIMB = ["adapt=hillclimb", "adapt.queries=3", "adapt.sigma=0.3"]
@@ -55,6 +56,10 @@ def test_a_policy_runs_on_the_robot_and_is_compared_with_its_simulator(run, tmp_
     done = go(run, tmp_path)
     assert len(done.before) == 2
     assert done.after == []
+    answer = contract.run(log=str(tmp_path / "logs"), actor=None, observation=None, out=tmp_path)
+    assert answer.verdict == "holds"
+    assert answer.inputs["policy"] == str(find(run).resolve())
+    assert answer.checked["policy: action"] < 1e-4
     (row,) = csv.DictReader((tmp_path / "table.csv").open())
     robot, twin = float(row["return on the robot"]), float(row["return in its simulator"])
     assert robot == pytest.approx(np.mean(done.before))
@@ -75,6 +80,7 @@ def test_it_adapts_episode_by_episode(run, tmp_path):
     phases = [row["phase"] for row in csv.DictReader((tmp_path / "returns.csv").open())]
     assert phases == ["as trained"] * 2 + ["adapting"] * 4 + ["adapted"] * 2
     logs = read_logs(tmp_path / "logs")
+    assert ["policy" in log.meta for log in logs] == [True] * 2 + [False] * 6
     start = [log.column("qpos.hinge")[0] for log in logs]
     np.testing.assert_allclose(start[:2], start[-2:], atol=0.01)
     changed = not np.array_equal(done.session.result, done.theta)
@@ -128,6 +134,7 @@ def test_a_policy_of_ppo_adapts_too(tmp_path):
     assert robot == pytest.approx(twin, abs=0.02)
 
 
+@pytest.mark.slow
 def test_an_actor_with_a_memory_adapts_on_the_robot(tmp_path):
     """What evolution strategies trained with tensordict modules is driven like any other."""
     words = [*SMALL_ES, "policy=gru", "policy.memory.python_based=true"]

@@ -69,9 +69,14 @@ def found(effect: str, value: float, excluded: tuple[str, ...] = EXCLUDED) -> Di
 
 
 def test_a_hidden_effect_is_named_with_its_value() -> None:
-    """Friction that the nominal model lacks is the first cause, and adding it closes the gap."""
+    """Friction that the nominal model lacks is the first cause, and adding it closes the gap.
+
+    Five floors and one and a half counts last, most of them without torque: its law differs a
+    little there. A wrong spring has left as much (case_015 of docs/thirdparty.md), so that no more
+    may be claimed than a part.
+    """
     report = found("coulomb_friction", 0.02).report
-    assert report.verdict == "explained"
+    assert report.verdict == "partly_explained"
     cause = report.causes[0]
     assert (cause.effect, cause.where, cause.form) == ("coulomb_friction", "hinge", "holds")
     assert cause.value_ci[0] <= 0.02 <= cause.value_ci[1]

@@ -32,6 +32,7 @@ def go(out: Path, **changes: Any) -> Path:
         "arm": False,
         "motions": ["ramp", "steps", "swing"],
         "seconds": 6.0,
+        "size": 0.6,
         "seed": 0,
         "out": out,
     }
@@ -92,7 +93,7 @@ def test_the_rows_until_a_stop_are_kept(tmp_path: Path) -> None:
     assert "it is stuck" in log.meta["stopped"]
 
 
-@pytest.mark.parametrize("name", ["quad8", "bench1_bam"])
+@pytest.mark.parametrize("name", ["quad8", pytest.param("bench1_bam", marks=pytest.mark.slow)])
 def test_every_robot_is_recorded_as_the_verb_stands(tmp_path: Path, name: str) -> None:
     """Legs that cannot be let go, and a soft servo under a heavy load, are no reason to stop."""
     machine = yaml.safe_load((ROBOTS / f"{name}.yaml").read_text(encoding="utf-8"))

@@ -53,6 +53,7 @@ def arguments(out: Path, *more: str) -> dict[str, Any]:
     return prepare(compose(["+experiment=hopper2_gap", *SHORT, *more]), out)[1]
 
 
+@pytest.mark.slow
 def test_the_loop_is_closed_and_goes_on_where_it_stopped(
     tmp_path: Path, seen: dict[str, list[Any]]
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from pathlib import Path
 
 import mujoco
@@ -15,7 +16,7 @@ from envs.effects import make
 from envs.plant import Plant
 from envs.replay import replay
 from hardware.errors import LogError
-from hardware.log import Log, read_log, write_log
+from hardware.log import Log, read_log, read_logs, write_log
 from sim2real.diagnosis.data.recording import to_recording, with_bus_delay
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs.replay import run
@@ -107,3 +108,19 @@ def test_positions_are_compared_when_they_were_read(tmp_path: Path) -> None:
         errors[name] = gap.errors()["hinge"]["rmse"]
     assert errors["told"] < 1e-6
     assert errors["untold"] > 0.005
+
+
+def test_a_log_in_milliseconds_is_refused_before_it_is_simulated(tmp_path: Path) -> None:
+    """Half an hour of milliseconds would be a month of simulation."""
+    log = read_logs(make_log(tmp_path, 0.0))[0]
+    late = Log({**log.columns, "time": 1000 * log.time}, {"model": "arm.xml"})
+    path = write_log(tmp_path / "ms.csv", late)
+    with pytest.raises(Sim2RealError, match=r"ms.csv: its rows are .* multiply it by 0.001"):
+        run(log=str(path), model=None, effects=None, out=tmp_path)
+
+
+def test_the_end_names_joints_and_units(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """One line: the error of all, its unit, and that of each joint."""
+    with caplog.at_level("INFO"):
+        run(log=str(make_log(tmp_path, 0.02)), model=None, effects=None, out=tmp_path)
+    assert re.search(r"rmse 0\.0\d+ rad or m over 1 logs: hinge 0\.0\d+", caplog.text)

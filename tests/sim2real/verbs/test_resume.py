@@ -114,6 +114,7 @@ def check(experiment: tuple[str, ...], folder: Path, last: int, seconds: float) 
     assert metrics.count(b"\n") == last + 1
 
 
+@pytest.mark.slow
 def test_nav2d_survives_three_kills(tmp_path: Path) -> None:
     """SIGKILL at three random points of Nav-2D changes no bit of state or metrics."""
     check(NAV2D, tmp_path, 40, 0.05)

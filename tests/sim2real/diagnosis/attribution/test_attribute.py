@@ -11,7 +11,7 @@ import pytest
 from envs.effects import make
 from envs.effects.base import PLAIN
 from sim2real.diagnosis.attribution import attribute
-from sim2real.diagnosis.attribution.attribute import Found, Search, meets
+from sim2real.diagnosis.attribution.attribute import Contender, Found, Search, meets
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.attribution.fit import Fit, Problem
 from sim2real.diagnosis.attribution.screen import Screening, screen
@@ -83,3 +83,29 @@ def test_a_promise_is_no_judge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(attribute, "screen", misled)
     assert search.race(search.none, search.base)[0].candidate.label == "motor_strength.a"
+
+
+@pytest.mark.parametrize(("left", "count"), [(0.45, 1), (0.3, 2)])
+def test_a_further_effect_has_to_pay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: float, count: int
+) -> None:
+    """What closes a twentieth where most is left only mends a bad fit, and ends the search."""
+    data = arm.data_of(arm.make_log(("coulomb_friction", {"where": "a"}, 0.1)), tmp_path)
+    labels = ("coulomb_friction.a", "position_gain.a")
+    options = [c for label in labels for c in candidates(data) if c.label == label]
+    problem = Problem(data, Simulator(data, threads=1))
+    search = Search(problem, options, 3e-4, np.random.default_rng(0), lambda text, share: None)
+    shares = iter([0.5, left])
+
+    def race(fit: Fit, error: np.ndarray, found: Found) -> list[Contender]:
+        share = next(shares, None)
+        option = options[len(fit.members)] if share else None
+        more = Fit((*fit.members, option), np.ones((2, len(fit.members) + 1)), np.zeros(2))
+        wrong = (share or 1.0) * search.base * np.array([1.0, 0.0])
+        return [Contender(option, more, wrong)] if share else []
+
+    monkeypatch.setattr(search, "race", race)
+    monkeypatch.setattr(search, "polish", lambda best: best)
+    for step in ("pair", "look_back", "settle"):
+        monkeypatch.setattr(search, step, lambda found: None)
+    assert len(search.run().fit.members) == count

@@ -85,17 +85,20 @@ def test_a_speed_limit_that_only_steps_reach_is_probed(tmp_path: Path) -> None:
     assert probes["steps"][:-1] == pytest.approx(probes["smooth"], rel=0.05)
 
 
-def test_where_encoders_sit_is_tried_where_it_matters(tmp_path: Path) -> None:
-    """Two encoders are a third kind of play; a motor without a loop of its own has two."""
+@pytest.mark.parametrize("name", ["backlash", "joint_compliance", "hysteretic_compliance"])
+def test_where_encoders_sit_is_tried_where_it_matters(tmp_path: Path, name: str) -> None:
+    """The servo's encoder and the log's are two choices; a motor without a loop has only one.
+
+    All three are tried on the same sides: else one is taken for another.
+    """
 
     def sides(data: Data) -> set[tuple[str | None, str | None]]:
-        plays = [
-            c.effect for c in candidates(data) if c.name == "backlash" and c.effect.where == "a"
-        ]
+        plays = [c.effect for c in candidates(data) if c.name == name and c.effect.where == "a"]
         return {(play.side, play.options().get("encoder")) for play in plays}
 
     one = {("motor", None), ("link", None)}
-    assert sides(arm.data_of(arm.make_log(seconds=4.0), tmp_path)) == one | {("motor", "link")}
+    two = {("motor", "link"), ("link", "motor")}
+    assert sides(arm.data_of(arm.make_log(seconds=4.0), tmp_path)) == one | two
     log = motors.make_log(0.0, 4.0)
     assert sides(Data.of([log], motors.model(tmp_path))) == one
 

@@ -14,10 +14,10 @@ from envs.plant import Fixed
 from hardware.config import load_robot
 from hardware.excite import Kind
 from sim2real.deployment.record import drive
+from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.attribution.experiment_menu import menu
 from sim2real.diagnosis.attribution.next_experiment import (
     Experiment,
-    Member,
     next_experiment,
     stand_in,
 )
@@ -39,27 +39,44 @@ def ask(*members: Member, robot: str = "bench1", fixed: Sequence[Fixed] = ()) ->
     return next_experiment(members, spec, FLOOR, rng=rng, robot=machine, fixed=fixed)
 
 
-def test_the_torque_off_swing_tells_friction_from_the_motors_own_braking() -> None:
-    """Viscous friction brakes without torque, a weaker motor does not: the swing shows it best."""
+def test_fast_motion_and_free_swings_tell_friction_from_a_weaker_motor() -> None:
+    """Slow ramps ask little of either; a chirp is braked by one, and without torque one is gone."""
     plan = ask(
         member("viscous_friction", [0.02], where="hinge"),
         member("motor_strength", [0.8], where="hinge"),
     )
-    assert plan.motions == ("swing",)
-    assert plan.separation == max(score for name, score in plan.ranking if "swings" in name)
-    assert plan.separation > 10
-    assert "run=record robot=bench1 motions=[swing]" in plan.text
+    ranked = dict(plan.ranking)
+    assert min(ranked["a chirp"], ranked["swings with the torque off"]) > 100
+    assert ranked["slow ramps with reversals"] < 30
+    assert plan.item.motions in [("chirp",), ("swing",)]
+    assert f"run=record robot=bench1 motions=[{plan.item.motions[0]}]" in plan.text
 
 
 def test_more_of_a_known_effect_is_an_explanation() -> None:
     """An explanation may add to what is known at its joint."""
-    known = [(make("viscous_friction", where="hinge"), (0.01,))]
-    plan = ask(
+    pair = (
         member("viscous_friction", [0.02], where="hinge"),
         member("motor_strength", [0.8], where="hinge"),
-        fixed=known,
     )
-    assert plan.motions == ("swing",)
+    known = [(make("viscous_friction", where="hinge"), (0.01,))]
+    assert 10 < ask(*pair, fixed=known).separation < ask(*pair).separation
+
+
+def test_drawn_motions_are_named_so_that_record_repeats_them() -> None:
+    """Where the menu's motions are too long, drawn ones part explanations; none is too long."""
+    pair = (
+        member("coulomb_friction", [0.03], where="hinge"),
+        member("viscous_friction", [0.05], where="hinge"),
+    )
+    machine = load_robot("bench1")
+    spec = mujoco.MjSpec.from_file(str(machine.model))
+    given = {"robot": machine, "by_hand": False, "draws": 12, "longest": 4.0}
+    plan = next_experiment(pair, spec, FLOOR, rng=np.random.default_rng(0), **given)
+    assert 0 < len(plan.ranking) < 12
+    assert plan.separation > 10
+    item = plan.item
+    assert plan.overrides[-3:] == ("seconds=4", f"size={item.size:g}", f"seed={item.seed}")
+    assert f"{item.size:.0%}" in item.name
 
 
 def test_explanations_that_no_motion_separates_are_called_so() -> None:
@@ -95,10 +112,10 @@ def test_the_plan_can_be_recorded() -> None:
         member("coulomb_friction", [0.03], where="hinge"),
         member("armature", [0.001], where="hinge"),
     )
-    assert set(plan.motions) <= set(get_args(Kind))
-    log = drive(load_robot("bench1"), plan.motions, 2.0, np.random.default_rng(0))
+    assert set(plan.item.motions) <= set(get_args(Kind))
+    log = drive(load_robot("bench1"), plan.item.motions, 2.0, np.random.default_rng(0))
     assert len(log) == 100
-    assert f"motions=[{','.join(plan.motions)}]" in plan.overrides
+    assert f"motions=[{','.join(plan.item.motions)}]" in plan.overrides
 
 
 def test_a_model_alone_is_enough() -> None:

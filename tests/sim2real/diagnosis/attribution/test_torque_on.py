@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from envs.effects import make
 from hardware.log import Log
@@ -35,6 +36,7 @@ def test_rows_without_torque_are_left_out(tmp_path: Path) -> None:
         assert row[: len(rows)][sure].all()
 
 
+@pytest.mark.slow
 def test_a_law_that_fails_without_torque_is_named_and_contradicted() -> None:
     """Friction with the motor's torque alone, sought with some of the load's: wrong in swings."""
     data = Data.of(

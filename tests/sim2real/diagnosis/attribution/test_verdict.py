@@ -7,7 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.attribution.verdict import Rest, is_no_gap, stands_out, verdict_of
+from sim2real.diagnosis.attribution.verdict import (
+    Rest,
+    is_no_gap,
+    is_open,
+    lasting,
+    stands_out,
+    verdict_of,
+)
 from tests.sim2real.diagnosis import arm
 
 
@@ -17,7 +24,7 @@ from tests.sim2real.diagnosis import arm
         (0.019, 0.019, 0.0, 0.0, 0, "no_gap"),  # within twice the floor
         (0.3, 0.019, 0.8, 0.7, 1, "explained"),  # what is left is
         (0.3, 0.025, 0.95, 0.9, 4, "explained"),
-        (0.9, 0.04, 0.966, 0.9, 1, "partly_explained"),  # but four floors are left
+        (0.9, 0.04, 0.966, 0.9, 1, "explained"),  # four floors that do not last
         (0.3, 0.1, 0.7, 0.5, 1, "partly_explained"),
         (0.3, 0.019, 0.8, 0.7, 5, "fitted"),
         (0.3, 0.025, 0.95, 0.9, 13, "fitted"),
@@ -35,9 +42,12 @@ def test_verdicts_follow_what_is_left(
     values: int,
     verdict: str,
 ) -> None:
-    """Twice the floor, nine tenths with three floors, three tenths and four values part them."""
+    """Twice the floor, nine tenths, three tenths and four values part them."""
     data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
-    assert verdict_of(Rest(before, after, 0.01, closed, low, values=values), data) == verdict
+    rest = Rest(before, after, 0.01, closed, low, values=values)
+    assert verdict_of(rest, data) == verdict
+    if verdict == "explained" and closed >= 0.9:  # whatever lasts is still to be explained
+        assert verdict_of(rest._replace(unsaid=True), data) == "partly_explained"
 
 
 def test_one_joint_that_stands_out_is_a_gap(tmp_path: Path) -> None:
@@ -52,3 +62,34 @@ def test_one_joint_that_stands_out_is_a_gap(tmp_path: Path) -> None:
     assert not is_no_gap(1.5e-3, 1e-3, data, alone=True)
     assert verdict_of(Rest(1.5e-3, 1.4e-3, 1e-3, 0.1, 0.0, (True, True)), data) == "unexplained"
     assert verdict_of(Rest(1.5e-3, 1.0e-3, 1e-3, 0.6, 0.3, (True, False)), data) == "explained"
+
+
+def test_what_lasts_is_told_from_noise(tmp_path: Path) -> None:
+    """Noise of every row may be larger than the floor says; a wave of that size is a wrong law."""
+    data = arm.data_of(arm.make_log(seconds=24.0), tmp_path)
+    floors, rng = np.array([1e-3, 1e-3]), np.random.default_rng(0)
+    shape = (*data.mask.shape, 2)
+    noise = np.where(data.mask[..., None], 5e-3 * rng.normal(size=shape), 0.0)
+    assert (lasting(noise, data) < 1e-3).all()
+    assert not is_open(noise, data, floors)
+    wave = np.zeros(shape)
+    for row, time in zip(wave, data.times(), strict=True):
+        row[: len(time), 1] = 5e-3 * np.sin(2 * np.pi * time)
+    wave[~data.mask] = 0.0
+    assert lasting(noise + wave, data)[1] == pytest.approx(5e-3 / np.sqrt(2), rel=0.1)
+    assert is_open(noise + wave, data, floors)
+
+
+@pytest.mark.parametrize(("counts", "open_"), [(0.8, False), (1.3, True)])
+def test_less_than_an_encoder_resolves_is_nothing_left(
+    tmp_path: Path, counts: float, open_: bool
+) -> None:
+    """One count is the limit, not two: a wrong spring left 1.7 of them and nine tenths closed."""
+    count = 2 * np.pi / 4096
+    log = arm.make_log(seconds=8.0)
+    for name in ("qpos.a", "qpos.b"):
+        log.columns[name] = np.round(log.columns[name] / count) * count
+    data = arm.data_of(log, tmp_path)
+    assert [joint.count for joint in data.joints] == pytest.approx([count, count])
+    error = np.where(data.mask[..., None], counts * count, 0.0)
+    assert is_open(error, data, np.array([count, count]) / np.sqrt(12)) == open_

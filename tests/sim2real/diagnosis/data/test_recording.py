@@ -10,7 +10,7 @@ import pytest
 
 from envs.plant import Plant
 from envs.replay import replay, switchable
-from hardware.log import Log
+from hardware.log import Log, read_logs, write_log
 from sim2real.diagnosis.data.recording import load_model, rows_before, rows_of, to_recording
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
@@ -148,3 +148,16 @@ def test_a_base_without_a_whole_pose_rests_at_home(thrown: tuple[mujoco.MjModel,
     start = to_recording(rows_of(Log(left), 30, 60), model, rows_before(Log(left), 30))
     assert start.qpos[:7].tolist() == model.qpos0[:7].tolist()
     assert not start.qvel[:6].any()
+
+
+def test_a_model_beside_the_log_is_found(tmp_path: Path) -> None:
+    """A log that was moved with its model to another folder, whose path was relative to the old."""
+    (tmp_path / "arm.xml").write_text(arm.XML)
+    path = write_log(tmp_path / "arm.csv", arm.make_log(seconds=1.0))
+    path.with_suffix(".json").write_text('{"model": "../../models/arm.xml"}')
+    (moved,) = read_logs(path)
+    assert moved.model == tmp_path / "arm.xml"
+    assert load_model(moved, None).actuators
+    (tmp_path / "arm.xml").unlink()
+    with pytest.raises(Sim2RealError, match=r"models/arm.xml"):
+        load_model(moved, None)

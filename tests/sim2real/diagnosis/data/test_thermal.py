@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from envs.replay import roll
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.fit import Problem
-from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.simulate import Simulated, Simulator
 from tests.sim2real.diagnosis import arm
 
 
@@ -82,3 +82,20 @@ def test_the_true_derating_leaves_no_error_in_later_windows(tmp_path: Path) -> N
     wrong, _ = problem.errors(members, np.zeros((1, 2, 1)))
     late = [i for i, w in enumerate(data.windows) if w.first > len(data.logs[0]) // 2]
     assert np.square(right[0, late]).mean() < 0.1 * np.square(wrong[0, late]).mean()
+
+
+def test_what_the_logs_heat_is_worked_out_before_it_is_shared(tmp_path: Path) -> None:
+    """Processes find it known: none of them has to simulate the logs for itself."""
+    data = arm.data_of(arm.make_log(seconds=20.0), tmp_path)
+    (option,) = (c for c in candidates(data) if c.label == "thermal_derating.a")
+    simulator, told = Simulator(data, threads=1), []
+    together = simulator.together
+
+    def noted(tasks: Sequence[Callable[[], Simulated]]) -> list[Simulated]:
+        told.append(set(simulator.heat._squares))
+        return together(tasks)
+
+    simulator.together = noted
+    windows = np.arange(len(data.windows))
+    simulator.run((option.effect,), windows, np.tile(option.probes[:1], (len(windows), 1)))
+    assert told == [{(0, None), (0, 0)}]

@@ -16,6 +16,7 @@ from sim2real.runs.errors import Sim2RealError
 STEP = 0.0001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["drake", "dart"])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_free_motion_is_mujocos(name: str, engine: Literal["drake", "dart"]) -> None:

@@ -15,6 +15,7 @@ from sim2real.exam.thirdparty.exam import EngineExam
 from sim2real.exam.thirdparty.kinds import KINDS
 from sim2real.runs.errors import Sim2RealError
 
+pytestmark = pytest.mark.slow
 pytest.importorskip("dartpy", reason="needs DART: pip install 'sim2real[engines]'")
 SMALL: dict[str, Any] = {
     "kinds": list(KINDS),
@@ -56,7 +57,6 @@ def test_settings_that_make_no_exam_are_refused(wrong: dict[str, Any], words: st
         EngineExam(**{**SMALL, **wrong})
 
 
-@pytest.mark.slow
 def test_a_case_is_made_sealed_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs tell nothing of the key; an answer gets its marks, and a changed key is refused."""
     monkeypatch.setattr(make, "LOOK", 4.0)

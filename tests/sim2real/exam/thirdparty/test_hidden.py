@@ -11,6 +11,7 @@ from sim2real.exam.thirdparty.hidden import LAWS, known, put
 from sim2real.exam.thirdparty.outside import OUTSIDE
 from sim2real.exam.thirdparty.robots import ROBOTS, make_rig, plan
 
+pytestmark = pytest.mark.slow
 pytest.importorskip("dartpy", reason="needs DART: pip install 'sim2real[engines]'")
 
 

@@ -13,11 +13,11 @@ from sim2real.exam.thirdparty.refit import refits
 from sim2real.exam.thirdparty.rig import Rig
 from sim2real.exam.thirdparty.robots import ROBOTS, make_rig
 
+pytestmark = pytest.mark.slow
 pytest.importorskip("dartpy", reason="needs DART: pip install 'sim2real[engines]'")
 FLOOR = 2 * np.pi / 4096
 
 
-@pytest.mark.slow
 def test_the_search_tells_inside_from_outside() -> None:
     """Viscous friction passes for one of the vocabulary; a rhythmic push does not."""
     robot = ROBOTS["pendulum"]

@@ -9,6 +9,7 @@ from sim2real.exam.logs import difference, overall
 from sim2real.exam.measure import apart
 from sim2real.exam.thirdparty.robots import ROBOTS, make_rig, nominal, plan
 
+pytestmark = pytest.mark.slow
 pytest.importorskip("pydrake", reason="needs Drake: pip install 'sim2real[engines]'")
 COUNT = 2 * np.pi / 4096  # rad
 

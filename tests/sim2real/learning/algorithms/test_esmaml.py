@@ -93,6 +93,7 @@ def score(algorithm: ESMAML, tasks: int = 60) -> tuple[float, float]:
     return float(scores.before.mean()), float(scores.after.mean())
 
 
+@pytest.mark.slow
 def test_hill_climbing_beats_the_gradient_beats_no_adaptation() -> None:
     """After a short training on Nav-2D, K = 20, adapted returns order as published."""
     scores = {}

@@ -168,7 +168,7 @@ def copy_back(ours: SAC, theirs: Any, log_alpha: float) -> None:
                         params["module", str(place), "bias"][which].copy_(layer.bias)
 
 
-@pytest.mark.parametrize("kept", [10_000, 700])
+@pytest.mark.parametrize("kept", [pytest.param(10_000, marks=pytest.mark.slow), 700])
 def test_a_loaded_state_goes_on_to_the_last_bit(kept: int, tmp_path: Path) -> None:
     """Before and after the replay buffer is full, a run from a checkpoint equals the saved one."""
     words = (*SMALL, f"buffer.storage.max_size={kept}")

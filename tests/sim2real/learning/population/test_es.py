@@ -158,3 +158,21 @@ def test_bad_input_is_refused() -> None:
     strategy.ask()
     with pytest.raises(ValueError, match="1 not finite"):
         strategy.tell(np.r_[np.nan, np.zeros(15)])
+
+
+def test_directions_that_do_not_fit_into_memory_are_refused() -> None:
+    """The number that was given, what it needs and what is free."""
+    words = r"algorithm.pairs=10000000000000 .* need about .* of memory, and .* free; .*fewer pairs"
+    with pytest.raises(ValueError, match=words):
+        EvolutionStrategy(
+            START,
+            np.random.default_rng(0),
+            StrategySettings(
+                pairs=10**13,
+                sigma=0.1,
+                learning_rate=0.1,
+                optimizer="sgd",
+                estimator="antithetic",
+                shaping="none",
+            ),
+        )

@@ -1,0 +1,222 @@
+"""How far apart explanations are in motions that nobody recorded yet, once they refit.
+
+    asked = Asked(spec, noise, past, fixed)
+    separation(members, motions, asked)         # (K,) noise floors, after one linear step each
+    refitted(members, motion, asked)            # the same of one motion, after exact refits
+
+One explanation takes the robot's place, another follows it as well as it can: its values move to
+where they fit the new motion and the recordings so far. What is left is what the new recording
+would show of it (Atkinson and Fedorov 1975, T-optimal designs), root mean square over time, summed
+over joints. Nobody knows which explanation is the robot, so the worse direction counts, and of
+several explanations the two most alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import permutations
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from envs.effects import combined
+from envs.plant import Fixed
+from envs.replay import Recording
+from sim2real.diagnosis.data.trial import trial
+
+CHANGE = 0.05  # of a value's distance from neutral: what a sensitivity is taken over
+TURNS = 4  # of Gauss and Newton: a refit of one to four values has settled by then
+SHRINK = 0.25  # a step that makes things worse is tried again at this size
+TRIES = 3  # such tries
+
+
+class Member(NamedTuple):
+    """One of the explanations that the logs leave open: a label and effects with their values."""
+
+    label: str
+    fixed: tuple[Fixed, ...]
+
+
+class Asked(NamedTuple):
+    """What motions are simulated with.
+
+    Args:
+        spec: the model.
+        noise: of one reading by column of the state, {column of qpos: rad or m}.
+        past: recordings that the explanations follow already.
+        fixed: effects that the robot has in any case.
+        changed: the model in new motions, where something is changed for them; None: as it was.
+    """
+
+    spec: mujoco.MjSpec
+    noise: dict[int, float]
+    past: tuple[Recording, ...] = ()
+    fixed: tuple[Fixed, ...] = ()
+    changed: mujoco.MjSpec | None = None
+
+
+def separation(members: Sequence[Member], motions: Sequence[Recording], asked: Asked) -> np.ndarray:
+    """Return how far the two most similar members are apart in each motion, (K,) noise floors.
+
+    Refits are one linear step. NaN where a member cannot follow the motion.
+    """
+    views = [_View.of(member, motions, asked) for member in members]
+    found = [
+        [one.left(other, k, len(motion.time)) for one, other in permutations(views, 2)]
+        for k, motion in enumerate(motions)
+    ]
+    return np.min(found, axis=1)
+
+
+def refitted(members: Sequence[Member], motion: Recording, asked: Asked) -> float:
+    """Return how far the two most similar members are apart in a motion, in noise floors.
+
+    As `separation`, but every refit is simulated until it settles. NaN where a member cannot follow
+    the motion.
+    """
+    return float(np.min([_settled(*pair, motion, asked) for pair in permutations(members, 2)]))
+
+
+class _View(NamedTuple):
+    """What a member says of motions and of the past, and how that changes with its values.
+
+    Args:
+        new: of each motion, K of (T M,) noises.
+        past: (S,).
+        new_slopes: K of (T M, P).
+        past_slopes: (S, P).
+    """
+
+    new: list[np.ndarray]
+    past: np.ndarray
+    new_slopes: list[np.ndarray]
+    past_slopes: np.ndarray
+
+    @staticmethod
+    def of(member: Member, motions: Sequence[Recording], asked: Asked) -> _View:
+        values, steps = _flat(member.fixed), _steps(member.fixed, asked.spec)
+        told = _told(member.fixed, values, motions, asked)
+        slopes = [np.zeros((len(y), len(values))) for y in told]
+        for place in np.flatnonzero(steps):
+            changed = _told(member.fixed, values + steps * _unit(values, place), motions, asked)
+            for slope, one, other in zip(slopes, changed, told, strict=True):
+                slope[:, place] = (one - other) / steps[place]
+        return _View(told[:-1], told[-1], slopes[:-1], slopes[-1])
+
+    def left(self, other: _View, k: int, times: int) -> float:
+        """Return what is left of another's motion k after this one's linear refit."""
+        off = np.concatenate([other.new[k] - self.new[k], other.past - self.past])
+        slopes = np.concatenate([self.new_slopes[k], self.past_slopes])
+        if not (np.isfinite(off).all() and np.isfinite(slopes).all()):
+            return np.nan
+        step = np.linalg.lstsq(slopes, off, rcond=None)[0]
+        return _size((off - slopes @ step)[: len(self.new[k])], times)
+
+
+def _settled(robot: Member, member: Member, motion: Recording, asked: Asked) -> float:
+    """Return what is left of a robot's motion once a member has refitted, in noise floors."""
+    target = _told(robot.fixed, _flat(robot.fixed), [motion], asked)
+    low, high = _ends(member.fixed, asked.spec)
+    steps, rows = _steps(member.fixed, asked.spec), len(target[0])
+
+    def off(values: np.ndarray) -> np.ndarray:
+        return np.concatenate(target) - np.concatenate(_told(member.fixed, values, [motion], asked))
+
+    values = _flat(member.fixed)
+    error = off(values)
+    for _ in range(TURNS):
+        places = np.flatnonzero(steps)
+        slopes = [(error - off(values + steps * _unit(values, p))) / steps[p] for p in places]
+        if not slopes or not (np.isfinite(error).all() and np.isfinite(slopes).all()):
+            break
+        step = np.zeros(len(values))
+        step[places] = np.linalg.lstsq(np.stack(slopes, axis=-1), error, rcond=None)[0]
+        better = _better(values, step, off, float(error @ error), (low, high))
+        if better is None:
+            break
+        values, error = better
+    return _size(error[:rows], len(motion.time))
+
+
+def _better(
+    values: np.ndarray,
+    step: np.ndarray,
+    off: Callable[[np.ndarray], np.ndarray],
+    least: float,
+    ends: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return values a step further and their error; None where no part of the step helps."""
+    for attempt in range(TRIES):
+        moved = np.clip(values + SHRINK**attempt * step, *ends)
+        error = off(moved)
+        if np.isfinite(error).all() and error @ error < least:
+            return moved, error
+    return None
+
+
+def _told(
+    fixed: Sequence[Fixed], values: np.ndarray, motions: Sequence[Recording], asked: Asked
+) -> list[np.ndarray]:
+    """Return what encoders tell of each motion and, last, of the past, in noises.
+
+    Args:
+        fixed: the effects.
+        values: in the place of theirs, (P,).
+        motions: the new ones.
+        asked: see `Asked`.
+    """
+    columns, noise = list(asked.noise), np.array(list(asked.noise.values()))
+    effects = combined(asked.fixed, _at(fixed, values))
+    if asked.changed is None:
+        paths = trial(asked.spec, [*motions, *asked.past], fixed=effects)
+    else:
+        past = trial(asked.spec, asked.past, fixed=effects) if asked.past else []
+        paths = [*trial(asked.changed, motions, fixed=effects), *past]
+    told = [(path[:, columns] / noise).ravel() for path in paths]
+    return [*told[: len(motions)], np.concatenate([np.zeros(0), *told[len(motions) :]])]
+
+
+def _flat(fixed: Sequence[Fixed]) -> np.ndarray:
+    """Return the effects' values in a row, (P,)."""
+    return np.concatenate([np.asarray(values, float) for _, values in fixed])
+
+
+def _at(fixed: Sequence[Fixed], values: np.ndarray) -> list[Fixed]:
+    """Return the effects with values (P,)."""
+    parts = np.split(values, np.cumsum([len(own) for _, own in fixed])[:-1])
+    return [
+        (effect, tuple(map(float, part))) for (effect, _), part in zip(fixed, parts, strict=True)
+    ]
+
+
+def _ends(fixed: Sequence[Fixed], spec: mujoco.MjSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the largest values, (P,) each."""
+    model = spec.copy().compile()
+    every = [parameter for effect, _ in fixed for parameter in effect.parameters(model)]
+    return np.array([p.low for p in every]), np.array([p.high for p in every])
+
+
+def _steps(fixed: Sequence[Fixed], spec: mujoco.MjSpec) -> np.ndarray:
+    """Return by how much each value is changed for its sensitivity, (P,); 0: it cannot move."""
+    model, sizes = spec.copy().compile(), []
+    for effect, values in fixed:
+        parameters = effect.parameters(model)
+        away = [abs(v - p.neutral) for v, p in zip(values, parameters, strict=True)]
+        for own, parameter in zip(away, parameters, strict=True):
+            alike = [a for a, p in zip(away, parameters, strict=True) if p.unit == parameter.unit]
+            sizes.append(CHANGE * (own or max(alike)))
+    low, high = _ends(fixed, spec)
+    up, values = np.array(sizes), _flat(fixed)
+    down = np.where(values - up >= low, -up, 0.0)
+    return np.where(values + up <= high, up, down)
+
+
+def _unit(values: np.ndarray, place: int | np.intp) -> np.ndarray:
+    """Return 1 at a place, else 0, (P,)."""
+    return (np.arange(len(values)) == place).astype(float)
+
+
+def _size(noises: np.ndarray, times: int) -> float:
+    """Return the distance, root mean square over time, summed over joints."""
+    return float(np.sqrt((noises**2).sum() / times))

@@ -1,0 +1,1 @@
+"""Has the robot changed between two sets of logs?"""

@@ -1,0 +1,169 @@
+"""What a comparison answers: `compare.json`.
+
+answer = compare(before, after, "arm.xml")
+answer.verdict, [(c.effect, c.where, c.change, c.interval) for c in answer.changes]
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from sim2real.runs.files import write_text
+
+SCHEMA = 1
+Verdict = Literal["unchanged", "changed", "cannot_tell"]
+EXIT = {"unchanged": 0, "changed": 3, "cannot_tell": 4}
+
+
+class Value(NamedTuple):
+    """A value that both sides have."""
+
+    effect: str
+    where: str | None
+    side: str | None
+    value: float
+    unit: str
+
+
+class Alike(NamedTuple):
+    """Another effect whose change would look the same."""
+
+    effect: str
+    where: str | None
+
+
+@dataclass(frozen=True)
+class Change:
+    """How much an effect changed.
+
+    Attributes:
+        effect: its standard name.
+        where: its place; None for the whole robot.
+        side: of the servo's encoder, for play and springs.
+        change: after less before, in `unit`; of a factor by what share it is larger.
+        interval: of the change; all intervals of an answer hold together with 95 %.
+        unit: SI; "" for a factor.
+        p: probability of so large a change of any effect by chance.
+        alike: effects whose change the logs cannot tell from this one.
+        limit: what the change may be; None where none was given.
+        source: "motion", or "measured" where a sensor says it.
+        body: of a body effect, whose `where` is the joint that moves it.
+    """
+
+    effect: str
+    where: str | None
+    side: str | None
+    change: float
+    interval: tuple[float, float]
+    unit: str
+    p: float
+    alike: tuple[Alike, ...] = ()
+    limit: float | None = None
+    source: str = "motion"
+    body: str | None = None
+
+
+@dataclass(frozen=True)
+class Confounder:
+    """Something else that may differ between the two sides.
+
+    Attributes:
+        name: "temperature", "supply voltage" or "mounting".
+        before: its median before, in `unit`; None where it is not known.
+        after: its median after.
+        unit: of both.
+        text: what was made of it.
+    """
+
+    name: str
+    before: float | None
+    after: float | None
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Whether a robot has changed.
+
+    Attributes:
+        verdict: "unchanged", "changed" or "cannot_tell".
+        reason: why, in a sentence.
+        changes: what changed, the clearest first.
+        tolerated: what changed within its limit.
+        watched: the change of every effect that was looked at, named or not.
+        shared: what both sides have beside the model.
+        confounders: what else may differ.
+        untold: effects that these logs cannot show, and why.
+        numbers: pieces, whether they are differences of the same motions, RMS before and after.
+        inputs: logs, model, seed.
+    """
+
+    verdict: Verdict
+    reason: str
+    changes: tuple[Change, ...]
+    tolerated: tuple[Change, ...]
+    watched: tuple[Change, ...]
+    shared: tuple[Value, ...]
+    confounders: tuple[Confounder, ...]
+    untold: tuple[tuple[str, str], ...]
+    numbers: Mapping[str, Any]
+    inputs: Mapping[str, Any]
+
+    @property
+    def exit_status(self) -> int:
+        """0 where nothing changed, 3 where something did, 4 where the logs cannot tell."""
+        return EXIT[self.verdict]
+
+    def facts(self) -> dict[str, Any]:
+        """Return plain data, as in the file."""
+        facts = {"schema": SCHEMA, **asdict(self)}
+        facts["shared"] = [one._asdict() for one in self.shared]
+        for key in ("changes", "tolerated", "watched"):
+            facts[key] = [
+                {**asdict(one), "alike": [other._asdict() for other in one.alike]}
+                for one in getattr(self, key)
+            ]
+        return facts
+
+    def write(self, path: str | Path) -> Path:
+        """Write `compare.json`."""
+        return write_text(path, json.dumps(self.facts(), indent=1, ensure_ascii=False) + "\n")
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Several robots of one kind, each compared with all others.
+
+    Attributes:
+        units: what was found of each, by its name.
+        mean: what all have beside the model.
+    """
+
+    units: Mapping[str, Comparison]
+    mean: tuple[Value, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """`changed` if a robot deviates, else `cannot_tell` if one cannot be judged."""
+        said = {one.verdict for one in self.units.values()}
+        return next(v for v in ("changed", "cannot_tell", "unchanged") if v in said)
+
+    @property
+    def exit_status(self) -> int:
+        """As of the verdict."""
+        return EXIT[self.verdict]
+
+    def write(self, path: str | Path) -> Path:
+        """Write `compare.json`."""
+        facts = {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "mean": [one._asdict() for one in self.mean],
+            "units": {name: one.facts() for name, one in self.units.items()},
+        }
+        return write_text(path, json.dumps(facts, indent=1, ensure_ascii=False) + "\n")

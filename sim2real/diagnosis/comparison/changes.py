@@ -1,0 +1,131 @@
+"""Which effects changed: the clearest is named, and the others are tested again beside it.
+
+    found = find_changes(pieces, columns, excused, rng, settings)
+    found.named, found.tests
+
+A change is named while the largest |t| of all effects is larger than chance makes it, and while
+its response is worth naming. Effects that explain the same pieces as well are listed with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.comparison.answer import Alike, Change
+from sim2real.diagnosis.comparison.permuted import Permuted, Tests
+from sim2real.diagnosis.comparison.pieces import Pieces
+from sim2real.diagnosis.comparison.response import Column
+from sim2real.diagnosis.settings import Compared
+
+
+class Named(NamedTuple):
+    """A change: its column, its test, and the columns that explain alike."""
+
+    column: int
+    p: float
+    alike: tuple[int, ...]
+
+
+class Changes(NamedTuple):
+    """What was found."""
+
+    named: tuple[Named, ...]
+    every: Tests  # each column beside the named ones and what is excused
+    untold: tuple[int, ...]  # columns that the excused ones make as well
+
+
+def find_changes(
+    pieces: Pieces,
+    columns: Sequence[Column],
+    excused: Sequence[int],
+    known: Sequence[int],
+    ruled_out: Sequence[int],
+    least: np.ndarray,
+    rng: np.random.Generator,
+    limits: Compared,
+) -> Changes:
+    """Name what changed.
+
+    Args:
+        pieces: of both sides.
+        columns: what may change, the first columns of the pieces.
+        excused: columns that temperature or mounting may have changed.
+        known: columns that are known to have changed otherwise.
+        ruled_out: columns that are known not to have changed.
+        least: of each column, the size that a change must have, (P,).
+        rng: for the permutations.
+        limits: when a change is named.
+    """
+    permuted = Permuted(pieces, rng, limits.draws)
+    beside = [*excused, *known, pieces.clock]
+    free = [k for k in range(len(columns)) if k not in (*beside, *ruled_out)]
+    named: list[Named] = []
+    first = permuted.of(free, beside, limits.alpha)
+    untold = [k for k, told in zip(first.columns, first.told, strict=True) if told < limits.apart]
+    left = [k for k in free if k not in untold]
+    while left and len(named) < limits.changes_max:
+        tests = permuted.of(left, beside, limits.alpha)
+        best = _clearest(tests, least, limits)
+        if best is None:
+            break
+        near = (tests.fall[best] - tests.fall) / tests.inflation[best] < limits.alike
+        near &= tests.told >= limits.apart
+        alike = [k for k, n in zip(tests.columns, near, strict=True) if n]
+        best = _plainest(tests, columns, best, alike)
+        column = tests.columns[best]
+        order = sorted(
+            (k for k in alike if k != column), key=lambda k: -tests.fall[tests.columns.index(k)]
+        )
+        named.append(Named(column, float(tests.p[best]), tuple(order)))
+        beside.append(column)
+        left.remove(column)
+    every = permuted.of([*free, *known], beside, limits.alpha)
+    return Changes(tuple(named), every, tuple(untold))
+
+
+def _clearest(tests: Tests, least: np.ndarray, limits: Compared) -> int | None:
+    """Return the place of the column that explains most, of those that chance does not."""
+    large = np.maximum(limits.worth, limits.doubt * tests.others)
+    sure = (tests.p <= limits.alpha) & (tests.response >= large)
+    sure &= tests.told >= limits.apart  # the rest is what the named ones make as well
+    sure &= np.abs(tests.value) > least[list(tests.columns)]
+    if not sure.any():
+        return None
+    return int(np.argmax(np.where(sure, tests.fall, -np.inf)))
+
+
+def _plainest(tests: Tests, columns: Sequence[Column], best: int, alike: Sequence[int]) -> int:
+    """Return the place of the best column, or of one at a single place that explains as well."""
+    if not columns[tests.columns[best]].option.shared:
+        return best
+    single = [tests.columns.index(k) for k in alike if not columns[k].option.shared]
+    return max(single, key=lambda place: tests.fall[place], default=best)
+
+
+def as_change(
+    columns: Sequence[Column], tests: Tests, column: int, limit: float | None = None
+) -> Change:
+    """Return the change of a column with its simultaneous interval."""
+    place, own = tests.columns.index(column), columns[column].option
+    value, half = float(tests.value[place]), tests.critical * float(tests.spread[place])
+    effect = own.effect
+    return Change(
+        effect.name,
+        own.place,
+        effect.side,
+        value,
+        (value - half, value + half),
+        effect.unit,
+        float(tests.p[place]),
+        limit=limit,
+        body=effect.where if effect.place == "body" else None,
+    )
+
+
+def as_alike(columns: Sequence[Column], alike: Sequence[int], most: int = 2) -> tuple[Alike, ...]:
+    """Return the effects of some columns, each once."""
+    found = dict.fromkeys(Alike(columns[k].option.name, columns[k].option.place) for k in alike)
+    return tuple(found)[:most]

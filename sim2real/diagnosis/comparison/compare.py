@@ -1,0 +1,354 @@
+"""Has the robot changed between two sets of logs?
+
+    answer = compare("before/", "after/", "arm.xml")
+    answer.verdict, [(c.effect, c.where, c.change, c.interval) for c in answer.changes]
+    fleet = compare_fleet({"a": "a/", "b": "b/", "c": "c/"}, "arm.xml")
+
+Every log is replayed in the same model with what both sides have; each watched effect has a value
+for both and a change. Logs of the same commands are compared row by row, so that what the model
+cannot follow cancels. Nothing is named that exchanging before and after makes as likely.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.effects import EFFECTS, load_effects
+from envs.errors import did_you_mean
+from envs.plant import Fixed
+from hardware.log import Log, read_logs
+from sim2real.diagnosis.comparison.alike import friction, in_proportion
+from sim2real.diagnosis.comparison.answer import Change, Comparison, Fleet, Value, Verdict
+from sim2real.diagnosis.comparison.changes import as_alike, as_change, find_changes
+from sim2real.diagnosis.comparison.confounders import SUPPLY, confounders
+from sim2real.diagnosis.comparison.motions import Motions, aligned, pair
+from sim2real.diagnosis.comparison.pieces import contrasts
+from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond, watched
+from sim2real.diagnosis.comparison.shared import share
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.settings import DEFAULT, Settings
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+Logs = str | Path | Log | Iterable[str | Path | Log]
+UNITS_MIN = 3  # robots of a fleet: of two, nobody can say which one deviates
+
+
+class Prepared(NamedTuple):
+    """Logs, replayed: what every comparison of some of them starts from."""
+
+    data: Data
+    beside: np.ndarray
+    windows: np.ndarray
+    motions: Motions
+    watch: Watch
+    response: Response  # of the first windows of each motion
+    error: np.ndarray  # (W, T, M) of all windows
+    friction: dict[int, float]  # of each joint, by the column of its change
+
+
+def compare(
+    before: Logs,
+    after: Logs,
+    model: str | Path | None = None,
+    *,
+    effects: str | Path | None = None,
+    watch: Sequence[str] | None = None,
+    limits: Mapping[str, float] | None = None,
+    remounted: bool = True,
+    seed: int = 0,
+    settings: Settings = DEFAULT,
+) -> Comparison:
+    """Say whether a robot has changed, and what.
+
+    Args:
+        before: logs of the robot as it was: a path, a folder, logs, or a list of these.
+        after: of the robot as it is.
+        model: an MJCF for all logs; None takes the one that each log names.
+        effects: an effects.yaml of what the robot had before; put into the model first.
+        watch: names of effects that may change; None for those of the settings.
+        limits: by effect, how much of a change passes, in its unit.
+        remounted: whether the robot may have been mounted anew in between.
+        seed: of the permutations.
+        settings: every number that steers the answer.
+
+    Raises:
+        Sim2RealError: no logs, logs of different models, an unknown effect or limit.
+    """
+    first, second = _read(before, "before"), _read(after, "after")
+    names = _names(watch, limits, settings)
+    _refuse_models(first, second, model)
+    known = [] if effects is None else load_effects(effects)
+    sides = range(len(first)), range(len(first), len(first) + len(second))
+    made = prepare([*first, *second], model, known, names, settings)
+    return _compared(made, *sides, limits or {}, remounted, seed, model)
+
+
+def compare_fleet(
+    units: Mapping[str, Logs],
+    model: str | Path | None = None,
+    *,
+    effects: str | Path | None = None,
+    watch: Sequence[str] | None = None,
+    limits: Mapping[str, float] | None = None,
+    remounted: bool = True,
+    seed: int = 0,
+    settings: Settings = DEFAULT,
+) -> Fleet:
+    """Say which robots of a fleet deviate from all others; arguments are those of `compare`.
+
+    The probability of any false alarm is shared among the robots.
+
+    Raises:
+        Sim2RealError: fewer than three robots; see also `compare`.
+    """
+    if len(units) < UNITS_MIN:
+        raise Sim2RealError(
+            f"units: {len(units)} robots; of fewer than {UNITS_MIN} nobody can say which one "
+            "deviates; give before= and after= for two"
+        )
+    logs = {name: _read(own, f"units.{name}") for name, own in units.items()}
+    names = _names(watch, limits, settings)
+    every = list(logs.values())
+    for other in every[1:]:
+        _refuse_models(every[0], other, model)
+    known = [] if effects is None else load_effects(effects)
+    made = prepare([log for own in every for log in own], model, known, names, settings)
+    members: dict[str, list[int]] = {}
+    for name, own in logs.items():
+        start = sum(len(one) for one in members.values())
+        members[name] = list(range(start, start + len(own)))
+
+    def against(name: str, kept: Collection[str]) -> Comparison:
+        others = [k for other in kept if other != name for k in members[other]]
+        tests = len(units)
+        return _compared(made, others, members[name], limits or {}, remounted, seed, model, tests)
+
+    return Fleet(_told_apart(against, list(members)), _values(made.watch))
+
+
+def _told_apart(
+    against: Callable[[str, Collection[str]], Comparison], names: Sequence[str]
+) -> dict[str, Comparison]:
+    """Return what is said of each robot, the odd ones taken out of what it is compared with.
+
+    An odd robot makes all others deviate from a mean that it is part of, but less than it does
+    itself: the one that is farthest off is told first, and no longer counts. Of two that are left
+    and differ, nobody can say which one is odd.
+    """
+    kept, odd = list(names), {}
+    while True:
+        said = {name: against(name, kept) for name in kept}
+        changed = [name for name in kept if said[name].verdict == "changed"]
+        if not changed or len(kept) < UNITS_MIN:
+            break
+        worst = max(changed, key=lambda name: max(said[name].numbers["apart"].values()))
+        odd[worst] = said[worst]
+        kept.remove(worst)
+    if changed:
+        text = "differs from the only other robot that is left: nobody can say which one is odd"
+        said = {
+            name: replace(one, verdict="cannot_tell", reason=text) for name, one in said.items()
+        }
+    every = {**said, **odd}
+    return {name: every[name] for name in names}
+
+
+def prepare(
+    logs: Sequence[Log],
+    model: str | Path | None,
+    known: Sequence[Fixed],
+    names: Sequence[str],
+    settings: Settings,
+) -> Prepared:
+    """Replay logs with what they share, and with each watched effect a little larger."""
+    motions = pair(logs, settings.compared)
+    data, beside = aligned(Data.of(logs, model, settings), motions)
+    windows = np.flatnonzero(beside == np.arange(len(beside)))
+    watch = watched(data, known, names)
+    simulator = Simulator(data, watch.fixed)
+    if not known:
+        watch = share(simulator, watch, windows)
+    response = respond(simulator, watch, windows)
+    rubs = friction(data, watch, response)
+    response = in_proportion(data, watch, response)
+    error = errors(simulator, watch, np.arange(len(data.windows)))
+    return Prepared(data, beside, windows, motions, watch, response, error, rubs)
+
+
+def _compared(
+    made: Prepared,
+    before: Collection[int],
+    after: Collection[int],
+    limits: Mapping[str, float],
+    remounted: bool,
+    seed: int,
+    model: str | Path | None,
+    tests: int = 1,
+) -> Comparison:
+    """Compare two sides; `tests` of them share the probability of a false alarm."""
+    data, columns = made.data, made.response.columns
+    settings = data.settings.compared
+    beside = confounders(data, columns, before, after, remounted, made.friction)
+    pieces = contrasts(
+        data, made.beside, made.response, made.error, made.windows, made.motions, before, after
+    )
+    numbers = {
+        "pieces": len(pieces.curve),
+        "pieces_are_logs": pieces.logs,
+        "same_motions": pieces.after is None,
+        "apart": {j.name: float(v) for j, v in zip(data.joints, pieces.before_rms, strict=True)},
+        "alpha": settings.alpha / tests,
+    }
+    inputs = {
+        "before": [str(data.logs[k].path or "a log") for k in before],
+        "after": [str(data.logs[k].path or "a log") for k in after],
+        "model": None if model is None else str(model),
+        "seed": seed,
+        "remounted": remounted,
+    }
+    sides = [len(pieces.curve)] if pieces.after is None else np.bincount(pieces.after, minlength=2)
+    aside = {*beside.excused, *beside.ruled_out}
+    reason = None
+    if min(sides) < settings.blocks_min:
+        reason = (
+            f"{min(sides)} independent pieces are too few, at least {settings.blocks_min} are "
+            "needed: record longer, or more often"
+        )
+    elif len(aside) == len(columns):
+        reason = (
+            "all that was watched is put down to temperature or mounting: log the temperature, "
+            "give remounted=false, or watch more"
+        )
+    if reason is not None:
+        rest = (_values(made.watch), beside.told, (), numbers, inputs)
+        return Comparison("cannot_tell", reason, (), (), (), *rest)
+    rng = np.random.default_rng(seed)
+    known = [k for k, c in enumerate(columns) if c.option.name == SUPPLY and beside.supply]
+    shared = replace(settings, alpha=settings.alpha / tests)
+    found = find_changes(
+        pieces, columns, beside.excused, known, beside.ruled_out, beside.least, rng, shared
+    )
+
+    def change(column: int) -> Change:
+        limit = limits.get(columns[column].option.name)
+        return as_change(columns, found.every, column, limit)
+
+    told = [
+        replace(change(one.column), p=one.p, alike=as_alike(columns, one.alike))
+        for one in found.named
+    ]
+    if beside.supply is not None:
+        told.insert(0, _measured(beside.supply, limits.get(SUPPLY)))
+    watched = [change(column) for column in found.every.columns]
+    passed = [c for c in told if c.limit is not None and abs(c.change) <= c.limit]
+    changes = [c for c in told if c not in passed]
+    untold = tuple(
+        (columns[k].label, "looks like what is put down to temperature or mounting")
+        for k in found.untold
+    )
+    verdict, reason = _verdict(changes, watched, numbers)
+    return Comparison(
+        verdict,
+        reason,
+        tuple(changes),
+        tuple(passed),
+        tuple(watched),
+        _values(made.watch),
+        beside.told,
+        untold,
+        numbers,
+        inputs,
+    )
+
+
+def _verdict(
+    changes: Sequence[Change], watched: Sequence[Change], numbers: Mapping[str, object]
+) -> tuple[Verdict, str]:
+    if changes:
+        names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in changes)
+        return "changed", f"changed: {names}"
+    wide = [c for c in watched if c.limit is not None and max(abs(e) for e in c.interval) > c.limit]
+    if wide:
+        names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in wide)
+        return "cannot_tell", (
+            f"nothing was seen to change, but the intervals of {names} reach beyond their limits: "
+            "record longer, or motions that move more"
+        )
+    return "unchanged", f"{numbers['pieces']} pieces, and nothing that chance does not make"
+
+
+def _measured(change: float, limit: float | None) -> Change:
+    """Return the change of a supply whose voltage was measured."""
+    return Change(
+        SUPPLY, None, None, change, (change, change), "", 0.0, limit=limit, source="measured"
+    )
+
+
+def _values(watch: Watch) -> tuple[Value, ...]:
+    found, start = [], 0
+    for effect, values in watch.fixed:
+        found.append(Value(effect.name, effect.where, effect.side, float(values[0]), effect.unit))
+    for member in watch.shared:
+        effect = member.effect
+        value = float(watch.values[start])
+        found.append(Value(effect.name, member.place, effect.side, value, effect.unit))
+        start += len(member.neutral)
+    return tuple(found)
+
+
+def _read(logs: Logs, what: str) -> list[Log]:
+    if isinstance(logs, Log):
+        return [logs]
+    if isinstance(logs, str | Path):
+        return read_logs(logs)
+    found = [log for one in logs for log in ([one] if isinstance(one, Log) else read_logs(one))]
+    if not found:
+        raise Sim2RealError(f"{what}: there are no logs; give {what}=PATH")
+    return found
+
+
+def _names(
+    watch: Sequence[str] | None, limits: Mapping[str, float] | None, settings: Settings
+) -> tuple[str, ...]:
+    """Return the effects to watch; raises Sim2RealError for names and limits that are wrong."""
+    names = tuple(settings.compared.watched if watch is None else watch)
+    for what, given in (("watch", names), ("limits", tuple(limits or {}))):
+        for name in given:
+            if name not in EFFECTS or not EFFECTS[name].closes_gaps:
+                known = sorted(n for n, e in EFFECTS.items() if e.closes_gaps)
+                raise Sim2RealError(
+                    f"{what}: {name!r} is no effect that a motion shows"
+                    f"{did_you_mean(name, known)}; there are: {', '.join(known)}"
+                )
+    for name, limit in (limits or {}).items():
+        if isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0:
+            raise Sim2RealError(f"limits.{name}={limit} must be a number above 0")
+    return (*names, *(name for name in limits or {} if name not in names))
+
+
+def _refuse_models(before: Sequence[Log], after: Sequence[Log], model: str | Path | None) -> None:
+    """Raise Sim2RealError if the two sides name different models, or different joints."""
+    if model is None:
+        named = [
+            {str(log.model.resolve()) for log in side if log.model} for side in (before, after)
+        ]
+        if named[0] and named[1] and named[0].isdisjoint(named[1]):
+            raise Sim2RealError(
+                f"{before[0].path or 'before'} is of {sorted(named[0])[0]}, and "
+                f"{after[0].path or 'after'} of {sorted(named[1])[0]}: two models cannot be "
+                "compared; give model= if they are the same robot"
+            )
+    one, other = before[0].joints, after[0].joints
+    if set(one).isdisjoint(other):
+        raise Sim2RealError(
+            f"{before[0].path or 'before'} has the joints {', '.join(one)}, and "
+            f"{after[0].path or 'after'} {', '.join(other)}: these are different robots"
+        )

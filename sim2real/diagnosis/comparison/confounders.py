@@ -1,0 +1,114 @@
+"""What may differ between two sets of logs without the robot having changed.
+
+    found = confounders(data, before, after, remounted=True)
+    found.told, found.excused, found.measured
+
+Temperature makes grease thin and copper resist, in all joints alike; a robot that was mounted anew
+stands a little askew; a supply has the voltage that it has. Each is asked for and shown. What
+temperature and mounting explain is put down to them; a supply that the servos measured to be
+another is a change that needs no statistics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.comparison.answer import Confounder
+from sim2real.diagnosis.comparison.response import Column
+from sim2real.diagnosis.data.dataset import Data
+
+DRIVES = ("motor_strength", "position_gain")  # what a motor's copper and magnets are seen as
+MOUNTING, SUPPLY = "gravity_tilt", "supply_voltage"
+
+
+class Found(NamedTuple):
+    """The confounders, what is put down to them, and the supply's measured change."""
+
+    told: tuple[Confounder, ...]
+    excused: tuple[int, ...]  # columns
+    ruled_out: tuple[int, ...]  # columns that a sensor says are as before
+    least: np.ndarray  # (P,) size of a change of each column below which it may be temperature
+    supply: float | None  # relative change of the measured voltage; None: none, or not logged
+
+
+def confounders(
+    data: Data,
+    columns: Sequence[Column],
+    before: Collection[int],
+    after: Collection[int],
+    remounted: bool,
+    friction: Mapping[int, float],
+) -> Found:
+    """Look at temperature, supply and mounting.
+
+    Args:
+        data: all logs.
+        columns: what may change.
+        before: the logs of the first side.
+        after: those of the second.
+        remounted: whether the robot may have been mounted anew in between.
+        friction: of each joint, by the column of its change.
+    """
+    limits = data.settings.compared
+    warm = _medians(data, "temperature", before, after)
+    volts = _medians(data, "voltage", before, after)
+    told, excused, least = [], [], np.zeros(len(columns))
+    known = None not in warm
+    warmer = abs(warm[1] - warm[0]) if known else limits.unknown_warmer
+    alike = known and warmer <= limits.same_temperature
+    if alike:
+        text = "close enough to explain nothing"
+    else:
+        for k, column in enumerate(columns):
+            least[k] = limits.unequal_friction * warmer * friction.get(k, 0.0)
+            if column.option.name in DRIVES:
+                least[k] = limits.unequal_strength * warmer
+        excused += [
+            k for k, c in enumerate(columns) if c.option.shared and c.option.name in limits.thermal
+        ]
+        text = (
+            "differ: what all joints have in common is put down to temperature"
+            if known
+            else "log temperature.<actuator>: what all joints have in common may be temperature"
+        )
+        if not excused:
+            text += "; this robot has one joint, so friction and strength may be temperature"
+            excused += [k for k, c in enumerate(columns) if c.option.name in limits.thermal]
+    told.append(Confounder("temperature", *warm, "°C", text))
+    change, same = None, []
+    if None in volts:
+        text = "log voltage.<actuator>: a weaker supply shows in the motion alone"
+    elif abs(volts[1] / volts[0] - 1) >= limits.same_voltage:
+        change = volts[1] / volts[0] - 1
+        text = "another supply, as the servos measured it"
+    else:
+        text = "the same supply"
+        same = [k for k, c in enumerate(columns) if c.option.name == SUPPLY]
+    told.append(Confounder("supply voltage", *volts, "V", text))
+    tilts = [k for k, c in enumerate(columns) if c.option.name == MOUNTING]
+    if tilts and remounted:
+        excused += tilts
+        text = "may be another (remounted=false if not): a small tilt is put down to it"
+    else:
+        text = "is the same" if tilts else "cannot show: gravity does not act on what moves"
+    told.append(Confounder("mounting", None, None, "", text))
+    return Found(tuple(told), tuple(excused), tuple(same), least, change)
+
+
+def _medians(
+    data: Data, kind: str, before: Collection[int], after: Collection[int]
+) -> tuple[float | None, float | None]:
+    """Return the medians over all actuators and rows of both sides; None where not logged."""
+    found = []
+    for side in (before, after):
+        values = [
+            values
+            for number in side
+            for name, values in data.logs[number].columns.items()
+            if name.startswith(f"{kind}.")
+        ]
+        found.append(float(np.median(np.concatenate(values))) if values else None)
+    return found[0], found[1]

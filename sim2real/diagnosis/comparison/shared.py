@@ -1,0 +1,113 @@
+"""What both sides have beside the model: fitted before anything is compared.
+
+    watch = share(simulator, watch, windows)
+
+First the friction of every joint, which no model knows; then the effect whose straight line closes
+most of the gap that is left joins and is fitted, and the next one, as long as each closes enough.
+The windows with the largest gap are looked at. That is less than a
+diagnosis: it moves the simulation close to the robot, so that a change has the response it has
+there. Where a diagnosis was made, give `effects=`.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.fit import Problem, refine
+from sim2real.diagnosis.comparison.alike import FIELDS
+from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond
+from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.settings import TINY_SQUARE
+
+log_ = logging.getLogger(__name__)
+
+
+def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
+    """Return the watch with what both sides have.
+
+    Args:
+        simulator: of all windows.
+        watch: what may change.
+        windows: the first ones of each motion, (n,).
+    """
+    limits = simulator.data.settings.compared
+    error = errors(simulator, watch, windows)
+    worst = windows[np.argsort(-simulator.data.only(windows).window_squares(error))]
+    looked = np.sort(worst[: limits.shared_windows])
+    problem = Problem(simulator.data, simulator, looked)
+    response = respond(simulator, watch, looked)
+    for step in (_rubbing, *[_joined] * limits.shared_max):
+        tried = step(problem, watch, response)
+        if tried is None:
+            continue
+        after, gap = respond(simulator, tried, looked), _gap(response.error)
+        if _gap(after.error) > (1 - limits.shared_worth) * gap:
+            continue
+        labels = ", ".join(member.label for member in tried.shared[len(watch.shared) :])
+        log_.info("both have %s: %.3g of %.3g is left", labels, _gap(after.error), gap)
+        watch, response = tried, after
+    return watch
+
+
+def _rubbing(problem: Problem, watch: Watch, response: Response) -> Watch | None:
+    """Return the watch with friction at every joint, fitted; None where there is none to fit."""
+    taken = {member.label for member in watch.shared}
+    own = [
+        k
+        for k, column in enumerate(response.columns)
+        if column.option.name in FIELDS
+        and not column.option.shared
+        and column.option.label not in taken
+    ]
+    if not own:
+        return None
+    flat = response.change[own].reshape(len(own), -1)
+    found, *_ = np.linalg.lstsq(flat.T, -response.error.reshape(-1), rcond=None)
+    options = [response.columns[k].option for k in own]
+    starts = [
+        np.clip(o.neutral + value, o.low, o.high) for o, value in zip(options, found, strict=True)
+    ]
+    small = [np.clip(o.neutral + o.step, o.low, o.high) for o in options]
+    points = np.stack([np.concatenate([watch.values, *point]) for point in (starts, small)])
+    rounds = problem.data.settings.compared.shared_rounds
+    fit = refine(problem, (*watch.shared, *options), points, rounds)
+    for option in options:
+        watch = watch.having(option, fit.mean)
+    return watch
+
+
+def _joined(problem: Problem, watch: Watch, response: Response) -> Watch | None:
+    """Return the watch with the effect more that closes most, fitted; None if none is worth it."""
+    limits = problem.data.settings.compared
+    taken = {member.label for member in watch.shared}
+    free = [c for c, own in enumerate(response.columns) if own.option.label not in taken]
+    best = max(free, key=lambda c: _closed(response, c), default=None)
+    if best is None or _closed(response, best) < limits.shared_worth * _gap(response.error):
+        return None
+    option, place = response.columns[best].option, response.columns[best].place
+    start = option.neutral.copy()
+    start[place] += _value(response, best)
+    points = [np.clip(start, option.low, option.high), option.neutral]
+    starts = np.stack([np.concatenate([watch.values, point]) for point in points])
+    fit = refine(problem, (*watch.shared, option), starts, limits.shared_rounds)
+    return watch.having(option, fit.mean)
+
+
+def _gap(error: np.ndarray) -> float:
+    """Return the root mean square of errors."""
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _value(response: Response, column: int) -> float:
+    along = response.change[column]
+    return -float((along * response.error).sum() / max(float((along**2).sum()), TINY_SQUARE))
+
+
+def _closed(response: Response, column: int) -> float:
+    """Return by how much the straight line of a column lowers the gap, within its range."""
+    option, place = response.columns[column].option, response.columns[column].place
+    low, high = (end[place] - option.neutral[place] for end in (option.low, option.high))
+    value = np.clip(_value(response, column), low, high)
+    return _gap(response.error) - _gap(response.error + value * response.change[column])

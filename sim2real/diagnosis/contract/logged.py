@@ -1,0 +1,231 @@
+"""The contract of logs that say themselves which task and policy they are of.
+
+    answer = check_logs(logs, load_policy=load_actor)      # one policy for all
+    found = check_beforehand(logs, load_actor)             # before a diagnosis
+    found.findings, found.failed
+
+`deploy` writes `task` and `policy` into the metadata of its logs; other programs may write
+`policy` and `observation` (docs/contract.md). Paths are relative to the log.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from envs.errors import EnvsError
+from hardware.errors import HardwareError
+from hardware.log import Log
+from sim2real.diagnosis.contract import answer as contract
+from sim2real.diagnosis.contract.check import check_contract
+from sim2real.diagnosis.contract.description import READY, Description, read_description
+from sim2real.diagnosis.contract.terms import ContractError
+from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import DEFAULT, Settings
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+CHECK = "contract"  # what a report's findings of this are called
+POLICY = "policy"  # where an answer says that no action was computed again
+CLOCK = "clock"  # a stage whose findings preflight has itself
+WHAT = "the check of the policy's interface"
+
+
+class Policy(Protocol):
+    """What `sim2real.deployment.actors.load_actor` returns."""
+
+    @property
+    def size(self) -> int | None:
+        """O; None where the file does not say."""
+
+    @property
+    def task(self) -> str | None:
+        """The class name of its task, where it is ours."""
+
+    @property
+    def normalizer(self) -> np.ndarray | None:
+        """Mean and std (2, O) that are inside it, where it says them."""
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """Map observations (n, O) to actions (n, A)."""
+
+
+LoadPolicy = Callable[[str | Path], Policy]
+
+
+class Beforehand(NamedTuple):
+    """What the check found before a diagnosis, what it could not do, and its answer in a word."""
+
+    findings: tuple[Finding, ...] = ()
+    failed: tuple[str, ...] = ()
+    verdict: str | None = None  # None where the logs have no policy
+
+
+def check_logs(
+    logs: Sequence[Log],
+    observation: str | Path | None = None,
+    load_policy: LoadPolicy | None = None,
+    actor: str | Path | None = None,
+    settings: Settings = DEFAULT,
+) -> contract.Answer:
+    """Check the interface of one policy.
+
+    Args:
+        logs: of one robot and policy.
+        observation: an OBS.yaml or the name of a ready-made one; None takes what the logs name,
+            else that of their task or of the policy's.
+        load_policy: reads a policy's file; None compares no actions.
+        actor: the policy's file; None takes the one that the logs name.
+        settings: when a fault is named.
+
+    Raises:
+        Sim2RealError: a policy or a description that cannot be read, or that do not fit.
+    """
+    return _check(logs, observation, load_policy, actor, settings)[0]
+
+
+def check_beforehand(
+    logs: Sequence[Log], load_policy: LoadPolicy | None = None, settings: Settings = DEFAULT
+) -> Beforehand:
+    """Check the interface of every policy that logs are of; a check that fails is a line.
+
+    Args:
+        logs: those without observations, actions or a named task or policy are left out.
+        load_policy: see `check_logs`.
+        settings: see there.
+    """
+    groups: dict[tuple[str, ...], list[Log]] = {}
+    for log in logs:
+        if has_policy(log):
+            key = tuple(str(log.meta.get(name)) for name in ("task", "policy", "observation"))
+            groups.setdefault(key, []).append(log)
+    findings, failed, verdicts = [], [], []
+    for group in groups.values():
+        try:
+            answer, unread = _check(group, None, load_policy, None, settings)
+        except (Sim2RealError, EnvsError, HardwareError) as error:
+            failed.append(f"{WHAT}: {error}")
+            continue
+        except Exception as error:  # a policy's file may be of any library
+            log_.exception("%s failed", WHAT)
+            failed.append(f"{WHAT}: {type(error).__name__}: {error}")
+            continue
+        verdicts.append(answer.verdict)
+        failed += [f"{WHAT}: {unread}"] if unread else []
+        findings += [_as_finding(f, group[0]) for f in answer.findings if f.stage != CLOCK]
+    ranked = [v for v in ("broken", "holds", "cannot_tell") if v in verdicts]
+    return Beforehand(tuple(dict.fromkeys(findings)), tuple(failed), ranked[0] if ranked else None)
+
+
+def has_policy(log: Log) -> bool:
+    """Return whether a log holds a policy's observations and actions, and names either's maker."""
+    said = any(log.meta.get(name) for name in ("task", "policy", "observation"))
+    return said and {"obs.0", "action.0"} <= set(log.columns)
+
+
+def named(logs: Sequence[Log], key: str) -> Path | None:
+    """Return the file that the metadata of all logs name; None if they name none or several."""
+    found = {_place(log, key) for log in logs}
+    return found.pop() if len(found) == 1 else None
+
+
+def described_by(logs: Sequence[Log], task: str | None = None) -> str | Path:
+    """Return the description that the logs name, else that of their task or of the policy's.
+
+    Raises:
+        ContractError: none is named, or a task that has no description.
+    """
+    said = {log.meta.get("observation") for log in logs} - {None}
+    if len(said) == 1:
+        one = str(said.pop())
+        return one if one in READY else named(logs, "observation") or one
+    tasks = {task} if task else {log.meta.get("task") for log in logs} - {None}
+    found = [str(name).lower() for name in tasks if str(name).lower() in READY]
+    if len(tasks) != 1 or not found:
+        what = ", ".join(sorted(map(str, tasks))) or "no task"
+        raise ContractError(
+            f"the logs and the policy name {what}, which no ready-made description belongs to; "
+            "give observation=OBS.yaml (docs/contract.md)"
+        )
+    return found[0]
+
+
+def driven(log: Log) -> tuple[list[str], list[str]]:
+    """Return the joints that have a command of the same name, and their actuators.
+
+    Where none has, the joints and actuators are paired in the order of the columns.
+    """
+    same = [name for name in log.actuators if name in log.joints]
+    if same:
+        return same, same
+    count = min(len(log.joints), len(log.actuators))
+    return log.joints[:count], log.actuators[:count]
+
+
+def _check(
+    logs: Sequence[Log],
+    observation: str | Path | None,
+    load_policy: LoadPolicy | None,
+    actor: str | Path | None,
+    settings: Settings,
+) -> tuple[contract.Answer, str | None]:
+    """Return the answer, and why the policy that the logs name was not read; see `check_logs`."""
+    policy, place, unread = _policy(logs, load_policy, actor)
+    source = observation or described_by(logs, None if policy is None else policy.task)
+    about = read_description(source, *driven(logs[0]))
+    normalizer = None
+    if policy is not None:
+        _refuse_size(policy, about, place)
+        normalizer = policy.normalizer
+    answer = check_contract(logs, about, policy, normalizer, settings, place)
+    if unread:
+        rest = [one for one in answer.cannot_tell if one.where != POLICY]
+        answer = replace(answer, cannot_tell=(contract.Open(POLICY, unread), *rest))
+    return answer, unread
+
+
+def _policy(
+    logs: Sequence[Log], load_policy: LoadPolicy | None, actor: str | Path | None
+) -> tuple[Policy | None, str | None, str | None]:
+    """Return the policy, its name, and why the one that the logs name could not be read."""
+    place = actor or named(logs, "policy")
+    if place is None or load_policy is None:
+        return None, None, None
+    try:
+        return load_policy(place), str(place), None
+    except (Sim2RealError, ImportError) as error:  # without torch, runs cannot be read
+        if actor is not None:
+            raise
+        return None, None, f"the logs name a policy, and no action was computed again: {error}"
+
+
+def _place(log: Log, key: str) -> Path | None:
+    name: Any = log.meta.get(key)
+    if not isinstance(name, str) or not name:
+        return None
+    return (log.path.parent if log.path else Path()) / Path(name).expanduser()
+
+
+def _refuse_size(policy: Policy, about: Description, place: str | Path | None) -> None:
+    if policy.size not in (None, about.size):
+        raise ContractError(
+            f"{place}: the policy takes {policy.size} numbers, and {about.name} describes "
+            f"{about.size}: {about.says_sizes()}; correct the description's terms"
+        )
+
+
+def _as_finding(found: contract.Finding, log: Log) -> Finding:
+    """Return a fault as a line of a report; it belongs to a joint if it is of that one alone."""
+    where = found.where.partition(": ")[2]
+    others = "".join(f" Or, as likely: {rival.text}." for rival in found.among)
+    return Finding(
+        CHECK,
+        where if where in log.joints else None,
+        f"Between the policy and the robot ({found.stage}): {found.text}.{others}",
+        f"{found.fix[:1].upper()}{found.fix[1:]}.",
+    )

@@ -1,0 +1,126 @@
+"""Settings of `diagnosis/comparison`: when a robot counts as changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sim2real.diagnosis.settings.base import COST, JUDGED, setting
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What is watched for a change, and what is put down to something else."""
+
+    watched: tuple[str, ...] = setting(
+        (
+            "coulomb_friction",
+            "viscous_friction",
+            "backlash",
+            "joint_compliance",
+            "position_gain",
+            "motor_strength",
+            "supply_voltage",
+            "dead_zone",
+            "command_delay",
+            "encoder_offset",
+            "payload",
+            "gravity_tilt",
+        ),
+        "1",
+        "effects that may change: wear, play, supply, zeros, load, mounting",
+        JUDGED,
+    )
+    alpha: float = setting(
+        0.05, "1", "probability of any false alarm, over all effects at all places", JUDGED
+    )
+    draws: int = setting(2000, "1", "permutations of before and after", COST)
+    blocks_min: int = setting(
+        8,
+        "1",
+        "independent pieces below which nothing can be told",
+        "derived: 2^-8 is well below the probability of a false alarm",
+    )
+    logs_min: int = setting(
+        6,
+        "1",
+        "pairs of logs (or logs a side) from which whole logs are permuted",
+        "derived: 2^-6 is below the probability of a false alarm",
+    )
+    same_command: float = setting(1e-3, "rad", "commands closer than this are the same", JUDGED)
+    same_rows: float = setting(
+        0.9,
+        "1",
+        "share of rows with the same command from which two logs are of one motion",
+        JUDGED,
+    )
+    weight_floor: float = setting(
+        0.5, "1", "least noise of a piece, of the median piece's, that its weight counts", JUDGED
+    )
+    apart: float = setting(
+        0.2,
+        "1",
+        "share of its response that an effect has to itself, beside those it is compared with",
+        "judgement: less would name what a straight line is wrong by",
+    )
+    step: float = setting(
+        0.2,
+        "1",
+        "share of the smallest probe that a factor and a tilt are moved by",
+        "derived: the smallest probe of a factor is a quarter, changes are some per cent",
+    )
+    alike: float = setting(
+        6.0,
+        "1",
+        "fall of -2 log likelihood up to which effects explain alike",
+        "derived: odds of 20",
+    )
+    changes_max: int = setting(4, "1", "changes that are named at most", JUDGED)
+    worth: float = setting(
+        0.3,
+        "1",
+        "least response of a change that is named, of a reading's noise (both RMS)",
+        "judgement: sessions differ by more than is modelled, in amounts below that",
+    )
+    doubt: float = setting(
+        0.7,
+        "1",
+        "least response of a change, of what is put down to other things and changes",
+        "measured: of 3.5 % less strength of all motors, 0.5 looked like one joint's gain, and of "
+        "8 % less friction 0.7 (emulated arm2, two pairs)",
+    )
+    shared_max: int = setting(2, "1", "effects fitted to both sides, beside friction", COST)
+    shared_worth: float = setting(
+        0.1, "1", "share of the gap that a further shared effect closes at least", JUDGED
+    )
+    shared_windows: int = setting(4, "1", "windows that they are fitted to", COST)
+    shared_rounds: int = setting(6, "1", "steps of its fit", COST)
+    same_temperature: float = setting(
+        1.0,
+        "K",
+        "difference of the medians up to which temperature explains nothing",
+        "derived: copper resists 0.4 % more a kelvin, and half a per cent is seen",
+    )
+    unequal_friction: float = setting(
+        0.005,
+        "1/K",
+        "share of a joint's friction that temperature may change beyond what it does to all",
+        "judgement: half of what it does to all joints (grease thins by about 1 % a kelvin)",
+    )
+    unequal_strength: float = setting(
+        0.0025,
+        "1/K",
+        "share of a motor's strength or gain, likewise",
+        "judgement: half of copper's 0.4 % a kelvin and a little of the magnets'",
+    )
+    unknown_warmer: float = setting(
+        10.0, "K", "difference of temperatures that are not logged", JUDGED
+    )
+    same_voltage: float = setting(
+        0.03, "1", "relative difference of the medians from which the supply is another", JUDGED
+    )
+    thermal: tuple[str, ...] = setting(
+        ("coulomb_friction", "viscous_friction", "motor_strength"),
+        "1",
+        "what temperature changes in all joints alike",
+        "derived: grease thins, copper resists, magnets weaken",
+    )

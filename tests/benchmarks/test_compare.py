@@ -1,0 +1,93 @@
+"""The benchmark of `compare`: what it hides, and how an answer is scored."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmarks import compare as bench
+from hardware.config import load_robot
+from sim2real.diagnosis.comparison.answer import Alike
+
+
+def answer(*changes: tuple[str, str | None]) -> SimpleNamespace:
+    """Return an answer that names these changes."""
+    made = [
+        SimpleNamespace(effect=e, where=w, alike=(Alike("backlash", "elbow"),)) for e, w in changes
+    ]
+    return SimpleNamespace(verdict="changed" if made else "unchanged", changes=made)
+
+
+@pytest.mark.parametrize(
+    ("kind", "joint", "said", "right"),
+    [
+        ("unchanged", None, answer(), True),
+        ("unchanged", None, answer(("payload", "elbow")), False),
+        ("friction", "elbow", answer(("coulomb_friction", "elbow")), True),
+        ("friction", "elbow", answer(("coulomb_friction", "shoulder")), False),
+        ("friction", "elbow", answer(("payload", "elbow"), ("coulomb_friction", "elbow")), False),
+        ("zero", "elbow", answer(), False),
+        ("supply", None, answer(("supply_voltage", None)), True),
+    ],
+)
+def test_only_the_first_change_counts(kind: str, joint: str | None, said, right: bool) -> None:
+    """Or an equivalent of it; a second one that is right does not."""
+    pair = SimpleNamespace(kind=kind, joint=joint)
+    assert bench.is_named(said, pair) is right
+
+
+def test_what_is_hidden_is_what_the_text_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One motion twice; a bolted arm keeps its tilt; friction, strength and supply as written."""
+    asked: list = []
+
+    def drive(robot, entries, plan, seed):
+        asked.append((entries, plan, seed))
+        return bench.Log(COLUMNS)
+
+    monkeypatch.setattr(bench, "drive", drive)
+    robot = load_robot("arm2")
+    monkeypatch.setattr(bench, "home_pose", lambda _: np.zeros(2))
+    pair = bench.make("friction", robot, np.random.default_rng(0), 4.0, bolted=True)
+    (first, plan, one), (second, again, other) = asked
+    assert plan is again and one != other
+    tilts = [
+        next(e["value"] for e in own if e["effect"] == "gravity_tilt") for own in (first, second)
+    ]
+    assert tilts[0] == tilts[1]
+    rubs = [
+        {e["where"]: e["value"] for e in own if e["effect"] == "coulomb_friction"}
+        for own in (first, second)
+    ]
+    ratio = {joint: rubs[1][joint] / rubs[0][joint] for joint in rubs[0]}
+    others = [joint for joint in ratio if joint != pair.joint]
+    assert ratio[pair.joint] / ratio[others[0]] == pytest.approx(1.15)
+    warmer = float(pair.after.column("temperature.elbow")[0] - 25.0)
+    strength = next(e["value"] for e in second if e["effect"] == "motor_strength")
+    assert strength == pytest.approx(1 - 0.004 * warmer)
+
+
+COLUMNS = {
+    "episode": [0, 0],
+    "time": [0.0, 0.02],
+    "ctrl.elbow": [0.0, 0.0],
+    "qpos.elbow": [0.0, 0.0],
+    "temperature.elbow": [25.0, 25.0],
+}
+
+
+def test_the_table_counts_each_kind(tmp_path: Path) -> None:
+    """Unchanged pairs first, bolted ones by themselves, with exact intervals."""
+    rows = [
+        bench.Row(0, "unchanged", "", False, "unchanged", "", True, 1.0),
+        bench.Row(1, "zero", "elbow", True, "changed", "x", False, 1.0),
+    ]
+    given = argparse.Namespace(pairs=2, seed=1, seconds=24.0, out=tmp_path)
+    bench.keep(rows, given)
+    text = (tmp_path / "compare.md").read_text()
+    assert text.index("unchanged") < text.index("zero of the elbow, bolted")
+    assert "1.00 [0.03, 1.00]" in text and "--pairs 2 --seed 1" in text
+    assert (tmp_path / "compare.csv").read_text().count("\n") == 3
