@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from hardware.log import read_log
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -38,6 +40,7 @@ def test_a_servo_is_recorded(tmp_path: Path) -> None:
     assert 0.2 < log.column("qpos.hinge").max() < 0.4
 
 
+@pytest.mark.slow
 def test_parameters_adapt(tmp_path: Path) -> None:
     """Thirty episodes gain most of what there is to gain."""
     before, after = map(float, re.findall(r"-\d\.\d+", run("adapt_in_episodes.py", tmp_path)))

@@ -34,6 +34,7 @@ def test_our_rows_count_steps_and_updates() -> None:
 @pytest.mark.parametrize(
     "row", [StableBaselines3("ppo_sb3", "PPO", BATCH), TorchRLPPO(1)], ids=lambda row: row.name
 )
+@pytest.mark.slow
 def test_peers_train(row: Row, monkeypatch: pytest.MonkeyPatch) -> None:
     """An iteration changes the peer's actor; TorchRL's is a short one here."""
     if row.needs and not find_spec(row.needs):

@@ -72,6 +72,7 @@ def test_a_row_as_gymnasium_is_the_row() -> None:
 
 @pytest.mark.usefixtures("results")
 @pytest.mark.skipif(not find_spec("stable_baselines3"), reason="needs stable-baselines3")
+@pytest.mark.slow
 def test_both_leave_curves_of_their_steps() -> None:
     """A run of each, one iteration long, writes its steps; it is not repeated."""
     for kind in (KINDS[2], KINDS[3]):

@@ -128,6 +128,7 @@ def test_what_is_done_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert cpu_minutes(plan(tmp_path).folder("quad8", 0, "servo")) >= 0
 
 
+@pytest.mark.slow
 def test_the_page_holds_the_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Medians over seeds with intervals, each claim with its answer, a picture and all numbers."""
     Shell(monkeypatch)

@@ -181,6 +181,7 @@ def test_the_file_holds_what_was_known_too(tmp_path: Path) -> None:
     assert len(entries) == 1 + len(diagnosis.found)
 
 
+@pytest.mark.slow
 def test_more_of_a_known_effect_is_found(tmp_path: Path) -> None:
     """A gain known to be 0.8 that is 0.5 is found to be 0.63 of that, and the file says 0.5."""
     write_effects(tmp_path / "known.yaml", [(make("position_gain", where="hinge"), (0.8,))])

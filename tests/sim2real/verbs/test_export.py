@@ -127,6 +127,7 @@ print(total, rows.stopped)
     assert stopped == "None"
 
 
+@pytest.mark.slow
 def test_the_program_needs_torch_alone(folders):
     """policy.pt2 is loaded and run where TorchRL and this project cannot be imported."""
     program = f"""

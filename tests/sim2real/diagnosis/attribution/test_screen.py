@@ -75,7 +75,8 @@ def test_weak_motors_everywhere_are_one_cause(tmp_path: Path) -> None:
 SECOND = (("stribeck_friction", {"where": "a"}, 0.1), ("actuator_lag", {"where": "b"}, 0.004))
 
 
-@pytest.mark.parametrize("truth", [TRUTH, pytest.param(SECOND, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", [TRUTH, SECOND])
 def test_a_glance_in_longer_steps_keeps_the_ranking(tmp_path: Path, truth: Any) -> None:
     """The first five keep their places and gains, for less work; nothing goes missing."""
     data = arm.data_of(arm.make_log(*truth, seconds=4.0), tmp_path)
