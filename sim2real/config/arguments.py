@@ -49,6 +49,7 @@ PLACES = {  # what stands after a verb without a key
     "deploy": "checkpoint",
     "export": "checkpoint",
     "worth": "checkpoint",
+    "improve": "checkpoint",
     "view": "robot",
     "record": "robot",
     "report": "runs",

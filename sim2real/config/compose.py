@@ -83,6 +83,9 @@ class Config:
     arm: bool
     dry_run: bool
     trials: int
+    rounds: int
+    tolerance: float
+    stand: bool
     settle: float
     stops: dict[str, Any] | None
     motions: list[str]

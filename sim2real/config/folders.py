@@ -26,6 +26,7 @@ NEEDED = {  # by verb, what it cannot do without
     "evaluate": "checkpoint",
     "export": "checkpoint",
     "worth": "checkpoint",
+    "improve": "checkpoint",
     "deploy": "checkpoint",
     "report": "runs",
 }

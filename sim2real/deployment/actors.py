@@ -20,6 +20,7 @@ import numpy as np
 from envs.tasks.servo import ServoTask
 from sim2real.deployment.program_check import ActorError, check_program
 from sim2real.deployment.trained import load_policy
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 
 RUNS_CODE = (".pt", ".pth", ".jit", ".pkl", ".pickle", ".torchscript")
@@ -92,9 +93,21 @@ def _exported(folder: Path) -> Actor:
 
 def _checkpoint(path: Path) -> Actor:
     """A run of ours; its actor as one program."""
+    return actor_of(load_policy(path), path)
+
+
+def actor_of(trained: Trained, path: str | Path) -> Actor:
+    """Return a trained policy as a function of one observation.
+
+    Args:
+        trained: the policy.
+        path: what it is called in an error.
+
+    Raises:
+        ActorError: a policy with a memory, or of another kind of task.
+    """
     import torch
 
-    trained = load_policy(path)
     task = trained.environment.task
     if trained.program is None or not isinstance(task, ServoTask):
         raise ActorError(

@@ -9,6 +9,7 @@ After each episode all is on disk, so that what was interrupted goes on with `lo
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from hardware.config import Robot, make_robot
 from hardware.errors import SafetyError
 from hardware.rows import RobotRows
 from hardware.safety import StopLimits
-from sim2real.deployment.session import STATE, Deployment, save
+from sim2real.deployment.session import STATE, Deployment, Turn, save
 from sim2real.deployment.trained import task_of
 from sim2real.learning.adapt import Adaptation, Steps
 from sim2real.learning.environment import Environment
@@ -93,15 +94,31 @@ def check_reward(rows: RobotRows, adapt: Adaptation) -> None:
         )
 
 
-def drive(rows: RobotRows, trained: Trained, deployment: Deployment, out: Path) -> None:
+def drive(
+    rows: RobotRows,
+    trained: Trained,
+    deployment: Deployment,
+    out: Path,
+    measure: Callable[[Turn], float] | None = None,
+    resume: Path | None = None,
+) -> None:
     """Run the episodes that are left, and park.
+
+    Args:
+        rows: the robot.
+        trained: the policy.
+        deployment: which episodes are left.
+        out: gets state.npz and returns.csv after each episode.
+        measure: what is added to the return of an episode, such as the distance that somebody
+            measured; None for nothing.
+        resume: the folder that a message says to continue; None for `out`.
 
     Raises:
         SafetyError: the guard stopped the robot; what was done is on disk.
         Stopped: after Ctrl-C; torque is off.
     """
     save(out / STATE, deployment)
-    again = f"continue with resume={out}"
+    again = f"continue with resume={resume or out}"
     try:
         rows.arm()
         while (turn := deployment.next()) is not None:
@@ -117,6 +134,7 @@ def drive(rows: RobotRows, trained: Trained, deployment: Deployment, out: Path) 
                     f"{rows.stopped} (in episode {deployment.done + 1} of {deployment.total}); "
                     f"remove the cause, then {again}"
                 )
+            value += 0.0 if measure is None else measure(turn)
             deployment.tell(value, steps)
             save(out / STATE, deployment)
             write_text(out / "returns.csv", list_returns(deployment).csv())

@@ -20,10 +20,11 @@ import numpy as np
 from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import Robot, make_robot
 from hardware.connect import make_driver
+from hardware.emulator.world import World
 from hardware.excite import Kind, excite, suiting
 from hardware.log import Log, write_log
 from hardware.record import Recording, joint_names
-from hardware.safety import Guard
+from hardware.safety import Guard, StopLimits
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 
@@ -74,8 +75,12 @@ def drive(
     rng: np.random.Generator,
     path: Path | None = None,
     size: float = 0.6,
+    *,
+    pose: np.ndarray | None = None,
+    limits: StopLimits | None = None,
+    seed: int = 0,
 ) -> Log:
-    """Connect, arm, move from where the robot is, and let go.
+    """Connect, arm, move about a pose, and let go.
 
     Args:
         robot: the robot.
@@ -84,17 +89,28 @@ def drive(
         rng: the random generator of phases, poses and sizes.
         path: where the log goes, also one that the guard, Ctrl-C or anything else ended early;
             None writes none.
-        size: part of the way from where the robot is to the nearer limit that is used, in (0, 1].
+        size: part of the way from the pose to the nearer limit that is used, in (0, 1].
+        pose: the middle of the motion [rad], (n,), to which the robot goes slowly; None: where it
+            is.
+        limits: when the guard stops it.
+        seed: the seed of an emulated robot's randomness.
+
+    Raises:
+        SafetyError: the robot was stopped on the way.
+        HardwareError: a robot that is wrong, or is not there.
     """
     kinds = suiting(robot, motions)
-    driver = make_driver(robot)
-    recording = Recording(guard := Guard(driver))
+    driver = make_driver(robot, World(robot, seed=seed) if robot.port is None else None)
+    recording = Recording(guard := Guard(driver, limits))
     try:
         driver.connect()
         driver.configure()
         with guard:
-            pose = np.clip(guard.arm().position, guard.low, guard.high)
-            recording.drive(excite(robot, pose, seconds, kinds, rng, size))
+            here = np.clip(guard.arm().position, guard.low, guard.high)
+            if pose is not None:
+                guard.move_to(pose)
+            middle = here if pose is None else pose
+            recording.drive(excite(robot, middle, seconds, kinds, rng, size))
     finally:
         driver.close()
         if path is not None and len(recording) > 1:

@@ -104,6 +104,17 @@ class Environment:
             )
         return replace(self, fixed=load_effects(effects))
 
+    def with_task(self, task: Task) -> Environment:
+        """Return this with another task of the same robot.
+
+        Raises:
+            Sim2RealError: a world that simulates no robot.
+        """
+        if not self.simulated:
+            raise Sim2RealError(f"{self.name} simulates no robot; choose one such as env=quad8")
+        others = {name: value for name, value in self.base.keywords.items() if name != "task"}
+        return replace(self, base=partial(self.base.func, task, *self.base.args[1:], **others))
+
     def over(self, base: partial[EnvBase]) -> Environment:
         """Return the same transforms over another base, whose robots are what they are."""
         return replace(self, base=base, tasks=Randomization(), fixed=())

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from sim2real.learning.algorithms.base import Algorithm, Parts, build
 from sim2real.learning.population.cluster import Cluster
-from sim2real.runs.checkpoint import find
+from sim2real.runs.checkpoint import find, restore
 from sim2real.runs.errors import Sim2RealError, Stopped
 from sim2real.runs.loggers import Loggers
 from sim2real.runs.progress import Progress
@@ -116,6 +116,7 @@ def train(
     out: Path,
     finish: Finish | None = None,
     check: Callable[[Algorithm], None] | None = None,
+    start: str | Path | None = None,
 ) -> Algorithm:
     """Train a policy in a folder.
 
@@ -134,6 +135,8 @@ def train(
             nothing.
         check: called with the untrained algorithm before a file is written, to refuse what could
             not be done in the end; None for nothing.
+        start: a run folder or a checkpoint whose policy a new run goes on from, perhaps in another
+            world; its iterations and steps count. None starts with a new policy.
 
     Returns:
         The trained algorithm.
@@ -148,6 +151,8 @@ def train(
     learner = build(algorithm, parts)
     if check is not None:
         check(learner)
+    if source is None and start is not None:
+        restore(find(start), learner, learner.identity, generators=False)
     files = RunFiles(Path(out), learner.identity, checkpoint_every, keep_checkpoints)
     files.begin(learner, source)
     with cluster.attached(learner) if cluster else nullcontext():

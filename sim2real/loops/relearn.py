@@ -16,22 +16,12 @@ import numpy as np
 
 from envs.effects import load_effects
 from hardware.config import Robot
-from hardware.connect import make_driver
-from hardware.emulator.world import World
-from hardware.excite import Kind, excite
-from hardware.log import read_logs, write_log
-from hardware.record import record
-from hardware.safety import Guard
-from hardware.stand import home_pose, hung
+from hardware.excite import Kind
+from hardware.log import read_logs
+from hardware.safety import StopLimits
 from sim2real.deployment import deploy
-from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.outcome import write
-from sim2real.diagnosis.report import words
-from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.trained import Trained
-from sim2real.learning.training import train
-from sim2real.runs.checkpoint import FOLDER
-from sim2real.runs.errors import Sim2RealError, Stopped
+from sim2real.loops.improve import steps
+from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap, iqm, mean, share_closed
@@ -40,8 +30,7 @@ from sim2real.runs.tables import Table
 log_ = logging.getLogger(__name__)
 NOMINAL, CORRECTED, TRUTH = "nominal", "corrected", "truth"
 WORDS = {NOMINAL: "as given", CORRECTED: "with what was found", TRUTH: "with what is hidden"}
-RESULT, REPORT, EFFECTS = "gap.json", "report.json", "effects.yaml"
-LOGS = ("a", "b")  # recordings on the stand
+RESULT, EFFECTS = "gap.json", "effects.yaml"
 RECORDING, INTERVALS = 1, 2  # streams of randomness that follow from one seed
 DRAWS = 2000  # resamples of an interval
 
@@ -60,39 +49,17 @@ def emulated(robot: dict[str, Any]) -> Robot:
     if machine.port is not None:
         raise Sim2RealError(
             f"{machine.name} at {machine.port} would be deployed, hung up and deployed again at "
-            "once; do these steps one by one: run=deploy, run=record on a stand, run=diagnose, "
-            "training with effects=, run=deploy"
+            "once; run=improve asks before each motion; or do these steps one by one: run=deploy, "
+            "run=record on a stand, run=diagnose, training with effects=, run=deploy"
         )
     return machine
-
-
-def learn(folder: Path, name: str, parts: Parts, settings: dict[str, Any]) -> Trained:
-    """Train in a folder of its own, from where it stopped, and return the policy.
-
-    Raises:
-        Stopped: after Ctrl-C; its message says how to continue.
-    """
-    place = folder / name
-    begun = any((place / FOLDER).glob("checkpoint-*"))
-    try:
-        learner = train(
-            parts=parts,
-            **settings,
-            cluster=None,
-            resume=place if begun else None,
-            out=place,
-        )
-    except Stopped as stopped:
-        text = f"stopped while it trained {name}; continue with resume={folder}"
-        raise Stopped(text, stopped.exit_code) from None
-    return learner.trained()
 
 
 def diagnosed(
     robot: Robot,
     motions: Sequence[Kind],
     seconds: float,
-    guard: Any,
+    guard: StopLimits,
     seed: int,
     folder: Path,
 ) -> Path:
@@ -109,24 +76,9 @@ def diagnosed(
     Returns:
         The file of effects.
     """
-    stand, answer = folder / "stand", folder / "diagnosis"
-    if not (answer / REPORT).is_file():
-        hanging, rng = hung(robot, stand), np.random.default_rng([seed, RECORDING])
-        for number, name in enumerate(LOGS):
-            plan = excite(hanging, home_pose(hanging), seconds, motions, rng)
-            driver = make_driver(hanging, World(hanging, seed=seed + number))
-            try:
-                driver.connect()
-                driver.configure()
-                with Guard(driver, guard) as hand:
-                    hand.arm()
-                    write_log(stand / f"{name}.csv", record(hand, plan))
-            finally:
-                driver.close()
-        found = run_diagnosis(read_logs(stand), None, None, (), seed, None)
-        log_.info("%s", words.sentence(found.report))
-        write(found, answer)
-    return answer / EFFECTS
+    rng = np.random.default_rng([seed, RECORDING])
+    steps.on_stand(robot, folder / "stand", motions, seconds, guard, rng, seed)
+    return steps.diagnosed(read_logs(folder / "stand"), None, seed, folder / "diagnosis")
 
 
 def report(tried: dict[str, Tried], folder: Path, seed: int) -> Table:

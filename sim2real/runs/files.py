@@ -1,10 +1,14 @@
 """Files that are whole or absent, and folders that several programs share.
 
-A file is written beside its name, then moved into place (`hardware.files.whole_file`).
+A file is written beside its name, then moved into place (`hardware.files.whole_file`); so is a
+folder whose being there says that a step is done.
 """
 
 from __future__ import annotations
 
+import os
+import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +23,25 @@ def write_text(path: str | Path, text: str) -> Path:
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return Path(path)
+
+
+@contextmanager
+def whole_folder(path: str | Path) -> Iterator[Path]:
+    """Yield a new folder beside `path`; move it there if the block ends well, else remove it.
+
+    What a process that was killed left of the same folder is removed first.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for left in path.parent.glob(f".{path.name}-*"):
+        shutil.rmtree(left)
+    temporary = path.with_name(f".{path.name}-{secrets.token_hex(8)}")
+    temporary.mkdir()
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 @contextmanager

@@ -34,6 +34,7 @@ from sim2real.deployment.trained import load_trained
 from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.trained import Trained
+from sim2real.loops.improve.steps import learn
 from sim2real.loops.relearn import (
     CORRECTED,
     NOMINAL,
@@ -41,7 +42,6 @@ from sim2real.loops.relearn import (
     Tried,
     diagnosed,
     emulated,
-    learn,
     report,
 )
 from sim2real.runs.loggers import Loggers

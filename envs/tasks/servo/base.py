@@ -18,7 +18,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal, Self, get_args
 
 import mujoco
 import numpy as np
@@ -186,6 +186,14 @@ class ServoTask(Task):
         position: np.ndarray | None,
     ) -> None:
         """Write what is measured of the base into qpos (n, nq) and qvel (n, nv); it has none."""
+
+    def by_distance(self) -> Self | None:
+        """Return the same task, paid for distance [m] at any speed, less its other costs.
+
+        Where nothing tracks the base, a person who measures the distance knows the return of that
+        task. None: distance is not what this one is paid for.
+        """
+        return None
 
     def torque(self, state: State) -> np.ndarray:
         """Return the motors' torques [N·m], (n, servos): what the law asks less back-EMF."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from copy import copy
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -75,6 +76,12 @@ class Quad8(ServoTask):
         """Return distance walked, at no more than the paid speed, less the energy's price, (n,)."""
         speed = (after.qpos[:, 0] - before.qpos[:, 0]) / self.dt
         return (np.minimum(speed, self.fastest) - self.energy_cost * self.power(after)) * self.dt
+
+    def by_distance(self) -> Self:
+        """Return the task without a largest speed that is paid."""
+        other = copy(self)
+        other.fastest = np.inf
+        return other
 
     def place(
         self,

@@ -13,7 +13,7 @@ import pytest
 from envs.effects import load_effects, make, write_effects
 from sim2real.config.compose import compose, prepare
 from sim2real.diagnosis.report import words
-from sim2real.loops import relearn
+from sim2real.loops.improve import steps
 from sim2real.loops.relearn import Tried, closing, emulated
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.statistics import Interval
@@ -26,14 +26,14 @@ SHORT = ["iterations=1", "trials=2", "seconds=2", "algorithm.pairs=2", "env.task
 def seen(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
     """Put a known answer in place of the diagnosis; return what it and each training were given."""
     given: dict[str, list[Any]] = {"diagnosed": [], "trained": []}
-    real = relearn.train
+    real = steps.train
 
     def run_diagnosis(logs: list, *settings: Any) -> SimpleNamespace:
         given["diagnosed"].append(logs)
         return SimpleNamespace(report=None)
 
     def write(found: SimpleNamespace, folder: Path) -> None:
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         write_effects(folder / "effects.yaml", [(make("command_delay"), (0.019,))])
         (folder / "report.json").write_text("{}")
 
@@ -41,10 +41,10 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
         given["trained"].append([list(v) for _, v in settings["parts"].environment.fixed])
         return real(**settings)
 
-    monkeypatch.setattr(relearn, "run_diagnosis", run_diagnosis)
-    monkeypatch.setattr(relearn, "write", write)
+    monkeypatch.setattr(steps, "run_diagnosis", run_diagnosis)
+    monkeypatch.setattr(steps, "write", write)
     monkeypatch.setattr(words, "sentence", lambda report: "found")
-    monkeypatch.setattr(relearn, "train", trained)
+    monkeypatch.setattr(steps, "train", trained)
     return given
 
 

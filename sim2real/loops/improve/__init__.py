@@ -1,0 +1,1 @@
+"""Deploy, diagnose, retrain, deploy again: what `improve` and the experiments before it share."""

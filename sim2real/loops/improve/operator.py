@@ -1,0 +1,70 @@
+"""Whoever stands beside a real robot: is asked before it moves, and may measure how far it went.
+
+    operator = Operator()
+    operator.consents("bench1 runs three episodes. Is the space around it clear?")
+    operator.distance("episode 2")              # m
+
+Nobody at the terminal is a no.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from sim2real.runs.errors import Sim2RealError
+
+YES = ("y", "yes")
+
+
+class DeclinedError(Exception):
+    """The operator did not want the robot to move."""
+
+
+class Operator:
+    """Answers questions.
+
+    Args:
+        ask: shows a question and returns the answer; None asks at the terminal.
+    """
+
+    def __init__(self, ask: Callable[[str], str] | None = None) -> None:
+        self._ask = ask or input
+
+    def consents(self, question: str) -> None:
+        """Ask before a robot moves.
+
+        Raises:
+            DeclinedError: any answer but yes.
+        """
+        try:
+            answer = self._ask(f"{question} Go on? [y/N] ")
+        except EOFError:
+            answer = ""
+        if answer.strip().lower() not in YES:
+            raise DeclinedError
+
+    def distance(self, what: str) -> float:
+        """Ask how far the robot went, until the answer is a number; return it [m].
+
+        Raises:
+            Sim2RealError: nobody is there to ask.
+        """
+        hint = ""
+        while True:
+            try:
+                answer = self._ask(
+                    f"{hint}How far did it go in {what} [m, backwards is negative]? "
+                )
+            except EOFError:
+                raise Sim2RealError(
+                    "nothing tracks the robot, and nobody is there to enter how far it went; start "
+                    "it in a terminal, or give it a tracker (hardware/body.py)"
+                ) from None
+            try:
+                metres = float(answer.strip().removesuffix("m").replace(",", "."))
+            except ValueError:
+                metres = math.nan
+            if math.isfinite(metres):
+                return metres
+            hint = f"{answer.strip()!r} is no number of metres, such as 0.85. "

@@ -1,0 +1,152 @@
+r"""The verb `improve`: deploy a policy, find what its simulator lacks, retrain, deploy again.
+
+    python -m sim2real run=improve robot=quad8 checkpoint=RUN
+    python -m sim2real run=improve robot=quad8 checkpoint=RUN robot.hidden=effects.yaml rounds=2
+    python -m sim2real run=improve robot=bench1 checkpoint=RUN port=/dev/ttyUSB0 arm=true
+    python -m sim2real run=improve robot=bench1 checkpoint=RUN log=logs/ port=/dev/ttyUSB0 arm=true
+    python -m sim2real run=improve robot=quad8 checkpoint=RUN resume=outputs/improve/default/...
+
+Without a port the robot is the emulated one. A real one moves only with `arm=true`, and its
+operator is asked before it does. docs/improve.md explains rounds, files and ends.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from hardware.excite import Kind
+from hardware.log import Log, read_logs
+from sim2real.deployment import deploy
+from sim2real.deployment.trained import load_trained
+from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.loops.improve.improve import Improvement, Plan, improve
+from sim2real.loops.improve.operator import Operator
+from sim2real.loops.improve.site import Site
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.loggers import Loggers
+
+log_ = logging.getLogger(__name__)
+
+
+def run(
+    *,
+    parts: Parts,
+    algorithm: Callable[..., Algorithm],
+    checkpoint: str | list[str] | None,
+    robot: dict[str, Any],
+    port: str | list[str] | None,
+    imu_port: str | None,
+    calibration: str | None,
+    arm: bool,
+    rounds: int,
+    tolerance: float,
+    trials: int,
+    settle: float,
+    stops: dict[str, float] | None,
+    stand: bool,
+    motions: Sequence[Kind],
+    seconds: float,
+    log: str | list[str] | None,
+    model: str | None,
+    rollouts: int,
+    iterations: int | None,
+    frames: int | None,
+    checkpoint_every: int,
+    keep_checkpoints: int,
+    logger: Loggers,
+    seed: int,
+    resume: str | None,
+    out: Path,
+) -> Improvement:
+    """Improve a policy on a robot.
+
+    Args:
+        parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
+            the algorithm, a checkpoint's own unless something else was chosen.
+        algorithm: makes the algorithm from its parts.
+        checkpoint: the policy as given: a checkpoint, or a run's folder.
+        robot: the content of conf/robot/NAME.yaml.
+        port: its serial port, or those of its buses; None for its own, or the emulated robot.
+        imu_port: the serial port of its IMU; None for the robot's own, or none.
+        calibration: zeros, signs and limits as `python -m hardware calibrate` wrote them.
+        arm: whether a real robot may move.
+        rounds: trainings at most.
+        tolerance: part of the simulator's return that counts as nothing.
+        trials: episodes of each policy on the robot, at least 2.
+        settle: how long the start is held before each episode [s].
+        stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
+        stand: whether the robot is recorded on a stand; else its own episodes are diagnosed.
+        motions: kinds of motion on the stand; see `hardware.excite`.
+        seconds: of each of the two recordings on the stand.
+        log: recordings of the robot that the first round starts from; None records them.
+        model: an MJCF for these; None takes the one that each names.
+        rollouts: episodes on each simulated robot that price the causes.
+        iterations: that each round adds; None for no limit.
+        frames: environment steps that each round adds; None for no limit.
+        checkpoint_every: iterations between checkpoints.
+        keep_checkpoints: how many of the newest stay.
+        logger: further loggers of the trainings.
+        seed: of starts, motions, diagnoses and intervals.
+        resume: the folder of a loop that was stopped; None starts one in `out`.
+        out: the run's folder; gets round_0/, round_1/, ..., improve.json, improve.md, improve.csv
+            and plots/improve.png.
+
+    Returns:
+        How it ended; its `exit_status` is that of the process.
+
+    Raises:
+        Sim2RealError: a policy, a robot and settings that do not fit, or a real robot that was not
+            armed, before anything moves.
+        HardwareError: a robot that is not as its file says.
+        Stopped: after Ctrl-C; torque is off, and what was done is on disk.
+    """
+    machine = deploy.make_machine(robot, port, calibration, imu_port)
+    if machine.port is not None and not arm:
+        raise Sim2RealError(
+            f"{machine.name} at {machine.port} would move; clear the space around it, then "
+            "add arm=true: you are asked before each motion"
+        )
+    if model is not None and not log:
+        raise Sim2RealError("model= is of the logs that a loop starts from; give log=PATH with it")
+    logs = _recordings(log, model)
+    site = Site(
+        machine,
+        parts.environment,
+        Operator(),
+        trials,
+        settle,
+        deploy.guarding(stops),
+        stand,
+        tuple(motions),
+        seconds,
+        seed,
+    )
+    absent = bool(logs) and machine.port is None and machine.hidden is None
+    plan = Plan(rounds, tolerance, rollouts, logs, absent)
+    training = {
+        "algorithm": algorithm,
+        "iterations": iterations,
+        "frames": frames,
+        "logger": logger,
+        "checkpoint_every": checkpoint_every,
+        "keep_checkpoints": keep_checkpoints,
+    }
+    first = load_trained(checkpoint, parts, algorithm)
+    folder = Path(resume or out)
+    told = improve(site, parts, training, first, plan, folder)
+    if told.story.rounds:
+        log_.info("%s", told.story.table().markdown())
+    return told
+
+
+def _recordings(log: str | list[str] | None, model: str | None) -> list[Log]:
+    """Return the logs to start from, with the model that was given for them."""
+    logs = read_logs(log) if log else []
+    if model is None:
+        return logs
+    place = str(Path(model).expanduser().resolve())
+    return [replace(one, meta={**one.meta, "model": place}) for one in logs]
