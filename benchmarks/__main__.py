@@ -20,6 +20,7 @@ LONG = (  # modules; each resumes, but for the first, which takes minutes
     "pixels",
     "hopper_gap",
     "robot_gap",
+    "improve",
     "hopper_grid",
     "robots",
     "xl330",
