@@ -19,6 +19,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from multiprocessing.connection import Connection, Pipe
 from typing import Any, TypeVar
 
@@ -83,9 +84,11 @@ def _taken(numbers: int) -> Iterator[int]:
 def _helper(tasks: Sequence[Callable[[], Any]], numbers: int) -> tuple[int, Connection]:
     """Fork a process that does tasks; return it and where its results come from."""
     here, there = Pipe(duplex=False)
-    with warnings.catch_warnings():  # Python 3.12 warns of threads: helpers use none of them
-        warnings.simplefilter("ignore", DeprecationWarning)
+    with warnings.catch_warnings(), _no_collection():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads: helpers use none of them
         child = os.fork()
+        if child == 0:
+            gc.freeze()
     if child == 0:
         here.close()
         _work(tasks, numbers, there)
@@ -93,12 +96,26 @@ def _helper(tasks: Sequence[Callable[[], Any]], numbers: int) -> tuple[int, Conn
     return child, here
 
 
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Collect no garbage: a pool of threads, deleted where its threads are not, waits for ever.
+
+    A collection may begin in the first lines after a fork, before any of ours.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 def _work(tasks: Sequence[Callable[[], Any]], numbers: int, answer: Connection) -> None:
     """Do tasks, say what they return and end this process; never returns."""
     global _forked
     try:
         _forked = True
-        gc.freeze()  # what belongs to the parent's threads is never to be cleaned up here
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent says when it is over
         results: Any
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -93,3 +94,46 @@ def test_fits_and_simulations_are_the_same_to_the_bit(tmp_path: Path) -> None:
         assert np.array_equal(left.cost, right.cost)
     assert all(np.array_equal(a, b) for a, b in zip(few, shared, strict=True))
     assert steps == counted
+
+
+class Cycle:
+    """Garbage that only a collection finds; it says in which process that was."""
+
+    def __init__(self, deleted: int) -> None:
+        self.own, self.deleted = self, deleted
+
+    def __del__(self) -> None:
+        os.write(self.deleted, b"parent" if os.getpid() == PARENT else b"helper")
+
+
+PARENT = os.getpid()
+littering = False  # whether a forked process allocates much at once
+
+
+def litter() -> None:
+    """Allocate so much that a collection is due."""
+    if littering:
+        assert len([[] for _ in range(300_000)]) == 300_000
+
+
+if sys.platform == "linux":
+    os.register_at_fork(after_in_child=litter)
+
+
+@forks
+def test_a_helper_deletes_nothing_of_its_parent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even in the first moment after the fork: a thread pool's end would wait for ever."""
+    monkeypatch.setitem(globals(), "littering", True)
+    seen, deleted = os.pipe()
+    before = gc.get_threshold()
+    gc.collect()
+    gc.set_threshold(100_000, 1, 1)
+    try:
+        Cycle(deleted)
+        assert together([lambda: 1, lambda: 2], hands=2) == [1, 2]
+    finally:
+        gc.set_threshold(*before)
+    gc.collect()
+    os.close(deleted)
+    assert os.read(seen, 100) == b"parent"
+    os.close(seen)
