@@ -50,6 +50,7 @@ FLOORS = (
     "evidence",
     "schema",
     "data",
+    "ground",
     "preflight",
     "contract",
     "attribution",

@@ -55,6 +55,7 @@ class RobotScale:
         commands: the largest command of an actuator without its sign, in the actuator's own unit.
         touching: names of the geoms that were seen to touch the ground.
         span: through how much a joint moved [rad or m], by its name.
+        bases: names of bodies whose own motion is compared, though no joint that is moves them.
 
     Attributes:
         actuators: names, in the model's order.
@@ -62,7 +63,7 @@ class RobotScale:
         torque: the largest of each actuator at its joint [N·m], by actuator.
         joint_torque: the same by joint.
         mass: the mass of the whole robot [kg].
-        bodies: names of those that compared joints move.
+        bodies: names of those that compared joints move, and the bases.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class RobotScale:
         commands: Callable[[str], float] = no_command,
         touching: Sequence[str] = (),
         span: Callable[[str], float] = any_span,
+        bases: Sequence[str] = (),
     ) -> None:
         self.model, self.voltage, self.touching = model, voltage, tuple(touching)
         every = [j for j in range(model.njnt) if model.jnt_type[j] in SCALAR]
@@ -90,7 +92,7 @@ class RobotScale:
         self.joint_torque = {joint: self.torque[name] for name, joint in self.driven.items()}
         self.mass = float(model.body_mass[1:].sum())
         names = [model.body(i).name for i in range(1, model.nbody)]
-        self.bodies = [name for name in names if self.carriers(name)]
+        self.bodies = [name for name in names if name in bases or self.carriers(name)]
 
     def carriers(self, body: str) -> tuple[str, ...]:
         """Return the compared joints that carry a body, the nearest first."""

@@ -18,37 +18,36 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from envs.effects import Effect, combined, load_effects
+from envs.effects import combined, load_effects
 from envs.plant import Fixed
 from envs.replay import without_impedance
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.attribution.apart import Member
-from sim2real.diagnosis.attribution.attribute import Search
-from sim2real.diagnosis.attribution.candidates import candidates, check_names
-from sim2real.diagnosis.attribution.conclude import Conclusion, conclude, nothing, unsearched
-from sim2real.diagnosis.attribution.fit import Fit, Problem, columns
-from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
+from sim2real.diagnosis.attribution.attributed import About, attributed, causes_of, restarted
+from sim2real.diagnosis.attribution.candidates import check_names
+from sim2real.diagnosis.attribution.conclude import Conclusion
+from sim2real.diagnosis.attribution.fit import columns
+from sim2real.diagnosis.attribution.grip import check_grip
 from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics, null_test
-from sim2real.diagnosis.attribution.parsimony import simplified
-from sim2real.diagnosis.attribution.torque_on import refit_torque_on
-from sim2real.diagnosis.attribution.verdict import is_no_gap, stands_out
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.kinds import refuse_kinds
-from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
 from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all, summary
-from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.design import design
 from sim2real.diagnosis.evidence import Evidence
+from sim2real.diagnosis.ground.findings import check_ground
+from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.checks import UNITS, preflight
 from sim2real.diagnosis.preflight.obstruction import mark_blocked, positioned
@@ -59,7 +58,7 @@ from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
-WEIGHING, TELLING = 0.9, 0.95  # shares of the work that are done then
+TELLING = 0.95  # share of the work that is done then
 
 
 Step = Callable[[Diagnosis], Diagnosis]
@@ -127,30 +126,35 @@ def run_diagnosis(
     rng = np.random.default_rng(seed)
     on_progress("looking at the logs", 0.0)
     logs, held = mark_blocked(logs, _driven(logs, model), settings.obstruction)
-    data = Data.of(logs, model, settings)
+    estimates = estimate_all(logs, model, settings.ground)
+    logs = [one.log for one in estimates] or logs
+    given = data = Data.of(logs, model, settings)
+    if estimates:
+        on_progress("estimating where the base was", 0.0)
+        data = grounded(given, estimates, fixed)
     specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
     for log, spec in zip(logs, specs, strict=True):
         refuse_kinds(log, spec, settings.kinds)
     interface = check_beforehand(logs, load_policy, settings)
     findings = [*interface.findings, *held, *preflight(logs, specs, settings)]
-    floors = _floors(data)
-    floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
-    problem = Problem(data, Simulator(data, fixed, on_run=on_progress.tick))
-    _refuse_lost(problem)
-    options, own = candidates(data, exclude, fixed), floors / data.scale
-    search = Search(problem, options, floor, rng, on_progress, own)
+    models = [data.models[_model_of(data, number)] for number in range(len(logs))]
+    findings += check_ground(estimates, models, settings.ground)
+    wrong = [finding.finding for finding in findings if finding.check in UNITS]
+    about = About(data, exclude, fixed, rng, on_progress)
+    found = attributed(about, wrong[0] if wrong else None)
+    if estimates:
+        found = restarted(about, found, partial(grounded, given, estimates))
+        search = found.search
+        findings += check_grip(search.problem, search.options, search.floor)
+    data, _, floors, made = found
     null = null_test(logs, specs, fixed, settings.numerics)
-    if wrong := [finding for finding in findings if finding.check in UNITS]:
-        made = unsearched(search, floors, rng, wrong[0].finding)
-    else:
-        made = _search(search, data, floors, rng)
     on_progress("telling what was found", TELLING)
     evidence = Evidence(
         (),
         made.ladder,
         made.singles,
         made.bands,
-        settings=tuple(rows(settings)),
+        settings=tuple(rows(data.settings)),
         correlations=made.correlations,
     )
     inputs = _inputs(data, model, seed, exclude)
@@ -165,17 +169,17 @@ def run_diagnosis(
         evidence=replace(evidence, inputs=inputs),
     )
     plain = without_impedance(data.specs[0])
-    found = Diagnosis(
+    told = Diagnosis(
         report,
-        _causes(made.fit),
+        causes_of(made.fit),
         plain,
         _intervals(made),
         tuple(fixed),
-        tuple(Member(label, _causes(fit)) for label, fit in made.alike),
+        tuple(Member(label, causes_of(fit)) for label, fit in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
     if on_verdict is not None:
-        on_verdict(found)
+        on_verdict(told)
     steps: dict[str, Step] = {
         "the causes' test for numerics": lambda d: _tested(d, logs, specs, null, settings),
         "the pictures of recordings": lambda d: _pictured(d, made, data, floors),
@@ -184,9 +188,9 @@ def run_diagnosis(
         "the next experiment": lambda d: _planned(d, data, seed),
     }
     for name, step in steps.items():
-        found = _added(found, name, step)
+        told = _added(told, name, step)
     on_progress("done", 1.0)
-    return found._replace(report=replace(found.report, seconds=time.monotonic() - start))
+    return told._replace(report=replace(told.report, seconds=time.monotonic() - start))
 
 
 def _added(found: Diagnosis, name: str, step: Step) -> Diagnosis:
@@ -269,17 +273,6 @@ def _replayed(found: Diagnosis, logs: Sequence[Log], specs: Sequence[mujoco.MjSp
     return found._replace(report=replace(found.report, replay=replay))
 
 
-def _search(search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
-    if is_no_gap(search.before, search.floor, data, stands_out(search.base, data, floors)):
-        return nothing(search, floors, rng)
-    found = refit_torque_on(search, search.run())
-    if is_spread(search, found):
-        found = by_family(search, found)
-    found = simplified(search, found)
-    search.say("weighing what was found", WEIGHING)
-    return conclude(search, found, floors, rng)
-
-
 def _read(logs: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:
     if isinstance(logs, str | Path):
         return read_logs(logs)
@@ -298,36 +291,6 @@ def _driven(logs: Sequence[Log], model: str | Path | None) -> dict[str, str]:
 
 def _model_of(data: Data, number: int) -> int:
     return next((w.model for w in data.windows if w.log == number), 0)
-
-
-def _floors(data: Data) -> np.ndarray:
-    """Return the noise floor of each joint [rad or m], (M,)."""
-    found = noise_floor(data.logs, data.settings)
-    return np.array([max(found.get(j.name, 0.0), rounding(j.count)) for j in data.joints])
-
-
-def _refuse_lost(problem: Problem) -> None:
-    """Raise Sim2RealError if the model as given cannot follow the logs."""
-    data = problem.data
-    every = np.arange(len(data.windows))
-    lost = problem.simulator.run((), every, np.zeros((len(every), 0))).lost
-    if np.isfinite(lost).any():
-        first = int(np.argmax(np.isfinite(lost)))
-        window = data.windows[first]
-        path = data.logs[window.log].path or "the log"
-        moment = data.logs[window.log].time[window.first] + float(lost[first])
-        raise Sim2RealError(
-            f"{path}, episode {window.episode}: the model cannot follow the log, it diverges at "
-            f"about {moment:.2f} s; try a smaller timestep, or check masses, gains and units"
-        )
-
-
-def _causes(fit: Fit) -> tuple[tuple[Effect, tuple[float, ...]], ...]:
-    places = columns(fit.members)
-    return tuple(
-        (member.effect, tuple(float(v) for v in fit.mean[place]))
-        for member, place in zip(fit.members, places, strict=True)
-    )
 
 
 def _intervals(made: Conclusion) -> tuple[tuple[float, float], ...]:

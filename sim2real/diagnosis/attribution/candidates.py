@@ -68,8 +68,11 @@ class Candidate:
 
     @property
     def place(self) -> str | None:
-        """What a report calls its place: a body effect's is the joint that moves the body."""
-        return self.joint if self.effect.place == "body" else self.effect.where
+        """What a report calls its place: a body effect's is the joint that moves the body.
+
+        A free base, which no hinge or slide moves, goes by its own name.
+        """
+        return (self.joint if self.effect.place == "body" else None) or self.effect.where
 
     @property
     def shared(self) -> bool:

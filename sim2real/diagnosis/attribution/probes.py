@@ -18,6 +18,7 @@ from envs.effects.contact import touching
 from envs.effects.scale import FASTEST
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.thermal import Heat
 
@@ -35,14 +36,28 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
     """
     return RobotScale(
         data.models[0],
-        [joint.name for joint in data.joints],
+        [name for name in (joint.name for joint in data.joints) if name in _scalars(data)],
         voltage=float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0),
         speeds=_Speeds(data),
         heat=_Heats(data, fixed),
         commands=_Commands(data),
         touching=touching(data.models[0], _poses(data)),
         span=lambda joint: _span(data, joint),
+        bases=_bases(data),
     )
+
+
+def _scalars(data: Data) -> set[str]:
+    """Return the names of the model's hinges and slides; a base's turn is none of them."""
+    model = data.models[0]
+    return {model.joint(j).name for j in range(model.njnt) if is_scalar(model, j)}
+
+
+def _bases(data: Data) -> list[str]:
+    """Return the bodies whose own turn is compared, which no hinge or slide moves."""
+    model, compared = data.models[0], {joint.name.rpartition(".")[0] for joint in data.joints}
+    free = [j for j in range(model.njnt) if model.joint(j).name in compared]
+    return [model.body(int(model.jnt_bodyid[j])).name for j in free]
 
 
 def _span(data: Data, joint: str) -> float:

@@ -23,6 +23,7 @@ from envs.replay import switchable
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of, with_laws
 from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.nuisance import Nuisance
 from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.recording import check_log, load_model, with_bus_delay
 from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow
@@ -45,6 +46,7 @@ class Data:
         mask: which rows are compared, (W, T).
         measured: (W, T, M).
         settings: the settings of this and all later stages.
+        nuisance: what the windows' starts may do to errors, which is taken out; None: nothing.
     """
 
     logs: tuple[Log, ...]
@@ -56,6 +58,7 @@ class Data:
     mask: np.ndarray
     measured: np.ndarray
     settings: Settings = DEFAULT
+    nuisance: Nuisance | None = None
 
     @staticmethod
     def of(
@@ -157,6 +160,7 @@ class Data:
             fold=_folds(windows, self.settings),
             mask=_masks(windows, longest),
             measured=np.array([_padded(w.measured, longest) for w in windows]),
+            nuisance=None,
         )
 
     def only(self, chosen: np.ndarray) -> Data:
@@ -167,6 +171,7 @@ class Data:
             fold=self.fold[chosen],
             mask=self.mask[chosen],
             measured=self.measured[chosen],
+            nuisance=None if self.nuisance is None else self.nuisance.only(chosen),
         )
 
     def stepping(self, most: float) -> Data | None:

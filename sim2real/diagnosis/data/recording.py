@@ -122,7 +122,7 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
         before: columns of the rows just before, as `rows_before` returns them; None where these
             rows are the first of their episode, empty where nothing is known of those before.
     """
-    qpos, held = _home(model)
+    qpos, held = home(model)
     ctrl, powered = np.tile(held, (len(log), 1)), np.ones((len(log), model.nu), bool)
     read = np.tile(log.time[:, None], model.nq)
     for name, place in positions(log, model).items():
@@ -141,7 +141,7 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
     return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start, law)
 
 
-def _home(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+def home(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     """Return pose (nq,) and commands (nu,) of the keyframe `home`, else the model's default."""
     home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
     if home is None:

@@ -24,7 +24,9 @@ from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Channels, Settings
 
-NOTES = frozenset({"quantization", "noise", "velocity_filter", "unsigned", "computed_torque"})
+NOTES = frozenset(
+    {"quantization", "noise", "velocity_filter", "unsigned", "computed_torque", "base"}
+)
 MILLI = 1e-3
 Check = Callable[[Pairs, Settings], Iterator[Finding]]
 

@@ -39,6 +39,7 @@ from sim2real.diagnosis.settings.data import (
     Windows,
 )
 from sim2real.diagnosis.settings.experiment import Experiment
+from sim2real.diagnosis.settings.ground import Ground
 from sim2real.diagnosis.settings.preflight import (
     Channels,
     Checks,
@@ -66,6 +67,7 @@ __all__ = [
     "Encoder",
     "Experiment",
     "Fitting",
+    "Ground",
     "JointGroups",
     "Kinds",
     "Lag",
@@ -101,6 +103,7 @@ class Settings:
     encoder: Encoder = field(default_factory=Encoder)
     noise_floor: NoiseFloor = field(default_factory=NoiseFloor)
     windows: Windows = field(default_factory=Windows)
+    ground: Ground = field(default_factory=Ground)
     simulation: Simulation = field(default_factory=Simulation)
     dataset: Dataset = field(default_factory=Dataset)
     regimes: Regimes = field(default_factory=Regimes)

@@ -1,0 +1,230 @@
+"""Does a diagnosis name what is hidden in walks whose base nobody measured?
+
+    python -m benchmarks.ground --cases 12              # sealed draws of seed 5, resumable
+    python -m benchmarks.ground --cases 40 --seed 8
+
+The emulated robot (servo emulator, bus, another time step than the model's) trots with drawn
+offsets and hides one effect, or none. Its logs hold encoders and the IMU, never the base's
+position; half of the episodes begin in mid-gait. The diagnosis gets logs and model; the key is
+opened afterwards. A row a case in `ground.csv`; a case that is there is not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.tasks import Hopper2, Quad8
+from envs.tasks.servo import ServoTask
+from hardware.backends import ServoBackend
+from hardware.config import Robot, load_robot
+from hardware.emulator.hidden import make_hidden
+from hardware.emulator.world import World
+from hardware.log import Log
+from hardware.rows import RobotRows
+from sim2real.diagnosis.diagnose import diagnose
+from sim2real.diagnosis.schema import Cause, Report
+from sim2real.runs.files import write_text
+
+RESULTS = Path(__file__).parent / "results"
+SECONDS, EPISODES = 3.0, 6  # of a walk, and how many
+BEGUN = 1.0  # s that every other episode lacks at its start
+OFFSET = 0.12  # rad, of the drawn offsets to the gait
+Entry = dict[str, Any]
+TASKS: dict[str, type[ServoTask]] = {"quad8": Quad8, "hopper2": Hopper2}
+FIELDS = ("case", "robot", "hidden", "where", "value", "verdict", "named", "place", "right")
+FIELDS += ("explained_wrong", "superfluous", "found", "closed", "seconds", "cpu_seconds")
+
+
+def drawn(robot: Robot, rng: np.random.Generator) -> list[Entry]:
+    """Draw what a case hides: one effect at a place, or nothing."""
+    joints = list(robot.names)
+    place = str(rng.choice(joints))
+    menu: list[list[Entry]] = [
+        [],
+        [{"effect": "coulomb_friction", "where": place, "value": rng.uniform(0.08, 0.25)}],
+        [{"effect": "motor_strength", "where": place, "value": rng.uniform(0.5, 0.8)}],
+        [{"effect": "command_delay", "where": None, "value": rng.uniform(0.01, 0.03)}],
+        [{"effect": "ground_friction", "where": None, "value": rng.uniform(0.15, 0.35)}],
+        [{"effect": "payload", "where": "torso", "value": rng.uniform(0.15, 0.4)}],
+        [{"effect": "viscous_friction", "where": place, "value": rng.uniform(0.05, 0.2)}],
+    ]
+    return menu[int(rng.integers(len(menu)))]
+
+
+def walks(
+    name: str,
+    hidden: Sequence[Entry],
+    seed: int,
+    episodes: int = EPISODES,
+    pose: bool = False,
+) -> list[Log]:
+    """Return logs of an emulated robot's walks, one an episode.
+
+    Args:
+        name: of the robot: quad8 or hopper2.
+        hidden: entries of an effects file.
+        seed: of the offsets and of the emulator.
+        episodes: their number; every other one begins in mid-gait.
+        pose: whether the base's position is logged, too.
+    """
+    robot, rng = load_robot(name), np.random.default_rng(seed)
+    world = World(robot, hidden=make_hidden(list(hidden), robot), seed=seed)
+    rows = RobotRows(TASKS[name](seconds=SECONDS), ServoBackend(robot, 0.5, world, seed=seed))
+    found = []
+    for number in range(episodes):
+        actor = _offsets(rows.action_size, rng)
+        rows.reset(np.arange(1), np.zeros((1, 0)), np.array([seed * 1000 + number], np.uint64))
+        steps = 0
+        while not rows.over:
+            rows.step(None, actor(steps / robot.rate)[None])
+            steps += 1
+        log = rows.log.last
+        if log is not None and log.time[-1] > 2 * BEGUN:
+            found.append(_seen(log, number, pose))
+    rows.close()
+    return found
+
+
+def _offsets(size: int, rng: np.random.Generator) -> Any:
+    """Return offsets to the gait that change smoothly, a function of time."""
+    rate, phase = rng.uniform(0.4, 2.0, (3, size)), rng.uniform(0, 2 * np.pi, (3, size))
+    weight = OFFSET * rng.normal(size=(3, size)) / np.sqrt(3)
+
+    def actor(moment: float) -> np.ndarray:
+        return (weight * np.sin(2 * np.pi * rate * moment + phase)).sum(axis=0)
+
+    return actor
+
+
+def _seen(log: Log, number: int, pose: bool) -> Log:
+    """Return what a robot without a tracker logs; every other episode begins in mid-gait."""
+    first = int(np.searchsorted(log.time, BEGUN)) if number % 2 else 0
+    dropped = ("obs.", "reward") if pose else ("obs.", "reward", "sensor.position")
+    columns = {n: c[first:] for n, c in log.columns.items() if not n.startswith(dropped)}
+    shift = columns["time"][0]
+    moved = {n: c - shift for n, c in columns.items() if n == "time" or n.startswith("stamp.")}
+    return replace(log, columns={**columns, **moved}, path=Path(f"walk{number}.csv"))
+
+
+def case(seed: int, number: int) -> dict[str, Any]:
+    """Make a case, diagnose it, then open its key; return its row."""
+    rng = np.random.default_rng([seed, number])
+    name = "quad8"
+    robot = load_robot(name)
+    logs = walks(name, key := drawn(robot, rng), int(rng.integers(1 << 31)))
+    start, before = time.monotonic(), sum(os.times()[:4])
+    report = diagnose(logs)
+    row = {"case": f"{seed}-{number}", "robot": name, **scored(report, key)}
+    row["seconds"] = f"{time.monotonic() - start:.0f}"
+    row["cpu_seconds"] = f"{sum(os.times()[:4]) - before:.0f}"
+    return row
+
+
+def scored(report: Report, key: Sequence[Entry]) -> dict[str, Any]:
+    """Return what of a row is told from a report and its key."""
+    hidden = key[0] if key else {"effect": "nothing", "where": None, "value": 0.0}
+    told = [_matches(cause, hidden) for cause in report.causes]
+    right = any(effect and place for effect, place in told[:1])
+    if not key:
+        right = report.verdict == "no_gap"
+    return {
+        "hidden": hidden["effect"],
+        "where": hidden["where"] or "robot",
+        "value": f"{hidden['value']:.3g}",
+        "verdict": report.verdict,
+        "named": int(bool(told) and told[0][0]),
+        "place": int(bool(told) and told[0][1]),
+        "right": int(right),
+        "explained_wrong": int(report.verdict == "explained" and not right),
+        "superfluous": sum(not (effect and place) for effect, place in told),
+        "found": "; ".join(
+            f"{c.effect} {c.where or 'robot'} {c.value:.3g} [{c.value_ci[0]:.3g}, "
+            f"{c.value_ci[1]:.3g}]"
+            for c in report.values
+        ),
+        "closed": "" if report.gap.closed is None else f"{report.gap.closed:.2f}",
+    }
+
+
+def _matches(cause: Cause, hidden: Entry) -> tuple[bool, bool]:
+    """Return whether a cause, or what cannot be told from it, is the hidden effect; and its place.
+
+    A motor's strength is its gain and its limit of torque; a body's place is the joint that moves
+    it, or the body.
+    """
+    alike = [(cause.effect, cause.where), *((e.effect, e.where) for e in cause.equivalent)]
+    own = [where for effect, where in alike if effect == hidden["effect"]]
+    body = cause.extra.get("body", cause.where)
+    places = {cause.where, body, *own}
+    return bool(own), hidden["where"] in places
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line, run the cases that are missing, and tell the score."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.ground",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--cases", type=int, default=12, help="cases in all (default: 12)")
+    parser.add_argument("--seed", type=int, default=5, help="of their draw (default: %(default)s)")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
+    chosen = parser.parse_args(arguments)
+    if chosen.cases < 1:
+        parser.error("--cases must be at least 1")
+    chosen.results.mkdir(parents=True, exist_ok=True)
+    path = chosen.results / "ground.csv"
+    rows = list(csv.DictReader(path.open())) if path.exists() else []
+    for number in range(chosen.cases):
+        if any(row["case"] == f"{chosen.seed}-{number}" for row in rows):
+            continue
+        rows.append({k: str(v) for k, v in case(chosen.seed, number).items()})
+        write_text(path, _text(rows))
+        print(rows[-1], flush=True)
+    own = [row for row in rows if row["case"].startswith(f"{chosen.seed}-")]
+    print(told(own))
+    return 0
+
+
+def told(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return the score of rows in a few lines."""
+    hidden = [row for row in rows if row["hidden"] != "nothing"]
+    sound = [row for row in rows if row["hidden"] == "nothing"]
+
+    def count(which: Sequence[Mapping[str, str]], field: str) -> int:
+        return sum(int(row[field]) for row in which)
+
+    seconds = sorted(float(row["seconds"]) for row in rows)
+    cpu = sorted(float(row["cpu_seconds"]) for row in rows)
+    return (
+        f"{count(hidden, 'right')} of {len(hidden)} hidden effects first, at their place "
+        f"({count(hidden, 'named')} named, {count(hidden, 'place')} at the right place); "
+        f"{count(sound, 'right')} of {len(sound)} sound robots without a gap; "
+        f"{count(rows, 'explained_wrong')} wrongly explained; "
+        f"{count(rows, 'superfluous')} superfluous causes; "
+        f"{seconds[len(seconds) // 2]:.0f} s and {cpu[len(cpu) // 2]:.0f} s of processor time "
+        "in the median"
+    )
+
+
+def _text(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return rows as CSV."""
+    made = io.StringIO()
+    writer = csv.DictWriter(made, FIELDS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return made.getvalue()
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,60 @@
+"""What nobody knows about the start of a window, taken out of its errors.
+
+    nuisance = marginal(ways, noise)        # (W, T, M, D): one standard deviation of each unknown
+    error = nuisance.clear(windows, error)
+
+Errors e of a window are noise and a start that is off: their covariance is R + S S', with S the
+change of the errors by one standard deviation of each unknown. They are multiplied by the symmetric
+root of R (R + S S')^-1, in units of the noise: what a start may cause shrinks, what it cannot cause
+stays as it is, at its joint and its row. The model as given and every candidate are treated alike,
+so that none is paid for a wrong start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Directions of W windows' errors, and how much of each goes.
+
+    Args:
+        ways: orthonormal, in units of the noise, (W, T M, D).
+        gone: share of each that is taken out, (W, D).
+        noise: of each row of a joint, in the units of errors, (M,).
+    """
+
+    ways: np.ndarray
+    gone: np.ndarray
+    noise: np.ndarray
+
+    def clear(self, windows: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Return errors (R, T, M) of windows (R,) without what their starts may cause."""
+        flat = (error / self.noise).reshape(len(error), -1)
+        found = np.empty_like(flat)
+        for window in np.unique(windows):
+            rows = windows == window
+            ways = self.ways[window]
+            found[rows] = flat[rows] - ((flat[rows] @ ways) * self.gone[window]) @ ways.T
+        return found.reshape(error.shape) * self.noise
+
+    def only(self, chosen: np.ndarray) -> Nuisance:
+        """Return the same of some windows, (n,) indices."""
+        return Nuisance(self.ways[chosen], self.gone[chosen], self.noise)
+
+
+def marginal(ways: np.ndarray, noise: np.ndarray) -> Nuisance:
+    """Return what to take out.
+
+    Args:
+        ways: change of the errors by one standard deviation of each unknown, (W, T, M, D); 0 in
+            rows that are not compared.
+        noise: of each row of a joint, in the units of errors, (M,).
+    """
+    count = ways.shape[3]
+    flat = (ways / noise[:, None]).reshape(len(ways), -1, count)
+    left, size, _ = np.linalg.svd(flat, full_matrices=False)
+    return Nuisance(left, 1.0 - 1.0 / np.sqrt(1.0 + size**2), noise)

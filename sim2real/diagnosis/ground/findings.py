@@ -1,0 +1,172 @@
+"""What an estimate of the base says about the log: how sure it is, who slips, and the IMU itself.
+
+findings = check_ground(estimates, models, settings)
+
+An IMU is held against itself (gyro against the slope of the orientation) and against the ground
+(soles that stand are in its plane).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import mujoco
+import numpy as np
+from scipy.ndimage import convolve1d
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from sim2real.diagnosis.ground.base import imu_of
+from sim2real.diagnosis.ground.estimate import Estimate
+from sim2real.diagnosis.ground.turns import level, slopes
+from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import TINY, Ground
+
+MILLI = 1e-3
+MANY = 3  # soles from which a plane is told
+
+
+def check_ground(
+    estimates: Sequence[Estimate], models: Sequence[mujoco.MjModel], settings: Ground
+) -> list[Finding]:
+    """Return what there is to say about logs whose base was estimated.
+
+    Args:
+        estimates: of each log.
+        models: the model of each.
+        settings: what is worth a word.
+    """
+    if not estimates:
+        return []
+    pairs = list(zip(estimates, models, strict=True))
+    found = [_estimated(estimates, models[0])]
+    found += _slips(estimates, models[0], settings)
+    if estimates[0].base.is_free:
+        found += _gyros(pairs, settings)
+        found += _tilts(pairs, settings)
+    return found
+
+
+def _estimated(estimates: Sequence[Estimate], model: mujoco.MjModel) -> Finding:
+    base = estimates[0].base
+    name = model.joint(base.joints[0]).name if base.is_free else "the boom"
+    unsure = np.concatenate([e.walk.unsure for e in estimates])
+    return Finding(
+        "base",
+        name,
+        f"The position of {name} is not logged. Short windows start from an estimate of it: "
+        "orientation from the IMU where there is one, height and speed from feet that stand on "
+        f"the ground (its speed is unsure by {np.sqrt(np.mean(unsure**2)):.2g} m/s). What such a "
+        "start may cause is taken out of every error.",
+        "No action needed; a tracker's position (`sensor.position_0` to `_2`) makes starts surer.",
+    )
+
+
+def _slips(
+    estimates: Sequence[Estimate], model: mujoco.MjModel, settings: Ground
+) -> Iterator[Finding]:
+    """Soles that touch the ground and move across it."""
+    soles = estimates[0].base.soles
+    touch = np.concatenate([e.walk.touch for e in estimates]) > settings.stands
+    slip = np.concatenate([e.walk.slip for e in estimates]) > settings.slip_m_s
+    shares = {}
+    for i, sole in enumerate(soles.tolist()):
+        name = model.geom(sole).name or model.body(int(model.geom_bodyid[sole])).name
+        if touch[:, i].mean() > settings.seen:
+            shares[name] = float(slip[touch[:, i], i].mean())
+    often = {name: share for name, share in shares.items() if share > settings.slips}
+    if often:
+        told = ", ".join(f"{name} {share:.0%}" for name, share in often.items())
+        yield Finding(
+            "slip",
+            None,
+            f"Soles move across the ground while they touch it, in so much of that time: {told}. "
+            "Speeds of the base are taken from the soles that do not, and are less sure then.",
+            "No action needed: slipping is simulated. An accelerometer, or a ground that grips, "
+            "makes starts surer.",
+        )
+
+
+def _gyros(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -> Iterator[Finding]:
+    """Bias, scale and latency of a gyro, against the slope of the orientation."""
+    said, told, steps, edge = [], [], [], settings.edge
+    for estimate, model in pairs:
+        imu = imu_of(estimate.log, model, estimate.base)
+        if imu is None or imu.gyro is None or imu.orientation is None:
+            return
+        start = 0
+        for part in estimate.log.episodes():
+            rows = slice(start, start + len(part))
+            start += len(part)
+            turn = Rotation.from_quat(imu.orientation[rows], scalar_first=True)
+            said.append(convolve1d(imu.gyro[rows], settings.smoothing, axis=0)[edge:-edge])
+            told.append(slopes(part.time, turn))
+            steps.append(float(np.median(np.diff(part.time))))
+    truth = np.concatenate([one[edge:-edge] for one in told])
+    gyro, step = np.concatenate(said), float(np.median(steps))
+    shift = np.concatenate([np.gradient(one, axis=0)[edge:-edge] for one in told]) / step
+    for axis, name in enumerate("xyz"):
+        ways = np.column_stack([truth[:, axis], -shift[:, axis], np.ones(len(truth))])
+        (scale, late, bias), *_ = np.linalg.lstsq(ways, gyro[:, axis], rcond=None)
+        late /= scale if abs(scale) > TINY else 1.0
+        spread = float(truth[:, axis].std())
+        if abs(bias) > settings.bias_rad_s:
+            yield _imu(f"gyro.{name}", f"is off by {bias:.2g} rad/s", "subtract that")
+        if spread > settings.bias_rad_s and abs(scale - 1) > settings.scale_off:
+            yield _imu(f"gyro.{name}", f"is {scale:.3g} times too large", f"divide by {scale:.3g}")
+        if spread > settings.bias_rad_s and abs(late) > settings.late_s:
+            word = "behind" if late > 0 else "ahead of"
+            text = f"comes {abs(late) / MILLI:.0f} ms {word} the orientation"
+            yield _imu(f"gyro.{name}", text, "look at its filter, or at the orientation's")
+
+
+def _imu(where: str, what: str, fix: str) -> Finding:
+    return Finding(
+        "imu",
+        where,
+        f"`{where}` {what}, against the slope of the IMU's orientation.",
+        f"Correct the log: {fix}. The estimate uses both as they are.",
+    )
+
+
+def _tilts(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -> Iterator[Finding]:
+    """How the IMU is turned on the robot, or the ground's slope: against soles that stand.
+
+    Two soles at least stand most of the time: the turn that brings the second lowest sole nearest
+    to the lowest is the one that levels the ground.
+    """
+    places = np.concatenate([_places(*pair) for pair in pairs])  # (T, F, 3)
+    if places.shape[1] < MANY:
+        return
+
+    def apart(turn: np.ndarray) -> float:
+        gap = np.sort(places[..., 2] + turn[0] * places[..., 1] - turn[1] * places[..., 0], axis=1)
+        return float((gap[:, 1] - gap[:, 0]).mean())
+
+    reach = np.linspace(-settings.tilt_most, settings.tilt_most, settings.tilt_grid)
+    best = min(((x, y) for x in reach for y in reach), key=lambda one: apart(np.array(one)))
+    turn = minimize(apart, np.array(best), method="Nelder-Mead").x
+    better = apart(turn) < settings.tilt_better * apart(np.zeros(2))
+    if better and float(np.linalg.norm(turn)) > settings.tilt_rad:
+        yield Finding(
+            "imu",
+            "orientation",
+            f"Feet that stand are on a plane that is turned by {turn[0]:.2g} and {turn[1]:.2g} rad "
+            "about x and y against what the IMU calls level: it is mounted so, or the ground "
+            "slopes, or zeros of joints are off.",
+            "Turn the robot round on the spot and record again: a slope turns with the ground, a "
+            "mounting with the robot; correct the IMU's orientation by it.",
+        )
+
+
+def _places(estimate: Estimate, model: mujoco.MjModel) -> np.ndarray:
+    """Return where each sole is [m], (T, F, 3), seen from the base with its heading taken out."""
+    base, data = estimate.base, mujoco.MjData(model)
+    found = np.zeros((len(estimate.qpos), len(base.soles), 3))
+    for k, pose in enumerate(estimate.qpos):
+        data.qpos[:] = pose
+        data.qpos[base.turn] = level(pose[None, base.turn])[0]
+        mujoco.mj_kinematics(model, data)
+        found[k] = data.geom_xpos[base.soles] - pose[base.qpos]
+    found[..., 2] -= model.geom_size[base.soles, 0]
+    return found

@@ -1,0 +1,149 @@
+"""How fast and how high a base is, from soles that stand still on the ground.
+
+    walk = walked(time, feet, push, settings)
+    walk.speed, walk.height                     # (T, n) m/s, (T,) m above where `feet` had it
+
+A sole that touches the ground does not move along its normal, and not across it unless it slips.
+Which soles touch follows from their gaps, which slip from what the others say (iteratively
+reweighted least squares with Cauchy's weights). Between rows the base moves as its accelerometer
+says, else as in free flight while nothing touches, else smoothly.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from sim2real.diagnosis.ground.feet import Feet
+from sim2real.diagnosis.settings import TINY, Ground
+
+
+class Push(NamedTuple):
+    """What moves a base beside its soles: mean accelerations, and how far they may be off."""
+
+    felt: np.ndarray | None  # (T, n) m/s² that the accelerometer says, gravity taken out
+    flight: np.ndarray  # (n,) m/s² in free flight
+
+
+class Walk(NamedTuple):
+    """A base along T rows."""
+
+    speed: np.ndarray  # (T, n) m/s of its linear positions
+    height: np.ndarray  # (T,) m above where the soles' gaps were measured
+    touch: np.ndarray  # (T, F) from 0 (in the air) to 1 (on the ground)
+    slip: np.ndarray  # (T, F) m/s of each sole across the ground
+    unsure: np.ndarray  # (T, n) m/s, standard deviation of the speed
+
+
+def walked(time: np.ndarray, feet: Feet, push: Push, settings: Ground) -> Walk:
+    """Return how a base moves along the rows of an episode.
+
+    Args:
+        time: of the rows [s], (T,).
+        feet: what the soles do.
+        push: what else is known.
+        settings: how sure each of it is.
+    """
+    up = feet.lift / (feet.lift @ feet.lift)
+    height = _carried(time, -feet.gap.min(axis=1), float(push.flight @ up), settings)
+    slip = np.zeros(feet.gap.shape)
+    speed = unsure = np.zeros((len(time), feet.way.shape[3]))
+    touch = np.ones(feet.gap.shape)
+    for _ in range(settings.rounds):
+        above = np.maximum(feet.gap + height[:, None], 0.0)
+        touch = np.exp(-((above / settings.gap_m) ** 2))
+        still = touch / (1.0 + (slip / settings.slip_m_s) ** 2)
+        speed, unsure = _speeds(time, feet, push, touch, still, settings)
+        height = _heights(time, feet, speed, still, settings)
+        moving = feet.drift + np.einsum("tfin,tn->tfi", feet.way, speed)
+        across = moving - (moving @ feet.normal)[..., None] * feet.normal
+        slip = np.linalg.norm(across, axis=2)
+    return Walk(speed, height, touch, slip, unsure)
+
+
+def _carried(time: np.ndarray, lowest: np.ndarray, fall: float, settings: Ground) -> np.ndarray:
+    """Return heights (T,) of a base that the ground pushes and never pulls.
+
+    Where the lowest sole would have to leave the ground more slowly than the base falls, the base
+    flies; it lands where its soles meet the ground again.
+    """
+    height, climb = lowest.copy(), 0.0
+    for k in range(1, len(time)):
+        step = time[k] - time[k - 1]
+        flown = height[k - 1] + climb * step + fall * step**2 / 2
+        if flown > lowest[k] + settings.leave_m:
+            height[k], climb = flown, climb + fall * step
+        else:
+            climb = (lowest[k] - height[k - 1]) / step
+    return height
+
+
+def _speeds(
+    time: np.ndarray,
+    feet: Feet,
+    push: Push,
+    touch: np.ndarray,
+    still: np.ndarray,
+    settings: Ground,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the speeds (T, n) that let soles stand, and their standard deviations."""
+    count, size = feet.way.shape[0], feet.way.shape[3]
+    along = feet.normal
+    weight = still[..., None, None] * (np.eye(3) - np.outer(along, along))
+    weight = weight + touch[..., None, None] * np.outer(along, along)
+    weight = weight / settings.sole_m_s**2  # (T, F, 3, 3)
+    curve = np.einsum("tfin,tfij,tfjm->tnm", feet.way, weight, feet.way)
+    down = -np.einsum("tfin,tfij,tfj->tn", feet.way, weight, feet.drift)
+    step = np.diff(time)
+    ground = np.minimum(touch.sum(axis=1), 1.0)[:-1]
+    if push.felt is None:
+        pushed = (1 - ground)[:, None] * push.flight
+        doubt = settings.flight_m_s2 + ground * (settings.stance_m_s2 - settings.flight_m_s2)
+    else:
+        pushed = (push.felt[1:] + push.felt[:-1]) / 2
+        doubt = np.full(len(step), settings.felt_m_s2)
+    stiff = 1.0 / (doubt * step) ** 2  # (T - 1,)
+    gain = pushed * step[:, None]
+    blocks = curve + settings.prior * np.eye(size)
+    blocks[:-1] += stiff[:, None, None] * np.eye(size)
+    blocks[1:] += stiff[:, None, None] * np.eye(size)
+    down[1:] += stiff[:, None] * gain
+    down[:-1] -= stiff[:, None] * gain
+    found = solveh_banded(_banded(blocks, stiff), down.ravel(), lower=False)
+    near = np.zeros_like(curve)  # what the neighbours say reaches a row through its stiffness
+    for shift in (1, -1):
+        other = np.roll(curve, shift, axis=0)
+        link = np.roll(np.append(stiff, 0.0), max(shift, 0))[:, None, None]
+        near += other * link / (link + np.trace(other, axis1=1, axis2=2)[:, None, None] + TINY)
+    spread = np.linalg.inv(curve + near + settings.prior * np.eye(size))
+    return found.reshape(count, size), np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+
+
+def _heights(
+    time: np.ndarray, feet: Feet, speed: np.ndarray, still: np.ndarray, settings: Ground
+) -> np.ndarray:
+    """Return the height of each row (T,), from touching soles and the speed between rows."""
+    climb = speed @ (feet.lift / (feet.lift @ feet.lift))  # (T,) m/s along the normal
+    rise = (climb[1:] + climb[:-1]) / 2 * np.diff(time)
+    weight = still / settings.sole_m**2
+    curve, down = weight.sum(axis=1), -(weight * feet.gap).sum(axis=1)
+    stiff = np.full(len(rise), 1.0 / settings.rise_m**2)
+    blocks = curve + settings.prior
+    blocks[:-1] += stiff
+    blocks[1:] += stiff
+    down[1:] += stiff * rise
+    down[:-1] -= stiff * rise
+    return solveh_banded(_banded(blocks[:, None, None], stiff), down)
+
+
+def _banded(blocks: np.ndarray, stiff: np.ndarray) -> np.ndarray:
+    """Return a block-tridiagonal matrix in upper banded form: blocks (T, n, n), -stiff between."""
+    count, size, _ = blocks.shape
+    made = np.zeros((size + 1, count * size))
+    for row in range(size):
+        for column in range(row, size):
+            made[size - (column - row), column::size] = blocks[:, row, column]
+    made[0, size:] = np.repeat(-stiff, size)
+    return made

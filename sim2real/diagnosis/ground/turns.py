@@ -1,0 +1,83 @@
+"""How the base is turned, from its IMU: orientation and angular velocity of every row.
+
+turn, spin = turned(time, imu, settings)    # (T, 4) quaternions, (T, 3) rad/s in the base
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
+
+from sim2real.diagnosis.ground.base import Imu
+from sim2real.diagnosis.settings import Ground
+
+
+def turned(time: np.ndarray, imu: Imu, settings: Ground) -> tuple[np.ndarray, np.ndarray]:
+    """Return the base's orientation (T, 4), w first, and angular velocity (T, 3) in its own axes.
+
+    Without an orientation the gyro is integrated and brought upright by what the accelerometer
+    feels over `upright_s`; without a gyro the speed is the slope of the orientation.
+    """
+    mount = _rotation(imu.turn[None])[0]
+    spin = None if imu.gyro is None else mount.apply(imu.gyro)
+    if imu.orientation is not None:
+        turn = _rotation(imu.orientation) * mount.inv()
+    else:
+        assert spin is not None
+        turn = _upright(time, _integrated(time, spin), mount, imu, settings)
+    if spin is None:
+        spin = slopes(time, turn)
+    return turn.as_quat(scalar_first=True), spin
+
+
+def slopes(time: np.ndarray, turn: Rotation) -> np.ndarray:
+    """Return the angular velocity of orientations in their own axes, (T, 3) [rad/s]."""
+    rows = np.arange(len(time))
+    before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(time) - 1)
+    step = (turn[before].inv() * turn[after]).as_rotvec()
+    half = (turn[before].inv() * turn[rows]).as_rotvec()  # into the axes of the middle
+    rate = step / (time[after] - time[before])[:, None]
+    return Rotation.from_rotvec(-half).apply(rate)
+
+
+def level(turn: np.ndarray) -> np.ndarray:
+    """Return orientations (T, 4) with the heading of the first taken out."""
+    own = _rotation(turn)
+    return (Rotation.from_rotvec([0.0, 0.0, -heading(turn[0])]) * own).as_quat(scalar_first=True)
+
+
+def heading(turn: np.ndarray) -> float:
+    """Return the turn about the vertical of an orientation (4,) [rad]."""
+    w, x, y, z = turn
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+def _rotation(quaternions: np.ndarray) -> Rotation:
+    return Rotation.from_quat(quaternions, scalar_first=True)
+
+
+def _integrated(time: np.ndarray, spin: np.ndarray) -> Rotation:
+    """Return orientations from the first row's on, (T,)."""
+    middle = (spin[1:] + spin[:-1]) / 2 * np.diff(time)[:, None]
+    steps = Rotation.from_rotvec(np.concatenate([np.zeros((1, 3)), middle]))
+    found = [steps[0]]
+    for k in range(1, len(time)):
+        found.append(found[-1] * steps[k])
+    return Rotation.concatenate(found)
+
+
+def _upright(
+    time: np.ndarray, turn: Rotation, mount: Rotation, imu: Imu, settings: Ground
+) -> Rotation:
+    """Return orientations whose mean felt acceleration points up."""
+    assert imu.acceleration is not None
+    felt = turn.apply(mount.apply(imu.acceleration))  # in the frame of the first row
+    width = max(round(settings.upright_s / float(np.median(np.diff(time)))), 1)
+    up = uniform_filter1d(felt, width, axis=0, mode="nearest")
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    axis = np.cross(up, [0.0, 0.0, 1.0])
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    angle = np.arctan2(sine, up[:, 2:])
+    axis = np.divide(axis, sine, out=np.zeros_like(axis), where=sine > 0)
+    return Rotation.from_rotvec(axis * angle) * turn

@@ -1,0 +1,188 @@
+"""Short windows that start from an estimate of the whole state, and what is not known of it.
+
+    data = grounded(data, estimates, fixed)
+
+Each window is simulated from its start and from starts that are off by one standard deviation of
+each unknown. A damped Gauss-Newton step moves the start to where the model follows encoders and
+IMU best (a smoother over MuJoCo's own dynamics, as long as a window); what the unknowns change is
+then taken out of all errors (`nuisance`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from envs.plant import Fixed
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.nuisance import marginal
+from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.windows import Joint, Window, cut_one
+from sim2real.diagnosis.ground.estimate import Estimate
+from sim2real.diagnosis.ground.starts import Unknowns, moved, unknowns
+from sim2real.diagnosis.ground.turns import heading, level
+from sim2real.diagnosis.settings import Ground, Settings
+
+HALF = 0.5  # a quaternion's vector part over the angle that it turns by
+PARTS = (4, 5, 6)  # of a free joint's position: that vector part
+
+
+def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] = ()) -> Data:
+    """Return the data with windows that start from estimates.
+
+    Args:
+        data: of logs with the columns of the estimates.
+        estimates: of each log.
+        fixed: effects that are known.
+    """
+    settings = data.settings.ground
+    joints = _joints(data, estimates, settings)
+    which = [next(w.model for w in data.windows if w.log == n) for n in range(len(data.logs))]
+    plain = replace(data, joints=tuple(joints), settings=_settings(data.settings))
+    windows, doubts = [], []
+    for number, estimate in enumerate(estimates):
+        model = data.models[which[number]]
+        for rows in _rows(estimate, settings):
+            window = _window(plain, number, which[number], estimate, rows)
+            windows.append(window)
+            doubts.append(unknowns(estimate, model, rows[0], settings))
+    cut = plain.with_windows(windows)
+    noise = np.full(len(joints), settings.error_rad)
+    error, ways = _responses(cut, doubts, fixed)
+    refined = _refined(cut, doubts, error, ways, _gap(cut, error, ways, noise), fixed)
+    return replace(refined, nuisance=marginal(ways, noise))
+
+
+def _settings(settings: Settings) -> Settings:
+    """Return the settings of all later stages: short windows say as much in less time."""
+    own = settings.ground
+    search = replace(settings.search, screening_s=own.screening_s, racing_s=own.racing_s)
+    return replace(settings, search=search)
+
+
+def _gap(data: Data, error: np.ndarray, ways: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Return what starts cannot cause of each joint's errors, (M,): they do not follow that."""
+    left = marginal(ways, noise).clear(np.arange(len(error)), error)
+    return np.maximum(np.sqrt(data.mean_squares(left)), noise)
+
+
+def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list[Joint]:
+    """Return the joints that were measured, and the base's turn as three more."""
+    model, base = data.models[0], estimates[0].base
+    loose = {model.joint(j).name for j in base.joints}
+    found = [joint for joint in data.joints if joint.name not in loose]
+    if len({joint.unit for joint in found}) == 1:
+        found = [joint._replace(scale=1.0) for joint in found]
+    if base.is_free:
+        name, first = model.joint(base.joints[0]).name, int(base.turn[0])
+        count = settings.turn_floor * HALF * np.sqrt(12)
+        for k in PARTS:
+            column = np.concatenate([e.log.column(f"qpos.{name}.{k}") for e in estimates])
+            spread = float(column.std())
+            found.append(Joint(f"{name}.{k}", first + k - 3, "rad", float(count), spread, HALF))
+    return found
+
+
+def _rows(estimate: Estimate, settings: Ground) -> list[tuple[int, int, int]]:
+    """Return start, first compared row and end of each window."""
+    found, start = [], 0
+    for part in estimate.log.episodes():
+        step = float(np.median(np.diff(part.time)))
+        length = max(round(settings.window_s / step), 2)
+        pieces = max((len(part) - 2) // length, 1)
+        cuts = np.linspace(1, len(part) - 1, pieces + 1).astype(int)
+        found += [
+            (start + a, start + a + 1, start + b + 1) for a, b in pairwise(cuts.tolist()) if b > a
+        ]
+        start += len(part)
+    return found
+
+
+def _window(
+    data: Data, number: int, which: int, estimate: Estimate, rows: tuple[int, int, int]
+) -> Window:
+    """Return a window with the estimated state at its start, its heading 0."""
+    base, (start, first, last) = estimate.base, rows
+    measured = [joint for joint in data.joints if f"qpos.{joint.name}" in data.logs[number].columns]
+    window = cut_one(data.logs[number], number, which, data.models[which], measured, rows)
+    qpos, qvel = estimate.qpos[start].copy(), estimate.qvel[start].copy()
+    said = window.measured.copy()
+    if base.is_free:
+        turn = level(estimate.qpos[start:last, base.turn])
+        turn *= np.where(turn @ turn[0] < 0, -1.0, 1.0)[:, None]
+        qvel[base.dofs] = _ahead(estimate.qpos[start, base.turn], qvel[base.dofs])
+        qpos[base.turn] = turn[0]
+        said[:, -len(PARTS) :] = turn[first - start :, 1:]
+    return window._replace(recording=window.recording._replace(qpos=qpos, qvel=qvel), measured=said)
+
+
+def _ahead(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Return a speed (3,) in a world whose heading is that of a turn."""
+    own = heading(turn)
+    back = np.array([[np.cos(own), np.sin(own)], [-np.sin(own), np.cos(own)]])
+    return np.array([*(back @ speed[:2]), speed[2]])
+
+
+def _responses(
+    data: Data, doubts: Sequence[Unknowns], fixed: Sequence[Fixed]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors (W, T, M), and their change by one deviation of each unknown (W, T, M, D)."""
+    step = data.settings.ground.difference
+    count = len(doubts[0].place)
+    steps = np.vstack([np.zeros(count), step * np.eye(count)])
+    starts = [
+        window._replace(
+            recording=moved(data.models[window.model], window.recording, doubt, amounts)
+        )
+        for window, doubt in zip(data.windows, doubts, strict=True)
+        for amounts in steps
+    ]
+    error = _simulated(data, starts, fixed)
+    error = error.reshape(len(doubts), len(steps), *error.shape[1:])
+    return error[:, 0], np.moveaxis((error[:, 1:] - error[:, :1]) / step, 1, -1)
+
+
+def _simulated(data: Data, windows: Sequence[Window], fixed: Sequence[Fixed]) -> np.ndarray:
+    """Return the errors of windows with the model as given, (W, T, M)."""
+    some = data.with_windows(windows)
+    return (
+        Simulator(some, fixed).run((), np.arange(len(windows)), np.zeros((len(windows), 0))).error
+    )
+
+
+def _refined(
+    data: Data,
+    doubts: Sequence[Unknowns],
+    error: np.ndarray,
+    ways: np.ndarray,
+    noise: np.ndarray,
+    fixed: Sequence[Fixed],
+) -> Data:
+    """Return the data with starts from which the model follows better, where there are any."""
+    settings = data.settings.ground
+    known = np.array([doubt.known for doubt in doubts])  # (W, D)
+    flat = (ways / noise[:, None]).reshape(len(ways), -1, ways.shape[3])
+    rest = (error / noise).reshape(len(error), -1)
+    curve = np.einsum("wnd,wne->wde", flat, flat)
+    curve += np.einsum("wd,de->wde", known**-2, np.eye(known.shape[1]))
+    step = -np.linalg.solve(curve, np.einsum("wnd,wn->wd", flat, rest)[..., None])[..., 0]
+    step = np.clip(step, -settings.step_max, settings.step_max)
+    best = [window.recording for window in data.windows]
+    cost = (rest**2).sum(axis=1)
+    for share in settings.step_shares:
+        amounts = share * step
+        tried = [
+            moved(data.models[w.model], w.recording, doubt, own)
+            for w, doubt, own in zip(data.windows, doubts, amounts, strict=True)
+        ]
+        starts = [w._replace(recording=r) for w, r in zip(data.windows, tried, strict=True)]
+        left = (_simulated(data, starts, fixed) / noise).reshape(len(error), -1)
+        price = (left**2).sum(axis=1) + ((amounts / known) ** 2).sum(axis=1)
+        for i in np.flatnonzero(price < cost):
+            best[i], cost[i] = tried[i], price[i]
+    return data.with_windows(
+        [w._replace(recording=r) for w, r in zip(data.windows, best, strict=True)]
+    )

@@ -1,0 +1,76 @@
+"""Settings of `diagnosis/ground`: robots whose base nothing holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sim2real.diagnosis.settings.base import COST, JUDGED, setting
+
+GAIT = "set by hand on walks of an emulated quad8 (benchmarks/ground.py, seed 1); not studied"
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The estimate of a base that nobody measured, and windows that start from it."""
+
+    rounds: int = setting(6, "1", "rounds in which soles are told to stand or slip", COST)
+    gap_m: float = setting(0.004, "m", "gap at which a sole hardly stands any more", GAIT)
+    leave_m: float = setting(
+        5e-4, "m", "height above its lowest sole from which a base flies", "derived: encoder counts"
+    )
+    slip_m_s: float = setting(0.2, "m/s", "speed from which a sole that touches slips", GAIT)
+    sole_m_s: float = setting(0.06, "m/s", "speed of a sole that stands: it rolls, gives", GAIT)
+    sole_m: float = setting(0.002, "m", "height of a sole that stands", GAIT)
+    rise_m: float = setting(0.002, "m", "doubt of the height's change between two rows", GAIT)
+    stance_m_s2: float = setting(
+        8.0, "m/s²", "change of the base's speed while soles touch, without accelerometer", GAIT
+    )
+    flight_m_s2: float = setting(2.0, "m/s²", "the same in flight, beside gravity", JUDGED)
+    felt_m_s2: float = setting(3.0, "m/s²", "the same beside what the accelerometer says", JUDGED)
+    prior: float = setting(1e-3, "1", "weight of standing still, in squares of 1/speed", JUDGED)
+    upright_s: float = setting(1.0, "s", "time over which felt acceleration points up", JUDGED)
+    bend_doubt: float = setting(0.1, "1", "doubt of a slope, of its change between rows", JUDGED)
+    speed_doubt: float = setting(0.05, "rad/s", "least doubt of a joint's speed", JUDGED)
+    spin_doubt: float = setting(0.05, "rad/s", "doubt of the base's angular velocity", JUDGED)
+    walk_doubt: tuple[float, float] = setting(
+        (0.15, 0.4), "m/s", "least and largest doubt of the base's speed", JUDGED
+    )
+    window_s: float = setting(0.3, "s", "length of a window", GAIT)
+    difference: float = setting(0.5, "1", "deviations over which responses are told", JUDGED)
+    screening_s: float = setting(3.0, "s", "windows that screening uses", COST)
+    racing_s: float = setting(6.0, "s", "windows that the race uses", COST)
+    height_doubt: float = setting(0.003, "m", "doubt of the base's height", JUDGED)
+    turn_doubt: float = setting(0.005, "rad", "doubt of the base's turn", JUDGED)
+    reading_doubt: float = setting(0.002, "rad", "doubt of a joint's position", JUDGED)
+    late_doubt: float = setting(
+        0.02, "s", "readings may be late by so much: doubt of positions, over usual speeds", JUDGED
+    )
+    turn_floor: float = setting(0.002, "rad", "noise of the base's turn", JUDGED)
+    error_rad: float = setting(0.002, "rad", "errors beside those of a wrong start", JUDGED)
+    step_max: float = setting(3.0, "1", "deviations by which a start is moved at most", JUDGED)
+    step_shares: tuple[float, ...] = setting(
+        (1.0, 0.5), "1", "shares of the smoother's step that are tried", COST
+    )
+    again: int = setting(
+        12, "1", "candidates beside the causes once starts are estimated with these", COST
+    )
+    grips: tuple[float, float] = setting(
+        (0.7, 1.5), "1", "friction of the feet that is tried, of the model's", JUDGED
+    )
+    grip_floors: float = setting(0.5, "1", "change in floors from which friction is known", JUDGED)
+    stands: float = setting(0.5, "1", "touch from which a sole stands", JUDGED)
+    seen: float = setting(0.02, "1", "share of the rows in which a sole is a foot", JUDGED)
+    slips: float = setting(0.1, "1", "share of its stance from which a slip is told", JUDGED)
+    bias_rad_s: float = setting(0.02, "rad/s", "bias of a gyro that is told", JUDGED)
+    scale_off: float = setting(0.1, "1", "error of a gyro's scale that is told", JUDGED)
+    late_s: float = setting(0.004, "s", "latency of a gyro that is told", JUDGED)
+    smoothing: tuple[float, float, float] = setting(
+        (1 / 6, 2 / 3, 1 / 6), "1", "weights of three rows", "derived: Simpson's rule"
+    )
+    edge: int = setting(2, "1", "rows at an episode's ends that slopes leave out", JUDGED)
+    tilt_most: float = setting(0.15, "rad", "largest turn of the ground that is tried", JUDGED)
+    tilt_grid: int = setting(13, "1", "turns tried about each axis", COST)
+    tilt_rad: float = setting(0.02, "rad", "turn of the ground that is told", JUDGED)
+    tilt_better: float = setting(
+        0.7, "1", "distance between the two lowest soles with that turn, of that without", JUDGED
+    )

@@ -1,0 +1,74 @@
+"""Short windows from estimated starts: the right model follows, a wrong start is no error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.ground.estimate import Estimate
+from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.windows import grounded
+from sim2real.diagnosis.settings import DEFAULT
+from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.diagnosis.ground.walk import trot, without
+
+Cut = tuple[Data, Data, list[Estimate]]
+
+
+@pytest.fixture(scope="module")
+def cut() -> Cut:
+    """Return the data of a short trot as it is cut today and from estimates, and these."""
+    log = without(trot(seconds=1.5).log, "accelerometer")
+    estimates = estimate_all([log], None, DEFAULT.ground)
+    data = Data.of([one.log for one in estimates])
+    return data, grounded(data, estimates), estimates
+
+
+def errors(data: Data) -> np.ndarray:
+    """Return each position's root mean square error with the model as given [rad], (M,)."""
+    every = np.arange(len(data.windows))
+    simulated = Simulator(data).run((), every, np.zeros((len(every), 0)))
+    return np.sqrt(data.mean_squares(simulated.error))
+
+
+def test_windows_are_short_and_compare_joints_and_the_turn(cut: Cut) -> None:
+    """A third of a second; eight joints and three numbers of a quaternion."""
+    _, data, _ = cut
+    lengths = [w.sample[-1, 0] - w.sample[0, 0] for w in data.windows]
+    assert 0.2 < np.median(lengths) < 0.35
+    assert [joint.name for joint in data.joints][8:] == ["root.4", "root.5", "root.6"]
+    assert data.measured.shape[2] == 11
+    assert all(abs(w.recording.qpos[6]) < 0.2 for w in data.windows)  # no heading
+
+
+def test_the_robots_own_model_follows_to_an_encoder_count(cut: Cut) -> None:
+    """Where the base's start is only estimated."""
+    _, data, _ = cut
+    assert errors(data).max() < 2 * np.pi / 4096
+
+
+def test_a_start_that_is_off_is_no_error(cut: Cut) -> None:
+    """Every window begins 0.1 m/s too fast: seen without the nuisance, not with it."""
+    _, data, _ = cut
+    wrong = []
+    for window in data.windows:
+        qvel = window.recording.qvel.copy()
+        qvel[:2] += 0.1
+        wrong.append(window._replace(recording=window.recording._replace(qvel=qvel)))
+    off = replace(data.with_windows(wrong), nuisance=data.nuisance)
+    plain, cleared = errors(replace(off, nuisance=None)), errors(off)
+    assert np.linalg.norm(plain) > 2 * np.linalg.norm(cleared)
+
+
+def test_a_log_that_holds_its_base_is_cut_as_before(cut: Cut) -> None:
+    """No estimate is made of it, and mixed logs are refused."""
+    _, _, estimates = cut
+    assert estimate_all([estimates[0].log], None, DEFAULT.ground) == []
+    log = without(estimates[0].log, "accelerometer")
+    bare = {n: c for n, c in log.columns.items() if ".root." not in n}
+    with pytest.raises(Sim2RealError, match="diagnose logs of one kind"):
+        estimate_all([log, replace(log, columns=bare)], None, DEFAULT.ground)
