@@ -115,7 +115,7 @@ def drive(
         driver.close()
         if path is not None and len(recording) > 1:
             write_log(path, recording.log())
-            log_.info("%d rows in %s", len(recording), path)
+            log_.info("%d rows in %s", len(recording), path.name)
     return recording.log()
 
 

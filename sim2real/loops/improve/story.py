@@ -25,10 +25,17 @@ from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table, show
 
 End = Literal[
-    *("within_noise", "no_gain", "rounds", "nothing_found", "interface", "log"),
-    *("stopped", "declined", "no_robot"),
+    "within_noise",
+    "no_gain",
+    "rounds",
+    "nothing_found",
+    "interface",
+    "log",
+    "stopped",
+    "declined",
+    "no_robot",
 ]
-WORDS: dict[str, str] = {
+WORDS: dict[End, str] = {
     "within_noise": "the return on the robot is within its noise of the simulator's",
     "no_gain": "the last round brought nothing on the robot",
     "rounds": "all rounds are used",
