@@ -183,15 +183,19 @@ def test_a_robot_that_is_stopped_ends_it(run: Path, tmp_path: Path) -> None:
     assert "torque is off" in done.why
 
 
-def test_nothing_found_ends_it(
+def test_nothing_found_on_the_ground_ends_it(
     run: Path, tmp_path: Path, diagnosed: list[list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A diagnosis without effects leaves nothing to train with."""
-    monkeypatch.setattr(
-        steps, "write", lambda found, folder: write_effects(folder / "effects.yaml", [])
-    )
-    done = go(run, tmp_path / "out", hidden(tmp_path))
+    """Without a stand its own episodes are diagnosed; no effects leave nothing to train with."""
+
+    def write(found: SimpleNamespace, folder: Path) -> None:
+        write_effects(folder / "effects.yaml", [])
+
+    monkeypatch.setattr(steps, "write", write)
+    done = go(run, tmp_path / "out", hidden(tmp_path), "stand=false")
     assert done.end == "nothing_found" and len(done.story.rounds) == 1
+    assert [log.path.name for log in diagnosed[0]] == ["episode-0000.csv", "episode-0001.csv"]
+    assert not (tmp_path / "out" / "round_1" / "stand").exists()
     assert load_effects(tmp_path / "out" / "round_1" / "diagnosis" / "effects.yaml") == []
 
 
