@@ -23,7 +23,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,14 +32,12 @@ from envs.effects.file import load_effects, write_effects
 from hardware.errors import SafetyError
 from hardware.log import Log, read_logs
 from sim2real.deployment.actors import Actor, actor_of, load_actor
-from sim2real.diagnosis.contract.logged import LoadPolicy, check_logs, has_policy
-from sim2real.diagnosis.contract.page import write_page
 from sim2real.diagnosis.data.progress import ProgressLines
-from sim2real.evaluation import worth_report
-from sim2real.evaluation.worth import Cause, price, read_causes
+from sim2real.evaluation.worth import read_causes
 from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.trained import Trained
 from sim2real.loops.improve.corrected import FILE, corrected, describe
+from sim2real.loops.improve.looks import facts, interface, priced
 from sim2real.loops.improve.operator import DeclinedError
 from sim2real.loops.improve.site import DEPLOYED, Site
 from sim2real.loops.improve.steps import diagnosed, learn
@@ -55,8 +53,6 @@ from sim2real.loops.improve.story import (
 )
 from sim2real.runs.checkpoint import read_metadata
 from sim2real.runs.errors import Sim2RealError, Stopped
-from sim2real.runs.files import whole_folder
-from sim2real.runs.progress import Progress
 from sim2real.runs.tables import show
 
 log_ = logging.getLogger(__name__)
@@ -158,6 +154,9 @@ class _Loop:
     out: Path
     story: Story
     number: int = 0  # of the round in progress
+    recordings: list[Log] = field(default_factory=list)  # so far, which are diagnosed together
+    contract: str | None = None  # whether the policy saw and did what it was trained on
+    effects: Path = Path()  # what was found last
 
     @property
     def about(self) -> dict[str, Any]:
@@ -196,55 +195,70 @@ class _Loop:
 
     def run(self) -> End:
         """Run all rounds; return why they end."""
-        site, out, plan, trained = self.site, self.out, self.plan, self.first
-        known = self._known()
-        fixed = self.parts.environment.fixed
-        start = None if plan.logs else site.deploy(trained, out / "round_0" / "deploy")
-        self.add(Round(0, str(trained.source), start, site.score(trained, fixed)))
-        recordings, given = list(plan.logs), bool(plan.logs)
-        for self.number in range(1, plan.rounds + 1):
-            if (end := self.story.end()) is not None:
+        site, trained = self.site, self.first
+        robot = None if self.plan.logs else site.deploy(trained, self.out / "round_0" / "deploy")
+        score = site.score(trained, self.parts.environment.fixed)
+        self.add(Round(0, str(trained.source), robot, score))
+        for number in range(1, self.plan.rounds + 1):
+            self.number = number
+            if (end := self.story.end() or self._looked(trained)) is not None:
                 return end
-            place = out / f"round_{self.number}"
-            own = given and self.number == 1
-            walked = recordings if own else read_logs(self._before(place) / DEPLOYED)
-            load = load_actor if own else partial(_same, trained)
-            contract = self._interface(walked, load, place)
-            if contract == "broken":
-                return "interface"
-            if not own:
-                log_.info("round %d: recording", self.number)
-                recordings += site.record(place, self.number)
-            log_.info("round %d: diagnosing %d recordings", self.number, len(recordings))
-            folder = place / "diagnosis"
-            effects = diagnosed(recordings, known, site.seed, folder, ProgressLines())
-            if not effects.is_file():
-                return "log"
-            if not self._corrects(effects):
-                return "nothing_found"
-            causes = read_causes(effects)
-            self._price(causes, trained, place)
-            trained = self._retrained(causes, trained, place)
-            robot = None if plan.absent else site.deploy(trained, place / "deploy")
-            score = site.score(trained, [(c.effect, c.values) for c in causes])
-            facts = _facts(place)
-            one = Round(
-                self.number,
-                str(trained.source),
-                robot,
-                score,
-                contract,
-                facts["verdict"],
-                facts["causes"],
-            )
-            self.add(one)
-            table_of(one, facts["gap"]).write(place / "table", f"Round {self.number}")
-            if plan.absent:
+            trained = self._retrained(trained)
+            if self.plan.absent:
                 return "no_robot"
         return self.story.end() or "rounds"
 
-    def _before(self, place: Path) -> Path:
-        return place.with_name(f"round_{self.number - 1}")
+    @property
+    def place(self) -> Path:
+        """The folder of the round in progress."""
+        return self.out / f"round_{self.number}"
+
+    def _looked(self, trained: Trained) -> End | None:
+        """Check the interface, record and diagnose; return why nothing follows, if so."""
+        given = self.number == 1 and bool(self.plan.logs)
+        if given:
+            self.recordings = list(self.plan.logs)
+        before = self.place.with_name(f"round_{self.number - 1}") / DEPLOYED
+        walked = self.plan.logs if given else read_logs(before)
+        load = load_actor if given else partial(_at_hand, trained)
+        self.contract = interface(walked, load, self.place)
+        if self.contract == "broken":
+            return "interface"
+        if not given:
+            log_.info("round %d: recording", self.number)
+            self.recordings += self.site.record(self.place, self.number)
+        log_.info("round %d: diagnosing %d recordings", self.number, len(self.recordings))
+        known, folder = self._known(), self.place / "diagnosis"
+        self.effects = diagnosed(self.recordings, known, self.site.seed, folder, ProgressLines())
+        if not self.effects.is_file():
+            return "log"
+        return None if self._corrects(self.effects) else "nothing_found"
+
+    def _retrained(self, trained: Trained) -> Trained:
+        """Price what was found, train on with it, deploy, and tell; return the new policy."""
+        site, place, source = self.site, self.place, trained.source
+        assert source is not None
+        causes = read_causes(self.effects)
+        log_.info("round %d: what %d causes cost the policy", self.number, len(causes))
+        priced(causes, trained, place, self.plan.rollouts, site.seed)
+        log_.info("round %d: training on in the corrected simulator", self.number)
+        parts = corrected(self.parts, causes, place)
+        describe(place / POLICY, self.out, place / FILE)
+        made = learn(place, POLICY, parts, self._longer(source), start=source)
+        robot = None if self.plan.absent else site.deploy(made, place / "deploy")
+        score = site.score(made, [(cause.effect, cause.values) for cause in causes])
+        told = facts(place)
+        found = (self.contract, told["verdict"], told["causes"])
+        one = Round(self.number, str(made.source), robot, score, *found)
+        self.add(one)
+        table_of(one, told["gap"]).write(place / "table", f"Round {self.number}")
+        return made
+
+    def _longer(self, source: Path) -> dict[str, Any]:
+        """Return the settings of a training that adds a round's budget to a checkpoint's."""
+        done, own = read_metadata(source), self.training
+        more = {"iterations": done["iteration"], "frames": done["frames"]}
+        return own | {k: own[k] and int(own[k]) + int(spent) for k, spent in more.items()}
 
     def _known(self) -> Path | None:
         """Write down what the policy's simulator had from the start."""
@@ -262,80 +276,7 @@ class _Loop:
         fixed = self.parts.environment.fixed
         return found != [(effect.label(), tuple(values)) for effect, values in fixed]
 
-    def _interface(self, logs: Sequence[Log], load: LoadPolicy, place: Path) -> str | None:
-        """Check what the policy saw and did; return the verdict, None where nothing says it."""
-        own = [log for log in logs if has_policy(log)]
-        if not own:
-            return None
-        try:
-            answer = check_logs(own, load_policy=load)
-        except Sim2RealError as error:
-            log_.warning("the policy's interface was not checked: %s", error)
-            return None
-        answer.write(place / "contract.json")
-        write_page(answer, place / "contract.html")
-        for finding in answer.findings:
-            log_.warning("%s: %s; %s", finding.where, finding.text, finding.fix)
-        return answer.verdict
 
-    def _price(self, causes: Sequence[Cause], trained: Trained, place: Path) -> None:
-        """Say what each cause costs the policy, unless that is done."""
-        folder, seed = place / "worth", self.site.seed
-        if folder.is_dir():
-            return
-        log_.info("round %d: what %d causes cost the policy", self.number, len(causes))
-        with Progress(1, "robot") as progress:
-            rollouts = self.plan.rollouts
-            worth = price(trained, causes, rollouts, seed=seed, report=progress.report)
-        facts = worth_report.read_diagnosis(place / "diagnosis")
-        closed = worth_report.shares_closed(facts, causes)
-        about = {"policy": str(trained.source), "effects": str(place / "diagnosis"), "seed": seed}
-        with whole_folder(folder) as made:
-            worth_report.write(worth, made, closed, about)
-
-    def _retrained(self, causes: Sequence[Cause], trained: Trained, place: Path) -> Trained:
-        """Train on from where a policy is, in the simulator with what was found."""
-        source = trained.source
-        assert source is not None
-        log_.info("round %d: training on in the corrected simulator", self.number)
-        parts = corrected(self.parts, causes, place)
-        describe(place / POLICY, self.out, place / FILE)
-        done = read_metadata(source)
-        more = {
-            "iterations": _sum(self.training["iterations"], done["iteration"]),
-            "frames": _sum(self.training["frames"], done["frames"]),
-        }
-        return learn(place, POLICY, parts, {**self.training, **more}, start=source)
-
-
-def _same(trained: Trained, path: str | Path) -> Actor:
-    """Return the policy that a log of ours names, which is at hand."""
+def _at_hand(trained: Trained, path: str | Path) -> Actor:
+    """Return the policy that a log of ours names."""
     return actor_of(trained, path)
-
-
-def _sum(more: int | None, done: int) -> int | None:
-    return None if more is None else int(more) + int(done)
-
-
-def _facts(place: Path) -> dict[str, Any]:
-    """Return the verdict of a round's diagnosis, its gap in a sentence, and causes with costs."""
-    report = worth_report.read_diagnosis(place / "diagnosis")
-    worth = json.loads((place / "worth" / "worth.json").read_text(encoding="utf-8"))
-    causes = [
-        {
-            "label": f"{one['effect']}.{one['where']}" if one["where"] else one["effect"],
-            "value": one["value"] if isinstance(one["value"], float) else one["value"][0],
-            "ci": one["ci"],
-            "unit": one["unit"],
-            "closed": one["closed"],
-            "cost": list(one["cost"]["return"].values()),
-        }
-        for one in worth["causes"]
-    ]
-    gap = report["gap"]
-    left = "" if gap["after"] is None else f", {gap['after']:.3g} with what was found"
-    text = (
-        f"Diagnosis: {report['verdict'].replace('_', ' ')}; the recordings are {gap['before']:.3g} "
-        f"{gap['unit']} off in the simulator as given{left} (noise {gap['noise_floor']:.3g})."
-    )
-    return {"verdict": report["verdict"], "gap": text, "causes": causes}

@@ -16,7 +16,7 @@ from hardware.log import read_logs, write_log
 from sim2real.config.compose import compose, prepare
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.report import words
-from sim2real.loops.improve import improve, steps
+from sim2real.loops.improve import improve, looks, steps
 from sim2real.loops.improve.improve import Improvement
 from sim2real.runs.checkpoint import read_metadata
 from sim2real.runs.errors import Sim2RealError, Stopped
@@ -121,15 +121,15 @@ def test_a_loop_that_was_killed_ends_alike(
     settings = (hidden(tmp_path), f"rounds={rounds}", "tolerance=0")
     monkeypatch.setattr(improve.Story, "end", lambda story: None)
     go(run, tmp_path / "whole", *settings)
-    part, price = tmp_path / "part", improve.price
+    part, price = tmp_path / "part", looks.price
 
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(improve, "price", interrupted)
+    monkeypatch.setattr(looks, "price", interrupted)
     with pytest.raises(Stopped, match=rf"stopped in round 1; continue with resume={part}"):
         go(run, part, *settings)
-    monkeypatch.setattr(improve, "price", price)
+    monkeypatch.setattr(looks, "price", price)
     drive, count = improve.Site.deploy, iter(range(10))
 
     def broken(site: Any, trained: Any, folder: Path) -> list[float]:
