@@ -43,6 +43,7 @@ from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all, summary
+from sim2real.diagnosis.data.starts import with_free_starts
 from sim2real.diagnosis.design import design
 from sim2real.diagnosis.evidence import Evidence
 from sim2real.diagnosis.ground.findings import check_ground
@@ -132,6 +133,8 @@ def run_diagnosis(
     if estimates:
         on_progress("estimating where the base was", 0.0)
         data = grounded(given, estimates, fixed)
+    else:
+        data = with_free_starts(given, fixed)
     specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
     for log, spec in zip(logs, specs, strict=True):
         refuse_kinds(log, spec, settings.kinds)

@@ -33,7 +33,7 @@ def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, 
         settings: those of `encoder` and `noise_floor` are used.
     """
     names = list(dict.fromkeys(name for log in logs for name in _positions(log)))
-    own = {name: _rest(logs, name, settings) for name in names}
+    own = {name: reading_noise(logs, f"qpos.{name}", settings) for name in names}
     repeats = _repeats(logs, names, settings)
     return own | {name: max(scatter, own[name]) for name, scatter in repeats.items()}
 
@@ -59,12 +59,16 @@ def _positions(log: Log) -> list[str]:
     return [name for name in log.joints if f"qpos.{name}" in log.columns]
 
 
-def _rest(logs: Sequence[Log], joint: str, settings: Settings) -> float:
-    """What a cubic through neighbouring rows leaves of a slow joint's position, or a count's."""
+def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float:
+    """Return the noise of one reading of a column, in its unit, root mean square.
+
+    It is what a cubic through neighbouring rows leaves while the joint is slow, and at least what
+    rounding makes.
+    """
     parts = [
-        part.column(f"qpos.{joint}")
+        part.column(column)
         for log in logs
-        if f"qpos.{joint}" in log.columns
+        if column in log.columns
         for part in log.episodes()
         if len(part) > ORDER
     ]

@@ -20,7 +20,7 @@ from envs.replay import Recording
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.beginning import first_row
-from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.recording import FREE, rows_before, rows_of, to_recording
 from sim2real.diagnosis.settings import DEFAULT, TINY, Windows
 from sim2real.runs.errors import Sim2RealError
 
@@ -74,7 +74,8 @@ def cut(
     Raises:
         Sim2RealError: a log too short to be cut, or blocked nearly throughout.
     """
-    servo = all(_is_driven(models[0], joint.qpos) for joint in joints)
+    servo = all(is_driven(models[0], joint.qpos) for joint in joints)
+    state = settings.unsure_s if unsure(logs, models, joints) else settings.state_s
     parts = [(n, part) for n, log in enumerate(logs) for part in log.episodes()]
     total = sum(part.time[-1] - part.time[0] for _, part in parts)
     windows, start, before = [], 0, -1
@@ -84,7 +85,7 @@ def cut(
         before = number
         slow = min(total / settings.windows_max, _pace(part, settings))
         most, usual = max(settings.longest_s, slow), total / settings.windows_usual
-        length = float(np.clip(usual, settings.shortest_s, most)) if servo else settings.state_s
+        length = float(np.clip(usual, settings.shortest_s, most)) if servo else state
         pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
         cuts = _cuts(part, joints, pieces, settings) if servo else _even(part, pieces)
         cuts[0] = first_row(part, models[which[number]], counts, settings)
@@ -218,7 +219,22 @@ def _usable(log: Log, first: int, last: int, settings: Windows = DEFAULT.windows
     return free & (good if good.sum() > 1 else np.ones(last - first, bool))
 
 
-def _is_driven(model: mujoco.MjModel, qpos: int) -> bool:
+def unsure(logs: Sequence[Log], models: Sequence[mujoco.MjModel], joints: Sequence[Joint]) -> bool:
+    """Return whether windows keep an error of their starts: no servo, no logged speed corrects it.
+
+    Not where a base is loose: what it does at a contact hangs on less than is known.
+    """
+    joined = {joint.qpos for joint in joints}
+    model = models[0]
+    return (
+        not all(is_driven(model, joint.qpos) for joint in joints)
+        and joined <= set(model.jnt_qposadr.tolist())
+        and FREE not in model.jnt_type
+        and not any(f"qvel.{joint.name}" in log.columns for log in logs for joint in joints)
+    )
+
+
+def is_driven(model: mujoco.MjModel, qpos: int) -> bool:
     """Return whether a position servo drives the joint at that address."""
     return any(
         is_joint_servo(model, i) and model.jnt_qposadr[model.actuator_trnid[i, 0]] == qpos

@@ -52,6 +52,9 @@ class Windows:
     state_s: float = setting(
         0.25, "s", "windows where the state is logged and no servo corrects errors", DEVELOPED
     )
+    unsure_s: float = setting(
+        0.5, "s", "windows whose starts are uncertain, which is taken out of errors", DEVELOPED
+    )
     slowest_s: float = setting(12.0, "s", "longest window of slow motions", DEVELOPED)
     turn: float = setting(0.1, "1", "least turn of a command, of its range", JUDGED)
     begins_s: float = setting(0.05, "s", "rows that tell the speed at a log's first row", JUDGED)
