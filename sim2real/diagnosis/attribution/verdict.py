@@ -3,10 +3,10 @@
     verdict_of(Rest(before, after, floor, closed, low), data)
 
 `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if what is
-left is within twice the floor, or nine tenths are closed and nothing lasting is left at any joint;
-`partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
-than four effects are needed for the former two, it is `fitted`: then there are values, and no
-causes.
+left is within twice the floor, or nothing lasting is left at any joint and nine tenths are closed,
+or eight and the rest is within a count; `partly_explained` from three tenths with a lower bound
+above zero; else `unexplained`. Where more than four effects are needed for the former two, it is
+`fitted`: then there are values, and no causes.
 
 What is left on held-out windows is noise, which differs from row to row, and what the causes do not
 say, which lasts: a wrong law, a missing effect, a wrong value. The mean product of errors a moment
@@ -24,10 +24,10 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.schema import Verdict
 
 
-def resolution(data: Data) -> float:
-    """Return what encoder counts hide of a gap, in the units of errors."""
-    counts = np.array([joint.count / joint.scale for joint in data.joints])
-    return float(data.settings.verdict.no_gap_counts * np.sqrt(np.mean(counts**2)))
+def resolution(data: Data, counts: float) -> float:
+    """Return what so many encoder counts hide of a gap, in the units of errors."""
+    steps = np.array([joint.count / joint.scale for joint in data.joints])
+    return float(counts * np.sqrt(np.mean(steps**2)))
 
 
 def stands_out(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
@@ -74,9 +74,9 @@ def is_open(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
 
 def is_no_gap(before: float, floor: float, data: Data, alone: bool) -> bool:
     """Return whether a gap is within what noise and rounding make; `alone`: see `stands_out`."""
-    return not alone and before <= max(
-        data.settings.verdict.no_gap_floors * floor, resolution(data)
-    )
+    limits = data.settings.verdict
+    least = max(limits.no_gap_floors * floor, resolution(data, limits.no_gap_counts))
+    return not alone and before <= least
 
 
 class Rest(NamedTuple):
@@ -109,7 +109,9 @@ def verdict_of(rest: Rest, data: Data) -> Verdict:
         return "no_gap"
     limits = data.settings.verdict
     near = rest.after <= limits.no_gap_floors * rest.floor and not rest.alone[1]
-    most = rest.closed >= limits.explained and not rest.unsaid
+    hidden = rest.after <= resolution(data, limits.explained_counts)
+    enough = limits.explained_count if hidden else limits.explained
+    most = rest.closed >= enough and not rest.unsaid
     if not (near or most) and not (rest.closed >= limits.partly and rest.low > 0):
         return "unexplained"
     if rest.values > limits.causes_max:

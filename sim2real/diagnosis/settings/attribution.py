@@ -192,7 +192,12 @@ class Parsimony:
     """
 
     floors: float = setting(0.25, "1", "noise floors of the joint", JUDGED)
-    share: float = setting(0.05, "1", "share of what there is to close at the joint", JUDGED)
+    share: float = setting(
+        0.1,
+        "1",
+        "share of what there is to close at the joint",
+        "derived: what `explained` leaves open is no cause either",
+    )
     mends: float = setting(
         0.25, "1", "share of what is left at the joint: less may only mend a bad fit", JUDGED
     )
@@ -219,6 +224,12 @@ class Verdict:
         "1",
         "encoder counts that they may have instead",
         "derived: what the encoder resolves, where the search ends too",
+    )
+    explained_count: float = setting(
+        0.8,
+        "1",
+        "closed share from which it is explained if an encoder count hides what is left",
+        JUDGED,
     )
     lasting_s: float = setting(
         0.01, "s", "time after which an error that is still there is no noise of a row", JUDGED

@@ -87,11 +87,11 @@ def test_the_price_is_told_at_the_joint(tmp_path: Path) -> None:
 
     search.base = error(30e-3, 0.0)
     assert worth(search, error(10e-3, 0.0), error(8.5e-3, 0.0)) < 1  # mends a bad fit
-    assert worth(search, error(3e-3, 0.0), error(1.4e-3, 0.0)) > 1  # a twentieth of the gap
-    assert worth(search, error(3e-3, 0.0), error(2e-3, 0.0)) < 1
-    assert pays(search, error(3e-3, 0.0), error(1e-3, 0.0))
-    assert not pays(search, error(3e-3, 0.0), error(1e-3, 0.0), values=2)
-    assert not pays(search, error(3e-3, 1e-3), error(1e-3, 5e-3))  # harms its neighbour more
+    assert worth(search, error(5e-3, 0.0), error(1.9e-3, 0.0)) > 1  # a tenth of the gap
+    assert worth(search, error(5e-3, 0.0), error(2.1e-3, 0.0)) < 1
+    assert pays(search, error(5e-3, 0.0), error(1e-3, 0.0))
+    assert not pays(search, error(5e-3, 0.0), error(1e-3, 0.0), values=2)
+    assert not pays(search, error(5e-3, 1e-3), error(1e-3, 9e-3))  # harms its neighbour more
 
 
 def test_an_interval_that_holds_neutral_is_no_cause(tmp_path: Path) -> None:
