@@ -3,9 +3,10 @@
     data = grounded(data, estimates, fixed)
 
 Each window is simulated from its start and from starts that are off by one standard deviation of
-each unknown. A damped Gauss-Newton step moves the start to where the model follows encoders and
-IMU best (a smoother over MuJoCo's own dynamics, as long as a window); what the unknowns change is
-then taken out of all errors (`nuisance`).
+each unknown. Where the model explains the rest, a damped Gauss-Newton step moves the start to where
+it follows encoders and IMU best (a smoother over MuJoCo's own dynamics, as long as a window): a
+wrong model would move it to a wrong place. What the unknowns change is taken out of all errors
+(`nuisance`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.nuisance import marginal
+from sim2real.diagnosis.data.nuisance import Nuisance, marginal
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.windows import Joint, Window, cut_one
 from sim2real.diagnosis.ground.estimate import Estimate
@@ -52,8 +53,10 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
     cut = plain.with_windows(windows)
     noise = np.full(len(joints), settings.error_rad)
     error, ways = _responses(cut, doubts, fixed)
-    refined = _refined(cut, doubts, error, ways, _gap(cut, error, ways, noise), fixed)
-    return replace(refined, nuisance=marginal(ways, noise))
+    nuisance = marginal(ways, noise)
+    if _gap(cut, nuisance, error) < settings.trusted_rad:
+        cut = _refined(cut, doubts, error, ways, noise, fixed)
+    return replace(cut, nuisance=nuisance)
 
 
 def _settings(settings: Settings) -> Settings:
@@ -63,10 +66,10 @@ def _settings(settings: Settings) -> Settings:
     return replace(settings, search=search)
 
 
-def _gap(data: Data, error: np.ndarray, ways: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Return what starts cannot cause of each joint's errors, (M,): they do not follow that."""
-    left = marginal(ways, noise).clear(np.arange(len(error)), error)
-    return np.maximum(np.sqrt(data.mean_squares(left)), noise)
+def _gap(data: Data, nuisance: Nuisance, error: np.ndarray) -> float:
+    """Return the root mean square of what starts cannot cause of errors (W, T, M)."""
+    left = nuisance.clear(np.arange(len(error)), error)
+    return float(np.sqrt(data.mean_squares(left).mean()))
 
 
 def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list[Joint]:

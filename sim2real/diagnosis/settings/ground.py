@@ -47,6 +47,9 @@ class Ground:
     )
     turn_floor: float = setting(0.002, "rad", "noise of the base's turn", JUDGED)
     error_rad: float = setting(0.002, "rad", "errors beside those of a wrong start", JUDGED)
+    trusted_rad: float = setting(
+        0.004, "rad", "rest up to which starts follow the model that leaves it", GAIT
+    )
     step_max: float = setting(3.0, "1", "deviations by which a start is moved at most", JUDGED)
     step_shares: tuple[float, ...] = setting(
         (1.0, 0.5), "1", "shares of the smoother's step that are tried", COST
