@@ -30,7 +30,7 @@ from envs.plant import Fixed
 from envs.replay import without_impedance
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.attribution.apart import Member
-from sim2real.diagnosis.attribution.attributed import About, attributed, causes_of, restarted
+from sim2real.diagnosis.attribution.attributed import About, attributed, causes_of
 from sim2real.diagnosis.attribution.candidates import check_names
 from sim2real.diagnosis.attribution.conclude import Conclusion
 from sim2real.diagnosis.attribution.fit import columns
@@ -48,6 +48,7 @@ from sim2real.diagnosis.design import design
 from sim2real.diagnosis.evidence import Evidence
 from sim2real.diagnosis.ground.findings import check_ground
 from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.pushes import check_pushes
 from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.checks import UNITS, preflight
@@ -142,11 +143,12 @@ def run_diagnosis(
     findings = [*interface.findings, *held, *preflight(logs, specs, settings)]
     models = [data.models[_model_of(data, number)] for number in range(len(logs))]
     findings += check_ground(estimates, models, settings.ground)
+    findings += check_pushes(data, estimates, settings.ground)
     wrong = [finding.finding for finding in findings if finding.check in UNITS]
     about = About(data, exclude, fixed, rng, on_progress)
-    found = attributed(about, wrong[0] if wrong else None)
+    restart = partial(grounded, given, estimates) if estimates else None
+    found = attributed(about, wrong[0] if wrong else None, restart)
     if estimates:
-        found = restarted(about, found, partial(grounded, given, estimates))
         search = found.search
         findings += check_grip(search.problem, search.options, search.floor)
     data, _, floors, made = found

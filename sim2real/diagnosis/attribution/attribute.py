@@ -133,10 +133,10 @@ class Search:
         self.responses: list[Response] = []  # of each candidate, as last screened
         self.best = ""  # what explains most so far, in words
 
-    def run(self) -> Found:
-        """Search."""
+    def run(self, most: int | None = None) -> Found:
+        """Search for so many causes; None: for as many as the settings allow."""
         found = Found(self.none, self.base)
-        while len(found.fit.members) < self.settings.causes_max:
+        while len(found.fit.members) < (most or self.settings.causes_max):
             if len(found.fit.members) == 1:
                 self.pair(found)
             contenders = self.race(found.fit, found.error, found)

@@ -1,11 +1,10 @@
 """A whole search on some windows: from the model as given to a conclusion.
 
     found = attributed(about)                   # found.made.report, found.floors
-    found = restarted(about, found, restart)    # windows whose starts know the causes
 
-Where windows start from an estimate (`ground`), that estimate is the model's as given. It is made
-again with the causes in the model, and what explained the logs, with what promised most beside it,
-is fitted and judged anew.
+Where windows start from an estimate (`ground`), that estimate is the model's as given. Once a first
+cause is known it is made again with this cause in the model, and the search begins anew on these
+windows, among what promised most.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import numpy as np
 
 from envs.effects import Effect, combined
 from envs.plant import Fixed
-from sim2real.diagnosis.attribution.attribute import Search
+from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.conclude import Conclusion, conclude, nothing, unsearched
 from sim2real.diagnosis.attribution.fit import Fit, Problem, columns
@@ -31,6 +30,7 @@ from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.runs.errors import Sim2RealError
 
+Restart = Callable[[Sequence[Fixed]], Data]
 WEIGHING = 0.9  # share of the work that is done then
 
 
@@ -62,51 +62,66 @@ class Attributed(NamedTuple):
 
 
 def attributed(
-    about: About, wrong: str | None = None, only: Sequence[str] | None = None
+    about: About, wrong: str | None = None, restart: Restart | None = None
 ) -> Attributed:
     """Search, and conclude.
 
     Args:
         about: what.
         wrong: what is wrong with the logs, so that no cause is looked for; None: nothing.
-        only: labels of the candidates; None: all there are.
+        restart: returns the windows whose starts were estimated with some effects in the model;
+            None: starts are known.
 
     Raises:
         Sim2RealError: a model that cannot follow the logs.
     """
-    data, rng, progress = about.data, about.rng, about.on_progress
+    data, rng = about.data, about.rng
     floors = floors_of(data)
+    search = _search(about, floors)
+    if wrong is not None:
+        return Attributed(data, search, floors, unsearched(search, floors, rng, wrong))
+    if is_no_gap(search.before, search.floor, data, stands_out(search.base, data, floors)):
+        return Attributed(data, search, floors, nothing(search, floors, rng))
+    found = search.run(None if restart is None else 1)
+    if restart is not None:
+        search, found = _restarted(about, floors, search, found, restart)
+    found = refit_torque_on(search, found)
+    if is_spread(search, found):
+        found = by_family(search, found)
+    found = simplified(search, found)
+    search.say("weighing what was found", WEIGHING)
+    made = conclude(search, found, floors, rng)
+    return Attributed(search.problem.data, search, floors, made)
+
+
+def _search(about: About, floors: np.ndarray, only: Sequence[str] | None = None) -> Search:
+    """Return a search that has not run, among candidates of these labels; None: among all."""
+    data = about.data
     floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
-    problem = Problem(data, Simulator(data, about.fixed, on_run=progress.tick))
+    problem = Problem(data, Simulator(data, about.fixed, on_run=about.on_progress.tick))
     _refuse_lost(problem)
     options = candidates(data, about.exclude, about.fixed)
     options = [option for option in options if only is None or option.label in only]
-    search = Search(problem, options, floor, rng, progress, floors / data.scale)
-    made = _searched(search, data, floors, rng) if wrong is None else None
-    made = made or unsearched(search, floors, rng, wrong or "")
-    return Attributed(data, search, floors, made)
+    return Search(problem, options, floor, about.rng, about.on_progress, floors / data.scale)
 
 
-def restarted(
-    about: About, first: Attributed, restart: Callable[[Sequence[Fixed]], Data]
-) -> Attributed:
-    """Return what is left to be said once the windows' starts know the causes.
+def _restarted(
+    about: About, floors: np.ndarray, search: Search, found: Found, restart: Restart
+) -> tuple[Search, Found]:
+    """Return the search and what it found once the windows' starts know a first cause.
 
-    Args:
-        about: as it was searched first.
-        first: what was found; if it leaves nothing, it stays.
-        restart: returns the windows whose starts were estimated with some effects in the model.
+    Where nothing was found, where nothing is left, or where more is left then, it is the first one.
     """
-    gap, search = first.made.report.gap, first.search
-    causes = causes_of(first.made.fit)
-    if not causes or gap.after is None or gap.after <= search.least:
-        return first
-    kept = [member.label for member in first.made.fit.members]
-    most = first.data.settings.ground.again
+    left = search.blocks.rms(found.error)
+    if not found.fit.members or left <= search.least:
+        return search, found
+    kept = [member.label for member in found.fit.members]
+    most = about.data.settings.ground.again
     kept += [guess.candidate.label for guess in search.first.guesses[:most]]
-    again = attributed(about._replace(data=restart(combined(about.fixed, causes))), only=kept)
-    after = again.made.report.gap.after
-    return again if after is not None and after < gap.after else first
+    data = restart(combined(about.fixed, causes_of(found.fit)))
+    again = _search(about._replace(data=data), floors, kept)
+    more = again.run()
+    return (again, more) if again.blocks.rms(more.error) < left else (search, found)
 
 
 def causes_of(fit: Fit) -> tuple[tuple[Effect, tuple[float, ...]], ...]:
@@ -118,23 +133,10 @@ def causes_of(fit: Fit) -> tuple[tuple[Effect, tuple[float, ...]], ...]:
     )
 
 
-def _searched(
-    search: Search, data: Data, floors: np.ndarray, rng: np.random.Generator
-) -> Conclusion:
-    if is_no_gap(search.before, search.floor, data, stands_out(search.base, data, floors)):
-        return nothing(search, floors, rng)
-    found = refit_torque_on(search, search.run())
-    if is_spread(search, found):
-        found = by_family(search, found)
-    found = simplified(search, found)
-    search.say("weighing what was found", WEIGHING)
-    return conclude(search, found, floors, rng)
-
-
 def floors_of(data: Data) -> np.ndarray:
     """Return the noise floor of each joint [rad or m], (M,)."""
     found = noise_floor(data.logs, data.settings)
-    return np.array([max(found.get(j.name, 0.0), rounding(j.count)) for j in data.joints])
+    return np.array([max(found.get(j.name, j.floor), rounding(j.count)) for j in data.joints])
 
 
 def _refuse_lost(problem: Problem) -> None:

@@ -36,6 +36,7 @@ class Joint(NamedTuple):
     count: float  # the step between two readings; 0 where they are not rounded
     spread: float  # standard deviation of its motion
     scale: float  # what errors are divided by, so that rad and m meet
+    floor: float = 0.0  # noise that is known beforehand
 
 
 class Window(NamedTuple):

@@ -29,7 +29,7 @@ MANY = 3  # soles from which a plane is told
 def check_ground(
     estimates: Sequence[Estimate], models: Sequence[mujoco.MjModel], settings: Ground
 ) -> list[Finding]:
-    """Return what there is to say about logs whose base was estimated.
+    """Return what there is to say about logs whose base was estimated; nothing without any.
 
     Args:
         estimates: of each log.

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from sim2real.diagnosis.data.nuisance import Nuisance, marginal
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.windows import Joint, Window, cut_one
 from sim2real.diagnosis.ground.estimate import Estimate
+from sim2real.diagnosis.ground.pushes import is_pushed, rows_of
 from sim2real.diagnosis.ground.starts import Unknowns, moved, unknowns
 from sim2real.diagnosis.ground.turns import heading, level
 from sim2real.diagnosis.settings import Ground, Settings
@@ -46,7 +46,7 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
     windows, doubts = [], []
     for number, estimate in enumerate(estimates):
         model = data.models[which[number]]
-        for rows in _rows(estimate, settings):
+        for rows in rows_of(estimate, settings):
             window = _window(plain, number, which[number], estimate, rows)
             windows.append(window)
             doubts.append(unknowns(estimate, model, rows[0], settings))
@@ -56,7 +56,9 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
     nuisance = marginal(ways, noise)
     if _gap(cut, nuisance, error) < settings.trusted_rad:
         cut = _refined(cut, doubts, error, ways, noise, fixed)
-    return replace(cut, nuisance=nuisance)
+    done = replace(cut, nuisance=nuisance)
+    pushed = is_pushed(done, nuisance.clear(np.arange(len(error)), error))
+    return done.only(np.flatnonzero(~pushed))
 
 
 def _settings(settings: Settings) -> Settings:
@@ -81,26 +83,11 @@ def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list
         found = [joint._replace(scale=1.0) for joint in found]
     if base.is_free:
         name, first = model.joint(base.joints[0]).name, int(base.turn[0])
-        count = settings.turn_floor * HALF * np.sqrt(12)
+        floor = HALF * settings.turn_floor
         for k in PARTS:
             column = np.concatenate([e.log.column(f"qpos.{name}.{k}") for e in estimates])
-            spread = float(column.std())
-            found.append(Joint(f"{name}.{k}", first + k - 3, "rad", float(count), spread, HALF))
-    return found
-
-
-def _rows(estimate: Estimate, settings: Ground) -> list[tuple[int, int, int]]:
-    """Return start, first compared row and end of each window."""
-    found, start = [], 0
-    for part in estimate.log.episodes():
-        step = float(np.median(np.diff(part.time)))
-        length = max(round(settings.window_s / step), 2)
-        pieces = max((len(part) - 2) // length, 1)
-        cuts = np.linspace(1, len(part) - 1, pieces + 1).astype(int)
-        found += [
-            (start + a, start + a + 1, start + b + 1) for a, b in pairwise(cuts.tolist()) if b > a
-        ]
-        start += len(part)
+            place, spread = first + k - 3, float(column.std())
+            found.append(Joint(f"{name}.{k}", place, "rad", 0.0, spread, HALF, floor))
     return found
 
 

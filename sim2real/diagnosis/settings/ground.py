@@ -55,7 +55,7 @@ class Ground:
         (1.0, 0.5), "1", "shares of the smoother's step that are tried", COST
     )
     again: int = setting(
-        12, "1", "candidates beside the causes once starts are estimated with these", COST
+        24, "1", "candidates beside the causes once starts are estimated with these", COST
     )
     grips: tuple[float, float] = setting(
         (0.7, 1.5), "1", "friction of the feet that is tried, of the model's", JUDGED
@@ -77,3 +77,8 @@ class Ground:
     tilt_better: float = setting(
         0.7, "1", "distance between the two lowest soles with that turn, of that without", JUDGED
     )
+    push_times: float = setting(
+        8.0, "1", "error of the base's turn in a pushed window, of the median one", JUDGED
+    )
+    push_rad: float = setting(0.02, "rad", "least such error", JUDGED)
+    push_share: float = setting(0.1, "1", "share of windows above which none is pushed", JUDGED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.pushes import check_pushes
 from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
@@ -72,3 +74,18 @@ def test_a_log_that_holds_its_base_is_cut_as_before(cut: Cut) -> None:
     bare = {n: c for n, c in log.columns.items() if ".root." not in n}
     with pytest.raises(Sim2RealError, match="diagnose logs of one kind"):
         estimate_all([log, replace(log, columns=bare)], None, DEFAULT.ground)
+
+
+def test_a_push_is_told_and_left_out() -> None:
+    """Windows around it, and no others; without one none goes."""
+    gone = []
+    for push in (0.0, 1.0):
+        log = without(trot(seconds=4.0, push=push).log, "accelerometer")
+        estimates = estimate_all([log], None, DEFAULT.ground)
+        data = grounded(Data.of([one.log for one in estimates]), estimates)
+        gone.append(check_pushes(data, estimates, DEFAULT.ground))
+    assert gone[0] == []
+    (finding,) = gone[1]
+    moments = [float(part) for part in re.findall(r"\d\.\d\d", finding.finding)]
+    assert 0 < len(moments) < 3
+    assert all(1.6 < moment < 2.1 for moment in moments)

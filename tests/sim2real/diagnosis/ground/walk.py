@@ -23,8 +23,8 @@ class Walk(NamedTuple):
     qvel: np.ndarray  # (T, nv)
 
 
-def trot(seconds: float = 3.0) -> Walk:
-    """Return a trot of quad8 with drawn offsets."""
+def trot(seconds: float = 3.0, push: float = 0.0) -> Walk:
+    """Return a trot of quad8 with drawn offsets, pushed for 0.1 s in the middle [N·m]."""
     phase = 2 * np.pi * np.random.default_rng(0).random(8)
     lift = np.repeat([0.0, np.pi, np.pi, 0.0], 2)
 
@@ -32,7 +32,7 @@ def trot(seconds: float = 3.0) -> Walk:
         stride = 0.15 * np.sin(4 * np.pi * t + lift + np.tile([0.0, np.pi / 2], 4))
         return np.tile([0.6, -1.2], 4) + stride + 0.05 * np.sin(5.0 * t + phase)
 
-    return _walked("quad8.xml", goals, seconds, None)
+    return _walked("quad8.xml", goals, seconds, None, push=push)
 
 
 def stretch(friction: float) -> Walk:
@@ -55,7 +55,9 @@ def hops(seconds: float = 3.0) -> Walk:
     return _walked("hopper2.xml", goals, seconds, None, rate=100.0)
 
 
-def _walked(asset: str, goals, seconds: float, friction: float | None, rate: float = RATE) -> Walk:
+def _walked(
+    asset: str, goals, seconds: float, friction: float | None, rate: float = RATE, push: float = 0.0
+) -> Walk:
     model = mujoco.MjModel.from_xml_path(str(ASSETS / asset))
     if friction is not None:
         model.geom_friction[:, 0] = friction
@@ -66,6 +68,7 @@ def _walked(asset: str, goals, seconds: float, friction: float | None, rate: flo
     names = [model.actuator(i).name for i in range(model.nu)]
     for k in range(int(seconds * rate)):
         data.ctrl[:] = goals(k / rate)
+        data.xfrc_applied[1, 3] = push * (abs(k / rate - seconds / 2) < 0.05)
         mujoco.mj_forward(model, data)
         row = {"episode": 0.0, "time": k / rate}
         row |= {f"ctrl.{n}": c for n, c in zip(names, data.ctrl, strict=True)}

@@ -1,0 +1,83 @@
+"""Windows in which something from outside moved the robot: a push, a hit, a hand.
+
+    kept = ~is_pushed(data, error)
+    findings = check_pushes(data, estimates)        # data without them
+
+A missing effect is wrong whenever the robot moves as it does; a push is wrong once. So windows are
+left out in which the base turns by many times more than the model lets expect, compared with all
+the others, as long as these are few. The report tells when they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.ground.estimate import Estimate
+from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import Ground
+
+SHOWN = 3  # moments that a sentence names
+
+
+def is_pushed(data: Data, error: np.ndarray) -> np.ndarray:
+    """Return which windows are pushed, (W,) bool, from errors of the model as given (W, T, M)."""
+    settings = data.settings.ground
+    turn = np.array(["." in joint.name and joint.scale < 1 for joint in data.joints])
+    none = np.zeros(len(error), bool)
+    if not turn.any():
+        return none
+    rows = np.maximum(data.mask.sum(axis=1), 1)
+    size = np.sqrt((error[..., turn] ** 2).sum(axis=(1, 2)) / rows)
+    far = size > max(settings.push_times * float(np.median(size)), settings.push_rad)
+    logs = np.array([window.log for window in data.windows])
+    whole = {log for log in set(logs.tolist()) if far[logs == log].all()}
+    return none if far.mean() > settings.push_share or whole else far
+
+
+def rows_of(estimate: Estimate, settings: Ground) -> list[tuple[int, int, int]]:
+    """Return start, first compared row and end of each window."""
+    found, start = [], 0
+    for part in estimate.log.episodes():
+        step = float(np.median(np.diff(part.time)))
+        length = max(round(settings.window_s / step), 2)
+        pieces = max((len(part) - 2) // length, 1)
+        cuts = np.linspace(1, len(part) - 1, pieces + 1).astype(int)
+        found += [
+            (start + a, start + a + 1, start + b + 1) for a, b in pairwise(cuts.tolist()) if b > a
+        ]
+        start += len(part)
+    return found
+
+
+def check_pushes(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list[Finding]:
+    """Return a finding for each log with windows that were left out.
+
+    Args:
+        data: the windows that are left.
+        estimates: of each log.
+        settings: how long windows are.
+    """
+    found = []
+    for number, estimate in enumerate(estimates):
+        kept = {window.start for window in data.windows if window.log == number}
+        rows = [start for start, _, _ in rows_of(estimate, settings) if start not in kept]
+        if rows:
+            log = estimate.log
+            name = log.path.name if log.path else f"log {number + 1}"
+            moments = ", ".join(f"{log.time[row]:.2f}" for row in rows[:SHOWN])
+            more = f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else ""
+            found.append(
+                Finding(
+                    "push",
+                    None,
+                    f"{name}: something moved the base that no other moment shows, in the windows "
+                    f"that begin at {moments} s{more} (a push, a hit, a hand, a jump of the IMU). "
+                    "They are left out.",
+                    "Look at what happened there; record again if it is more than a moment.",
+                )
+            )
+    return found
