@@ -1,0 +1,1 @@
+"""Models that others made, and ones with every part MJCF has, through the whole diagnosis."""
