@@ -11,14 +11,17 @@ the guard, Ctrl-C or anything else ends early.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
+from hardware.body import OF_THE_IMU, BodySensors
+from hardware.body import columns as list_columns
 from hardware.config import Robot
 from hardware.driver import Health, Reading
-from hardware.errors import LogError
+from hardware.errors import LineError, LogError
 from hardware.excite import Plan
 from hardware.log import Log
 from hardware.pace import Pace
@@ -34,6 +37,7 @@ class _Row(NamedTuple):
     reading: Reading
     driven: bool
     health: list[Health | None]
+    body: Mapping[str, np.ndarray]  # of the IMU
 
 
 def joint_names(robot: Robot) -> list[str]:
@@ -55,10 +59,11 @@ class Recording:
     Args:
         guard: armed servos.
         episode: its number.
+        sensors: what is beside the servos, of which an IMU is written down; None for nothing.
     """
 
-    def __init__(self, guard: Guard, episode: int = 0) -> None:
-        self._guard, self._episode = guard, episode
+    def __init__(self, guard: Guard, episode: int = 0, sensors: BodySensors | None = None) -> None:
+        self._guard, self._episode, self._sensors = guard, episode, sensors
         self._rows: list[_Row] = []
         self._start: float | None = None
         self.stopped: str | None = None  # why the plan was not driven to its end
@@ -96,13 +101,24 @@ class Recording:
         guard = self._guard
         reading = guard.read()
         now = guard.driver.clock.now()
+        body = self._sense(now)
         self._start = now if self._start is None else self._start
         if torque != on:
             guard.stiffen() if torque else guard.limp()
         sent = guard.command(wanted).angles if torque else reading.position
         driven = torque and not guard.dry_run
-        row = _Row(now - self._start, wanted, sent, reading, driven, list(guard.health))
+        row = _Row(now - self._start, wanted, sent, reading, driven, list(guard.health), body)
         self._rows.append(row)
+
+    def _sense(self, now: float) -> Mapping[str, np.ndarray]:
+        """Return what an IMU measures; stop the robot if it does not."""
+        if self._sensors is None:
+            return {}
+        try:
+            values = self._sensors.measure(now)
+        except LineError as error:
+            self._guard.give_up(str(error))
+        return {name: value for name, value in values.items() if name in OF_THE_IMU}
 
     def log(self) -> Log:
         """Return what was recorded so far.
@@ -111,7 +127,8 @@ class Recording:
             A log with ctrl, qpos, qvel, current, stamp and torque of every servo, voltage and
             temperature as last told (one servo a step tells them), the wanted angles as `action`,
             the duty as `sensor.duty_<servo>`, the raw position as `sensor.count_<servo>`, and
-            `flag.fresh` (0: an answer was missing, the last value is held). Its metadata say
+            `flag.fresh` (0: an answer was missing, the last value is held), and the IMU's columns
+            where there is one. Its metadata say
             `stopped` and why, if the plan was not driven to its end.
 
         Raises:
@@ -132,6 +149,10 @@ class Recording:
                 columns[f"{kind}.{joint}"] = np.array([getattr(r.reading, field)[i] for r in rows])
         for i, (name, joint) in enumerate(pairs):
             columns |= self._servo_columns(i, name, joint)
+        site = None if robot.imu is None else robot.imu.site
+        for name, first in rows[0].body.items():
+            values = np.array([row.body[name] for row in rows])
+            columns |= zip(list_columns(name, len(first), site), values.T, strict=True)
         columns["flag.fresh"] = np.array([float(row.reading.fresh.all()) for row in rows])
         return Log(columns, self._meta())
 

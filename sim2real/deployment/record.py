@@ -17,11 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from hardware.body import EmulatedBody
 from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import Robot, make_robot
 from hardware.connect import make_driver
 from hardware.emulator.world import World
 from hardware.excite import Kind, excite, suiting
+from hardware.imu.reader import make_imu
 from hardware.log import Log, write_log
 from hardware.record import Recording, joint_names
 from hardware.safety import Guard, StopLimits
@@ -100,9 +102,14 @@ def drive(
         HardwareError: a robot that is wrong, or is not there.
     """
     kinds = suiting(robot, motions)
-    driver = make_driver(robot, World(robot, seed=seed) if robot.port is None else None)
-    recording = Recording(guard := Guard(driver, limits))
+    world = World(robot, seed=seed) if robot.port is None else None
+    driver = make_driver(robot, world)
+    imu = make_imu(robot)
+    emulated = EmulatedBody(world) if world is not None and robot.imu is not None else None
+    recording = Recording(guard := Guard(driver, limits), sensors=emulated or imu)
     try:
+        if imu is not None:
+            imu.open()
         driver.connect()
         driver.configure()
         with guard:
@@ -113,6 +120,8 @@ def drive(
             recording.drive(excite(robot, middle, seconds, kinds, rng, size))
     finally:
         driver.close()
+        if imu is not None:
+            imu.close()
         if path is not None and len(recording) > 1:
             write_log(path, recording.log())
             log_.info("%d rows in %s", len(recording), path.name)

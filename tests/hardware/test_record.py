@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from hardware.body import EmulatedBody
 from hardware.config import ROBOTS, load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import World
-from hardware.errors import LogError, SafetyError
+from hardware.errors import LineError, LogError, SafetyError
 from hardware.excite import Plan
 from hardware.log import Log, check_names, read_log, write_log
 from hardware.record import Recording, joint_names, record
@@ -202,3 +203,48 @@ def test_a_soft_servo_may_sag_without_being_stuck():
         guard.arm()
         log = record(guard, np.full((400, 1), 1.4))
     assert 0.5 < log.column("ctrl.hinge")[-1] - log.column("qpos.hinge")[-1] < 1.2
+
+
+class _Cut:
+    """An IMU whose cable comes out after a few reads."""
+
+    names = ("orientation",)
+
+    def __init__(self, reads: int) -> None:
+        self.reads = reads
+
+    def measure(self, now: float) -> dict[str, np.ndarray]:
+        """Return an orientation, or raise as a reader does."""
+        self.reads -= 1
+        if self.reads < 0:
+            raise LineError("IMU at port: the cable is out")
+        return {"orientation": np.array([1.0, 0.0, 0.0, 0.0])}
+
+    def put_back(self, now: float) -> None:
+        """Do nothing."""
+
+
+def test_an_imu_is_written_beside_the_servos():
+    """Its own columns, a row a step, not the tracker's; one that fails stops the robot."""
+    robot = load_robot("quad8")
+    plan = np.tile(home(robot), (20, 1))
+    for sensors in (True, False):
+        world = World(robot)
+        driver = make_driver(robot, world)
+        driver.connect()
+        driver.configure()
+        with Guard(driver) as guard:
+            guard.arm()
+            imu = EmulatedBody(world) if sensors else _Cut(5)
+            recording = Recording(guard, sensors=imu)
+            if sensors:
+                recording.drive(plan)
+                log = recording.log()
+                turn = np.column_stack([log.column(f"quat.imu.{axis}") for axis in "wxyz"])
+                assert np.allclose(np.linalg.norm(turn, axis=1), 1.0)
+                assert "gyro.imu.z" in log.columns
+                assert not [n for n in log.columns if n.startswith("sensor.position")]
+            else:
+                with pytest.raises(SafetyError, match="the cable is out"):
+                    recording.drive(plan)
+                assert len(recording) == 5

@@ -4,7 +4,8 @@
     estimate.log.column("qpos.root.3")              # as if it had been logged
 
 Joint positions and speeds at a row's time are those of a parabola through three readings. The
-base's orientation is the IMU's, its height and linear speed are what soles that stand on the ground
+base's orientation is the IMU's (without one, of a robot that rests, that of the plane of its feet:
+`leaning`), its height and linear speed are what soles that stand on the ground
 leave (`odometry`); a column `sensor.position_0` to `_2` (a tracker of the base) takes their place.
 Heading and place on the ground change nothing and start at 0.
 """
@@ -22,8 +23,9 @@ from hardware.log import Log
 from sim2real.diagnosis.data.recording import columns_of, home
 from sim2real.diagnosis.ground.base import Base, Imu, base_of, imu_of
 from sim2real.diagnosis.ground.feet import feet_of
+from sim2real.diagnosis.ground.leaning import leant
 from sim2real.diagnosis.ground.odometry import Push, Walk, walked
-from sim2real.diagnosis.ground.turns import turned
+from sim2real.diagnosis.ground.turns import slopes, turned
 from sim2real.diagnosis.settings import Ground
 from sim2real.runs.errors import Sim2RealError
 
@@ -41,6 +43,7 @@ class Estimate(NamedTuple):
         walk: what the soles said.
         slope: (T, nv) by how much speeds may be off, standard deviation.
         lift: (n,) of the base's linear positions that raises it by 1 m.
+        felt: whether an IMU says how the base is turned; else the soles that it rests on do.
     """
 
     log: Log
@@ -50,6 +53,7 @@ class Estimate(NamedTuple):
     walk: Walk
     slope: np.ndarray
     lift: np.ndarray
+    felt: bool
 
 
 def estimated(log: Log, model: mujoco.MjModel, settings: Ground) -> Estimate | None:
@@ -61,24 +65,27 @@ def estimated(log: Log, model: mujoco.MjModel, settings: Ground) -> Estimate | N
         settings: how sure each channel is.
 
     Raises:
-        Sim2RealError: a base that turns freely and has no IMU.
+        Sim2RealError: a base that turns freely, has no IMU and does not rest on its soles.
     """
     base = base_of(log, model)
     if base is None:
         return None
     imu = imu_of(log, model, base)
-    if base.is_free and (imu is None or (imu.orientation is None and not _can_integrate(imu))):
-        raise Sim2RealError(_refusal(log, model, base))
+    felt = imu is not None and (imu.orientation is not None or _can_integrate(imu))
     parts = []
     start = 0
     for part in log.episodes():
         rows = slice(start, start + len(part))
         start += len(part)
-        parts.append(_episode(part, model, base, _some(imu, rows), settings))
+        own = _some(imu, rows) if felt else None
+        made = _episode(part, model, base, own, settings)
+        if made is None:
+            raise Sim2RealError(_refusal(log, model, base))
+        parts.append(made)
     qpos, qvel, slope = (np.concatenate([part[k] for part in parts]) for k in (0, 1, 3))
     walk = Walk(*(np.concatenate(one) for one in zip(*(part[2] for part in parts), strict=True)))
-    own = _with_columns(log, model, base, qpos, qvel)
-    return Estimate(own, base, qpos, qvel, walk, slope, parts[0][4])
+    full = _with_columns(log, model, base, qpos, qvel)
+    return Estimate(full, base, qpos, qvel, walk, slope, parts[0][4], felt)
 
 
 def _can_integrate(imu: Imu) -> bool:
@@ -92,8 +99,9 @@ def _refusal(log: Log, model: mujoco.MjModel, base: Base) -> str:
         "imu",
     )
     return (
-        f"{log.path or 'the log'}: the model's base {name!r} is free, and neither "
-        f"`qpos.{name}.0` to `qpos.{name}.6` nor an IMU on it is logged: where it was when the "
+        f"{log.path or 'the log'}: the model's base {name!r} is free, it does not rest "
+        f"on three feet, and neither `qpos.{name}.0` to `qpos.{name}.6` nor an IMU on it is "
+        "logged: where it was when the "
         f"recording's pieces begin is not known. Log `quat.{site}.w` to `.z`, or `gyro.{site}.x` "
         f"and `accelerometer.{site}.x` to `.z` at a site of the model, or the pose (motion "
         "capture); or hold the base still while you record, and give a model whose base is fixed"
@@ -111,8 +119,11 @@ def _some(imu: Imu | None, rows: slice) -> Imu | None:
 
 def _episode(
     part: Log, model: mujoco.MjModel, base: Base, imu: Imu | None, settings: Ground
-) -> tuple[np.ndarray, np.ndarray, Walk, np.ndarray, np.ndarray]:
-    """Return qpos, qvel, the walk, how unsure speeds are, and the lift, of one episode."""
+) -> tuple[np.ndarray, np.ndarray, Walk, np.ndarray, np.ndarray] | None:
+    """Return qpos, qvel, the walk, how unsure speeds are, and the lift, of one episode.
+
+    None where nothing says how the base is turned.
+    """
     count = len(part)
     qpos, qvel = np.tile(home(model)[0], (count, 1)), np.zeros((count, model.nv))
     slope = np.full((count, model.nv), settings.speed_doubt)
@@ -122,10 +133,11 @@ def _episode(
             q, dof = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
             qpos[:, q], qvel[:, dof], slope[:, dof] = _motion(part, name, settings)
     if base.is_free:
-        assert imu is not None
-        turn, spin = turned(part.time, imu, settings)
-        qpos[:, base.turn], qvel[:, base.spin] = turn, spin
-        slope[:, base.spin] = settings.spin_doubt
+        how = _turns(part, model, base, imu, qpos, settings)
+        if how is None:
+            return None
+        qpos[:, base.turn], qvel[:, base.spin] = how
+        slope[:, base.spin] = settings.spin_doubt if imu is not None else settings.lean_spin_doubt
     feet = feet_of(model, base, qpos, qvel)
     felt = _felt(part.time, qpos, qvel, model, base, imu)
     walk = walked(part.time, feet, Push(felt, _flight(model, base)), settings)
@@ -143,6 +155,25 @@ def _episode(
     qvel[:, base.dofs] = speed
     slope[:, base.dofs] = np.clip(walk.unsure, *settings.walk_doubt)
     return qpos, qvel, walk._replace(speed=speed), slope, feet.lift
+
+
+def _turns(
+    part: Log,
+    model: mujoco.MjModel,
+    base: Base,
+    imu: Imu | None,
+    qpos: np.ndarray,
+    settings: Ground,
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return orientations (T, 4) and angular velocities (T, 3): the IMU's, else of its rest."""
+    if imu is not None:
+        return turned(part.time, imu, settings)
+    turn = leant(model, base, qpos, settings)
+    if turn is None:
+        return None
+    spin = slopes(part.time, Rotation.from_quat(turn, scalar_first=True))
+    calm = np.sqrt(np.mean(spin**2)) < settings.lean_spin_doubt
+    return (turn, spin) if calm else None
 
 
 def _motion(part: Log, joint: str, settings: Ground) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

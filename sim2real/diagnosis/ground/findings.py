@@ -41,7 +41,7 @@ def check_ground(
     pairs = list(zip(estimates, models, strict=True))
     found = [_estimated(estimates, models[0])]
     found += _slips(estimates, models[0], settings)
-    if estimates[0].base.is_free:
+    if estimates[0].base.is_free and all(estimate.felt for estimate in estimates):
         found += _gyros(pairs, settings)
         found += _tilts(pairs, settings)
     return found

@@ -44,7 +44,7 @@ def unknowns(estimate: Estimate, model: mujoco.MjModel, row: int, settings: Grou
     up[base.dofs] = estimate.lift
     add(up, False, settings.height_doubt)
     for dof in base.spin:
-        add(axes[dof], False, settings.turn_doubt)
+        add(axes[dof], False, settings.turn_doubt if estimate.felt else settings.lean_doubt)
         add(axes[dof], True, float(estimate.slope[row, dof]))
     for dof in base.dofs:
         add(axes[dof], True, float(estimate.slope[row, dof]))

@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from sim2real.diagnosis.ground.base import Imu
-from sim2real.diagnosis.settings import Ground
+from sim2real.diagnosis.settings import TINY, Ground
 
 
 def turned(time: np.ndarray, imu: Imu, settings: Ground) -> tuple[np.ndarray, np.ndarray]:
@@ -76,8 +76,11 @@ def _upright(
     width = max(round(settings.upright_s / float(np.median(np.diff(time)))), 1)
     up = uniform_filter1d(felt, width, axis=0, mode="nearest")
     up /= np.linalg.norm(up, axis=1, keepdims=True)
+    return uprighted(up) * turn
+
+
+def uprighted(up: np.ndarray) -> Rotation:
+    """Return the shortest turns that bring unit vectors (T, 3) upright."""
     axis = np.cross(up, [0.0, 0.0, 1.0])
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
-    angle = np.arctan2(sine, up[:, 2:])
-    axis = np.divide(axis, sine, out=np.zeros_like(axis), where=sine > 0)
-    return Rotation.from_rotvec(axis * angle) * turn
+    return Rotation.from_rotvec(axis * np.arctan2(sine, up[:, 2:]) / np.maximum(sine, TINY))

@@ -81,7 +81,7 @@ def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list
     found = [joint for joint in data.joints if joint.name not in loose]
     if len({joint.unit for joint in found}) == 1:
         found = [joint._replace(scale=1.0) for joint in found]
-    if base.is_free:
+    if base.is_free and _is_felt(estimates):
         name, first = model.joint(base.joints[0]).name, int(base.turn[0])
         floor = HALF * settings.turn_floor
         for k in PARTS:
@@ -89,6 +89,11 @@ def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list
             place, spread = first + k - 3, float(column.std())
             found.append(Joint(f"{name}.{k}", place, "rad", 0.0, spread, HALF, floor))
     return found
+
+
+def _is_felt(estimates: Sequence[Estimate]) -> bool:
+    """Return whether an IMU said how the base is turned, in every log."""
+    return all(estimate.felt for estimate in estimates)
 
 
 def _window(
@@ -105,7 +110,8 @@ def _window(
         turn *= np.where(turn @ turn[0] < 0, -1.0, 1.0)[:, None]
         qvel[base.dofs] = _ahead(estimate.qpos[start, base.turn], qvel[base.dofs])
         qpos[base.turn] = turn[0]
-        said[:, -len(PARTS) :] = turn[first - start :, 1:]
+        if data.joints[-1].scale == HALF:  # its turn is compared
+            said[:, -len(PARTS) :] = turn[first - start :, 1:]
     return window._replace(recording=window.recording._replace(qpos=qpos, qvel=qvel), measured=said)
 
 

@@ -82,3 +82,13 @@ class Ground:
     )
     push_rad: float = setting(0.02, "rad", "least such error", JUDGED)
     push_share: float = setting(0.1, "1", "share of windows above which none is pushed", JUDGED)
+    narrow_m2: float = setting(1e-3, "m²", "least triangle that carries a robot, twice", JUDGED)
+    lean_margin: float = setting(
+        0.05, "1", "barycentric coordinate by which a centre may be outside", JUDGED
+    )
+    lean_most: float = setting(0.8, "rad", "largest tilt of a robot that rests", JUDGED)
+    rests: float = setting(0.9, "1", "share of the rows in which a robot must rest", JUDGED)
+    lean_doubt: float = setting(0.02, "rad", "doubt of the turn of a base that rests", JUDGED)
+    lean_spin_doubt: float = setting(
+        0.3, "rad/s", "doubt of its angular velocity, and most of it", JUDGED
+    )
