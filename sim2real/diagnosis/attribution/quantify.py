@@ -200,17 +200,18 @@ def as_gaps(data: Data, error: np.ndarray) -> list[Gap]:
     """Return each log's compared rows with what was simulated, from held-out errors (W, T, M)."""
     found = []
     for number, log in enumerate(data.logs):
-        rows, simulated = [], []
+        rows, simulated, said = [], [], []
         for index, window in enumerate(data.windows):
             if window.log == number:
                 own = np.flatnonzero(window.usable)
                 rows.append(window.first + own)
-                simulated.append(window.measured[own] + error[index, own] * data.scale)
+                said.append(window.measured[own])
+                simulated.append(said[-1] + error[index, own] * data.scale)
         kept = np.concatenate(rows)
         part = Log({n: v[kept] for n, v in log.columns.items()}, log.meta, log.path)
         names = tuple(joint.name for joint in data.joints)
-        measured = np.column_stack([part.column(f"qpos.{name}") for name in names])
-        found.append(Gap(part, names, part.time, measured, np.concatenate(simulated)))
+        both = np.concatenate(said), np.concatenate(simulated)
+        found.append(Gap(part, names, part.time, *both))
     return found
 
 

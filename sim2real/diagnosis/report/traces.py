@@ -70,7 +70,11 @@ def _traces(
     ]
     starts = np.array([data.windows[i].first - rows.start for i in inside], int)
     for j, joint in enumerate(data.joints):
-        measured = log.column(f"qpos.{joint.name}")[rows]
+        measured = log.column(f"qpos.{joint.name}")[rows].copy()
+        for i in inside:  # a turn is told from where its window starts
+            window = data.windows[i]
+            own = slice(window.first - rows.start, window.last - rows.start)
+            measured[own] = window.measured[:, j]
         clock = log.columns.get(f"stamp.{joint.name}", log.time)[rows]
         lines = {}
         for causes, error in errors.items():

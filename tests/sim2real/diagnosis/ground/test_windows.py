@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim2real.diagnosis.attribution.quantify import as_gaps
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.ground.estimate import Estimate
@@ -89,3 +90,13 @@ def test_a_push_is_told_and_left_out() -> None:
     moments = [float(part) for part in re.findall(r"\d\.\d\d", finding.finding)]
     assert 0 < len(moments) < 3
     assert all(1.6 < moment < 2.1 for moment in moments)
+
+
+def test_the_gap_of_a_turn_lies_where_its_windows_say(cut: Cut) -> None:
+    """Measured and simulated turns have one heading: their difference is the error."""
+    _, data, _ = cut
+    every = np.arange(len(data.windows))
+    error = Simulator(data).run((), every, np.zeros((len(every), 0))).error
+    (gap,) = as_gaps(data, error)
+    off = np.sqrt(np.mean((gap.simulated - gap.measured) ** 2, axis=0))
+    assert np.allclose(off, data.scale * np.sqrt(data.mean_squares(error)))

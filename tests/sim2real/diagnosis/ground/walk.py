@@ -35,12 +35,12 @@ def trot(seconds: float = 3.0, push: float = 0.0) -> Walk:
     return _walked("quad8.xml", goals, seconds, None, push=push)
 
 
-def sway() -> Walk:
-    """Return quad8 standing, its legs moving slowly, each in its own way."""
+def sway(size: float = 0.08) -> Walk:
+    """Return quad8 standing, its legs moving slowly [rad], each in its own way."""
     phase = 2 * np.pi * np.random.default_rng(1).random(8)
 
     def goals(t: float) -> np.ndarray:
-        return np.tile([0.6, -1.2], 4) + 0.08 * np.sin(3.0 * t + phase)
+        return np.tile([0.6, -1.2], 4) + size * np.sin(3.0 * t + phase)
 
     return _walked("quad8.xml", goals, 3.0, None)
 
