@@ -38,13 +38,13 @@ def compile_structure(
     """Compile a spec, keyframes kept; also return which joints are the nominal ones (None: all)."""
     if len(spec.joints) == nominal.njnt:
         return spec.compile(), None
-    keys = [(np.array(key.qpos), np.array(key.qvel)) for key in spec.keys]
-    for key in spec.keys:
+    keys = [(key, np.array(key.qpos), np.array(key.qvel)) for key in spec.keys]
+    for key, _, _ in keys:  # compiling may add empty ones, up to the model's own `nkey`
         key.qpos, key.qvel = [], []
     model = spec.compile()
     keep = np.array([j for j in range(model.njnt) if SERIES not in model.joint(j).name])
     q, v = _addresses(model, keep)
-    for key, (qpos, qvel) in zip(spec.keys, keys, strict=True):
+    for key, qpos, qvel in keys:
         if qpos.size:
             key.qpos = _spread(qpos, q, model.nq)
         if qvel.size:

@@ -144,6 +144,17 @@ def test_keyframes_survive_the_edit(bench, one) -> None:
     assert arm.plant.nominal.key("home").qpos == [0.3]
 
 
+def test_room_for_keyframes_is_no_keyframe() -> None:
+    """A model may ask for more than it has (`nkey`, as Gymnasium's humanoid): empty ones stay so."""
+    xml = """<mujoco><size nkey="3"/><worldbody><body><joint name="a"/><geom size="0.1"/></body>
+      </worldbody><actuator><position name="a" joint="a" kp="5"/></actuator></mujoco>"""
+    play = make("backlash", where="a")
+    plant = Plant(mujoco.MjSpec.from_string(xml), [play], threads=1)
+    assert plant.model.nq == 2
+    assert plant.model.nkey >= 3
+    assert not plant.model.key_qpos[:, 1].any()
+
+
 def test_play_and_spring_stand_in_series(bench, one) -> None:
     """Both may be at one joint; the truth is the sum of all three angles."""
     arm = bench([one("backlash"), one("joint_compliance")], [[0.04, 0.1]], gravity=9.81)
