@@ -34,9 +34,9 @@ def with_free_starts(data: Data, fixed: Sequence[Fixed] = ()) -> Data:
     """
     if not unsure(data.logs, data.models, data.joints):
         return data
-    noise = np.array(
-        [reading_noise(data.logs, f"qpos.{j.name}", data.settings) for j in data.joints]
-    )
+    columns = [f"qpos.{joint.name}" for joint in data.joints]
+    noise = np.array([reading_noise(data.logs, column, data.settings) for column in columns])
+    noise = np.maximum(noise, data.settings.encoder.same)  # a joint that never moves has none
     ways = [_way(data, index, fixed, noise) for index in range(2 * len(data.joints))]
     return replace(data, nuisance=marginal(np.stack(ways, axis=-1), noise / data.scale))
 

@@ -145,7 +145,7 @@ def test_keyframes_survive_the_edit(bench, one) -> None:
 
 
 def test_room_for_keyframes_is_no_keyframe() -> None:
-    """A model may ask for more than it has (`nkey`, as Gymnasium's humanoid): empty ones stay so."""
+    """A model may ask for more than it has, as Gymnasium's humanoid does: they stay empty."""
     xml = """<mujoco><size nkey="3"/><worldbody><body><joint name="a"/><geom size="0.1"/></body>
       </worldbody><actuator><position name="a" joint="a" kp="5"/></actuator></mujoco>"""
     play = make("backlash", where="a")

@@ -50,6 +50,21 @@ def test_what_no_start_makes_stays(tmp_path: Path) -> None:
     assert rms(rubs) > 10 * rms(right)
 
 
+def test_a_joint_that_never_moves_is_no_trouble(tmp_path: Path) -> None:
+    """Its readings have no noise at all: the others are cleared as ever."""
+    log, spec = motors.make_log(0.0, SECONDS), motors.spec()
+    body = spec.worldbody.add_body(pos=[2, 0, 0])
+    body.add_joint(name="still", damping=1.0)
+    body.add_geom(size=[0.1, 0, 0])
+    path = tmp_path / "still.xml"
+    spec.compile()
+    path.write_text(spec.to_xml(), encoding="utf-8")
+    columns = {n: np.round(c / COUNT) * COUNT if "qpos" in n else c for n, c in log.columns.items()}
+    data = with_free_starts(Data.of([Log(columns | {"qpos.still": 0 * log.time})], path))
+    assert [joint.name for joint in data.joints] == ["a", "b", "still"]
+    assert rms(data) < 0.5 * COUNT
+
+
 def test_errors_like_those_of_starts_become_noise(tmp_path: Path) -> None:
     """Errors of noise and of starts that are as far off as is likely have the noise's size."""
     data = with_free_starts(data_of(tmp_path, 0.0))
