@@ -7,6 +7,7 @@ HYDRA_FULL_ERROR=1 shows the whole traceback.
 
 from __future__ import annotations
 
+import linecache
 import logging
 import os
 import sys
@@ -43,6 +44,7 @@ EXTRAS = {  # packages that only some verbs need, and the extra that brings them
     "mcap": "ros",
     "rosbags": "ros",
 }
+ROOMS = ("sim2real", "envs", "hardware")  # of this project
 FULL_MEMORY = ("bad_alloc", "can't allocate memory")  # as C++ and torch say it
 OTHER_ROOT = ("--config-path", "-cp", "--config-name", "-cn")
 
@@ -242,9 +244,12 @@ def _raised_here(error: BaseException) -> bool:
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
-    raised_in = Path(trace.tb_frame.f_code.co_filename).resolve() if trace else Path()
+    if trace is None:
+        return False
+    file = trace.tb_frame.f_code.co_filename
     root = Path(__file__).resolve().parent.parent
-    return any(raised_in.is_relative_to(root / room) for room in ("sim2real", "envs", "hardware"))
+    own = any(Path(file).resolve().is_relative_to(root / room) for room in ROOMS)
+    return own and linecache.getline(file, trace.tb_lineno).lstrip().startswith("raise ")
 
 
 def _say(sentence: str, status: int) -> int:

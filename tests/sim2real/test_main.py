@@ -20,6 +20,7 @@ import yaml
 from hardware.log import write_log
 from sim2real import __main__ as entry
 from sim2real.config.targets import ConfigError, check
+from sim2real.runs.tables import Table
 from tests.sim2real.diagnosis import arm
 
 TINY = ["+experiment=nav2d", "iterations=1", "eval=none", "algorithm.pairs=2", "adapt.queries=2"]
@@ -219,12 +220,17 @@ def test_a_value_that_a_library_refuses_has_its_place(
 
 
 def test_an_error_of_a_library_is_no_sentence() -> None:
-    """A library's ValueError is a defect; one that the project raises is for the user."""
+    """A library's ValueError is a defect, and Python's in our lines; one that we raise is not."""
     with pytest.raises(ValueError) as theirs:
         json.loads("{")
+    table = Table(("a",))
+    table.rows.append((1, 2))
+    with pytest.raises(ValueError, match="argument 2 is shorter") as python:
+        table.csv()
     with pytest.raises(ValueError) as ours:
         check({"_target_": "os.system"}, "env")
     assert entry.explained(theirs.value) is None
+    assert entry.explained(python.value) is None
     assert entry.explained(ours.value) == str(ours.value)
 
 

@@ -20,7 +20,7 @@ FILES = sorted((ROBOTS.parent / "shift").glob("*.yaml"))
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_simulator_and_emulated_robot_differ_alike(path: Path) -> None:
-    """Masses, friction, supply, delay: the same numbers in both, and not the model's own."""
+    """Masses, friction, supply, delay, gain: the same numbers in both, and not the model's own."""
     task = {"quad8": Quad8, "hopper2": Hopper2}[path.stem.split("_")[0]]("servo")
     fixed = load_effects(path)
     plant = Plant(task.spec(), fixed=fixed)
@@ -36,7 +36,11 @@ def test_simulator_and_emulated_robot_differ_alike(path: Path) -> None:
     np.testing.assert_allclose(limit / own.actuator_forcerange[:, 1], factor)
     delay = plant.field("actuator_delay")[0] - own.actuator_delay
     np.testing.assert_allclose(delay, world.hidden.robot["command_delay"])
+    gain = plant.field("actuator_gainprm")[0, :, 0] / own.actuator_gainprm[:, 0]
+    held = world.hidden["position_gain"] * factor  # a servo commands a share of its supply
+    np.testing.assert_allclose(gain, held)
     changed = [100 * delay, mass - own.body_mass, friction - own.geom_friction[:, 0], factor - 1.0]
+    changed.append(gain - 1.0)
     assert any(np.any(np.abs(change) > 1e-3) for change in changed)
 
 
