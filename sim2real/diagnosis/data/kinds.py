@@ -4,7 +4,8 @@
 
 A servo's joint follows its command, and a torque does not look like the position that it makes.
 Both are only a suspicion: a log is refused where its replay fails as well, and where commands taken
-for torques make a better one.
+for torques make a better one. That has to be better than one without commands, too: a robot that is
+much slower than its model looks as if nothing moved it.
 """
 
 from __future__ import annotations
@@ -44,8 +45,10 @@ def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Kinds = DEFAULT.kinds)
                 "actuators, or log the torques as `ctrl.*`"
             )
     elif all(servos) and all(one < settings.stranger for one in alike.values()):
-        gap, other = (_gap(log, one, joints, settings) for one in (spec, _motors(spec, joints)))
-        if gap > settings.lost and other < settings.better * gap:
+        kinds = (spec, _motors(spec, joints), _motors(spec, joints, gain=0.0))
+        gap, other, none = (_gap(log, one, joints, settings) for one in kinds)
+        worse = min(settings.better * gap, settings.acting * none)
+        if gap > settings.lost and other < worse:
             raise Sim2RealError(
                 f"{place}: the model has position servos at {names}, which take desired positions, "
                 f"and the commands act like torques: as such their replay is {gap / other:.0f} "
@@ -95,13 +98,13 @@ def _gap(log: Log, spec: mujoco.MjSpec, joints: dict[str, str], settings: Kinds)
     return float(np.median(found)) if found else 0.0
 
 
-def _motors(spec: mujoco.MjSpec, names: dict[str, str]) -> mujoco.MjSpec:
+def _motors(spec: mujoco.MjSpec, names: dict[str, str], gain: float = 1.0) -> mujoco.MjSpec:
     """Return the spec with current-controlled motors, without back-EMF, in place of its servos."""
     spec = spec.copy()
     for actuator in spec.actuators:
         if actuator.name in names:
             actuator.biastype = mujoco.mjtBias.mjBIAS_NONE
-            actuator.gainprm = [1.0, *[0.0] * (mujoco.mjNGAIN - 1)]
+            actuator.gainprm = [gain, *[0.0] * (mujoco.mjNGAIN - 1)]
             actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
             actuator.damping = np.zeros_like(np.asarray(actuator.damping))
     return spec

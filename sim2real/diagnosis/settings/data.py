@@ -155,6 +155,7 @@ class Kinds:
     rows: int = setting(25, "1", "rows by which a position may be late", COST)
     lost: float = setting(0.5, "1", "gap of a replay that fails, over the joints' spread", JUDGED)
     better: float = setting(0.3, "1", "gap as torques, of that as positions", JUDGED)
+    acting: float = setting(0.1, "1", "gap as torques, of that without commands", DEVELOPED)
     most: float = setting(10.0, "1", "a row counts at most so much, in spreads", JUDGED)
     seconds: float = setting(0.3, "s", "length of a replayed piece", COST)
     pieces: int = setting(8, "1", "pieces replayed", COST)

@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from envs.effects import make
+from envs.models import load_spec
+from envs.plant import Plant
 from hardware.log import Log
 from sim2real.diagnosis.data.kinds import refuse_kinds
+from sim2real.exam.thirdparty.robots import ASSETS
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm, motors
+
+PENDULUM = ASSETS / "pendulum.xml"
 
 
 def test_torques_for_servos_are_refused() -> None:
@@ -33,6 +39,23 @@ def test_what_fits_passes() -> None:
         wrong = {"ctrl.a": change * columns["ctrl.a"], "ctrl.b": change * columns["ctrl.b"]}
         refuse_kinds(Log({**columns, **wrong}), arm.spec())
     refuse_kinds(arm.make_log(("position_gain", {"where": "a"}, 0.1), seconds=6.0), arm.spec())
+
+
+@pytest.mark.parametrize("limit", [0.5, 1.0, 2.0])
+def test_a_servo_that_is_held_back_passes(limit: float) -> None:
+    """A heavy joint much slower than it is told looks as if hardly anything moved it."""
+    spec = load_spec(PENDULUM)
+    plant = Plant(spec, fixed=[(make("profile_velocity", where="pivot"), (limit,))], threads=1)
+    rng, row, rest = np.random.default_rng(0), np.zeros(1, int), np.zeros((1, 1))
+    goals = rng.uniform(-1.0, 1.0, 40).repeat(50)
+    plant.reset(row, rest, rest, np.zeros(1, np.uint64), rest)
+    angle, steps = np.zeros(len(goals)), round(0.01 / plant.model.opt.timestep)
+    for i, goal in enumerate(goals):
+        angle[i] = plant.qpos[0, 0]
+        plant.step(None, np.array([[goal]]), steps)
+    time = 0.01 * np.arange(len(goals))
+    columns = {"episode": 0 * time, "time": time, "ctrl.pivot": goals, "qpos.pivot": angle}
+    refuse_kinds(Log(columns), spec)
 
 
 def test_episodes_of_a_few_rows_pass() -> None:
