@@ -34,6 +34,7 @@ from sim2real.runs.tables import Table, show
 RESULTS = Path(__file__).parents[1] / "results"
 LONGEST = 1200.0  # s of one diagnosis, after which it counts as failed
 FRICTION = "coulomb_friction"
+SAYS = "sim2real: "  # before a sentence
 REFUSED = 2  # exit status of a sentence
 
 
@@ -102,7 +103,8 @@ def _hide(path: Path, log: Path, rng: np.random.Generator) -> tuple[Hidden, floa
 def outcome(done: subprocess.CompletedProcess[str], report: Path, hidden: Hidden) -> dict[str, Any]:
     """Return what a diagnosis came to."""
     if done.returncode == REFUSED:
-        return {"outcome": "refused", "told": done.stderr.strip().splitlines()[-1]}
+        said = done.stderr[max(done.stderr.rfind(SAYS), 0) :]
+        return {"outcome": "refused", "told": " ".join(said.removeprefix(SAYS).split())}
     if done.returncode:
         return {"outcome": "failed", "told": done.stderr.strip()[-400:]}
     told = json.loads(report.read_text(encoding="utf-8"))

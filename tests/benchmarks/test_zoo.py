@@ -63,8 +63,9 @@ def test_the_first_cause_decides(tmp_path: Path, causes: list[Any], expected: st
 
 def test_a_refusal_is_no_failure(tmp_path: Path) -> None:
     """A sentence and status 2 refuse; any other status is a failure, with what was said."""
-    refused = outcome(done(2, "warning\nsim2real: arm.xml: no actuators"), tmp_path, HIDDEN)
-    assert refused == {"outcome": "refused", "told": "sim2real: arm.xml: no actuators"}
+    said = "warning\nsim2real: arm.xml: no\nactuators\n"
+    refused = outcome(done(2, said), tmp_path, HIDDEN)
+    assert refused == {"outcome": "refused", "told": "arm.xml: no actuators"}
     assert outcome(done(1, "Traceback"), tmp_path, HIDDEN)["outcome"] == "failed"
 
 
