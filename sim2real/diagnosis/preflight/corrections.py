@@ -10,6 +10,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from envs.effects.servo import is_joint_servo
 from hardware.log import Log
 from sim2real.diagnosis.data.trial import Piece
 from sim2real.diagnosis.settings import TINY, LogErrors
@@ -87,6 +88,13 @@ def _has_speeds(case: Case, joints: Sequence[str]) -> bool:
     return any(f"qvel.{joint}" in piece.log.columns for piece in case.pieces for joint in joints)
 
 
+def _has_servos(case: Case, joints: Sequence[str]) -> bool:
+    names = [case.drives[joint] for joint in joints if joint in case.drives]
+    return all(
+        is_joint_servo(model, model.actuator(name).id) for model in case.models for name in names
+    )
+
+
 def _signs(case: Case, joint: str) -> Iterator[Correction]:
     position, command = (f"`{_column(case, kind, joint)}`" for kind in ("qpos", "ctrl"))
     flips = {
@@ -109,10 +117,12 @@ def _signs(case: Case, joint: str) -> Iterator[Correction]:
 
 
 def _degrees(case: Case, joints: tuple[str, ...], where: str | None) -> Iterator[Correction]:
-    """Factors of pi/180 or 180/pi, where the numbers are of such a size."""
+    """Factors of pi/180 or 180/pi, where the numbers are of such a size; torques are no angles."""
     whose = where or "all joints"
     for own, what in UNITS.items():
         if "qvel" in own and not _has_speeds(case, joints):
+            continue
+        if "ctrl" in own and not _has_servos(case, joints):
             continue
         size = max(
             float(np.abs(piece.log.columns[column]).max())

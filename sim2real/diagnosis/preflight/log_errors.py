@@ -44,7 +44,7 @@ def find_log_errors(
         specs: the model of each.
         settings: what is tried, and what convinces.
     """
-    case = _case(logs, specs, settings)
+    case = case_of(logs, specs, settings)
     if not case.pieces or not case.drives:
         return []
     now, offsets = _nominal(case)
@@ -62,7 +62,8 @@ def find_log_errors(
     return judge.found
 
 
-def _case(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: LogErrors) -> Case:
+def case_of(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: LogErrors) -> Case:
+    """Return pieces of logs, with what a correction needs to know of their models."""
     models: dict[int, mujoco.MjModel] = {}
     for spec in specs:
         if id(spec) not in models:

@@ -14,9 +14,12 @@ from hardware.log import Log, read_logs
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.trial import piece, trial
+from sim2real.diagnosis.preflight import corrections, log_errors
 from sim2real.diagnosis.preflight.channels import excitation
 from sim2real.diagnosis.preflight.checks import NOTES, noise_floor, preflight
 from sim2real.diagnosis.preflight.lag import check_lag
+from sim2real.diagnosis.settings import DEFAULT
+from tests.sim2real.diagnosis import motors
 
 COUNT = 2 * np.pi / 4096
 ARM = """
@@ -260,3 +263,14 @@ def test_the_real_arm_has_no_mistakes() -> None:
     assert not {"sign", "swap", "degrees", "zero", "rate", "lag"} & {f.check for f in found}
     floor = noise_floor(logs)
     assert all(0.05 < np.rad2deg(floor[joint]) < 0.2 for joint in logs[0].joints[:5])
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_large_torques_are_no_degrees(friction: float) -> None:
+    """Motors of a heavy arm: commands of many N·m are as they should be, whatever the gap."""
+    log = motors.make_log(friction, 6.0)
+    heavy = {n: 40 * c if n.startswith("ctrl") else c for n, c in log.columns.items()}
+    assert max(np.abs(heavy[f"ctrl.{n}"]).max() for n in "ab") > 20
+    case = log_errors.case_of([Log(heavy)], [motors.spec()], DEFAULT.log_errors)
+    told = [c for c in corrections.simple(case, ("a", "b")) if c.check == "degrees"]
+    assert not [c for c in told if "commands" in c.claim]
