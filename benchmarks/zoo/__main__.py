@@ -83,6 +83,7 @@ def ask(model: Model, out: Path, seed: int) -> dict[str, Any]:
         told = outcome(done, folder / "run" / "report.json", hidden)
     except subprocess.TimeoutExpired:
         told = {"outcome": "failed", "told": f"no answer within {LONGEST:.0f} s"}
+    told |= {"told": told["told"].replace(f"{folder}/", "")} if "told" in told else {}
     found = {"model": model.name, "source": model.source, "joint": hidden.joint}
     found |= {"friction": hidden.friction, "seconds": time.monotonic() - begun, **told}
     write_text(_answer(out, model), json.dumps(found, indent=1))
