@@ -267,6 +267,14 @@ class Simulator:
         return Simulated(error, slope, motion.lost)
 
 
+def errors_as_given(
+    data: Data, windows: Sequence[Window], fixed: Sequence[Fixed] = ()
+) -> np.ndarray:
+    """Return the errors of other windows of the data with the model as given, (W, T, M)."""
+    some, every = data.with_windows(windows), np.arange(len(windows))
+    return Simulator(some, fixed).run((), every, np.zeros((len(every), 0))).error
+
+
 def actuated(plant: Plant) -> mujoco.MjModel:
     """Return the model with its actuators as the first row of a plant has them."""
     model = copy(plant.nominal)

@@ -21,7 +21,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
 from sim2real.diagnosis.data.nuisance import marginal
 from sim2real.diagnosis.data.recording import NEAR
-from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.simulate import errors_as_given
 from sim2real.diagnosis.data.windows import Window, unsure
 
 
@@ -53,7 +53,9 @@ def _way(data: Data, index: int, fixed: Sequence[Fixed], noise: np.ndarray) -> n
     of_speed, joint = divmod(index, len(data.joints))
     move = _faster if of_speed else _further
     ahead, behind = (
-        _errors(data, [move(data, w, joint, sign * noise[joint]) for w in data.windows], fixed)
+        errors_as_given(
+            data, [move(data, w, joint, sign * noise[joint]) for w in data.windows], fixed
+        )
         for sign in (1, -1)
     )
     return (ahead - behind) / 2
@@ -78,10 +80,3 @@ def _faster(data: Data, window: Window, joint: int, by: float) -> Window:
     qvel = own.qvel.copy()
     qvel[dof] += by / float(np.sqrt(((times - times.mean()) ** 2).sum()))
     return window._replace(recording=own._replace(qvel=qvel))
-
-
-def _errors(data: Data, windows: Sequence[Window], fixed: Sequence[Fixed]) -> np.ndarray:
-    """Return the errors of windows with the model as given, (W, T, M)."""
-    every = np.arange(len(windows))
-    none = np.zeros((len(every), 0))
-    return Simulator(data.with_windows(windows), fixed).run((), every, none).error

@@ -19,7 +19,7 @@ import numpy as np
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.nuisance import Nuisance, marginal
-from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.simulate import errors_as_given
 from sim2real.diagnosis.data.windows import Joint, Window, cut_one
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.pushes import is_pushed, rows_of
@@ -136,17 +136,9 @@ def _responses(
         for window, doubt in zip(data.windows, doubts, strict=True)
         for amounts in steps
     ]
-    error = _simulated(data, starts, fixed)
+    error = errors_as_given(data, starts, fixed)
     error = error.reshape(len(doubts), len(steps), *error.shape[1:])
     return error[:, 0], np.moveaxis((error[:, 1:] - error[:, :1]) / step, 1, -1)
-
-
-def _simulated(data: Data, windows: Sequence[Window], fixed: Sequence[Fixed]) -> np.ndarray:
-    """Return the errors of windows with the model as given, (W, T, M)."""
-    some = data.with_windows(windows)
-    return (
-        Simulator(some, fixed).run((), np.arange(len(windows)), np.zeros((len(windows), 0))).error
-    )
 
 
 def _refined(
@@ -175,7 +167,7 @@ def _refined(
             for w, doubt, own in zip(data.windows, doubts, amounts, strict=True)
         ]
         starts = [w._replace(recording=r) for w, r in zip(data.windows, tried, strict=True)]
-        left = (_simulated(data, starts, fixed) / noise).reshape(len(error), -1)
+        left = (errors_as_given(data, starts, fixed) / noise).reshape(len(error), -1)
         price = (left**2).sum(axis=1) + ((amounts / known) ** 2).sum(axis=1)
         for i in np.flatnonzero(price < cost):
             best[i], cost[i] = tried[i], price[i]
