@@ -1,0 +1,65 @@
+"""Every row of the seeds' tables beside ours: `docs/seeds.md`, and the trainings that fill it.
+
+    python -m benchmarks.seeds                                  # writes the page, trains nothing
+    python -m benchmarks.seeds --run nav2d_pg --seeds 0 1 2     # trains, then writes the page
+    python -m benchmarks.seeds --list                           # what can be trained, and how long
+
+The page is made of the committed results; trainings add their figures to results/seeds.csv. They go
+on where they were stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.seeds.page import load, page
+from benchmarks.seeds.train import Plan, collect, run
+from sim2real.runs.files import write_text
+
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "benchmarks" / "results"
+PAGE = ROOT / "docs" / "seeds.md"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line, train what is asked for and write the page; return the status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.seeds",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--run", nargs="+", default=[], metavar="NAME", help="trainings; --list names them")
+    add("--seeds", type=int, nargs="+", help="training seeds; default: as many as a training has")
+    add("--list", action="store_true", help="say what can be trained, and end")
+    add("--out", type=Path, default=Path("outputs/bench_long/seeds"), help="folder of the runs")
+    add("--results", type=Path, default=RESULTS, help="folder of the results")
+    add("--page", type=Path, default=PAGE, help="the page that is written")
+    chosen = parser.parse_args(arguments)
+    content = load()
+    trainings = content["trainings"]
+    if unknown := sorted(set(chosen.run) - set(trainings)):
+        parser.error(f"no training {unknown[0]!r}; there are: {', '.join(trainings)}")
+    if min(chosen.seeds or [0]) < 0:
+        parser.error("--seeds must not be negative")
+    if chosen.list:
+        for name, about in trainings.items():
+            command = " ".join(["sim2real", *about["do"]])
+            print(f"{name}: {about['runs']} x {about['minutes']} CPU min: {command}")
+        return 0
+    commands = {name: about["do"] for name, about in trainings.items()}
+    plan = Plan(commands, chosen.out.resolve(), chosen.results.resolve() / "seeds.csv")
+    failed = sum(
+        run(name, chosen.seeds or range(trainings[name]["runs"]), plan) for name in chosen.run
+    )
+    if plan.out.is_dir():
+        collect(plan)
+    write_text(chosen.page.resolve(), page(content, chosen.results.resolve()))
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,124 @@
+"""Trainings for the seeds' tables that no other study makes, resumable, and their figures.
+
+    run("nav2d_pg", seeds=[0, 1], plan)       # trains, evaluates, adds to results/seeds.csv
+
+Each run has a folder of its own: what is complete is skipped, what was interrupted goes on. Several
+of these programs may run at once and share the work.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.robots import cpu_minutes, timed
+from benchmarks.study import sim2real, trained
+from sim2real.evaluation.scores import GridScores
+from sim2real.evaluation.transfer import read as read_transfer
+from sim2real.runs.files import claimed, write_text
+
+COLUMNS = ("training", "seed", "figure", "value", "steps", "cpu_minutes", "command", "versions")
+PACKAGES = ("sim2real", "torch", "torchrl", "mujoco", "numpy")  # that a figure may depend on
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What can be trained, and where.
+
+    Args:
+        trainings: overrides of the command line, by name.
+        out: folder of the runs.
+        table: the CSV file of the figures.
+    """
+
+    trainings: Mapping[str, Sequence[str]]
+    out: Path
+    table: Path
+
+    def folder(self, name: str, seed: int) -> Path:
+        """Return a run's folder."""
+        return self.out / name / f"seed{seed}"
+
+
+def run(name: str, seeds: Sequence[int], plan: Plan) -> int:
+    """Train and evaluate what is not yet done; return how many runs failed."""
+    failed = 0
+    for seed in seeds:
+        folder = plan.folder(name, seed)
+        with claimed(folder) as mine:
+            if not mine or list(figures(folder)):
+                continue
+            with timed(folder):
+                done = sim2real(
+                    *plan.trainings[name],
+                    f"seed={seed}",
+                    "video=none",
+                    "keep_checkpoints=1",
+                    f"hydra.run.dir={folder}",
+                    *([f"resume={folder}"] if trained(folder) else []),
+                )
+            failed += not done
+        collect(plan)
+    return failed
+
+
+def figures(folder: Path) -> Iterator[tuple[str, float, int]]:
+    """Yield name, value and training steps of each figure of a complete run."""
+    if (folder / "evaluation.json").is_file():
+        scores = GridScores.read(folder)
+        for name, values in (("before", scores.before), ("after", scores.after)):
+            yield name, float(np.mean(values)), scores.frames[0]
+    for file in sorted(folder.glob("transfer-*.json"))[-1:]:
+        (one,) = read_transfer(file)
+        for robot, returns in one.returns.items():
+            yield robot, float(returns.mean()), one.frames
+
+
+def collect(plan: Plan) -> None:
+    """Put the figures of all complete runs into the table; those of other machines stay."""
+    rows = {_key(row): row for row in read(plan.table)}
+    for name, overrides in plan.trainings.items():
+        for folder in sorted((plan.out / name).glob("seed*")):
+            seed = folder.name.removeprefix("seed")
+            about = {
+                "training": name,
+                "seed": seed,
+                "cpu_minutes": f"{cpu_minutes(folder):.1f}",
+                "command": " ".join(["sim2real", *overrides, f"seed={seed}"]),
+                "versions": _versions(folder),
+            }
+            for figure, value, steps in figures(folder):
+                row = {**about, "figure": figure, "value": f"{value:.6g}", "steps": str(steps)}
+                rows[_key(row)] = row
+    lines = [",".join(COLUMNS)]
+    lines += [",".join(_field(row[c]) for c in COLUMNS) for _, row in sorted(rows.items())]
+    write_text(plan.table, "\n".join(lines) + "\n")
+
+
+def read(table: Path) -> list[dict[str, str]]:
+    """Return the rows of a table of figures; none if it is not there."""
+    if not table.is_file():
+        return []
+    with table.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _key(row: Mapping[str, str]) -> tuple[str, int, str]:
+    return row["training"], int(row["seed"]), row["figure"]
+
+
+def _field(text: str) -> str:
+    return f'"{text}"' if "," in text else text
+
+
+def _versions(folder: Path) -> str:
+    """Return the packages that made a run, of its manifest, and the project's revision."""
+    manifest: dict[str, Any] = json.loads((folder / "manifest.json").read_text("utf-8"))
+    found = [f"{p} {manifest['packages'][p]}" for p in PACKAGES if p in manifest["packages"]]
+    return " ".join([*found, f"revision {(manifest['git'] or {}).get('revision', '–')[:7]}"])
