@@ -22,7 +22,7 @@ import numpy as np
 from envs.contact_forces import ContactForces
 from envs.effects.base import Effect
 from envs.effects.goal import Goals
-from envs.errors import TaskError
+from envs.errors import EffectError, TaskError
 from envs.plant import Fixed, Plant
 from envs.quiet import no_deprecation_notice
 from envs.rows import Step
@@ -72,8 +72,7 @@ class Simulation:
         self.action_low, self.action_high = task.action_range(self.plant.nominal)  # (A,)
         self.action_size = len(self.action_low)
         self._extra = None if task.extra_field is None else self.plant.batch.bind(task.extra_field)
-        goals = self.plant.share("goal", lambda: Goals(num_rows))
-        self._goals = goals.values if task.has_goal else None  # (N,)
+        self._goals = self._shared_goals() if task.has_goal else None  # (N,) or (N, axes)
         self._forces = ContactForces(self.plant) if task.contact_forces else None
         self._steps = np.zeros(num_rows, dtype=np.int64)  # (N,)
         self._seeds = np.zeros(num_rows, dtype=np.uint64)  # (N,)
@@ -81,6 +80,17 @@ class Simulation:
         self._action = np.zeros((num_rows, self.action_size))
         self._goal = np.tile(self._rest, (num_rows, 1))
         self.observation_size = task.observe(self._state(None)).shape[1]
+
+    def _shared_goals(self) -> np.ndarray:
+        """Return the rows' goals as the task's reward reads them; the effect `goal` writes them."""
+        axes = self.task.goal_axes
+        values = self.plant.share("goal", lambda: Goals(self.num_rows, axes)).values
+        if values.shape[1] != axes:
+            raise EffectError(
+                f"goal: axes={values.shape[1]}, {type(self.task).__name__} asks for {axes}; give "
+                "the effect as many axes, or take the task's own params"
+            )
+        return values[:, 0] if axes == 1 else values
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         """Start episodes in the rows ids (n,), with parameters (n, P) and seeds (n,).

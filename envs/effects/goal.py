@@ -1,20 +1,34 @@
 """What a task asks for in an episode: a parameter like any other, and no property of a robot.
 
 draws = [Draw(Goal(), distribution="ends", low=-1.0, high=1.0)]     # run backward or forward
+draws = [Draw(Goal(axes=2), low=-3.0, high=3.0)]    # goal.x and goal.y, each by itself
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from envs.effects.base import BoundEffect, Effect
 from envs.effects.plant_view import PlantView
-from envs.params import Parameter
+from envs.errors import EffectError
+from envs.params import How, Parameter
 
 
 class Goal(Effect):
-    """What a task with a goal asks for, in the task's own unit; the policy does not see it."""
+    """What a task with a goal asks for, in the task's own unit; the policy does not see it.
+
+    Args:
+        where: must be left out, as for every effect on the whole robot.
+        how: `set`.
+        axes: numbers of a goal: 1, the parameter `goal`, or 2 for a point of the plane, the
+            parameters `goal.x` and `goal.y`.
+
+    Raises:
+        EffectError: another number of axes.
+    """
 
     name = "goal"
     place = "robot"
@@ -27,13 +41,27 @@ class Goal(Effect):
     source = "goal tasks of meta-learning, Finn et al. 2017"
     experiment = "none: whoever sets the task knows it"
 
+    def __init__(
+        self, where: str | None = None, how: How | None = None, axes: int = 1, **arguments: Any
+    ) -> None:
+        super().__init__(where, how, **arguments)
+        if axes not in (1, 2):
+            raise EffectError(f"goal: axes={axes!r} must be 1, or 2 for a point of the plane")
+        self.axes = axes
+
+    def options(self) -> dict[str, Any]:
+        """Return the number of axes, where it is not one."""
+        return {"axes": self.axes} if self.axes > 1 else {}
+
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the goal."""
-        return (self.parameter(),)
+        """Return the goal's numbers."""
+        if self.axes == 1:
+            return (self.parameter(),)
+        return tuple(self.parameter(axis) for axis in "xy")
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Keep the goal of each row where the task's reward finds it."""
-        return plant.share(self.name, lambda: Goals(plant.num_rows))
+        return plant.share(self.name, lambda: Goals(plant.num_rows, self.axes))
 
 
 class Goals(BoundEffect):
@@ -41,11 +69,12 @@ class Goals(BoundEffect):
 
     Args:
         num_rows: N.
+        axes: numbers of a goal.
     """
 
-    def __init__(self, num_rows: int) -> None:
-        self.values = np.zeros(num_rows)  # (N,)
+    def __init__(self, num_rows: int, axes: int = 1) -> None:
+        self.values = np.zeros((num_rows, axes))
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        """Put goals (n, 1) into the rows ids."""
-        self.values[ids] = values[:, 0]
+        """Put goals (n, axes) into the rows ids."""
+        self.values[ids] = values

@@ -2,7 +2,20 @@
 
 from envs.tasks.ant import Ant
 from envs.tasks.base import State, Task
-from envs.tasks.half_cheetah import HalfCheetah, HalfCheetahDirection, HalfCheetahVelocity
+from envs.tasks.goals import (
+    AntDirection,
+    AntPosition,
+    AntVelocity,
+    GoalTask,
+    HalfCheetahDirection,
+    HalfCheetahVelocity,
+    SwimmerDirection,
+    SwimmerVelocity,
+    Walker2dDirection,
+    Walker2dFastVelocity,
+    Walker2dVelocity,
+)
+from envs.tasks.half_cheetah import HalfCheetah
 from envs.tasks.hopper import Hopper, HopperPolito
 from envs.tasks.inverted_pendulum import InvertedPendulum
 from envs.tasks.servo import Bench1, Follow, Hopper2, Quad8, ServoTask
@@ -11,8 +24,12 @@ from envs.tasks.walker2d import Walker2d
 
 __all__ = [
     "Ant",
+    "AntDirection",
+    "AntPosition",
+    "AntVelocity",
     "Bench1",
     "Follow",
+    "GoalTask",
     "HalfCheetah",
     "HalfCheetahDirection",
     "HalfCheetahVelocity",
@@ -24,6 +41,11 @@ __all__ = [
     "ServoTask",
     "State",
     "Swimmer",
+    "SwimmerDirection",
+    "SwimmerVelocity",
     "Task",
     "Walker2d",
+    "Walker2dDirection",
+    "Walker2dFastVelocity",
+    "Walker2dVelocity",
 ]

@@ -77,17 +77,21 @@ class Ant(Task):
         self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
     ) -> np.ndarray:
         """Return forward velocity + 1 while healthy - control cost [- contact cost], (n,)."""
-        if before.extra is None or after.extra is None:
-            raise TaskError(
-                "Ant's reward needs the bodies' positions: give State.extra = xpos, (n, bodies, 3)"
-            )
-        velocity = (after.extra[:, self.torso, 0] - before.extra[:, self.torso, 0]) / self.dt
+        velocity = self.velocity(before, after)
         cost = self.control_cost * effort(action)
         if after.forces is not None:
             cost = cost + self.contact_cost * np.square(self._clipped(after.forces)).reshape(
                 len(action), -1
             ).sum(1)
         return velocity + ~terminated - cost
+
+    def velocity(self, before: State, after: State) -> np.ndarray:
+        """Return the torso's velocity along x, (n,) [m/s]."""
+        if before.extra is None or after.extra is None:
+            raise TaskError(
+                "Ant's reward needs the bodies' positions: give State.extra = xpos, (n, bodies, 3)"
+            )
+        return (after.extra[:, self.torso, 0] - before.extra[:, self.torso, 0]) / self.dt
 
     def _clipped(self, forces: np.ndarray) -> np.ndarray:
         return np.clip(forces, -self.contact_clip, self.contact_clip)  # (n, bodies, 6)

@@ -31,7 +31,7 @@ class State(NamedTuple):
     extra: np.ndarray | None = None  # (n, ...): the task's `extra_field` of MjData
     forces: np.ndarray | None = None  # (n, bodies, 6) [N·m, N]: on each body, MjData's cfrc_ext
     command: Commanded | None = None  # of a task that makes commands of its actions
-    goal: np.ndarray | None = None  # (n,) of a task that has one; for the reward alone
+    goal: np.ndarray | None = None  # (n,) or (n, axes) of a task that has one; for the reward alone
 
 
 class Commanded(NamedTuple):
@@ -58,9 +58,11 @@ class Task(ABC):
         commands: whether `command` makes the actuators' commands of the actions; else they are the
             actions.
         has_goal: whether its reward asks for a goal, the parameter `goal`; see `envs.effects.Goal`.
+        goal_axes: numbers of a goal: 1, or 2 for a point of the plane.
     """
 
     has_goal: ClassVar[bool] = False
+    goal_axes: ClassVar[int] = 1
     frame_skip: ClassVar[int]
     max_steps: int = 1000
     camera: ClassVar[str | None] = None
@@ -119,6 +121,10 @@ class Task(ABC):
         self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
     ) -> np.ndarray:
         """Return the rewards of one control step, (n,); action (n, A) as the policy gave it."""
+
+    def velocity(self, before: State, after: State) -> np.ndarray:
+        """Return the forward velocity between two states, (n,) [m/s]: of the first coordinate."""
+        return forward_velocity(before.qpos, after.qpos, self.dt)
 
     def terminated(self, state: State) -> np.ndarray:
         """Return which episodes the task ends here, (n,) bool; none by default."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.tasks.base import State, Task, effort, forward_velocity, gymnasium_model
+from envs.tasks.base import State, Task, effort, gymnasium_model
 
 
 class HalfCheetah(Task):
@@ -36,41 +36,4 @@ class HalfCheetah(Task):
         self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
     ) -> np.ndarray:
         """Return forward velocity - control cost, (n,)."""
-        velocity = forward_velocity(before.qpos, after.qpos, self.dt)
-        return velocity - self.control_cost * effort(action)
-
-
-class HalfCheetahDirection(HalfCheetah):
-    """A HalfCheetah that is told by its reward alone which way to run (Finn et al. 2017).
-
-    The goal is 1 for forward and -1 for backward; reward: goal * velocity - 0.05 |action|^2.
-    """
-
-    control_cost = 0.05
-    has_goal = True
-
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
-        """Return velocity towards the goal - control cost, (n,)."""
-        velocity = forward_velocity(before.qpos, after.qpos, self.dt)
-        assert after.goal is not None
-        return after.goal * velocity - self.control_cost * effort(action)
-
-
-class HalfCheetahVelocity(HalfCheetah):
-    """A HalfCheetah that is told by its reward alone how fast to run (Finn et al. 2017).
-
-    The goal is a velocity [m/s]; reward: -|velocity - goal| - 0.05 |action|^2.
-    """
-
-    control_cost = 0.05
-    has_goal = True
-
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
-        """Return - distance from the velocity asked for - control cost, (n,)."""
-        velocity = forward_velocity(before.qpos, after.qpos, self.dt)
-        assert after.goal is not None
-        return -np.abs(velocity - after.goal) - self.control_cost * effort(action)
+        return self.velocity(before, after) - self.control_cost * effort(action)

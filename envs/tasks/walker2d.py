@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.tasks.base import State, Task, effort, forward_velocity, gymnasium_model
+from envs.tasks.base import State, Task, effort, gymnasium_model
 
 
 class Walker2d(Task):
@@ -45,5 +45,4 @@ class Walker2d(Task):
         self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
     ) -> np.ndarray:
         """Return forward velocity + 1 while healthy - control cost, (n,)."""
-        velocity = forward_velocity(before.qpos, after.qpos, self.dt)
-        return velocity + ~terminated - self.control_cost * effort(action)
+        return self.velocity(before, after) + ~terminated - self.control_cost * effort(action)

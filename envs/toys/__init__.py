@@ -5,11 +5,21 @@ Each is `Rows` (see `envs.rows`) and has a distribution of tasks beside it.
 
 from envs.toys.cartpole import AngleBias, BiasedCartPole
 from envs.toys.env import ToyEnv
-from envs.toys.navigation import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D
+from envs.toys.navigation import (
+    Combo,
+    ComboGoals,
+    Corners,
+    FourCorners,
+    Nav2D,
+    NavGoals,
+    NoisyNav2D,
+)
 
 __all__ = [
     "AngleBias",
     "BiasedCartPole",
+    "Combo",
+    "ComboGoals",
     "Corners",
     "FourCorners",
     "Nav2D",

@@ -164,6 +164,10 @@ def _add(
             raise RobotError(f"{place}: unknown key {key!r}{did_you_mean(str(key), KEYS)}")
     effect, where, side = entry.get("effect"), entry.get("where"), entry.get("side")
     place = f"{place} ({effect})"
+    if effect == "goal":
+        raise RobotError(
+            f"{place}: a goal is what a task asks for, and no robot has one; leave the entry out"
+        )
     if effect not in EFFECTS:
         hint = did_you_mean(str(effect), EFFECTS)
         raise RobotError(f"{place}: unknown effect{hint}; there are {listed(EFFECTS)}")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from envs.errors import ParameterError, TaskError
-from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D
+from envs.toys import Combo, ComboGoals, Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D
 
 
 def episode(env: Nav2D, values: np.ndarray, seeds: np.ndarray, action: np.ndarray) -> np.ndarray:
@@ -54,6 +54,42 @@ def test_corners_pay_only_nearby() -> None:
         step = env.step(None, np.full((2, 2), 0.1))
     np.testing.assert_allclose(step.reward, [0, -4], atol=1e-12)
     assert not step.terminated.any()
+
+
+def test_wrong_goals_cost_dearly_and_right_ones_stop_costing() -> None:
+    """The closed form on the way to a corner that is right in row 0 and wrong in row 1.
+
+    Goal 0 lies at (2, 2). A wrong goal within 2 m costs 1e4 (4 - d^2); a right one that was reached
+    costs nothing from then on, and starts to cost again with the next episode.
+    """
+    env = Combo(2)
+    goals = np.array([[0.0], [2.0]])  # right: (2, 2), and (-2, -2)
+    for _ in range(2):
+        env.reset(np.arange(2), goals, np.zeros(2, np.uint64))
+        for moves in range(1, 21):
+            step = env.step(None, np.full((2, 2), 0.1))
+            squared = 2 * (2 - 0.1 * moves) ** 2
+            found = -min(squared, 4.0) if squared >= 0.01 else 0.0
+            lost = -4.0 + 1e4 * min(0.0, squared - 4.0)
+            np.testing.assert_allclose(step.reward, [found, lost], rtol=1e-9, atol=1e-9)
+    for _ in range(20):  # away again
+        step = env.step(None, np.full((2, 2), -0.1))
+    np.testing.assert_allclose(step.reward, [0.0, -4.0])
+
+
+def test_choices_of_several_goals() -> None:
+    """Each choice of two goals of five is drawn, and pays for those two."""
+    tasks, env = ComboGoals(5, 2), Combo(10, 5, 2)
+    assert tasks.distinct is not None and len(tasks.distinct) == 10
+    tasks.check(env.space)
+    drawn = tasks.sample(np.random.default_rng(0), 500)
+    assert set(drawn.ravel()) == set(range(10))
+    env.reset(np.arange(10), tasks.distinct, np.zeros(10, np.uint64))
+    still = env.step(None, np.zeros((10, 2)))
+    np.testing.assert_allclose(still.reward, -8.0)  # both 2.8 m away, no wrong one within 2 m
+    for goals, right in ((4, 0), (4, 4)):
+        with pytest.raises(TaskError, match=f"right={right} must be at least 1"):
+            Combo(1, goals, right)
 
 
 def test_subsets_and_other_rows_change_nothing() -> None:

@@ -349,6 +349,7 @@ def test_nothing_hidden_is_neutral():
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
+        ({"effect": "goal", "value": 1}, r"entry 1 \(goal\): a goal is .* no robot has one; leave"),
         (
             {"effect": "backlsh", "value": 1},
             r"entry 1 \(backlsh\): unknown effect \(did you mean 'b",
