@@ -10,6 +10,7 @@ it to `_learn`. Each part is TorchRL's, or any with its interface.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from copy import deepcopy
 from typing import Any
 
@@ -107,6 +108,10 @@ class OnPolicy(Algorithm):
         if self._window == 1:
             return needed.reshape(-1)
         return needed.reshape(-1, self._window)
+
+    def _minibatches(self) -> Iterator[TensorDictBase]:
+        """Yield the buffer's minibatches of an epoch, where the networks are."""
+        return (minibatch.to(self.parts.device) for minibatch in self._buffer)
 
     def _reads(self, data: TensorDictBase) -> list[Any]:
         """Return what the loss reads, all of which must be there."""

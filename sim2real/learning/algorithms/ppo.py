@@ -72,12 +72,12 @@ class PPO(OnPolicy):
         self._buffer.empty()
         self._buffer.extend(self._samples(data))
         for epoch in range(self._epochs - 1):
-            losses = [self._step(minibatch) for minibatch in self._buffer]
+            losses = [self._step(minibatch) for minibatch in self._minibatches()]
             if self._target_kl is not None:
                 logged = _logged(losses)
                 if logged["train/kl"] > self._target_kl:
                     return epoch + 1, logged
-        return self._epochs, _logged([self._step(minibatch) for minibatch in self._buffer])
+        return self._epochs, _logged([self._step(minibatch) for minibatch in self._minibatches()])
 
     def _step(self, minibatch: TensorDictBase) -> TensorDictBase:
         """Take a gradient step; return the losses."""

@@ -80,7 +80,9 @@ class TRPO(OnPolicy):
         self._buffer.empty()
         self._buffer.extend(samples)
         fits = [
-            self._fit(minibatch) for _ in range(self._critic_epochs) for minibatch in self._buffer
+            self._fit(minibatch)
+            for _ in range(self._critic_epochs)
+            for minibatch in self._minibatches()
         ]
         return self._critic_epochs, {
             "train/kl": taken.kl,

@@ -173,7 +173,7 @@ def _size(
     memory: Any = None,
 ) -> int:
     """Return how many numbers the entries have, side by side, behind what is shared."""
-    data = env.fake_tensordict()
+    data = env.fake_tensordict().to("cpu")  # where networks are made
     if memory is not None:
         lead, gru = data.batch_size, memory.gru
         data[MEMORY] = torch.zeros(*lead, gru.num_layers, gru.hidden_size)

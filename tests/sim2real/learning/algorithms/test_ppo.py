@@ -17,6 +17,7 @@ from torch import nn
 from torchrl.envs import EnvBase
 
 from envs import MujocoEnv
+from envs.pixels.env import PixelsEnv
 from envs.tasks import HopperPolito, InvertedPendulum
 from sim2real.config.compose import compose, prepare
 from sim2real.learning.algorithms.base import build
@@ -283,11 +284,17 @@ def test_it_learns_to_balance_a_pole() -> None:
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
-@pytest.mark.parametrize("policy", ["actor_critic", "gru"])
-def test_it_runs_on_a_gpu_as_on_the_cpu(policy: str) -> None:
+@pytest.mark.parametrize("policy", ["actor_critic", "gru", "cnn"])
+@pytest.mark.parametrize("preset", ["ppo", "ppo_sb3"])
+def test_it_runs_on_a_gpu_as_on_the_cpu(policy: str, preset: str) -> None:
     """It learns there with finite numbers, and a loaded state goes on alike."""
+    words, base = [f"policy={policy}"], HOPPER
+    if policy == "cnn":
+        words, base = [*words, "transforms=pixels"], partial(PixelsEnv, task=HopperPolito())
+    if policy != "actor_critic" and preset == "ppo":
+        words = [*words, "loss=clip_ppo", "optimizer=adam"]  # the fast ones take perceptrons
     far, again = (
-        learner(f"policy={policy}", preset="ppo", device="cuda", num_rows=8, epochs=2)
+        learner(*words, base=base, preset=preset, device="cuda", num_rows=8, epochs=2, steps=64)
         for _ in range(2)
     )
     assert next(far.policy.parameters()).is_cuda

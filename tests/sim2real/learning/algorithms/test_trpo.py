@@ -167,3 +167,18 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         learner("step.max_kl=0.0")
     with pytest.raises(Sim2RealError, match="algorithm=trpo trains an actor and a critic"):
         learner("policy=mlp")
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_it_runs_on_a_gpu_as_on_the_cpu() -> None:
+    """It learns there with finite numbers, and a loaded state goes on alike."""
+    small = [f"algorithm.{word}" for word in SMALL]
+    far, again = (
+        any_learner(*small, preset="trpo", base=PENDULUM, kind=TRPO, device="cuda")
+        for _ in range(2)
+    )
+    far.iterate()
+    assert all(p.is_cuda for p in far.policy.parameters())
+    again.load_state_dict(far.state_dict())
+    assert again.iterate() == pytest.approx(far.iterate(), rel=1e-3)
