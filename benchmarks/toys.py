@@ -10,7 +10,8 @@ Trains each operator with the published hyper-parameters (Song et al. 2020: sigm
 sigma 0.1, gradient step 0.05, SGD with rate 0.01, 150 antithetic pairs, 300 iterations, a linear
 policy) and scores it on 500 tasks that training has not drawn. The noisy tasks spend the same
 budget of 50 proposals on different rules, with 50 pairs and 60 iterations, and are scored without
-noise.
+noise. The "steps" rows spend the same 51 to 55 episodes on rules that change the size of their
+steps, or run the incumbent again in each round.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ import numpy as np
 from envs.rows import Rows
 from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D, ToyEnv
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
+from sim2real.learning.adapt.hillclimb import Mode
 from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
 from sim2real.learning.environment import Environment
@@ -101,12 +103,35 @@ def noisy(**noise: Any) -> Experiment:
     return Experiment(env, partial(NavGoals, 1.0), rules, 50, 60, ("return_noise",))
 
 
+def climb(mode: Mode, queries: int, parallel: int, **more: Any) -> HillClimb:
+    """Return a rule that begins with one episode of the policy as it is."""
+    own: dict[str, Any] = {"incumbent_episodes": 1, "sigma": 0.1}
+    return HillClimb(mode=mode, queries=queries, parallel=parallel, **(own | more))
+
+
+def steps(**noise: Any) -> Experiment:
+    """Return rules that change their steps, or run the incumbent again, under a noisy return."""
+    rules = {
+        "batch, again": climb("batch", 9, 5, reevaluate_incumbent=True),
+        "batch": climb("batch", 10, 5),
+        "sequential, again": climb("sequential", 26, 1, reevaluate_incumbent=True),
+        "annealed": climb("sequential", 50, 1, sigma=0.2, grow=0.96, shrink=0.96),
+        "one fifth": climb("sequential", 50, 1, grow=1.5, shrink=1.5**-0.25),
+        "sequential": climb("sequential", 50, 1),
+    }
+    env = partial(NoisyNav2D, **noise)
+    return Experiment(env, partial(NavGoals, 1.0), rules, 50, 60, ("return_noise",))
+
+
 EXPERIMENTS = {
     "nav2d, K = 20": Experiment(Nav2D, NavGoals, published(20)),
     "corners, K = 5": Experiment(FourCorners, Corners, published(5)),
     "corners, K = 20": Experiment(FourCorners, Corners, published(20)),
     "nav2d, 30 % corrupted": noisy(noise="corrupt", scale=100.0, share=0.3),
     "nav2d, Gaussian sd 20": noisy(noise="gaussian", scale=20.0),
+    "steps, 30 % corrupted": steps(noise="corrupt", scale=100.0, share=0.3),
+    "steps, Gaussian sd 20": steps(noise="gaussian", scale=20.0),
+    "steps, no noise": steps(noise="gaussian", scale=0.0),
 }
 
 

@@ -89,7 +89,7 @@ def collect(plan: Plan) -> None:
             about = {
                 "training": name,
                 "seed": seed,
-                "cpu_minutes": f"{cpu_minutes(folder):.1f}",
+                "cpu_minutes": f"{spent:.1f}" if (spent := cpu_minutes(folder)) else "",
                 "command": " ".join(["sim2real", *overrides, f"seed={seed}"]),
                 "versions": _versions(folder),
             }

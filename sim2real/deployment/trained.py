@@ -11,13 +11,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import yaml
+
 from envs.tasks.base import Task
 from sim2real.config.arguments import path_value
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import RESOLVED, compose, prepare
+from sim2real.config.targets import build as build_part
+from sim2real.config.targets import check
+from sim2real.learning.adapt import Adaptation
 from sim2real.learning.algorithms.base import Algorithm, Parts, build
 from sim2real.learning.environment import Environment
 from sim2real.learning.trained import Trained
-from sim2real.runs.checkpoint import find, restore
+from sim2real.runs.checkpoint import find, restore, run_folder
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -56,6 +61,24 @@ def load_policy(checkpoint: str | Path, device: str = "cpu") -> Trained:
     source = path_value(str(find(checkpoint)))
     _, made = prepare(compose(["run=export", f"checkpoint={source}", f"device={device}"]), Path())
     return load_trained(checkpoint, made["parts"], made["algorithm"])
+
+
+def trained_for(checkpoint: str | list[str] | Path | None) -> Adaptation | None:
+    """Return how a policy adapted while it was trained, or None where its run does not say.
+
+    Args:
+        checkpoint: a checkpoint, or a run's folder.
+
+    Raises:
+        Sim2RealError: no checkpoint or several.
+    """
+    file = run_folder(find(one_checkpoint(checkpoint))) / RESOLVED
+    try:
+        tree = yaml.safe_load(file.read_text(encoding="utf-8"))["adapt"]
+        check(tree, "adapt")
+        return build_part(tree, "adapt")
+    except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError):
+        return None
 
 
 def one_checkpoint(checkpoint: str | list[str] | Path | None) -> str | Path:

@@ -14,6 +14,7 @@ up to there are whole.
 
 from __future__ import annotations
 
+import logging
 import signal
 import time
 from collections.abc import Callable
@@ -31,6 +32,7 @@ from sim2real.runs.run_files import SCORE, RunFiles
 from sim2real.runs.stopping import Stopping
 
 Finish = Callable[[Algorithm, RunFiles], None]
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,8 @@ def train(
     budget = Budget(iterations, frames)
     source = None if resume is None else find(resume)
     learner = build(algorithm, parts)
+    if parts.adapt.episodes:
+        log.info("trains policies that adapt by %s", parts.adapt)
     if check is not None:
         check(learner)
     if source is None and start is not None:

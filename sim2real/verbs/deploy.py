@@ -35,8 +35,8 @@ from sim2real.deployment.deploy import (
     servo_task,
 )
 from sim2real.deployment.session import Deployment, load
-from sim2real.deployment.trained import load_trained, one_checkpoint
-from sim2real.learning.adapt import NoAdaptation
+from sim2real.deployment.trained import load_trained, one_checkpoint, trained_for
+from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.runs.errors import Sim2RealError
 
@@ -106,6 +106,7 @@ def run(
     trained = load_trained(checkpoint, parts, algorithm)
     adapt = adapt.of(trained.actor(trained.theta))
     deployment = Deployment(trained.theta, adapt, trials, seed)
+    tell(deployment, trained_for(checkpoint))
     if resume is not None:
         load(resume, deployment)
         log_.info("continuing after %d of %d episodes", deployment.done, deployment.total)
@@ -113,3 +114,16 @@ def run(
     report(deployment, trained, task, out)
     draw(rows, deployment, out / "plots")
     return deployment
+
+
+def tell(deployment: Deployment, own: Adaptation | None) -> None:
+    """Say how many episodes there will be, and whether the policy was trained for this adaptation.
+
+    Args:
+        deployment: what is to come.
+        own: how it adapted while it was trained; None where that is not known.
+    """
+    adapt = deployment.adapt
+    log_.info("%d episodes in all; adapts by %s", deployment.total, adapt)
+    if own is not None and str(own) != str(adapt):
+        log_.info("the policy was trained for %s; without adapt= it is deployed so", own)

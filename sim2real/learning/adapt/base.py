@@ -59,6 +59,13 @@ class Adaptation(ABC):
         """Episodes that an adaptation spends, those of the unchanged policy included."""
         return sum(self.stages)
 
+    def __str__(self) -> str:
+        """Say what it does and how many episodes it spends."""
+        return f"{type(self).__name__}, {self.episodes} episodes"
+
+    def check(self, policy: Any) -> None:  # noqa: B027 - most adapt any policy
+        """Raise Sim2RealError for a policy that cannot adapt so; None is one that is not known."""
+
     def of(self, actor: Any) -> Adaptation:
         """Return this recipe for a policy's actor, a tensordict module; most serve any policy."""
         return self
@@ -82,6 +89,23 @@ class Adaptation(ABC):
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Draw one member's perturbations, (queries, size) float32."""
         return rng.standard_normal((self.queries, size), dtype=np.float32)
+
+
+def check_budget(operator: Adaptation, budget: int | None, fits: str) -> None:
+    """Refuse an operator that does not spend the episodes that it is allowed.
+
+    Args:
+        operator: as made of its other arguments.
+        budget: episodes that there are; None for as many as it takes.
+        fits: what to set instead.
+
+    Raises:
+        Sim2RealError: it spends more or fewer.
+    """
+    if budget is not None and operator.episodes != budget:
+        raise Sim2RealError(
+            f"adapt.budget={budget} does not fit {operator}; {fits}, or leave the budget out"
+        )
 
 
 class Cohort(ABC):
@@ -224,6 +248,10 @@ class Session:
 
 class NoAdaptation(Adaptation):
     """Leaves the policy as it is: domain randomization, the baseline of every adaptation."""
+
+    def __str__(self) -> str:
+        """Say that there is none."""
+        return "no adaptation"
 
     @property
     def stages(self) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim2real.learning.adapt.base import Adaptation, Cohort
+from sim2real.learning.adapt.base import Adaptation, Cohort, check_budget
 from sim2real.learning.population.es import orthogonal_directions
 from sim2real.runs.errors import Sim2RealError
 
@@ -28,9 +28,10 @@ class GradientAdaptation(Adaptation):
         baseline: "mean": c_k is the normalized return, so the mean is the baseline; "pivot": c_k is
             its difference from the unperturbed episode's (forward finite differences).
         orthogonal: draw orthogonal perturbations.
+        budget: episodes that it must spend in all; None for as many as follow from the rest.
 
     Raises:
-        Sim2RealError: for values out of range.
+        Sim2RealError: for values out of range, or a budget that does not fit.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class GradientAdaptation(Adaptation):
         rate: float,
         baseline: Literal["mean", "pivot"],
         orthogonal: bool = False,
+        budget: int | None = None,
     ) -> None:
         if queries < 1 or not sigma > 0 or not rate > 0:
             raise Sim2RealError(
@@ -52,6 +54,13 @@ class GradientAdaptation(Adaptation):
         self._queries, self.sigma, self.rate = queries, sigma, rate
         self.baseline: Literal["mean", "pivot"] = baseline
         self.orthogonal = orthogonal
+        check_budget(self, budget, f"set queries={max(1, (budget or 2) - 1)}")
+
+    def __str__(self) -> str:
+        """Say what it does and how many episodes it spends."""
+        return (
+            f"a gradient step, {self.episodes} episodes: 1 unperturbed, {self._queries} perturbed"
+        )
 
     @property
     def queries(self) -> int:

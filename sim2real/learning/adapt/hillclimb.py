@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim2real.learning.adapt.base import Adaptation, Cohort
+from sim2real.learning.adapt.base import Adaptation, Cohort, check_budget
 from sim2real.learning.adapt.gradient import mean_rows
 from sim2real.runs.errors import Sim2RealError
 
@@ -23,6 +23,11 @@ class HillClimb(Adaptation):
 
     In all I + Q P episodes; with `reevaluate_incumbent` Q (I + P).
 
+    The size of the steps may change from round to round. With `grow` and `shrink` equal and below 1
+    it is annealed: wide steps first, narrow ones to end with. With 1.5 and 1.5^(-1/4) it follows
+    the 1/5 rule of the (1+1) evolution strategy, which holds the size where one proposal in five is
+    better (Rechenberg 1973; the factors are Auger's 2009).
+
     Args:
         mode: see above.
         queries: Q, rounds.
@@ -32,9 +37,12 @@ class HillClimb(Adaptation):
             reference.
         reevaluate_incumbent: run the incumbent I times in each round and compare with that. Without
             it one lucky value under noise can stop the climb for good; the reference does without.
+        grow: by what sigma is multiplied after a round whose proposal was better.
+        shrink: by what it is multiplied after any other round.
+        budget: episodes that it must spend in all; None for as many as follow from the rest.
 
     Raises:
-        Sim2RealError: for values out of range.
+        Sim2RealError: for values out of range, or a budget that does not fit.
     """
 
     def __init__(
@@ -46,6 +54,9 @@ class HillClimb(Adaptation):
         sigma: float,
         incumbent_episodes: int = 0,
         reevaluate_incumbent: bool = False,
+        grow: float = 1.0,
+        shrink: float = 1.0,
+        budget: int | None = None,
     ) -> None:
         if mode not in ("sequential", "average", "batch"):
             raise Sim2RealError(f"adapt.mode={mode!r} is not one of sequential, average, batch")
@@ -59,9 +70,31 @@ class HillClimb(Adaptation):
                 f"adapt: queries={queries} and parallel={parallel} must be at least 1, "
                 f"sigma={sigma} above 0, incumbent_episodes={incumbent_episodes} at least 0"
             )
+        if not grow > 0 or not shrink > 0:
+            raise Sim2RealError(f"adapt: grow={grow} and shrink={shrink} must be above 0")
         self.mode, self.rounds, self.parallel, self.sigma = mode, queries, parallel, sigma
         self.incumbent_episodes = incumbent_episodes or parallel
         self.reevaluate_incumbent = reevaluate_incumbent
+        self.grow, self.shrink = grow, shrink
+        check_budget(self, budget, self._fitting(budget or 0))
+
+    def _fitting(self, budget: int) -> str:
+        """Say how many rounds come nearest to a budget from below."""
+        own, each = self.incumbent_episodes, self.parallel
+        again = self.reevaluate_incumbent
+        rounds = max(1, budget // (own + each) if again else (budget - own) // each)
+        spent = rounds * (own + each) if again else own + rounds * each
+        return f"queries={rounds} spends {spent}"
+
+    def __str__(self) -> str:
+        """Say what it does and how many episodes it spends."""
+        own = f"{self.incumbent_episodes} of the policy so far" + (
+            " in each round" if self.reevaluate_incumbent else " first"
+        )
+        return (
+            f"{self.mode} hill climbing, {self.episodes} episodes: {own}, "
+            f"{self.rounds} rounds of {self.parallel}"
+        )
 
     @property
     def proposals(self) -> int:
@@ -88,7 +121,10 @@ class HillClimb(Adaptation):
 class _Climbers(Cohort):
     def __init__(self, operator: HillClimb, thetas: np.ndarray, noise: np.ndarray) -> None:
         super().__init__(operator.stages, thetas, noise)
-        self._operator, self._sigma = operator, np.float32(operator.sigma)
+        self._operator = operator
+        self._sigma = np.full(
+            (len(thetas), 1), operator.sigma, np.float32
+        )  # of each member's steps
         self._best = np.full(len(thetas), np.nan)  # (n,) the incumbents' values
 
     def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
@@ -108,7 +144,7 @@ class _Climbers(Cohort):
     ) -> np.ndarray:
         """Return the step from the incumbent to a proposal, (k, P)."""
         proposals = self._operator.proposals
-        return self._sigma * self.noise[members, stage * proposals + place % proposals]
+        return self._sigma[members] * self.noise[members, stage * proposals + place % proposals]
 
     def _advance(self, members: np.ndarray, stage: int) -> None:
         values = self._stage_values(members, stage)
@@ -123,6 +159,8 @@ class _Climbers(Cohort):
             winner = np.zeros(len(members), np.int64)
             value = mean_rows(tried)
         better = value > self._best[members]
-        members, winner = members[better], winner[better]
-        self.results[members] += self._perturbation(members, stage, winner)
-        self._best[members] = value[better]
+        won = members[better]
+        self.results[won] += self._perturbation(won, stage, winner[better])
+        self._best[won] = value[better]
+        factors = np.where(better, self._operator.grow, self._operator.shrink)
+        self._sigma[members] *= factors[:, None].astype(np.float32)

@@ -74,6 +74,10 @@ class PolicyGradient(Adaptation):
                 f"adapt.surrogate={self.surrogate!r} is not one of {', '.join(SURROGATES)}"
             )
 
+    def __str__(self) -> str:
+        """Say what it does and how many episodes it spends."""
+        return f"a policy gradient, {self.episodes} episodes with drawn actions"
+
     @property
     def stages(self) -> tuple[int, ...]:
         """All episodes are of the unchanged policy."""

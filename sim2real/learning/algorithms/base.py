@@ -167,6 +167,7 @@ def build(algorithm: Callable[..., Algorithm], parts: Parts, adapts: bool = True
             f"{name} trains for adaptation by {made.adapts_by.__name__}, and the run has "
             f"{type(parts.adapt).__name__}; leave adapt out, or choose adapt=policy_gradient"
         )
+    parts.adapt.check(getattr(made, "policy", None))
     for one, part in parts.optional.items():
         if part is not None and one not in made.uses:
             raise Sim2RealError(f"{name} uses no {one}; leave it out, or use {one}=none")

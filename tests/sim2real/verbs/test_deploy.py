@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import logging
 import os
 import signal
 from pathlib import Path
@@ -18,7 +19,7 @@ from hardware.calibration import calibration_of, write_calibration
 from hardware.config import ROBOTS, load_robot
 from hardware.errors import RobotError, SafetyError, ServoError
 from hardware.log import read_logs
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, prepare, save
 from sim2real.deployment import deploy
 from sim2real.deployment.session import Deployment
 from sim2real.learning.modules.acting import Actor
@@ -86,6 +87,22 @@ def test_it_adapts_episode_by_episode(run, tmp_path):
     changed = not np.array_equal(done.session.result, done.theta)
     assert changed == (max(done.adapting[1:]) > done.adapting[0])
     assert "after 4 episodes of adaptation" in (tmp_path / "table.md").read_text()
+
+
+def test_a_policy_is_deployed_with_the_adaptation_that_it_was_trained_for(tmp_path, caplog):
+    """Without adapt= the run's own operator is used; another one is told, and both say its cost."""
+    caplog.set_level(logging.INFO)
+    words = [*SMALL_ES, "adapt=hillclimb", "adapt.queries=1", "adapt.sigma=0.3"]
+    climber = train(tmp_path / "run", words)
+    assert "adapt by sequential hill climbing, 2 episodes" in caplog.text
+    save(compose(words), climber)
+    done = go(climber, tmp_path / "own")
+    assert len(done.adapting) == 2
+    assert "6 episodes in all; adapts by sequential hill climbing, 2 episodes" in caplog.text
+    assert "was trained for" not in caplog.text
+    done = go(climber, tmp_path / "other", "adapt=batch")
+    assert len(done.adapting) == 3
+    assert "was trained for sequential hill climbing, 2 episodes" in caplog.text
 
 
 def test_what_was_interrupted_goes_on_as_if_it_had_not_been(run, tmp_path, monkeypatch):

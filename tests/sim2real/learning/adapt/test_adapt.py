@@ -27,6 +27,12 @@ OPERATORS = {
         incumbent_episodes=1,
         reevaluate_incumbent=True,
     ),
+    "annealed": HillClimb(
+        mode="sequential", queries=4, parallel=1, sigma=0.2, grow=0.5, shrink=0.5
+    ),
+    "one fifth": HillClimb(
+        mode="sequential", queries=6, parallel=1, sigma=0.1, grow=1.5, shrink=1.5**-0.25
+    ),
 }
 EPISODES = {
     "none": 0,
@@ -36,6 +42,8 @@ EPISODES = {
     "average": 16,
     "batch": 13,
     "again": 9,
+    "annealed": 5,
+    "one fifth": 7,
 }
 operators = pytest.mark.parametrize("name", list(OPERATORS))
 
@@ -156,6 +164,62 @@ def test_batch_takes_the_best_of_a_round_and_average_the_mean() -> None:
     assert not session.result.any()
 
 
+def steps(operator: HillClimb, returns: list[float]) -> list[np.ndarray]:
+    """Return the steps from the incumbent to each proposal, in units of its noise, (3,) each."""
+    noise = operator.draw(np.random.default_rng(0), 3)
+    session = operator.start(np.zeros(3, np.float32), np.random.default_rng(0))
+    found, told = [], iter(returns)
+    while (theta := session.ask()) is not None:
+        found.append(theta - session.result)
+        session.tell(next(told))
+    return [step / perturbation for step, perturbation in zip(found[1:], noise, strict=True)]
+
+
+def test_an_annealed_climb_takes_ever_smaller_steps() -> None:
+    """Sigma is halved from round to round, whether a proposal was better or not."""
+    operator = OPERATORS["annealed"]
+    assert isinstance(operator, HillClimb)
+    found = steps(operator, [0.0, 1.0, 0.5, 2.0, 0.0])
+    for step, sigma in zip(found, (0.2, 0.1, 0.05, 0.025), strict=True):
+        np.testing.assert_allclose(step, sigma, rtol=1e-4)
+
+
+def test_the_one_fifth_rule_holds_the_step_at_one_success_in_five() -> None:
+    """A success is worth four failures: after one of five rounds sigma is what it was."""
+    operator = OPERATORS["one fifth"]
+    assert isinstance(operator, HillClimb)
+    found = steps(operator, [0.0, -1.0, -1.0, 1.0, 0.5, 0.5, 0.5])
+    sizes = [float(step.mean()) for step in found]
+    down = 1.5**-0.25
+    ideal = [0.1, 0.1 * down, 0.1 * down**2, 0.15 * down**2, 0.15 * down**3, 0.1]
+    np.testing.assert_allclose(sizes, ideal, rtol=1e-3)
+
+
+def test_each_operator_says_what_it_spends() -> None:
+    """In words, for the log of a training and of a deployment."""
+    assert str(OPERATORS["none"]) == "no adaptation"
+    assert str(OPERATORS["gradient"]) == "a gradient step, 6 episodes: 1 unperturbed, 5 perturbed"
+    assert str(OPERATORS["again"]) == (
+        "batch hill climbing, 9 episodes: 1 of the policy so far in each round, 3 rounds of 2"
+    )
+    for name, operator in OPERATORS.items():
+        assert name == "none" or f" {EPISODES[name]} episodes" in str(operator)
+
+
+def test_a_budget_that_does_not_fit_is_refused() -> None:
+    """The sentence says what would fit; the budget itself, or none, is accepted."""
+    batch: dict[str, Any] = {"mode": "batch", "parallel": 7, "sigma": 0.1, "incumbent_episodes": 1}
+    HillClimb(**batch, queries=7, budget=50)
+    with pytest.raises(
+        ValueError, match=r"budget=50 .* 57 episodes.*; queries=7 spends 50, or leave"
+    ):
+        HillClimb(**batch, queries=8, budget=50)
+    with pytest.raises(ValueError, match="queries=6 spends 48"):
+        HillClimb(**batch, queries=7, reevaluate_incumbent=True, budget=50)
+    with pytest.raises(ValueError, match=r"budget=5 does not fit a gradient step, 6 .* queries=4,"):
+        GradientAdaptation(queries=5, sigma=0.1, rate=0.05, baseline="mean", budget=5)
+
+
 def test_a_lucky_incumbent_is_forgiven_only_when_run_again() -> None:
     """After a lucky first value only a climb that runs its incumbent again accepts a proposal."""
 
@@ -198,6 +262,8 @@ def test_bad_input_is_refused() -> None:
         HillClimb(mode="sequential", queries=2, parallel=3, sigma=0.1)
     with pytest.raises(ValueError, match="mode='greedy'"):
         HillClimb(mode=cast(Any, "greedy"), queries=2, parallel=1, sigma=0.1)
+    with pytest.raises(ValueError, match="grow=0"):
+        HillClimb(mode="sequential", queries=2, parallel=1, sigma=0.1, grow=0)
     with pytest.raises(ValueError, match="queries=0"):
         GradientAdaptation(queries=0, sigma=0.1, rate=0.1, baseline="mean")
     with pytest.raises(ValueError, match="finite"):
