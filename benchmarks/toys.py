@@ -131,7 +131,6 @@ EXPERIMENTS = {
     "nav2d, Gaussian sd 20": noisy(noise="gaussian", scale=20.0),
     "steps, 30 % corrupted": steps(noise="corrupt", scale=100.0, share=0.3),
     "steps, Gaussian sd 20": steps(noise="gaussian", scale=20.0),
-    "steps, no noise": steps(noise="gaussian", scale=0.0),
 }
 
 
