@@ -109,7 +109,8 @@ class _Lasting(Ant):
 
     def terminated(self, state: State) -> np.ndarray:
         """Return which states are not finite, (n,)."""
-        return ~(np.isfinite(state.qpos).all(1) & np.isfinite(state.qvel).all(1))
+        finite = np.isfinite(state.qpos).all(1) & np.isfinite(state.qvel).all(1)
+        return np.asarray(~finite)
 
 
 class AntDirection(Direction, _Lasting):

@@ -263,8 +263,9 @@ class ComboGoals(ToyTasks):
     def __init__(self, goals: int = 4, right: int = 1) -> None:
         choices = _choices(goals, right)
         super().__init__(ParamSpace(_choice(choices)))
-        self.distinct = np.arange(float(len(choices)))[:, None]
+        self._count = len(choices)
+        self.distinct = np.arange(float(self._count))[:, None]
 
     def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Draw n choices, (n, 1)."""
-        return rng.integers(len(self.distinct), size=(n, 1)).astype(float)
+        return rng.integers(self._count, size=(n, 1)).astype(float)

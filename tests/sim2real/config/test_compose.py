@@ -143,6 +143,10 @@ def test_a_checkpoint_says_what_it_was_trained_with(tmp_path: Path) -> None:
     for verb in ("evaluate", "deploy"):
         tree = compose([f"run={verb}", f"checkpoint={tmp_path}", "adapt=none"])
         assert tree["adapt"] == {"_target_": "sim2real.learning.adapt.NoAdaptation"}
+    lines = "- +experiment=quad8_esmaml\n- adapt.queries=3\n"
+    (tmp_path / ".hydra" / "overrides.yaml").write_text(lines)
+    own = compose(["run=deploy", f"checkpoint={tmp_path}", "robot=quad8"])["adapt"]
+    assert (own["mode"], own["queries"], own["sigma"]) == ("sequential", 3, 0.1)
     assert with_checkpoint([*given, "+experiment=nav2d"]) == [*given, "+experiment=nav2d"]
 
 
