@@ -2,6 +2,7 @@
 
     python -m benchmarks.seeds                                  # writes the page, trains nothing
     python -m benchmarks.seeds --run nav2d_pg --seeds 0 1 2     # trains, then writes the page
+    python -m benchmarks.seeds --run all                        # a day of CPU; several may share
     python -m benchmarks.seeds --list                           # what can be trained, and how long
 
 The page is made of the committed results; trainings add their figures to results/seeds.csv. They go
@@ -32,7 +33,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--run", nargs="+", default=[], metavar="NAME", help="trainings; --list names them")
+    add(
+        "--run",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="trainings; --list names them, all: cheapest first",
+    )
     add("--seeds", type=int, nargs="+", help="training seeds; default: as many as a training has")
     add("--list", action="store_true", help="say what can be trained, and end")
     add("--out", type=Path, default=Path("outputs/bench_long/seeds"), help="folder of the runs")
@@ -41,19 +48,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     content = load()
     trainings = content["trainings"]
-    if unknown := sorted(set(chosen.run) - set(trainings)):
-        parser.error(f"no training {unknown[0]!r}; there are: {', '.join(trainings)}")
+    if unknown := sorted(set(chosen.run) - {"all", *trainings}):
+        parser.error(f"no training {unknown[0]!r}; there are: all, {', '.join(trainings)}")
     if min(chosen.seeds or [0]) < 0:
         parser.error("--seeds must not be negative")
+    cheapest = sorted(trainings, key=lambda name: trainings[name]["minutes"])
     if chosen.list:
-        for name, about in trainings.items():
+        for name in cheapest:
+            about = trainings[name]
             command = " ".join(["sim2real", *about["do"]])
             print(f"{name}: {about['runs']} x {about['minutes']} CPU min: {command}")
+        hours = sum(about["runs"] * about["minutes"] for about in trainings.values()) / 60
+        print(f"all: {hours:.0f} CPU h")
         return 0
     commands = {name: about["do"] for name, about in trainings.items()}
     plan = Plan(commands, chosen.out.resolve(), chosen.results.resolve() / "seeds.csv")
     failed = sum(
-        run(name, chosen.seeds or range(trainings[name]["runs"]), plan) for name in chosen.run
+        run(name, chosen.seeds or range(trainings[name]["runs"]), plan)
+        for name in (cheapest if "all" in chosen.run else chosen.run)
     )
     if plan.out.is_dir():
         collect(plan)

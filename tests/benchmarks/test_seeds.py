@@ -210,4 +210,13 @@ def test_a_training_that_is_not_there_is_refused(capsys: pytest.CaptureFixture) 
     """A misspelt name is answered with those that there are."""
     with pytest.raises(SystemExit):
         main(["--run", "nav3d"])
-    assert "no training 'nav3d'; there are: nav2d," in capsys.readouterr().err
+    assert "no training 'nav3d'; there are: all, nav2d," in capsys.readouterr().err
+
+
+def test_the_list_says_what_all_would_take(capsys: pytest.CaptureFixture) -> None:
+    """One line a training, the cheapest first, and the hours of all."""
+    assert main(["--list"]) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert len(lines) == len(load()["trainings"])
+    minutes = [float(line.split(" x ")[1].split(" ")[0]) for line in lines]
+    assert minutes == sorted(minutes) and last.startswith("all: ")
