@@ -170,7 +170,7 @@ def diagnosed(run: Path) -> Figures:
 
 def esmaml(_: Path) -> list[Job]:
     """Return the main job, short, with a small evaluation of what it ended with."""
-    limits = ("iterations=3", "frames=null", "video=none", "logger=csv")
+    limits = ("iterations=3", "frames=null", "algorithm.warm_up=0", "video=none", "logger=csv")
     small = ("eval.adaptations=1", "eval.episodes=1", "eval.draws=200")
     return [Job("esmaml", ("+experiment=esmaml", *limits, *small), evaluated)]
 

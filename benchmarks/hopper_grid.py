@@ -142,6 +142,7 @@ def train(plan: Plan, method: Method, seed: int) -> None:
         f"seed={seed}",
         "iterations=null",
         f"frames={plan.frames}",
+        "algorithm.warm_up=0",  # the study adapts from the start
         "eval=none",
         "video=none",
         f"hydra.run.dir={folder}",

@@ -40,6 +40,7 @@ from sim2real.runs.errors import Sim2RealError
 log = logging.getLogger(__name__)
 ROUNDS = 16  # episodes of a chunk per row: long enough that rows which idle at its end cost little
 ROWS = 256  # episodes side by side of a policy whose algorithm has no population of its own
+LARGE = 0.95  # share of the cells that gain less than the one whose large gain is filmed
 EVALUATION, INTERVALS = 1, 2  # streams of randomness that follow from one seed
 Report = Callable[[int, int], None]
 
@@ -118,6 +119,21 @@ class Evaluation:
     ) -> GridScores:
         """Run every cell; the robots are made by the algorithm itself. See `run_cells`."""
         return run_cells(algorithm, self, seed, name, progress)
+
+    def telling(self, algorithm: Algorithm, scores: GridScores) -> dict[str, np.ndarray] | None:
+        """Return robots whose film tells most, (P,) each: of the median gain and of a large one.
+
+        None where the policy does not adapt. Gains are means over a cell's adaptations.
+        """
+        if not scores.adaptation_episodes:
+            return None
+        gains = (scores.after - scores.before).mean(axis=(0, 2))  # (C,)
+        order, values = np.argsort(gains), self.grid.values(_Cells(algorithm, self).space)
+        found = {}
+        for words, share in (("median gain", 0.5), (f"gain above {LARGE:.0%} of all", LARGE)):
+            cell = int(order[round(share * (len(order) - 1))])
+            found[f"{words} ({gains[cell]:+.0f})"] = values[cell]
+        return found
 
     def report(self, scores: Sequence[GridScores], seed: int, out: Path) -> GridScores:
         """Write the files of one or several runs, put together; see `report`."""

@@ -1,15 +1,18 @@
 """Films of a policy, drawn off-screen: before and after adaptation, side by side.
 
     video = Video(width=320, height=240, fps=25, seconds=10.0)
-    path = video.record(algorithm, seed=0, folder=out / "videos")
+    path = video.record(algorithm, seed=0, folder=out / "videos")           # a robot that it draws
+    path = video.record(algorithm, 0, out / "videos", {"the median gain": values})
 
 Drawing needs a system library, EGL or OSMesa. Without any, `RenderError` says what to install.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,6 +24,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from envs.errors import RenderError
+from envs.params import Parameter
 from envs.pixels.library import library
 from sim2real.learning.algorithms.base import Algorithm
 from sim2real.learning.population.population import draw_seeds
@@ -30,6 +34,7 @@ from sim2real.runs.film import Camera, write_mp4
 VIDEO_STREAM = 3  # which of the seed's streams the film's task and luck are
 SIGNS = {"set": "=", "add": "+", "scale": "×"}  # what a parameter does to the model's own value
 MARGIN = 22  # px, height of a line of text
+SHORTEST = 5.0  # s that each robot is seen at least, if need be in its last picture
 LIMITS = {"width": (16, 4096), "height": (16, 4096), "fps": (1, 240), "seconds": (0.1, 3600.0)}
 
 
@@ -86,15 +91,20 @@ def film(
     return Clip(title, np.stack(frames), total)
 
 
-def compose(clips: list[Clip], caption: str) -> np.ndarray:
+def compose(clips: list[Clip], caption: str, least: int = 1) -> np.ndarray:
     """Put clips side by side under their titles, with a caption below.
 
     A clip that ends early keeps its last picture.
 
+    Args:
+        clips: one or more.
+        caption: the line below them.
+        least: pictures at least.
+
     Returns:
         (n, height, width, 3) uint8, height and width even, as video codecs want them.
     """
-    count = max(len(clip.frames) for clip in clips)
+    count = max(least, *(len(clip.frames) for clip in clips))
     rows = [clip.frames[np.minimum(np.arange(count), len(clip.frames) - 1)] for clip in clips]
     pictures = np.concatenate(rows, axis=2)  # (n, h, W, 3)
     height, width = pictures.shape[1:3]
@@ -135,15 +145,24 @@ class Video:
                     f"video.{name}={getattr(self, name)} must be between {low} and {high}"
                 )
 
-    def record(self, algorithm: Algorithm, seed: int, folder: Path) -> Path:
-        """Film the policy on a task that the seed draws; if it adapts, before and after.
+    def record(
+        self,
+        algorithm: Algorithm,
+        seed: int,
+        folder: Path,
+        robots: Mapping[str, np.ndarray] | None = None,
+    ) -> Path:
+        """Film the policy on robots, one after the other; if it adapts, before and after.
 
-        Both are filmed with the same random numbers.
+        Both are filmed with the same random numbers. Each robot is seen for at least five seconds,
+        unless the film is shorter.
 
         Args:
             algorithm: the trained policy.
-            seed: draws the task and all random numbers, other than those of training.
+            seed: draws all random numbers, other than those of training.
             folder: where the film goes.
+            robots: their parameters, (P,) each, and what is said of them; None: a robot that the
+                seed draws from those of the training.
 
         Returns:
             The film.
@@ -156,23 +175,35 @@ class Video:
         if not environment.simulated:
             raise RenderError(f"{environment.name} is no MuJoCo task, there is nothing to draw")
         env = trained.world(1, threads=1)
-        rows, rng = env.base_env.rows, np.random.default_rng([seed, VIDEO_STREAM])
-        algorithm.parts.tasks.check(rows.space)
-        values = algorithm.parts.tasks.sample(rng, 1)[0]
-        thetas = {"trained policy": trained.theta}
-        if (adapted := algorithm.adapted(values, rng)) is not None:
-            after = f"after {algorithm.parts.adapt.episodes} episodes of adaptation"
-            thetas = {"before adaptation": trained.theta, after: adapted}
-        luck = int(draw_seeds(rng, 1)[0])
-        model = rows.plant.batch.get_model(0)
+        rows: Any = env.base_env.rows
+        rng = np.random.default_rng([seed, VIDEO_STREAM])
+        if robots is None:
+            algorithm.parts.tasks.check(rows.space)
+            robots = {"": algorithm.parts.tasks.sample(rng, 1)[0]}
+        model, parts, adapts = rows.plant.batch.get_model(0), [], False
+        least = round(min(SHORTEST, self.seconds) * self.fps)
         with Camera(model, self.width, self.height, rows.task.camera) as camera:
-            clips = [
-                film(env, trained.actor(theta), values, luck, name, self, camera)
-                for name, theta in thetas.items()
-            ]
-        named = zip(rows.space.parameters, values, strict=True)
-        words = [f"{p.name} {SIGNS[p.how]} {value:.3g} {p.unit}".rstrip() for p, value in named]
-        frames = compose(clips, ", ".join(words))
-        path = folder / ("before_after.mp4" if len(clips) > 1 else "policy.mp4")
-        write_mp4(path, frames, self.fps)
+            for said, values in robots.items():
+                thetas = {"trained policy": trained.theta}
+                adapted = algorithm.adapted(values, rng)
+                if adapts := adapted is not None:
+                    after = f"after {algorithm.parts.adapt.episodes} episodes of adaptation"
+                    thetas = {"before adaptation": trained.theta, after: adapted}
+                luck = int(draw_seeds(rng, 1)[0])
+                clips = [
+                    film(env, trained.actor(theta), values, luck, name, self, camera)
+                    for name, theta in thetas.items()
+                ]
+                words = ", ".join(in_words(rows.space.parameters, values))
+                parts.append(compose(clips, f"{said}: {words}" if said else words, least))
+        path = folder / ("before_after.mp4" if adapts else "policy.mp4")
+        write_mp4(path, np.concatenate(parts), self.fps)
         return path
+
+
+def in_words(parameters: Sequence[Parameter], values: np.ndarray) -> Iterator[str]:
+    """Yield parameters (P,) with their values, such as "link mass of torso = 4.5 kg"."""
+    for p, value in zip(parameters, values, strict=True):
+        name, _, where = p.name.partition(".")
+        what = name.replace("_", " ") + (f" of {where}" if where else "")
+        yield f"{what} {SIGNS[p.how]} {value:.3g} {p.unit}".rstrip()

@@ -1,4 +1,4 @@
-"""The end of a training: its learning curve, a film of the policy, and what the policy is worth.
+"""The end of a training: its learning curve, what the policy is worth, and a film of it.
 
 finish(learner, files, evaluation, video, seed=0)
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 
 from envs.errors import RenderError
-from sim2real.evaluation.evaluate import Assessment
+from sim2real.evaluation.evaluate import Assessment, Evaluation
 from sim2real.evaluation.films import Video
 from sim2real.learning.algorithms.base import Algorithm
 from sim2real.runs import figures as plots
@@ -25,7 +25,10 @@ def finish(
     video: Video | None,
     seed: int,
 ) -> None:
-    """Draw the learning curve, film the policy and evaluate it; all is already saved.
+    """Draw the learning curve, evaluate the policy and film it; all is already saved.
+
+    After an evaluation over a grid the film shows the robot of the median gain and one of a large
+    gain, else a robot of the training.
 
     Args:
         algorithm: the trained one.
@@ -36,12 +39,15 @@ def finish(
     """
     if files.metrics.path.exists():
         plots.learning_curve({"": [files.metrics.path]}, files.out / "plots" / "learning_curve.png")
-    if video is not None:
-        try:
-            log.info("video: %s", video.record(algorithm, seed, files.out / "videos"))
-        except RenderError as error:
-            log.warning("no video: %s", error)
+    robots = None
     if evaluation is not None:
         with Progress(1, "task") as progress:
             scores = evaluation.assess(algorithm, seed, f"seed {seed}", progress.report)
         evaluation.report([scores], seed, files.out)
+        if isinstance(evaluation, Evaluation):
+            robots = evaluation.telling(algorithm, scores)
+    if video is not None:
+        try:
+            log.info("video: %s", video.record(algorithm, seed, files.out / "videos", robots))
+        except RenderError as error:
+            log.warning("no video: %s", error)

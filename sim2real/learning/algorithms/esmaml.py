@@ -119,6 +119,9 @@ class ESMAMLSettings(StrategySettings, FitnessSettings, RowsSettings):
         meta_estimator: "zeroth_order" perturbs the meta-parameters and scores what they adapt to;
             "first_order" takes the gradient at the adapted parameters, of `pairs` tasks.
         first_order_queries: episodes of each gradient estimate of "first_order".
+        warm_up: environment steps at the start during which candidates are scored as they are: an
+            unadapted candidate costs one episode, and what adapts well later begins with what
+            works at all.
 
     Raises:
         Sim2RealError: for values out of range.
@@ -127,10 +130,13 @@ class ESMAMLSettings(StrategySettings, FitnessSettings, RowsSettings):
     normalize_observations: bool
     meta_estimator: Literal["zeroth_order", "first_order"]
     first_order_queries: int
+    warm_up: int = 0
 
     def __post_init__(self) -> None:
         StrategySettings.__post_init__(self)
         FitnessSettings.__post_init__(self)
+        if self.warm_up < 0:
+            raise Sim2RealError(f"algorithm.warm_up={self.warm_up} must not be negative")
         if self.meta_estimator not in ("zeroth_order", "first_order"):
             raise Sim2RealError(
                 f"algorithm.meta_estimator={self.meta_estimator!r} is not one of "
@@ -228,8 +234,11 @@ class ESMAML(Algorithm):
 
     def iterate(self) -> dict[str, float]:
         """Evaluate one generation of candidates and move the meta-parameters."""
-        step = self._zeroth_order if self._first_order is None else self._first_order_step
-        results, moved = step()
+        warm = self.frames < self._settings.warm_up
+        if warm or self._first_order is None:
+            results, moved = self._zeroth_order(NoAdaptation() if warm else self.adapt)
+        else:
+            results, moved = self._first_order_step()
         if self.normalizer is not None:
             self.normalizer.update(results.frames, results.sums, results.squares)
         self.frames += results.frames
@@ -245,11 +254,11 @@ class ESMAML(Algorithm):
             "train/frames": float(self.frames),
         }
 
-    def _zeroth_order(self) -> tuple[Results, dict[str, float]]:
+    def _zeroth_order(self, adapt: Adaptation) -> tuple[Results, dict[str, float]]:
         candidates = self.strategy.ask().astype(np.float32)  # (J, P)
         repeats = self._settings.tasks_per_member
         thetas = np.repeat(candidates, repeats, axis=0)  # (J T, P)
-        results = self._run(self.adapt, thetas, self._draws(len(candidates)))
+        results = self._run(adapt, thetas, self._draws(len(candidates)))
         lengths = results.lengths[:, results.adaptation_episodes :]
         scores = results.final - self._settings.step_cost * lengths  # (J T, F)
         fitness = scores.reshape(len(candidates), -1).mean(axis=1)

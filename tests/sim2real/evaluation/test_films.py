@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,10 @@ from envs.simulation import Simulation
 from envs.tasks.hopper import Hopper
 from envs.toys import Nav2D, NavGoals, ToyEnv
 from sim2real.evaluation import films as video
+from sim2real.evaluation.evaluate import Evaluation
 from sim2real.evaluation.films import Camera, Clip, Video, compose, film, write_mp4
+from sim2real.evaluation.grid import Axis, Grid
+from sim2real.evaluation.scores import GridScores
 from sim2real.learning.adapt import HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
@@ -101,6 +105,56 @@ def test_before_and_after_are_side_by_side_in_one_film(tmp_path: Path) -> None:
     robots = frames[0, 22:142].reshape(120, 2, 160, 3)
     assert robots[:, 0].std() > 20 and robots[:, 1].std() > 20
     assert sorted(p.name for p in tmp_path.iterdir()) == ["before_after.mp4"]
+
+
+@pytest.mark.render
+@pytest.mark.usefixtures("draws")
+def test_robots_are_filmed_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each for five seconds at least, though both fall at once, and under its own words."""
+    said: list[str] = []
+
+    def composed(clips: list[Clip], words: str, least: int) -> np.ndarray:
+        said.append(words)
+        return compose(clips, words, least)
+
+    monkeypatch.setattr(video, "compose", composed)
+    env = partial(MujocoEnv, task=Hopper(max_steps=20))
+    robots = {"median gain (+3)": np.array([2.0, 1.5]), "large": np.array([9.0, 0.5])}
+    climb = HillClimb(mode="sequential", queries=1, parallel=1, sigma=0.1)
+    path = Video(64, 64, 10, 6.0).record(learner(env, TASKS, climb), 0, tmp_path, robots)
+    about, frames = read(path)
+    assert len(frames) == 2 * 50 and about["fps"] == 10
+    assert said == [
+        "median gain (+3): link mass of torso = 2 kg, ground friction = 1.5",
+        "large: link mass of torso = 9 kg, ground friction = 0.5",
+    ]
+    assert np.abs(frames[0].astype(int) - frames[50]).mean() > 0.5
+    short = Video(64, 64, 10, 0.5).record(learner(env, TASKS, climb), 0, tmp_path, robots)
+    assert len(read(short)[1]) == 2 * 5
+
+
+def test_the_robots_that_tell_most_are_chosen_by_their_gain() -> None:
+    """Of 21 cells that gain 0 to 20, the eleventh and the one above 95 % of all."""
+    axis = Axis("ground_friction", low=1.0, high=3.0, count=21)
+    grid = Grid([axis], fixed={"link_mass.torso": 4.0})
+    evaluation = Evaluation(grid=grid, adaptations=2, episodes=1, threshold=1.0, draws=10)
+    algorithm = learner(
+        partial(MujocoEnv, task=Hopper()),
+        TASKS,
+        HillClimb(mode="sequential", queries=1, parallel=1, sigma=0.1),
+    )
+    gains = np.random.default_rng(0).permutation(21).astype(float)
+    before, spread = np.zeros((1, 21, 2)), np.ones((1, 21, 2))
+    after = before + gains[:, None] + np.array([-0.4, 0.4])
+    scores = GridScores(grid, (), {}, ("seed 0",), (1,), (1,), 1, 2, before, after, spread, spread)
+    found = evaluation.telling(algorithm, scores)
+    assert found is not None and list(found) == ["median gain (+10)", "gain above 95% of all (+19)"]
+    frictions = np.linspace(1.0, 3.0, 21)
+    for (_, values), gain in zip(found.items(), (10, 19), strict=True):
+        np.testing.assert_allclose(values, [4.0, frictions[int(np.flatnonzero(gains == gain)[0])]])
+    assert evaluation.telling(algorithm, replace(scores, adaptation_episodes=0)) is None
 
 
 @pytest.mark.render

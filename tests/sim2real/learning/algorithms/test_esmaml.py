@@ -177,6 +177,20 @@ def test_counts_every_environment_step() -> None:
     assert algorithm.frames == sum(steps)
 
 
+def test_warm_up_scores_candidates_as_they_are() -> None:
+    """Until so many steps it is evolution without adaptation, to the bit; then it adapts."""
+    warm, plain = make_cartpole(warm_up=1), make_cartpole(NoAdaptation())
+    first = warm.iterate()
+    assert first == plain.iterate()
+    np.testing.assert_array_equal(warm.theta, plain.theta)
+    assert first["train/return"] == first["train/return_before"]
+    before = warm.frames
+    warm.iterate(), plain.iterate()
+    assert warm.frames - before > 2 * (plain.frames - before)  # three episodes each, and one more
+    with pytest.raises(ValueError, match="warm_up=-1 must not be negative"):
+        make_cartpole(warm_up=-1)
+
+
 @pytest.mark.parametrize(("paired", "equal"), [(True, True), (False, False)])
 def test_pairs_share_task_and_luck_if_asked(paired: bool, equal: bool) -> None:
     """With one candidate on both sides of a pair, paired members return the same bits."""
