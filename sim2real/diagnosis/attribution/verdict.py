@@ -3,10 +3,10 @@
     verdict_of(Rest(before, after, floor, closed, low), data)
 
 `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if what is
-left is within twice the floor, or nothing lasting is left at any joint and nine tenths are closed,
-or eight and the rest is within a count; `partly_explained` from three tenths with a lower bound
-above zero; else `unexplained`. Where more than four effects are needed for the former two, it is
-`fitted`: then there are values, and no causes.
+left is within twice the floor, or nothing lasting is left at any joint and nine tenths are closed;
+`partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
+than four effects are needed for the former two, it is `fitted`: then there are values, and no
+causes.
 
 What is left on held-out windows is noise, which differs from row to row, and what the causes do not
 say, which lasts: a wrong law, a missing effect, a wrong value. The mean product of errors a moment
@@ -109,9 +109,7 @@ def verdict_of(rest: Rest, data: Data) -> Verdict:
         return "no_gap"
     limits = data.settings.verdict
     near = rest.after <= limits.no_gap_floors * rest.floor and not rest.alone[1]
-    hidden = rest.after <= resolution(data, limits.explained_counts)
-    enough = limits.explained_count if hidden else limits.explained
-    most = rest.closed >= enough and not rest.unsaid
+    most = rest.closed >= limits.explained and not rest.unsaid
     if not (near or most) and not (rest.closed >= limits.partly and rest.low > 0):
         return "unexplained"
     if rest.values > limits.causes_max:

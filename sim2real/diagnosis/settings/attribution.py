@@ -225,12 +225,6 @@ class Verdict:
         "encoder counts that they may have instead",
         "derived: what the encoder resolves, where the search ends too",
     )
-    explained_count: float = setting(
-        0.8,
-        "1",
-        "closed share from which it is explained if an encoder count hides what is left",
-        JUDGED,
-    )
     lasting_s: float = setting(
         0.01, "s", "time after which an error that is still there is no noise of a row", JUDGED
     )
