@@ -62,7 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"all: {hours:.0f} CPU h")
         return 0
     commands = {name: about["do"] for name, about in trainings.items()}
-    plan = Plan(commands, chosen.out.resolve(), chosen.results.resolve() / "seeds.csv")
+    then = {name: about["then"] for name, about in trainings.items() if "then" in about}
+    plan = Plan(commands, chosen.out.resolve(), chosen.results.resolve() / "seeds.csv", then)
     failed = sum(
         run(name, chosen.seeds or range(trainings[name]["runs"]), plan)
         for name in (cheapest if "all" in chosen.run else chosen.run)

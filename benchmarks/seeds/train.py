@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from sim2real.evaluation.transfer import read as read_transfer
 from sim2real.runs.files import claimed, write_text
 
 COLUMNS = ("training", "seed", "figure", "value", "steps", "cpu_minutes", "command", "versions")
+THEN = "then"  # folder of an evaluation within its run's
 PACKAGES = ("sim2real", "torch", "torchrl", "mujoco", "numpy")  # that a figure may depend on
 
 
@@ -33,6 +34,8 @@ class Plan:
 
     Args:
         trainings: overrides of the command line, by name.
+        then: overrides of an evaluation of the trained policy, by name, whose figures count
+            instead of the training's own.
         out: folder of the runs.
         table: the CSV file of the figures.
     """
@@ -40,6 +43,7 @@ class Plan:
     trainings: Mapping[str, Sequence[str]]
     out: Path
     table: Path
+    then: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def folder(self, name: str, seed: int) -> Path:
         """Return a run's folder."""
@@ -52,10 +56,10 @@ def run(name: str, seeds: Sequence[int], plan: Plan) -> int:
     for seed in seeds:
         folder = plan.folder(name, seed)
         with claimed(folder) as mine:
-            if not mine or list(figures(folder)):
+            if not mine or list(figures(folder, name in plan.then)):
                 continue
             with timed(folder):
-                done = sim2real(
+                done = bool(list(figures(folder))) or sim2real(
                     *plan.trainings[name],
                     f"seed={seed}",
                     "video=none",
@@ -63,13 +67,27 @@ def run(name: str, seeds: Sequence[int], plan: Plan) -> int:
                     f"hydra.run.dir={folder}",
                     *([f"resume={folder}"] if trained(folder) else []),
                 )
+                if done and name in plan.then:
+                    done = evaluate(folder, seed, plan.then[name])
             failed += not done
         collect(plan)
     return failed
 
 
-def figures(folder: Path) -> Iterator[tuple[str, float, int]]:
-    """Yield name, value and training steps of each figure of a complete run."""
+def evaluate(folder: Path, seed: int, words: Sequence[str]) -> bool:
+    """Evaluate a trained policy once more; return whether it came to its end."""
+    given = ("run=evaluate", f"checkpoint={folder}", f"seed={seed}")
+    return sim2real(*given, *words, f"hydra.run.dir={folder / THEN}")
+
+
+def figures(folder: Path, then: bool = False) -> Iterator[tuple[str, float, int]]:
+    """Yield name, value and training steps of each figure of a complete run.
+
+    Args:
+        folder: the run's.
+        then: whether those of the evaluation after it are meant.
+    """
+    folder = folder / THEN if then else folder
     if (folder / "evaluation.json").is_file():
         scores = GridScores.read(folder)
         for name, values in (("before", scores.before), ("after", scores.after)):
@@ -93,7 +111,7 @@ def collect(plan: Plan) -> None:
                 "command": " ".join(["sim2real", *overrides, f"seed={seed}"]),
                 "versions": _versions(folder),
             }
-            for figure, value, steps in figures(folder):
+            for figure, value, steps in figures(folder, name in plan.then):
                 row = {**about, "figure": figure, "value": f"{value:.6g}", "steps": str(steps)}
                 rows[_key(row)] = row
     lines = [",".join(COLUMNS)]

@@ -183,10 +183,34 @@ def test_a_training_is_done_once_and_its_figures_stay(
     assert "mujoco" in table[1]["versions"] and "+experiment=nav2d" in table[1]["command"]
 
 
-def leave_scores(folder: Path) -> None:
+def test_an_evaluation_after_training_gives_the_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It follows the training, is what counts, and is all that is done again where it failed."""
+    jobs: list[tuple[str, ...]] = []
+
+    def job(*words: str) -> bool:
+        jobs.append(words)
+        folder = Path(next(w for w in words if w.startswith("hydra.run.dir=")).split("=", 1)[1])
+        if len(jobs) == 2:
+            return False
+        leave_scores(folder, 10.0 if folder.name == "then" else 0.0)
+        return True
+
+    monkeypatch.setattr(train, "sim2real", job)
+    out, table = tmp_path / "out", tmp_path / "seeds.csv"
+    plan = train.Plan({"toy": ["+experiment=nav2d"]}, out, table, {"toy": ["adapt=batch"]})
+    assert train.run("toy", [0], plan) == 1 and train.read(table) == []
+    assert train.run("toy", [0], plan) == 0
+    assert [words[0] for words in jobs] == ["+experiment=nav2d", *("run=evaluate",) * 2]
+    assert jobs[-1][1] == f"checkpoint={out / 'toy' / 'seed0'}" and "adapt=batch" in jobs[-1]
+    assert [float(row["value"]) for row in train.read(table)] == [13.5, 11.5]
+
+
+def leave_scores(folder: Path, more: float = 0.0) -> None:
     """Write what an evaluated training leaves behind."""
     grid = Grid([Axis("goal", low=-1.0, high=1.0, count=2)], {})
-    before, after = np.array([[[1.0], [2.0]]]), np.array([[[3.0], [4.0]]])  # (1, 2, 1)
+    before, after = np.array([[[1.0], [2.0]]]) + more, np.array([[[3.0], [4.0]]]) + more
     scores = GridScores(
         grid,
         (Parameter("goal", "goal"),),
