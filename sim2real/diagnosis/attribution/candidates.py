@@ -132,7 +132,7 @@ def candidates(
     for name, effect in EFFECTS.items():
         if effect.closes_gaps and name not in exclude:
             for place, more in itertools.product(effect.places(scale), effect.variants(scale)):
-                candidate = _make(name, {"where": place, **more}, data.specs[0], scale)
+                candidate = candidate_of(name, {"where": place, **more}, data.specs[0], scale)
                 if candidate is not None and not _taken(candidate.effect, fixed):
                     found.append(candidate)
     return found
@@ -153,10 +153,10 @@ def _taken(effect: Effect, fixed: Sequence[Fixed]) -> bool:
     return (there and effect.how == "set") or any(in_the_way(one, effect) for one, _ in fixed)
 
 
-def _make(
+def candidate_of(
     name: str, arguments: dict[str, Any], spec: mujoco.MjSpec, scale: RobotScale
 ) -> Candidate | None:
-    """Return the candidate, or None where the robot cannot have it."""
+    """Return an effect with some arguments as a candidate; None where the robot cannot have it."""
     try:
         effect = make(name, **arguments)
         edited = spec.copy()

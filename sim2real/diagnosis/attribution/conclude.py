@@ -34,6 +34,7 @@ from sim2real.diagnosis.attribution.quantify import (
 )
 from sim2real.diagnosis.attribution.residual import describe
 from sim2real.diagnosis.attribution.singles import singles
+from sim2real.diagnosis.attribution.usual import Usual
 from sim2real.diagnosis.attribution.verdict import Rest, is_open, stands_out, verdict_of
 from sim2real.diagnosis.evidence import Band, Rung, SingleFit
 from sim2real.diagnosis.schema import (
@@ -127,24 +128,30 @@ def conclude(
         return conclude(search, fewer, floors, rng)
     found = with_rivals(search, found)
     spans, starts = spread.ends, [place.start for place in columns(fit.members)]
+    text = describe(data, found.error, floor)
+    alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
+    unsaid = is_open(found.error, data, floors)
+    verdict = verdict_of(
+        Rest(search.before, after, floor, closed, ci[0], alone, unsaid, len(order)), data
+    )
+    usual = Usual(search) if order and verdict != "explained" else None
     causes, findings, sets = [], [], []
     for place, number in enumerate(order):
         member = found.fit.members[number]
         rest = subsets[every - {number}]
         cause, crowd = _cause(search, found, member, rest, float(shares[number]), closed)
+        if usual is not None:
+            doubt = limits.usual_doubt * (1 - usual.clear(rest, found.error))
+            cause = replace(cause, confidence=cause.confidence * (1 - doubt))
         own = columns(fit.members)[place]
         causes.append(_valued(cause, member, fit.mean[own], spans[own]))
         findings += [_crowded(cause, crowd)] if len(crowd) >= limits.equivalents_max else []
         sets.append(crowd[: limits.equivalents_max - 1])
-    text = describe(data, found.error, floor)
-    alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
     where, spectrum = _where(search, found.error, floors, rng)
     gap = GapNumbers(data.unit, search.before, after, floor, closed, ci, True)
-    unsaid = is_open(found.error, data, floors)
-    rest = Rest(search.before, after, floor, closed, ci[0], alone, unsaid, len(causes))
     many = len(causes) > data.settings.verdict.causes_max
     report = Report(
-        verdict_of(rest, data),
+        verdict,
         gap,
         where,
         () if many else tuple(causes),

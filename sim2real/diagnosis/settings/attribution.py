@@ -268,6 +268,15 @@ class Causes:
         0.1, "1", "distance over which that falls to 1/e, of what is closed", DEVELOPED
     )
     open_doubt: float = setting(0.6, "1", "confidence lost where nothing is closed", DEVELOPED)
+    usual_error: float = setting(
+        0.05, "1", "error of any model's masses, friction and gains", "convention: of data sheets"
+    )
+    usual_doubt: float = setting(
+        0.5, "1", "confidence lost by what closes no more than such errors make", JUDGED
+    )
+    usual_clear: float = setting(
+        2.0, "1", "times their gap from which a cause loses none", "convention: of a dominant cause"
+    )
     confidence_min: float = setting(0.01, "1", "least confidence", JUDGED)
     confidence_max: float = setting(0.99, "1", "largest confidence", JUDGED)
     left_min: float = setting(
