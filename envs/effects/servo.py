@@ -6,7 +6,7 @@ A *servo* here is an actuator of the affine kind, force = g u + b0 + b1 length +
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar, Literal, get_args
 
 import mujoco
 import numpy as np
@@ -18,11 +18,13 @@ from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.effects.registry import EFFECTS
 from envs.effects.scale import RobotScale
-from envs.errors import EffectError
+from envs.errors import EffectError, did_you_mean
 from envs.params import How, Parameter
 
 FIXED, PID = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_PID)
 NONE, AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
+Braking = Literal["scaled", "kept"]
+BRAKING: tuple[Braking, ...] = get_args(Braking)
 UNLIMITED = 1e6  # N·m: the torque limit of an actuator that has none
 
 
@@ -189,7 +191,11 @@ class MotorStrength(ActuatorEffect):
     """A factor on the motor's torque and on its limit, after the control law.
 
     The actuator's own damping, its back-EMF, is scaled too: it is torque of the same motor. The
-    no-load speed stays.
+    no-load speed stays. With `braking: kept` it is not: what a supply does to all motors, done to
+    one, such as a voltage lost in its cable or a limit on its duty.
+
+    Args:
+        braking: of the back-EMF: `scaled` or `kept`.
     """
 
     name = "motor_strength"
@@ -206,6 +212,36 @@ class MotorStrength(ActuatorEffect):
     )
     source = "kt -> (1 + e) kt; identified motor constants differ by 12 to 42 % from data sheets"
     experiment = "the largest torque against a stop or a weight, next to steps without load"
+
+    def __init__(
+        self,
+        where: str | None = None,
+        how: How | None = None,
+        braking: Braking = "scaled",
+        **arguments: Any,
+    ) -> None:
+        super().__init__(where, how, **arguments)
+        if braking not in BRAKING:
+            raise EffectError(
+                f"{self.label()}: braking={braking!r} is unknown{did_you_mean(braking, BRAKING)}; "
+                f"it can be: {', '.join(BRAKING)}"
+            )
+        self.braking: Braking = braking
+
+    def options(self) -> dict[str, Any]:
+        """Return what becomes of the back-EMF, where it is not scaled."""
+        return {} if self.braking == "scaled" else {"braking": self.braking}
+
+    @property
+    def variant(self) -> str:
+        """What tells it apart from the same effect at the same place."""
+        return "" if self.braking == "scaled" else f"braking {self.braking}"
+
+    @classmethod
+    def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
+        """Return both ways where a motor of the model has a back-EMF, else one."""
+        both = bool(scale.model.actuator_damping.any())
+        return [{"braking": one} for one in (BRAKING if both else BRAKING[:1])]
 
     @staticmethod
     def can(model: mujoco.MjModel, actuator: int) -> bool:
@@ -224,7 +260,7 @@ class MotorStrength(ActuatorEffect):
             self.actuators(plant.model),
             self.parameters(plant.model)[0],
             law=True,
-            damping=True,
+            damping=self.braking == "scaled",
         )
 
     def batch(self) -> str:

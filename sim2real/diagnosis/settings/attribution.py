@@ -269,7 +269,7 @@ class Causes:
     )
     open_doubt: float = setting(0.6, "1", "confidence lost where nothing is closed", DEVELOPED)
     usual_error: float = setting(
-        0.05, "1", "error of any model's masses, friction and gains", "convention: of data sheets"
+        0.03, "1", "error of any model's masses, friction and gains", "convention: a few per cent"
     )
     usual_doubt: float = setting(
         0.5, "1", "confidence lost by what closes no more than such errors make", JUDGED

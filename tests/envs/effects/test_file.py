@@ -23,13 +23,14 @@ def every_kind() -> list[tuple[Effect, tuple[float, ...]]]:
         (make("ground_friction", where="foot", friction_mode="seed"), (0.8,)),
         (make("link_mass", where="link", how="scale"), (1.1,)),
         (make("supply_voltage", drive="current"), (0.9,)),
+        (make("motor_strength", where="a", braking="kept"), (0.8,)),
     ]
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     """Effects come back with their places, sides, ways, extras, options and values."""
     path = tmp_path / "effects.yaml"
-    write_effects(path, every_kind(), [(0.045, 0.053)] + [None] * 6)
+    write_effects(path, every_kind(), [(0.045, 0.053)] + [None] * 7)
     for (effect, values), (again, read) in zip(every_kind(), load_effects(path), strict=True):
         assert type(again) is type(effect)
         assert (again.where, again.side, again.how) == (effect.where, effect.side, effect.how)

@@ -59,6 +59,20 @@ def test_motor_strength_keeps_the_no_load_speed_and_supply_voltage_scales_it(ben
         assert arm.speed == pytest.approx(speeds, rel=1e-3)
 
 
+def test_a_motor_whose_braking_is_kept_is_one_with_less_voltage(bench, one) -> None:
+    """Its path is that of the supply of a single servo, and its no-load speed falls with it."""
+    ways = one("motor_strength", braking="kept"), one("supply_voltage")
+    arms = [bench([way], [[0.7], [1.0]], FAST) for way in ways]
+    for arm in arms:
+        arm.reset()
+        arm.run(400.0, 2000)
+    assert arms[0].speed == pytest.approx([7.0, 10.0], rel=1e-3)
+    np.testing.assert_array_equal(arms[0].speed, arms[1].speed)
+    np.testing.assert_array_equal(arms[0].force, arms[1].force)
+    with pytest.raises(EffectError, match=r"braking='keep' is unknown .did you mean 'kept'"):
+        one("motor_strength", braking="keep")
+
+
 def test_supply_voltage_scales_the_law_of_servos_and_only_the_limit_of_motors(bench, one) -> None:
     """A voltage-driven loop loses gain with its supply; a current-driven one does not."""
     for drive, expected in ((None, 0.2), ("voltage", 0.2), ("current", 0.4)):
