@@ -251,7 +251,8 @@ class MotorStrength(ActuatorEffect):
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the factor."""
         self.actuators(model)
-        return (self.parameter(low=0.0),)
+        scalar = () if self.braking == "scaled" else (f"braking_{self.braking}",)
+        return (self.parameter(*scalar, low=0.0),)
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Scale gain, bias, limit and damping of each row."""

@@ -63,17 +63,19 @@ def confidence(
     """Return the probability that a cause, or an equal of it, is really there.
 
     How often it wins when blocks are drawn again, less where the next rival is close behind or
-    much of the gap stays. Where it never raced against others, nothing is known of that.
+    much of the gap stays. A rival is close where it closes nearly as much and leaves little more.
+    Where it never raced against others, nothing is known of that.
     """
     limits = search.problem.data.settings.causes
     good = {member.label, *(c.candidate.label for c in crowd)}
     races = [[c for c in rivals if c.settled == settled] for settled in (False, True)]
     if not any(c.candidate.label in good for c in races[False]):
-        wins, margin = limits.unrivalled, 1.0
+        wins, margin, excess = limits.unrivalled, 1.0, np.inf
     else:  # where there are no others, the screening has ruled them out
         results = [_race(search, race, good, rest) for race in races]
-        wins, margin = (min(column) for column in zip(*results, strict=True))
-    near = np.exp(-max(margin, 0.0) / limits.rival_margin)
+        wins, margin, excess = (min(column) for column in zip(*results, strict=True))
+    far = max(margin / limits.rival_margin, excess / limits.rival_excess, 0.0)
+    near = np.exp(-far)
     sure = limits.sure_max * wins * (1 - limits.rival_doubt * near)
     doubt = limits.open_doubt
     sure *= (1 - doubt) + doubt * np.clip(closed, 0, 1)
@@ -82,15 +84,20 @@ def confidence(
 
 def _race(
     search: Search, race: Sequence[Contender], good: Set[str], rest: np.ndarray
-) -> tuple[float, float]:
-    """Return how often the good ones of a race win, and their margin, of what they close."""
+) -> tuple[float, float, float]:
+    """Return how often the good ones of a race win, and their margin.
+
+    The latter of what they close, and of what they leave.
+    """
     blocks = search.blocks
     own = [c for c in race if c.candidate.label in good]
     others = [c for c in race if c.candidate.label not in good]
     if not own or not others:
-        return 1.0, 1.0
+        return 1.0, 1.0, np.inf
     best = np.min([blocks.drawn(c.error) for c in own], axis=0)
     next_best = np.min([blocks.drawn(c.error) for c in others], axis=0)
-    worth = blocks.rms(rest) - min(blocks.rms(c.error) for c in own)
-    gap = min(blocks.rms(c.error) for c in others) - min(blocks.rms(c.error) for c in own)
-    return float(np.mean(best < next_best)), gap / max(worth, TINY_SQUARE)
+    left = min(blocks.rms(c.error) for c in own)
+    worth = blocks.rms(rest) - left
+    gap = min(blocks.rms(c.error) for c in others) - left
+    wins = float(np.mean(best < next_best))
+    return wins, gap / max(worth, TINY_SQUARE), gap / max(left, TINY_SQUARE)

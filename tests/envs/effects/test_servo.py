@@ -69,6 +69,10 @@ def test_a_motor_whose_braking_is_kept_is_one_with_less_voltage(bench, one) -> N
     assert arms[0].speed == pytest.approx([7.0, 10.0], rel=1e-3)
     np.testing.assert_array_equal(arms[0].speed, arms[1].speed)
     np.testing.assert_array_equal(arms[0].force, arms[1].force)
+    both = bench([one("motor_strength"), one("motor_strength", braking="kept")], [[0.5, 0.5]])
+    both.reset()
+    both.run(0.1, 1)
+    assert both.force[0] == pytest.approx(0.25 * 0.4)  # they multiply, side by side in one batch
     with pytest.raises(EffectError, match=r"braking='keep' is unknown .did you mean 'kept'"):
         one("motor_strength", braking="keep")
 

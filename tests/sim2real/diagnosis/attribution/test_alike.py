@@ -23,3 +23,21 @@ def test_a_cause_without_rivals_is_as_likely_as_a_coin(tmp_path: Path) -> None:
         candidate=member, settled=False
     )  # the screening has ruled out all others
     assert confidence(search, member, [], [raced], rest, closed=1.0) > 0.9
+
+
+def test_a_rival_that_leaves_half_as_much_again_is_far(tmp_path: Path) -> None:
+    """Of a large gap both close nearly all; what the rival leaves tells that it is none."""
+    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
+    blocks: Any = SimpleNamespace(rms=float, drawn=lambda error: np.full(50, float(error)))
+    search: Any = SimpleNamespace(problem=SimpleNamespace(data=data), blocks=blocks)
+
+    def raced(label: str, rms: float) -> Any:
+        return SimpleNamespace(candidate=SimpleNamespace(label=label), settled=False, error=rms)
+
+    def sure(left: float, other: float) -> float:
+        rivals = [raced("own", left), raced("other", other)]
+        return confidence(search, rivals[0].candidate, [], rivals, np.float64(40.0), closed=1.0)
+
+    assert sure(1.0, 1.05) < 0.65 < sure(1.0, 1.25) < 0.85 < sure(1.0, 1.75)
+    assert sure(1.0, 8.0) > 0.95
+    assert sure(20.0, 21.0) < 0.8  # much is left of the same gap, and the rival is close

@@ -18,10 +18,10 @@ from tests.sim2real.diagnosis import arm
 @pytest.mark.parametrize(
     ("label", "value", "left", "half"),
     [
-        ("coulomb_friction.a", 0.1, 0.2, 0.006),  # three tenths of what is left
+        ("coulomb_friction.a", 0.1, 0.2, 0.012),  # six tenths of what is left
         ("coulomb_friction.a", 0.1, 0.0, 0.0005),  # where nothing is, a two-hundredth
-        ("position_gain.a", 2.0, 0.2, 0.06),  # of how far it is from 1,
-        ("position_gain.a", np.exp(-4), 0.2, 0.24 * np.exp(-4)),  # or its logarithm from 0
+        ("position_gain.a", 2.0, 0.2, 0.12),  # of how far it is from 1,
+        ("position_gain.a", np.exp(-4), 0.2, 0.48 * np.exp(-4)),  # or its logarithm from 0
         ("position_gain.a", 0.95, 0.2, 0.0095),  # no factor is known better than to a hundredth
     ],
 )
