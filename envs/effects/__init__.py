@@ -51,7 +51,8 @@ from envs.effects.sensing import (
     SensorNoise,
     VelocityFilter,
 )
-from envs.effects.servo import DeadZone, DerivativeGain, MotorStrength, PositionGain, TorqueLimit
+from envs.effects.servo import DeadZone, DerivativeGain, PositionGain, TorqueLimit
+from envs.effects.strength import MotorStrength
 from envs.effects.structure import Backlash, JointCompliance
 from envs.effects.supply import SupplySag, SupplyVoltage, ThermalDerating
 

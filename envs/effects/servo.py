@@ -1,4 +1,4 @@
-"""Effects on an actuator's control law and strength.
+"""Effects on an actuator's control law and limit.
 
 A *servo* here is an actuator of the affine kind, force = g u + b0 + b1 length + b2 velocity with b1
 < 0, as MuJoCo's `position` makes it. A *motor* has no b1 and b2.
@@ -6,7 +6,7 @@ A *servo* here is an actuator of the affine kind, force = g u + b0 + b1 length +
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal, get_args
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -18,13 +18,11 @@ from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.effects.registry import EFFECTS
 from envs.effects.scale import RobotScale
-from envs.errors import EffectError, did_you_mean
+from envs.errors import EffectError
 from envs.params import How, Parameter
 
 FIXED, PID = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_PID)
 NONE, AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
-Braking = Literal["scaled", "kept"]
-BRAKING: tuple[Braking, ...] = get_args(Braking)
 UNLIMITED = 1e6  # N·m: the torque limit of an actuator that has none
 
 
@@ -158,115 +156,6 @@ class DerivativeGain(_Gain):
         """Return whether it has a gain on the velocity besides one on the position."""
         servo = is_servo(model, actuator) or int(model.actuator_gaintype[actuator]) == PID
         return servo and bool(model.actuator_biasprm[actuator, 2] < 0)
-
-
-class LawScale(BoundEffect):
-    """Scales what an actuator's law yields and the limit on it."""
-
-    def __init__(
-        self, plant: PlantView, index: np.ndarray, parameter: Parameter, law: bool, damping: bool
-    ) -> None:
-        limited = index[plant.model.actuator_forcelimited[index].astype(bool)]
-        parts = (
-            [FieldBound(plant.field("actuator_forcerange"), (limited,), parameter)]
-            if limited.size
-            else []
-        )
-        if law:
-            parts += [
-                FieldBound(plant.field("actuator_gainprm"), (index, 0), parameter),
-                FieldBound(plant.field("actuator_biasprm"), (index, slice(0, 3)), parameter),
-            ]
-        if damping and plant.model.actuator_damping[index].any():
-            parts.append(FieldBound(plant.field("actuator_damping"), (index,), parameter))
-        self._parts = parts
-
-    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        """Scale by values (n, 1)."""
-        for part in self._parts:
-            part.write(ids, values)
-
-
-class MotorStrength(ActuatorEffect):
-    """A factor on the motor's torque and on its limit, after the control law.
-
-    The actuator's own damping, its back-EMF, is scaled too: it is torque of the same motor. The
-    no-load speed stays. With `braking: kept` it is not: what a supply does to all motors, done to
-    one, such as a voltage lost in its cable or a limit on its duty.
-
-    Args:
-        braking: of the back-EMF: `scaled` or `kept`.
-    """
-
-    name = "motor_strength"
-    unit = ""
-    hows: ClassVar[tuple[How, ...]] = ("scale",)
-    constants = True
-    composes = True
-    typical = (0.6, 1.4)
-    no_mjcf = None
-    comparable = True
-    sizes = Sizes("factor", "one", 0.02, 0.8)
-    symptom = (
-        "weaker or stronger in everything: static sag, acceleration and the largest torque alike"
-    )
-    source = "kt -> (1 + e) kt; identified motor constants differ by 12 to 42 % from data sheets"
-    experiment = "the largest torque against a stop or a weight, next to steps without load"
-
-    def __init__(
-        self,
-        where: str | None = None,
-        how: How | None = None,
-        braking: Braking = "scaled",
-        **arguments: Any,
-    ) -> None:
-        super().__init__(where, how, **arguments)
-        if braking not in BRAKING:
-            raise EffectError(
-                f"{self.label()}: braking={braking!r} is unknown{did_you_mean(braking, BRAKING)}; "
-                f"it can be: {', '.join(BRAKING)}"
-            )
-        self.braking: Braking = braking
-
-    def options(self) -> dict[str, Any]:
-        """Return what becomes of the back-EMF, where it is not scaled."""
-        return {} if self.braking == "scaled" else {"braking": self.braking}
-
-    @property
-    def variant(self) -> str:
-        """What tells it apart from the same effect at the same place."""
-        return "" if self.braking == "scaled" else f"braking {self.braking}"
-
-    @classmethod
-    def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
-        """Return both ways where a motor of the model has a back-EMF, else one."""
-        both = bool(scale.model.actuator_damping.any())
-        return [{"braking": one} for one in (BRAKING if both else BRAKING[:1])]
-
-    @staticmethod
-    def can(model: mujoco.MjModel, actuator: int) -> bool:
-        """Return whether its force is affine in the command."""
-        return is_linear(model, actuator)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the factor."""
-        self.actuators(model)
-        scalar = () if self.braking == "scaled" else (f"braking_{self.braking}",)
-        return (self.parameter(*scalar, low=0.0),)
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Scale gain, bias, limit and damping of each row."""
-        return LawScale(
-            plant,
-            self.actuators(plant.model),
-            self.parameters(plant.model)[0],
-            law=True,
-            damping=self.braking == "scaled",
-        )
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN
 
 
 def limited(spec: mujoco.MjSpec, where: str | None) -> None:

@@ -19,7 +19,8 @@ from envs.effects.field import Several
 from envs.effects.places import joint_driven
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
-from envs.effects.servo import ActuatorEffect, LawScale, is_linear, is_servo
+from envs.effects.servo import ActuatorEffect, is_linear, is_servo
+from envs.effects.strength import LawScale
 from envs.errors import EffectError
 from envs.params import How, Parameter
 
