@@ -264,14 +264,14 @@ class Causes:
         0.5, "1", "chance of winning without rivals", "derived: a coin's, nothing is known"
     )
     sure_max: float = setting(0.98, "1", "confidence of a cause that always wins", DEVELOPED)
-    rival_doubt: float = setting(0.4, "1", "confidence lost to a rival next to it", DEVELOPED)
+    rival_doubt: float = setting(0.25, "1", "confidence lost to a rival next to it", CALIBRATED)
     rival_margin: float = setting(
         0.1, "1", "distance over which that falls to 1/e, of what is closed", DEVELOPED
     )
     rival_excess: float = setting(
         0.5, "1", "the same of what the cause leaves, if that is nearer to 0", CALIBRATED
     )
-    open_doubt: float = setting(0.6, "1", "confidence lost where nothing is closed", DEVELOPED)
+    open_doubt: float = setting(0.35, "1", "confidence lost where nothing is closed", CALIBRATED)
     usual_error: float = setting(
         0.03, "1", "error of any model's masses, friction and gains", "convention: a few per cent"
     )
