@@ -40,4 +40,4 @@ def test_a_rival_that_leaves_half_as_much_again_is_far(tmp_path: Path) -> None:
 
     assert sure(1.0, 1.05) < 0.78 < sure(1.0, 1.25) < 0.9 < sure(1.0, 1.75)
     assert sure(1.0, 8.0) > 0.95
-    assert sure(20.0, 21.0) < 0.82  # much is left of the same gap, and the rival is close
+    assert sure(20.0, 21.0) < 0.85  # much is left of the same gap, and the rival is close
