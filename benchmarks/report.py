@@ -58,9 +58,10 @@ THRESHOLDS = (
     Threshold("fit", "fit_sysid", None, 3.0),
 )
 LIMITS = {  # the seconds that a run of a row must and should take at most
-    "diagnose_3_joints": (180.0, 60.0),
-    "diagnose_6_joints": (1800.0, 600.0),
+    "diagnose_3_joints": (40.0, 15.0),
+    "diagnose_6_joints": (100.0, 45.0),
 }
+MOST = {"diagnose_6_joints": 2.0}  # GiB that the process of a row must take at most
 PACKAGES = (
     "mujoco", "torch", "torchrl", "gymnasium", "envpool", "stable-baselines3", "numpy",
 )  # fmt: skip
@@ -172,6 +173,10 @@ def table(document: dict[str, Any]) -> str:
     if timed:
         lines += ["", "| row | s a run | must | goal | holds |", "|---|---|---|---|---|"]
         lines += [_limit(row) for row in timed]
+    held = [row for row in timed if row["name"] in MOST and row["bytes_per_simulation"]]
+    if held:
+        lines += ["", "| row | GiB of memory | must | holds |", "|---|---|---|---|"]
+        lines += [_most(row) for row in held]
     return "\n".join([*lines, *(f"\nSkipped {line}" for line in document["skipped"])]) + "\n"
 
 
@@ -198,6 +203,12 @@ def _limit(row: dict[str, Any]) -> str:
     took = row["seconds"]
     holds = "yes, and the goal" if took <= goal else "yes" if took <= must else "**no**"
     return f"| {row['name']} | {took:.1f} | {must:g} | {goal:g} | {holds} |"
+
+
+def _most(row: dict[str, Any]) -> str:
+    """Return a line of the fourth table: the memory that a run took against what it may take."""
+    took, must = row["bytes_per_simulation"] / 2**30, MOST[row["name"]]
+    return f"| {row['name']} | {took:.2f} | {must:g} | {'yes' if took <= must else '**no**'} |"
 
 
 def _rate(row: dict[str, Any]) -> str:

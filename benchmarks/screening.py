@@ -26,8 +26,9 @@ from scipy.stats import binomtest
 from hardware.log import read_log
 from sim2real.diagnosis.attribution.attribute import Search
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Problem
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.screen import screen
+from sim2real.diagnosis.attribution.suspects import suspects
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
 from sim2real.diagnosis.data.simulate import Simulator
@@ -103,14 +104,13 @@ def screened(data: Data, rng: np.random.Generator) -> dict[str, Any]:
     problem = Problem(data, Simulator(data))
     floor = float(np.sqrt(np.mean(np.square(least))))
     search = Search(problem, candidates(data), floor, rng, lambda text, share: None)
-    options, looked = search.suspects(search.none, search.base), search.screening
+    options, looked = suspects(search, search.none, search.base), search.screening
     promise, found = data.settings.search.promise_first, {}
     coarse = None if search.coarse is None else looked.by(search.coarse)
     for name, glance in (("exact", None), ("glance", coarse)):
-        simulators = [problem.simulator, *([search.coarse] if search.coarse else [])]
-        before = sum(simulator.steps for simulator in simulators)
+        before = search.work.total
         guesses = screen(looked, search.none, options, (), glance).guesses
-        steps = sum(simulator.steps for simulator in simulators) - before
+        steps = search.work.total - before
         first = [g.candidate.label for g in guesses if g.gain > promise][:FIRST]
         found |= {name: first, f"{name}_steps": steps}
     return {"candidates": len(options), **found}

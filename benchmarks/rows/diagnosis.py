@@ -200,7 +200,8 @@ def diagnosed(recorded: Recorded) -> Worked:
 def fitted(recorded: Recorded) -> Worked:
     """Fit by this project's Gauss-Newton, both folds side by side."""
     from sim2real.diagnosis.attribution.candidates import candidates
-    from sim2real.diagnosis.attribution.fit import Problem, refine
+    from sim2real.diagnosis.attribution.fit import refine
+    from sim2real.diagnosis.attribution.problem import Problem
     from sim2real.diagnosis.data.dataset import Data
     from sim2real.diagnosis.data.simulate import Simulator
 

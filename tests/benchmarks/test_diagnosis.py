@@ -60,8 +60,20 @@ def test_the_table_tells_the_time_and_its_limit() -> None:
     one = Measured(row, [Timing(48, s, 0) for s in (50.0, 70.0, 400.0)], [0.0] * 3, 3e8)
     machine = {"cpu": "c", "cores": 2, "torch_threads": 1, "omp_num_threads": "1"}
     text = table(document([one], [], machine))
-    assert "| diagnose_3_joints | 70.0 | 180 | 60 | yes |" in text
+    assert "| diagnose_3_joints | 70.0 | 40 | 15 | **no** |" in text
     assert "0.69 s of log" in text
+    assert "GiB" not in text
+
+
+@pytest.mark.parametrize(("memory", "holds"), [(1.5, "yes"), (3.0, "**no**")])
+def test_the_table_tells_the_memory_and_its_limit(memory: float, holds: str) -> None:
+    """The six joints may take two GiB at most."""
+    row = Diagnose("diagnose_6_joints", 6, 120.0, 3)
+    one = Measured(row, [Timing(360, 30.0, 0)], [0.0], memory * 2**30)
+    machine = {"cpu": "c", "cores": 2, "torch_threads": 1, "omp_num_threads": "1"}
+    text = table(document([one], [], machine))
+    assert "| diagnose_6_joints | 30.0 | 100 | 45 | yes, and the goal |" in text
+    assert f"| diagnose_6_joints | {memory:.2f} | 2 | {holds} |" in text
 
 
 @pytest.mark.slow

@@ -22,7 +22,8 @@ from sim2real.config import extensions, signatures
 from sim2real.config.compose import compose
 from sim2real.config.targets import build
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Fit, Problem, refine
+from sim2real.diagnosis.attribution.fit import Fit, refine
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.screen import screen
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator

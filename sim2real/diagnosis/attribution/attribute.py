@@ -12,76 +12,28 @@ back: each member is taken out and may be replaced, or stays out.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 
-from envs.effects.base import PLAIN
-from sim2real.diagnosis.attribution.candidates import Candidate, in_the_way
-from sim2real.diagnosis.attribution.cogging import with_ripples
-from sim2real.diagnosis.attribution.fit import (
-    FOLDS,
-    Fit,
-    Job,
-    Problem,
-    columns,
-    in_words,
-    refine,
-    refine_each,
-)
+from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.contenders import Contender, Found, Raced
+from sim2real.diagnosis.attribution.fit import Fit, Job, columns, in_words, refine, refine_each
+from sim2real.diagnosis.attribution.heats import Course, ahead, heats, looked_at
 from sim2real.diagnosis.attribution.liveliest import lively, tempered
-from sim2real.diagnosis.attribution.pairwise import pairs
+from sim2real.diagnosis.attribution.pairwise import Pair, pairs
 from sim2real.diagnosis.attribution.price import pays
+from sim2real.diagnosis.attribution.problem import FOLDS, Problem
 from sim2real.diagnosis.attribution.promise import Guess
 from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.attribution.screen import Response, Screening, screen
+from sim2real.diagnosis.attribution.suspects import meets, suspects
 from sim2real.diagnosis.data.score import Blocks, coherence
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 PAIRING, STARTED, CAUSE, ENDING = 0.3, 0.1, 0.25, 0.9  # shares of the work, for the progress
 
 OnProgress = Callable[[str, float], None]
-
-
-class Contender(NamedTuple):
-    """A candidate fitted beside the effects found so far, and its held-out errors.
-
-    One that raced took few steps beside what was then known; one that is `settled` as many as the
-    causes, beside all others: only equals are compared with each other.
-    """
-
-    candidate: Candidate
-    fit: Fit
-    error: np.ndarray  # (W, T, M)
-    settled: bool = False
-
-
-@dataclass
-class Found:
-    """What attribution came to.
-
-    Args:
-        fit: the causes and their values.
-        error: held-out errors with all of them, (W, T, M).
-        steps: held-out errors after each effect was added, with its label.
-        rivals: for each cause, the contenders for its place, the best first.
-        guesses: what screening made of every candidate, alone.
-        singles: candidates that were fitted alone.
-        seen: the rows on which rivals are compared, (W, T, 1); None for all.
-    """
-
-    fit: Fit
-    error: np.ndarray
-    steps: list[tuple[str, np.ndarray]] = field(default_factory=list)
-    rivals: dict[str, list[Contender]] = field(default_factory=dict)
-    guesses: list[Guess] = field(default_factory=list)
-    singles: list[Contender] = field(default_factory=list)
-    seen: np.ndarray | None = None
-
-    def on(self, error: np.ndarray) -> np.ndarray:
-        """Return errors on the rows on which rivals are compared, zeros elsewhere, (W, T, M)."""
-        return error if self.seen is None else np.where(self.seen, error, 0.0)
 
 
 class Search:
@@ -106,6 +58,7 @@ class Search:
         floors: np.ndarray | None = None,
     ) -> None:
         self.problem, self.options, self.floor = problem, list(options), floor
+        self.work = problem.simulator.work
         self.floors = np.full(len(problem.data.joints), floor) if floors is None else floors
         self.on_progress = on_progress
         self.rng = rng
@@ -131,14 +84,25 @@ class Search:
         self.least = max(limits.done_floors * floor, rounded)  # nothing is left then
         self.first = Screening([], [], self.base, self.base)
         self.responses: list[Response] = []  # of each candidate, as last screened
+        self.raced: dict[frozenset[str], Raced] = {}  # by the labels of what it was beside
+        self.rests: dict[frozenset[str], Raced] = {}  # fits of these effects alone; no race was run
+        self.most = self.settings.causes_max
+        self.enough = 0.0  # share of the gap that it must promise to close, or it ends
         self.best = ""  # what explains most so far, in words
 
     def run(self, most: int | None = None) -> Found:
         """Search for so many causes; None: for as many as the settings allow."""
-        found = Found(self.none, self.base)
-        while len(found.fit.members) < (most or self.settings.causes_max):
+        found = self.ahead(most)
+        self.back(found)
+        return found
+
+    def ahead(self, most: int | None = None) -> Found:
+        """Add causes one after the other; see `run`."""
+        self.most, found = most or self.settings.causes_max, Found(self.none, self.base)
+        while len(found.fit.members) < self.most:
             if len(found.fit.members) == 1:
-                self.pair(found)
+                with self.work.during("pairs"):
+                    self.pair(found)
             contenders = self.race(found.fit, found.error, found)
             best = contenders[0] if contenders else None
             if best is None or not self.joins(best, found, contenders):
@@ -151,11 +115,16 @@ class Search:
             found.rivals[best.candidate.label] = contenders
             if self.blocks.rms(found.error) <= self.least:
                 break
-        if len(found.fit.members) > 1:
-            self.look_back(found)
-        if found.fit.members:
-            self.settle(found)
         return found
+
+    def back(self, found: Found) -> None:
+        """Look at each cause again beside all others, and fit what stays to the end."""
+        if len(found.fit.members) > 1:
+            with self.work.during("looking back"):
+                self.look_back(found)
+        if found.fit.members:
+            with self.work.during("last fit"):
+                self.settle(found)
 
     def say(self, text: str, share: float) -> None:
         """Tell what is being tried, beside the best so far, and the share of the work done."""
@@ -191,12 +160,14 @@ class Search:
         alone = self.blocks.rms(found.error)
         if alone <= self.least or self.closed(alone) > self.settings.alone:
             return
-        first, (most, *fewer) = self.first, self.settings.pairs
-        jobs = [
-            Job(pair.members, pair.start[None], 1)
-            for pair in pairs(self.screening, first.base, first.drift, first.responses)[:most]
-        ]
-        fits = self._fits(self.screening, jobs, PAIRING)
+        (most, *fewer), made = self.settings.pairs, self.couples()
+        if not made or not self.reaches(self.before, made[0].gain):
+            return
+        made = made[:most]
+        jobs = [Job(pair.members, pair.start[None], 1) for pair in made]
+        self.say(f"fitting {in_words(jobs)}", PAIRING)
+        course = self.course(self.screening, self.racing, self.first.offset)
+        fits = looked_at(jobs, course, refine_each)
         stages = (self.screening, self.racing, self.fitting)
         for count, problem in zip(fewer, stages, strict=True):
             fits = sorted(fits, key=lambda fit: float(fit.cost.sum()))[:count]
@@ -211,6 +182,11 @@ class Search:
             found.rivals = {}
             self.settle(found)
             found.steps.append((" and ".join(m.label for m in fits[0].members), found.error))
+
+    def couples(self) -> list[Pair]:
+        """Return two effects at once as the first screening promises them, the best first."""
+        first = self.first
+        return pairs(self.screening, first.base, first.drift, first.responses)
 
     def closed(self, gap: float) -> float:
         """Return the share of the closable gap that is closed where this gap remains."""
@@ -232,42 +208,67 @@ class Search:
         fit: Fit,
         error: np.ndarray,
         found: Found | None = None,
-        replacing: Candidate | None = None,
+        replacing: Contender | None = None,
     ) -> list[Contender]:
         """Return the best candidates to add to a fit, the best on held-out windows first.
 
-        With `replacing` only those that could take its place.
+        With `replacing` only others that could take its place.
         """
-        options = self.suspects(fit, error)
+        options, against = suspects(self, fit, error), None
         if replacing is not None:
-            options = [option for option in options if meets(option, replacing)]
+            known, against = replacing.candidate, replacing.error
+            options = [o for o in options if o.label != known.label and meets(o, known)]
         self.say(f"screening {len(options)} effects", self._share(fit))
         looked, racing = self.stages(error)
-        before = self.responses if looked is self.screening else ()
-        coarse = None if self.coarse is None else looked.by(self.coarse)
-        screening = screen(looked, fit, options, before, coarse)
-        if looked is self.screening:
-            seen = {response.candidate.label for response in screening.responses}
-            self.responses = [r for r in self.responses if r.candidate.label not in seen]
-            self.responses += screening.responses
+        with self.work.during("screening"):
+            screening = self.screened(looked, fit, options)
         if found is not None and not fit.members:
             found.guesses, self.first = screening.guesses, screening
-        runners = self.promising(screening.guesses, fit)[: self.settings.race[0][0]]
-        fits = {}
-        for count, rounds in self.settings.race:
-            runners = runners[:count]
-            problem = racing if rounds else looked
-            jobs = [self.job(fit, g, fits.get(g.candidate.label), rounds) for g in runners]
-            done = self._fits(problem, jobs, self._share(fit))
-            fits |= {g.candidate.label: one for g, one in zip(runners, done, strict=True)}
-            runners.sort(key=lambda guess: float(fits[guess.candidate.label].cost.sum()))
-        made = [fits[guess.candidate.label] for guess in runners]
-        parts = zip(made, self.problem.held_out_each(made), strict=True)
+        guesses = self.promising(screening.guesses, fit)
+        last = len(fit.members) + 1 >= self.most
+        if last and guesses and not self.reaches(self.blocks.rms(error), guesses[0].gain):
+            return []
+        with self.work.during("race"):
+            share, course = self._share(fit), self.course(looked, racing, screening.offset)
+            on_fits = partial(self._fits, share=share)
+            made = heats(guesses, fit, error, course, on_fits, against)
+        with self.work.during("judging"):
+            made = ahead(made, racing, error, self.settings.judged, against)
+            parts = zip(made, self.problem.held_out_each(made), strict=True)
         contenders = [Contender(fit.members[-1], fit, wrong) for fit, wrong in parts]
         contenders.sort(key=lambda c: self.blocks.rms(c.error))
-        if found is not None and not fit.members:
-            found.singles = contenders
+        if found is not None:
+            self.raced[labels_of(fit.members)] = Raced(fit, error, contenders)
+            found.singles = found.singles if fit.members else contenders
         return contenders
+
+    def screened(self, looked: Problem, fit: Fit, options: Sequence[Candidate]) -> Screening:
+        """Return a guess for each option; what was screened alone is not screened again."""
+        if looked is self.screening and not fit.members and self.first.guesses:
+            names, first = {option.label for option in options}, self.first
+            guesses = [g for g in first.guesses if g.candidate.label in names]
+            return first._replace(
+                guesses=guesses,
+                responses=[r for r in first.responses if r.candidate.label in names],
+            )
+        before = self.responses if looked is self.screening else ()
+        coarse = None if self.coarse is None else looked.by(self.coarse)
+        made = screen(looked, fit, options, before, coarse)
+        if looked is self.screening:
+            seen = {response.candidate.label for response in made.responses}
+            self.responses = [r for r in self.responses if r.candidate.label not in seen]
+            self.responses += made.responses
+        return made
+
+    def course(self, looked: Problem, racing: Problem, offset: np.ndarray | None) -> Course:
+        """Return where to race; longer time steps are off by so much, (n, T, M), or None: lost."""
+        if self.coarse is None or offset is None:
+            return Course(looked, racing)
+        return Course(looked, racing, looked.by(self.coarse, offset))
+
+    def reaches(self, gap: float, gain: float) -> bool:
+        """Return whether a search that needs that much may get there by what a gap promises."""
+        return self.closed(gap * float(np.sqrt(max(1.0 - gain, 0.0)))) >= self.enough
 
     def stages(self, error: np.ndarray) -> tuple[Problem, Problem]:
         """Return the windows to screen and to race on: the first ones, if these errors show there.
@@ -294,59 +295,23 @@ class Search:
         """Return the winner fitted on more windows, from where it is and from further scalars."""
         further = beside(best, self.settings.spread)
         starts = np.concatenate([best.fit.values[None], further])
-        fit = refine(self.fitting, best.fit.members, starts, self.settings.settled_rounds)
-        return self.judge(best.candidate, fit)
-
-    def job(self, fit: Fit, guess: Guess, before: Fit | None, rounds: int) -> Job:
-        """Return the fit of a guess beside the effects found, from its start or where it was."""
-        candidate = guess.candidate
-        members = (*fit.members, candidate)
-        if before is not None:
-            return Job(members, before.values[None], rounds)
-        starts = [
-            np.concatenate([guess.known, np.tile(candidate.towards(guess.start, s), (FOLDS, 1))], 1)
-            for s in self.settings.spread
-        ]
-        return Job(members, np.array(starts), rounds)
+        with self.work.during("winner's fit"):
+            fit = refine(self.fitting, best.fit.members, starts, self.settings.settled_rounds)
+            return self.judge(best.candidate, fit)
 
     def judge(self, candidate: Candidate, fit: Fit) -> Contender:
         """Return a fit with its errors on all held-out windows."""
         return Contender(candidate, fit, self.problem.held_out(fit.members, fit.values))
-
-    def suspects(self, fit: Fit, error: np.ndarray) -> list[Candidate]:
-        """Return the candidates that could cause what is wrong: at joints with a gap, or above.
-
-        What all joints share, and takes its time to simulate, only if several have one.
-        """
-        taken = {(m.name, m.effect.where) for m in fit.members}
-        square = self.problem.data.mean_squares(error)
-        excess = np.maximum(square - self.floor**2, 0.0)
-        names = [joint.name for joint in self.problem.data.joints]
-        least = self.settings.suspect * max(excess.sum(), TINY_SQUARE)
-        guilty = {name for name, e in zip(names, excess, strict=True) if e > least}
-        found = [
-            option
-            for option in self.options
-            if (option.name, option.effect.where) not in taken
-            and not any(in_the_way(option.effect, m.effect) for m in fit.members)
-            and (option.joint is None or guilty & set(option.shown))
-            and (len(guilty) > 1 or not option.shared or option.group == PLAIN)
-        ]
-        return [
-            with_ripples(option, self.problem.data, error) if option.name == "cogging" else option
-            for option in found
-        ]
 
     def look_back(self, found: Found) -> None:
         """Take each member out: let another one take its place if it does better, or none."""
         for member in sorted(found.fit.members, key=lambda m: found.fit.members.index(m)):
             if len(found.fit.members) <= 1:
                 return
-            rest = self.without(found.fit, member)
-            error = self.problem.held_out(rest.members, rest.values)
-            others = self.race(rest, error, replacing=member)
-            others = [other for other in others if other.candidate.label != member.label]
-            contenders = [Contender(member, found.fit, found.error), *others]  # it has settled
+            own = Contender(member, found.fit, found.error)  # it has settled
+            rest, error, raced = self.place_of(own)
+            others = [c for c in raced if c.candidate.label != member.label]
+            contenders = [own, *others]
             contenders.sort(key=lambda c: self.blocks.rms(c.error))
             best = contenders[0]
             dropped = Found(rest, error)
@@ -359,6 +324,26 @@ class Search:
             self.keep(found, best.fit, best.error)
             found.rivals.pop(member.label, None)
             found.rivals[best.candidate.label] = contenders
+
+    def place_of(self, own: Contender) -> Raced:
+        """Return who raced for a member's place, beside the others; the race is run if need be."""
+        fit, member = own.fit, own.candidate
+        known = self.raced.get(labels_of([m for m in fit.members if m is not member]))
+        if known is not None:
+            met = [c for c in known.contenders if meets(c.candidate, member)]
+            return known._replace(contenders=met)
+        rest = self.rest(fit, member)
+        return rest._replace(contenders=self.race(rest.fit, rest.error, replacing=own))
+
+    def rest(self, fit: Fit, member: Candidate) -> Raced:
+        """Return the fit of all members but one, with its held-out errors; it is made once."""
+        labels = labels_of([m for m in fit.members if m is not member])
+        known = self.raced.get(labels) or self.rests.get(labels)
+        if known is None:
+            rest = self.without(fit, member)
+            error = self.problem.held_out(rest.members, rest.values)
+            self.rests[labels] = known = Raced(rest, error, [])
+        return known
 
     def without(self, fit: Fit, member: Candidate) -> Fit:
         """Return the fit of all members but one."""
@@ -374,10 +359,9 @@ class Search:
         return min(STARTED + CAUSE * len(fit.members), ENDING)
 
 
-def meets(one: Candidate, other: Candidate) -> bool:
-    """Return whether there is a joint whose motion both change."""
-    everywhere = one.joint is None or other.joint is None
-    return everywhere or not set(one.shown).isdisjoint(other.shown)
+def labels_of(members: Sequence[Candidate]) -> frozenset[str]:
+    """Return the labels of some effects: what a race was run beside."""
+    return frozenset(member.label for member in members)
 
 
 def beside(best: Contender, spread: Sequence[float]) -> np.ndarray:

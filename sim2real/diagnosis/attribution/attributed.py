@@ -19,9 +19,10 @@ from envs.plant import Fixed
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.conclude import Conclusion, conclude, nothing, unsearched
-from sim2real.diagnosis.attribution.fit import Fit, Problem, columns
+from sim2real.diagnosis.attribution.fit import Fit, columns
 from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
 from sim2real.diagnosis.attribution.parsimony import simplified
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.torque_on import refit_torque_on
 from sim2real.diagnosis.attribution.verdict import is_no_gap, stands_out
 from sim2real.diagnosis.data.dataset import Data

@@ -22,11 +22,13 @@ import numpy as np
 
 from envs.effects.base import PLAIN
 from envs.plant import Plant
-from sim2real.diagnosis.attribution.attribute import Contender, Found, Search, meets
+from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.attribution.fit import Fit, Problem, columns, refine
+from sim2real.diagnosis.attribution.fit import Fit, columns, refine
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.attribution.screen import Response
+from sim2real.diagnosis.attribution.suspects import meets
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 DELAYS = ("command_delay", "observation_delay")
@@ -41,11 +43,8 @@ def with_rivals(search: Search, found: Found) -> Found:
         raced = list(rivals.get(member.label, []))
         rest = _rest(found.fit, number)
         if not raced and few:
-            error = search.problem.held_out(rest.members, rest.values)
-            raced = [
-                Contender(member, found.fit, found.error),
-                *_others(search.race(rest, error, replacing=member), member),
-            ]
+            own = Contender(member, found.fit, found.error)
+            raced = [own, *_others(search.place_of(own).contenders, member)]
         known = [c.candidate.label for c in raced]
         alike = _look_alikes(search, found.fit, number, known) if found.seen is None else []
         more = [_instead(search, found, rest, response) for response in alike]

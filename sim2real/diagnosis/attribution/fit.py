@@ -1,156 +1,25 @@
 """Values of effects: found on one fold of the windows, judged on the other.
 
-    problem = Problem(data, simulator)
-    base = problem.held_out((), np.zeros((2, 0)))          # errors with the model as given
     fit = refine(problem, (candidate,), starts)            # values (2, P), one row for each fold
 
-Both folds are fitted side by side in the same batches: windows of fold f are simulated under the
-values of fold f, and to be judged under those of the other one. A shift of the clock by less than a
-simulation step, or half of one, is fitted along, since no log knows its stamps better.
+Both folds are fitted side by side in the same batches.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.batches import Rows, simulate_each
 from sim2real.diagnosis.attribution.bounds import Bounds
 from sim2real.diagnosis.attribution.candidates import FREE, Candidate
-from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.attribution.problem import FOLDS, Ask, Problem
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Fitting
 
-FOLDS = 2
 NAMED = 3  # fits of several that are told by name
 T = TypeVar("T")
-
-
-class Ask(NamedTuple):
-    """What a fit wants to see simulated."""
-
-    members: tuple[Candidate, ...]
-    points: np.ndarray  # (K, 2, P) values of their parameters, one row for each fold
-
-
-class Problem:
-    """Data, its simulator and the windows that a fit looks at.
-
-    Args:
-        data: the windows.
-        simulator: of these windows.
-        chosen: indices of the windows to look at, (n,); None for all.
-        weight: what the errors of each window of the data count, (W,); None: all are 1.
-    """
-
-    def __init__(
-        self,
-        data: Data,
-        simulator: Simulator,
-        chosen: np.ndarray | None = None,
-        weight: np.ndarray | None = None,
-    ) -> None:
-        self.data, self.simulator = data, simulator
-        self.settings = data.settings.fitting
-        self.windows = np.arange(len(data.windows)) if chosen is None else np.sort(chosen)
-        self.fold = data.fold[self.windows]
-        self.weight = None if weight is None else weight[self.windows]
-        self.clock = _clock(data)
-        self.rows = data.mask[self.windows].sum() * len(data.joints)
-
-    def subset(self, chosen: np.ndarray, weight: np.ndarray | None = None) -> Problem:
-        """Return the same problem on fewer windows, (n,) indices, that count so much, (W,)."""
-        return Problem(self.data, self.simulator, chosen, weight)
-
-    def by(self, simulator: Simulator) -> Problem:
-        """Return the same problem, simulated by another simulator of the same windows."""
-        other = copy(self)
-        other.simulator = simulator
-        return other
-
-    def errors(
-        self, members: Sequence[Candidate], points: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return errors and clock slopes, (K, W, T, M), under points (K, 2, P), one a fold."""
-        return self.errors_each([Ask(tuple(members), points)])[0]
-
-    def errors_each(
-        self, asks: Sequence[Ask], remember: bool = True
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return what `errors` does of several asks, simulated side by side.
-
-        `remember` takes what was simulated before from memory; see `simulate_each`.
-        """
-        sets = []
-        for members, points in asks:
-            values = points[:, self.fold].reshape(len(points) * len(self.windows), -1)  # (K W, P)
-            sets.append(Rows(members, np.tile(self.windows, len(points)), values))
-        found = []
-        for result in simulate_each(self.simulator, sets, remember):
-            shape = (-1, len(self.windows), *result.error.shape[1:])
-            error, slope = result.error.reshape(shape), result.slope.reshape(shape)
-            weight = 1.0 if self.weight is None else self.weight[:, None, None]
-            found.append((weight * error, weight * slope))
-        return found
-
-    def shift(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Return the clock's shift [s] that fits best in each fold, (..., 2), of (..., W, T, M)."""
-        across = (error * slope).sum(axis=(-2, -1))  # (..., W)
-        along = (slope * slope).sum(axis=(-2, -1))
-        found = [
-            -across[..., self.fold == f].sum(-1)
-            / np.maximum(along[..., self.fold == f].sum(-1), TINY_SQUARE)
-            for f in range(FOLDS)
-        ]
-        return np.clip(np.stack(found, axis=-1), -self.clock, self.clock)
-
-    def cost(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Return the mean square error of each fold, its clock set, (..., 2)."""
-        shift = self.shift(error, slope)[..., self.fold]  # (..., W)
-        square = ((error + shift[..., None, None] * slope) ** 2).sum(axis=(-2, -1))
-        counts = self.data.mask[self.windows].sum(axis=1) * error.shape[-1]
-        found = [
-            square[..., self.fold == f].sum(-1) / max(counts[self.fold == f].sum(), 1)
-            for f in range(FOLDS)
-        ]
-        return np.stack(found, axis=-1)
-
-    def held_out(self, members: Sequence[Candidate], values: np.ndarray) -> np.ndarray:
-        """Return the errors (W, T, M) of each window under the values (2, P) of the other fold.
-
-        The clock is the other fold's as well.
-        """
-        return self._held_out([Ask(tuple(members), values)])[0]
-
-    def held_out_each(self, fits: Sequence[Fit]) -> list[np.ndarray]:
-        """Return the held-out errors of several fits, (W, T, M) each, simulated side by side."""
-        return self._held_out([Ask(fit.members, fit.values) for fit in fits])
-
-    def _held_out(self, asks: Sequence[Ask]) -> list[np.ndarray]:
-        """Return the held-out errors under values (2, P) of each fold."""
-        both = [Ask(m, np.stack([v, v[::-1]] if m else [v])) for m, v in asks]
-        found = []
-        for error, slope in self.errors_each(both):
-            shift = self.shift(error[0], slope[0])[::-1]
-            found.append(error[-1] + shift[self.fold][:, None, None] * slope[-1])
-        return found
-
-
-def _clock(data: Data) -> float:
-    """Return by how much the log's clock may be off [s].
-
-    A command acts from the next step of the simulation on: half a step late in the mean. Beyond
-    that, a clock that is free to follow takes lags for its own that are the robot's.
-    """
-    step = max(model.opt.timestep for model in data.models)
-    stamps = [f"stamp.{joint.name}" for joint in data.joints]
-    known = all(stamp in log.columns for log in data.logs for stamp in stamps)
-    limits = data.settings.fitting
-    return limits.stamped_steps * step if known else max(limits.clock_s, step)
 
 
 @dataclass(frozen=True)
@@ -314,29 +183,62 @@ def _slopes(problem: Problem, change: np.ndarray, step: np.ndarray) -> np.ndarra
 def _round(
     problem: Problem, members: tuple[Candidate, ...], bounds: Bounds, state: _Pick
 ) -> Steps[None]:
-    """Take one step in each fold, the best of several dampings."""
+    """Take one step in each fold: the whole one, or the best of several dampings if that fails."""
     step = nudges(members, state.values, problem.settings)
     moved, _ = yield Ask(members, _nudged(state.values, step))
     change = _slopes(problem, moved - state.error, step)  # (P, W, T, M)
-    settings = problem.settings
-    trials = np.repeat(state.values[None], len(settings.dampings), axis=0)
-    for f in range(FOLDS):
-        own = problem.fold == f
+    whole, *damped = problem.settings.dampings
+    before, lines = state.cost.copy(), [_Line.of(problem, state, change, f) for f in range(FOLDS)]
+
+    def trials(dampings: Sequence[float]) -> np.ndarray:
+        moves = [[line.step(d, problem.settings) for line in lines] for d in dampings]
+        return bounds.clip(state.values - np.array(moves))  # (K, 2, P)
+
+    first, further = trials([whole]), trials(damped)
+    told = [line.fall(first[0, f] - state.values[f]) for f, line in enumerate(lines)]
+    error, slope = yield Ask(members, first)
+    state.improve(first, error, slope, problem.cost(error, slope))
+    if damped and not _as_told(before, before - state.cost, np.array(told), problem.settings):
+        error, slope = yield Ask(members, further)
+        state.improve(further, error, slope, problem.cost(error, slope))
+
+
+def _as_told(before: np.ndarray, fell: np.ndarray, told: np.ndarray, settings: Fitting) -> bool:
+    """Return whether the costs of both folds fell about as a step's linear model told, (2,) each.
+
+    Where it promises next to nothing, nothing shorter would do better.
+    """
+    told = told * before
+    return bool(((fell >= settings.trusted * told) | (told <= settings.still * before)).all())
+
+
+class _Line(NamedTuple):
+    """The straight line that errors of a fold are taken for, with the clock set."""
+
+    error: np.ndarray  # (n,)
+    flat: np.ndarray  # (P, n) their change with each parameter
+
+    @staticmethod
+    def of(problem: Problem, state: _Pick, change: np.ndarray, fold: int) -> _Line:
+        own = problem.fold == fold
         drift = state.slope[own].ravel()
         flat = change[:, own].reshape(len(change), -1)
         error = state.error[own].ravel()
         along = max(float(drift @ drift), TINY_SQUARE)
         shift = -(error @ drift) / along
         if abs(shift) < problem.clock:  # the clock is free to follow
-            flat = flat - (flat @ drift / along)[:, None] * drift
-            error = error + shift * drift
-        else:
-            error = error + np.sign(shift) * problem.clock * drift
-        curve, down = flat @ flat.T, flat @ error
+            return _Line(error + shift * drift, flat - (flat @ drift / along)[:, None] * drift)
+        return _Line(error + np.sign(shift) * problem.clock * drift, flat)
+
+    def step(self, damping: float, settings: Fitting) -> np.ndarray:
+        """Return what a damped step takes off the values, (P,)."""
+        curve, down = self.flat @ self.flat.T, self.flat @ self.error
         size = np.diag(curve) + settings.ridge * max(np.trace(curve), TINY_SQUARE)
-        for k, damping in enumerate(settings.dampings):
-            matrix = curve + np.diag((damping + settings.damping_min) * size)
-            trials[k, f] -= np.linalg.solve(matrix, down)
-    trials = bounds.clip(trials)
-    error, slope = yield Ask(members, trials)
-    state.improve(trials, error, slope, problem.cost(error, slope))
+        matrix = curve + np.diag((damping + settings.damping_min) * size)
+        return np.linalg.solve(matrix, down)
+
+    def fall(self, move: np.ndarray) -> float:
+        """Return the share of the squared error that values moved by (P,) would take away."""
+        before = max(float(self.error @ self.error), TINY_SQUARE)
+        left = self.error + move @ self.flat
+        return 1.0 - float(left @ left) / before

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.attribution.fit import FOLDS
+from sim2real.diagnosis.attribution.problem import FOLDS
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.settings import TINY, Residual
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.attribution.fit import FOLDS, Ask, Problem
+from sim2real.diagnosis.attribution.problem import FOLDS, Ask, Problem
 from sim2real.diagnosis.schema import Finding
 
 NAME = "ground_friction"

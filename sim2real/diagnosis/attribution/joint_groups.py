@@ -24,8 +24,9 @@ from envs.effects import Effect
 from envs.effects.base import PLAIN
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem, refine
+from sim2real.diagnosis.attribution.fit import Fit, refine
 from sim2real.diagnosis.attribution.liveliest import lively
+from sim2real.diagnosis.attribution.problem import FOLDS, Problem
 from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.data.score import Blocks
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sim2real.diagnosis.attribution.candidates import Candidate, in_the_way
-from sim2real.diagnosis.attribution.fit import FOLDS, Problem
+from sim2real.diagnosis.attribution.problem import FOLDS, Problem
 from sim2real.diagnosis.attribution.screen import Response
 from sim2real.diagnosis.settings import TINY_SQUARE, Screening
 
@@ -81,10 +81,10 @@ def _products(
     whole: list[float] = []
     for f in range(FOLDS):
         own = problem.fold == f
-        flat = np.stack([r.change[own].ravel() for r in responses])
+        flat = np.stack([r.change[own].ravel() for r in responses]).astype(float)
         error, along = base[own].ravel(), drift[own].ravel()
         unit = along / max(float(np.linalg.norm(along)), TINY_SQUARE)
-        flat = flat - (flat @ unit)[:, None] * unit
+        flat -= (flat @ unit)[:, None] * unit
         error = error - (error @ unit) * unit
         gram.append(flat @ flat.T)
         across.append(flat @ error)

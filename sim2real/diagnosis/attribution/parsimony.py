@@ -22,10 +22,12 @@ import numpy as np
 
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.attribution.fit import Fit, Problem, columns, refine
+from sim2real.diagnosis.attribution.fit import Fit, columns, refine
 from sim2real.diagnosis.attribution.price import pays, worth
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.quantify import without
 
+PAIR = 2
 SIMPLIFYING = 0.85  # share of the work that is done then
 
 
@@ -42,21 +44,39 @@ def simplified(search: Search, found: Found) -> Found:
 def _wide(search: Search, found: Found) -> Found:
     """Return what effects of the whole robot alone come to, unless places surely do better.
 
-    They are sought where several joints have causes of their own.
+    They are sought where several joints have causes of their own, no more of them than there are of
+    these, and only as long as they promise to get anywhere near.
     """
     joints = {member.joint for member in found.fit.members} - {None}
     options = [option for option in search.options if option.effect.where is None]
     if len(joints) < 2 or not any(option.shared for option in options):
         return found
     wide = copy(search)
-    wide.options, wide.responses = options, []
-    few = wide.run()
+    wide.options, wide.responses, wide.raced = options, [], {}
+    wide.enough = search.problem.data.settings.parsimony.reach * _closed(search, found)
+    wide.first = search.screened(search.screening, search.none, options)
+    if len(found.fit.members) <= PAIR and not _promise(wide):
+        return found
+    with search.work.during("whole robot"):
+        few = wide.ahead(len(found.fit.members))
+        if _closed(search, few) >= wide.enough:
+            wide.back(few)
     more = len(found.fit.members) - len(few.fit.members)
     better = search.blocks.rms(few.error) <= search.blocks.rms(found.error)
     saves = more > 0 and not pays(search, few.error, found.error, more)
     if not few.fit.members or not (better or saves):
         return found
     return replace(few, rivals={}, guesses=found.guesses, singles=found.singles)  # all may race
+
+
+def _promise(wide: Search) -> bool:
+    """Return whether one or two effects promise enough, by the first screening."""
+    best = [made[0].gain for made in (wide.first.guesses, wide.couples()) if made]
+    return any(wide.reaches(wide.before, gain) for gain in best)
+
+
+def _closed(search: Search, found: Found) -> float:
+    return search.closed(search.blocks.rms(found.error))
 
 
 def _merged(search: Search, found: Found) -> Found:
@@ -121,13 +141,16 @@ def _eliminated(search: Search, found: Found) -> Found:
 
 def dropped(search: Search, found: Found, numbers: Sequence[int]) -> Found:
     """Return what was found without some members, the others fitted anew."""
-    gone = _labels(found.fit.members, numbers)
-    kept = [i for i in range(len(found.fit.members)) if i not in numbers]
-    part = without(found.fit, kept)
-    if kept:
-        rounds = search.settings.rest_rounds
-        part = refine(_judging(search, part), part.members, part.values[None], rounds)
-    error = search.problem.held_out(part.members, part.values)
+    members, gone = found.fit.members, _labels(found.fit.members, numbers)
+    kept = [i for i in range(len(members)) if i not in numbers]
+    if len(numbers) == 1 and len(kept) <= search.settings.causes_max:
+        part, error, _ = search.rest(found.fit, members[numbers[0]])
+    else:
+        part = without(found.fit, kept)
+        if kept:
+            rounds = search.settings.rest_rounds
+            part = refine(_judging(search, part), part.members, part.values[None], rounds)
+        error = search.problem.held_out(part.members, part.values)
     rivals = {label: own for label, own in found.rivals.items() if label not in gone}
     return _with(replace(found, rivals=rivals), part, error, "fewer values")
 

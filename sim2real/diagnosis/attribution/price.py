@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.fit import Problem
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.score import Blocks
 from sim2real.diagnosis.settings import TINY_SQUARE
 

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem
+from sim2real.diagnosis.attribution.fit import Fit
+from sim2real.diagnosis.attribution.problem import FOLDS, Problem
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 
@@ -24,7 +25,6 @@ class Guess(NamedTuple):
     candidate: Candidate
     start: np.ndarray  # (P,) where a fit begins
     gain: float  # share of the squared error that it should remove, judged on the other fold
-    error: np.ndarray | None  # (W, T, M) predicted held-out errors
     known: np.ndarray  # (2, K) values of what is known already, as they would then be
 
 
@@ -74,7 +74,7 @@ def promises(
         left = _timed(problem, predicted, free[0])
         gain = 1.0 - _squares(problem, left).sum() / max(before.sum(), TINY_SQUARE)
         start = option.towards(option.probes[k], float(scales[:, 0].mean()))
-        made.append((k, Guess(option, start, float(gain), left, found.values + scales[:, 2:])))
+        made.append((k, Guess(option, start, float(gain), found.values + scales[:, 2:])))
     return sorted(made, key=lambda one: -one[1].gain)
 
 

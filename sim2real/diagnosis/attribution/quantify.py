@@ -15,15 +15,8 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import FREE
-from sim2real.diagnosis.attribution.fit import (
-    FOLDS,
-    Fit,
-    Job,
-    Problem,
-    columns,
-    refine_each,
-    sensitivities,
-)
+from sim2real.diagnosis.attribution.fit import Fit, Job, columns, refine_each, sensitivities
+from sim2real.diagnosis.attribution.problem import FOLDS, Problem
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.data.score import Blocks

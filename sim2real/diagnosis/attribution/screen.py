@@ -12,7 +12,7 @@ probes of the best candidates are then simulated as they are.
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,14 +20,8 @@ import numpy as np
 from envs.effects import Effect
 from envs.effects.base import PLAIN, RULES
 from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.attribution.fit import (
-    FOLDS,
-    Ask,
-    Fit,
-    Problem,
-    columns,
-    sensitivities,
-)
+from sim2real.diagnosis.attribution.fit import Fit, columns, sensitivities
+from sim2real.diagnosis.attribution.problem import FOLDS, Ask, Problem
 from sim2real.diagnosis.attribution.promise import Guess, View, promises
 from sim2real.diagnosis.settings import TINY_SQUARE
 
@@ -37,7 +31,7 @@ class Response(NamedTuple):
 
     candidate: Candidate
     probe: np.ndarray  # (P,)
-    change: np.ndarray  # (W, T, M)
+    change: np.ndarray  # (W, T, M), of single precision: there are hundreds
 
 
 class Screening(NamedTuple):
@@ -47,6 +41,7 @@ class Screening(NamedTuple):
     responses: list[Response]
     base: np.ndarray  # (W, T, M) errors with what is known already
     drift: np.ndarray  # (W, T, M) their change with the clock
+    offset: np.ndarray | None = None  # (W, T, M) by how much longer time steps are off; None: lost
 
 
 class Kind(enum.Enum):
@@ -119,7 +114,7 @@ def screen(
     for one in [*sorted(seen, key=lambda one: -one.gain), *rest]:
         result.guesses.append(one.promises[0][1])
         result.responses.extend(one.responses())
-    return result
+    return result if own is None else result._replace(offset=base - own)
 
 
 def _alike(view: View, coarse: Problem) -> np.ndarray | None:
@@ -128,7 +123,7 @@ def _alike(view: View, coarse: Problem) -> np.ndarray | None:
     A command acts from the next step on: they may be late.
     """
     known = [*(m.effect for m in view.found.members), *(e for e, _ in coarse.simulator.fixed)]
-    if any(_kind(effect) is Kind.ADDED for effect in known):
+    if any(kind_of(effect) is Kind.ADDED for effect in known):
         return None
     error, _ = coarse.errors(view.found.members, view.found.values[None])
     change, drift, data = error[0] - view.base, view.free[0], view.problem.data
@@ -153,7 +148,7 @@ def _glance(
     """
     limits = view.problem.data.settings.screening
     long, short, added = (
-        [option for option in options if _kind(option.effect) == kind] for kind in Kind
+        [option for option in options if kind_of(option.effect) == kind] for kind in Kind
     )
     exact = _simulate(view, [_Look(option, range(len(option.probes))) for option in short])
     seen = _simulate(view, [_Look(o, range(len(o.probes))) for o in long], coarse, own)
@@ -162,7 +157,7 @@ def _glance(
     done, looks = [], []
     for one in order[: limits.kept_max]:
         option, best = one.candidate, [k for k, _ in one.promises[: limits.probes_kept]]
-        kind = _kind(option.effect)
+        kind = kind_of(option.effect)
         if kind is Kind.SHORT:
             done.append(one)
         elif kind is Kind.ADDED:
@@ -193,8 +188,8 @@ def _likely(
             made = promises(view, option, told[option.label])
             gains[option.label] = made[0][1].gain if made else 0.0
     strangers = [_Look(o, _middle(o)) for o in options if o.label not in gains]
-    long = [look for look in strangers if _kind(look.candidate.effect) is Kind.LONG]
-    others = [look for look in strangers if _kind(look.candidate.effect) is not Kind.LONG]
+    long = [look for look in strangers if kind_of(look.candidate.effect) is Kind.LONG]
+    others = [look for look in strangers if kind_of(look.candidate.effect) is not Kind.LONG]
     glanced = _simulate(view, long, *((coarse, own) if own is not None else ()))
     glanced += _simulate(view, others)
     gains |= {seen.candidate.label: seen.gain for seen in glanced}
@@ -205,7 +200,7 @@ def _likely(
     return [option for option in options if option.label in kept]
 
 
-def _kind(effect: Effect) -> Kind:
+def kind_of(effect: Effect) -> Kind:
     """Return what longer time steps do to an effect."""
     if effect.batch() not in (PLAIN, RULES):
         return Kind.ADDED
@@ -241,18 +236,38 @@ def _simulate(
     """
     problem = view.problem if problem is None else problem
     own = view.base if own is None else own
-    found = []
+    limits = problem.data.settings.screening
     groups = dict.fromkeys(look.candidate.group for look in looks)
     parts = [[look for look in looks if look.candidate.group == group] for group in groups]
-    each = problem.errors_each([_points(view.found, part) for part in parts], False)
-    for part, (error, _) in zip(parts, each, strict=True):
-        start = 0
-        for option, probes in part:
-            changes = {k: error[start + i] - own for i, k in enumerate(probes)}
-            start += len(probes)
-            if made := promises(view, option, changes):
-                found.append(_Seen(option, made, changes))
+    found = []
+    for some in _portions(parts, limits.rows_max // max(len(problem.windows), 1)):
+        each = problem.errors_each([_points(view.found, part) for part in some], False)
+        for part, (error, _) in zip(some, each, strict=True):
+            start = 0
+            for option, probes in part:
+                changes = {k: error[start + i] - own for i, k in enumerate(probes)}
+                start += len(probes)
+                if made := promises(view, option, changes):
+                    single = {k: change.astype(np.float32) for k, change in changes.items()}
+                    found.append(_Seen(option, made, single))
     return found
+
+
+def _portions(parts: Sequence[list[_Look]], most: int) -> Iterator[list[list[_Look]]]:
+    """Yield parts of about so many probes in all, so that not all of them are in memory at once."""
+    portion: list[list[_Look]] = []
+    size = 0
+    for part in parts:
+        piece: list[_Look] = []
+        for look in part:
+            piece.append(look)
+            size += len(look.probes)
+            if size >= most:
+                yield [*portion, piece]
+                portion, piece, size = [], [], 0
+        portion += [piece] if piece else []
+    if portion:
+        yield portion
 
 
 def _points(found: Fit, looks: Sequence[_Look]) -> Ask:

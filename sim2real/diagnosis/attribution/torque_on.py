@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
-from sim2real.diagnosis.attribution.fit import Problem
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.windows import Window
 from sim2real.diagnosis.settings import TINY_SQUARE

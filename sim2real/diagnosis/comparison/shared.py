@@ -15,7 +15,8 @@ import logging
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.fit import Problem, refine
+from sim2real.diagnosis.attribution.fit import refine
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.comparison.alike import FIELDS
 from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond
 from sim2real.diagnosis.data.simulate import Simulator

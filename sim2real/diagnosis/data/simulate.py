@@ -25,10 +25,12 @@ from envs.effects.supply import ThermalDerating
 from envs.plant import Fixed, Plant
 from envs.replay import Readings, Schedule, interpolate, readings, schedule, simulate
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.lean import lean
 from sim2real.diagnosis.data.memory import Memory
 from sim2real.diagnosis.data.thermal import Heat
 from sim2real.diagnosis.data.together import cores, is_free, is_helper, together
 from sim2real.diagnosis.data.windows import Window
+from sim2real.diagnosis.data.work import Work
 
 ACTUATORS = tuple(
     f"actuator_{name}" for name in ("gainprm", "biasprm", "forcerange", "damping", "delay")
@@ -75,6 +77,7 @@ class Simulator:
         fixed: effects that are known, and part of the model.
         threads: the number of threads of the physics, and of processes; 0 for all cores.
         on_run: called after each run, for the progress.
+        work: counts what is simulated; None: by itself.
     """
 
     def __init__(
@@ -83,15 +86,16 @@ class Simulator:
         fixed: Sequence[Fixed] = (),
         threads: int = 0,
         on_run: Callable[[], None] = lambda: None,
+        work: Work | None = None,
     ) -> None:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
         self.settings = data.settings.simulation
         self.heat = Heat(data, self._paths)
         self.memory = Memory(self.settings.memory_bytes)
-        self.seconds = 0.0  # of robot time simulated
-        self.steps = 0  # of physics, of all rows
+        self.work = Work() if work is None else work
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
         self._parents: OrderedDict[tuple[Any, ...], Plant] | None = None  # in a helping process
+        self._specs = [lean(spec) for spec in data.specs]
         self._stepped: dict[tuple[Any, ...], bool] = {}  # by structure: whether Python steps it
         self._length = data.mask.shape[1]
         self._plans = [self._plan(window) for window in data.windows]
@@ -99,14 +103,24 @@ class Simulator:
         self._spread = np.array([joint.spread for joint in data.joints])
 
     def of(self, data: Data) -> Simulator:
-        """Return a simulator of other windows with the same effects and cores."""
-        return Simulator(data, self.fixed, self.threads, self.on_run)
+        """Return a simulator of other windows with the same effects, cores and count of work."""
+        return Simulator(data, self.fixed, self.threads, self.on_run, self.work)
 
     def _plan(self, window: Window) -> _Plan:
         dt = self.data.models[window.model].opt.timestep
         padding = np.repeat(window.sample[-1:], self._length - len(window.sample), axis=0)
         sample = np.concatenate([window.sample, padding])  # (T, M)
         return _Plan(schedule(window.recording, dt), readings(sample, dt))
+
+    @property
+    def seconds(self) -> float:
+        """Robot time simulated [s]."""
+        return self.work.seconds
+
+    @property
+    def steps(self) -> int:
+        """Physics steps, of all rows."""
+        return self.work.total
 
     def run(self, effects: Sequence[Effect], windows: np.ndarray, values: np.ndarray) -> Simulated:
         """Simulate rows.
@@ -164,18 +178,10 @@ class Simulator:
 
     def together(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Return what tasks return that simulate with this, done on several cores."""
-
-        def counted(task: Callable[[], T]) -> tuple[T, float, int]:
-            seconds, steps = self.seconds, self.steps
-            result = task()
-            done = self.seconds - seconds, self.steps - steps
-            self.seconds, self.steps = seconds, steps
-            return result, *done
-
-        results = together([partial(counted, task) for task in tasks], self.threads)
-        self.seconds += sum(seconds for _, seconds, _ in results)
-        self.steps += sum(steps for *_, steps in results)
-        return [result for result, *_ in results]
+        results = together([partial(self.work.apart, task) for task in tasks], self.threads)
+        for _, part in results:
+            self.work.join(part)
+        return [result for result, _ in results]
 
     def _shares(self, effects: Sequence[Effect], model: int, rows: np.ndarray) -> list[np.ndarray]:
         """Return rows (n,) in as many shares as there are processes, where that saves time."""
@@ -195,7 +201,7 @@ class Simulator:
             own = () if effect is None else (effect,)
             key = (model, *map(key_of, own))
             if key not in self._stepped:
-                plant = Plant(self.data.specs[model], own, 1, 1, fixed=self.fixed)
+                plant = Plant(self._specs[model], own, 1, 1, fixed=self.fixed)
                 self._stepped[key] = bool(plant.substep_rules)
             if self._stepped[key]:
                 return True
@@ -217,7 +223,7 @@ class Simulator:
             return self._plants[key]
         alone = is_helper() or self._is_stepped(effects, model)
         threads = 1 if alone else self.threads
-        plant = Plant(self.data.specs[model], effects, rows, threads, fixed=self.fixed)
+        plant = Plant(self._specs[model], effects, rows, threads, fixed=self.fixed)
         self._plants[key] = plant
         if len(self._plants) > self.settings.plants:
             self._plants.popitem(last=False)
@@ -231,7 +237,7 @@ class Simulator:
         model = self.data.windows[windows[0]].model
         name = None if weak is None else self.data.models[model].actuator(weak).name
         effects = () if name is None else (make("motor_strength", where=name),)
-        spec, count = self.data.specs[model], len(windows)
+        spec, count = self._specs[model], len(windows)
         threads = 1 if is_helper() else self.threads
         plant = Plant(spec, effects, count, threads, fixed=self.fixed)  # none that is in use
         _set(plant, np.full((count, len(effects)), strength))
@@ -251,7 +257,7 @@ class Simulator:
             plant, [plan.schedule for plan in plans], lambda: self.heat.start(plant, windows)
         )
         steps = int(motion.steps.sum())
-        self.seconds, self.steps = self.seconds + motion.dt * steps, self.steps + steps
+        self.work.add(motion.dt * steps, steps)
         at = Readings(*(np.stack(part) for part in zip(*(plan.at for plan in plans), strict=True)))
         simulated, change = interpolate(motion.qpos[:, :, self._places], at)
         mask = data.mask[windows][..., None]

@@ -28,8 +28,18 @@ class Fitting:
         "clock's error in simulation steps where each reading has its own stamp",
         "derived: a command acts from the next step on, half a step late on average",
     )
+    timing_s: float = setting(60.0, "s", "windows that tell the clock of a held-out fit", COST)
     dampings: tuple[float, ...] = setting(
         (0.0, 0.3, 3.0), "1", "dampings tried in a step, of the curvature", DEVELOPED
+    )
+    trusted: float = setting(
+        0.5,
+        "1",
+        "fall of the squared error, of what a whole step promises, from which no damping is tried",
+        "judgement: between the quarter and three quarters that trust-region methods use",
+    )
+    still: float = setting(
+        1e-3, "1", "fall that a whole step promises, below which no damping is tried either", COST
     )
     difference: float = setting(0.06, "1", "finite difference, of a typical change", DEVELOPED)
     difference_min: float = setting(
@@ -49,12 +59,13 @@ class Screening:
         1e-3, "1", "added to a change's square, so that look-alikes do not cancel", DEVELOPED
     )
     ridge_floor: float = setting(1e-15, "1", "added besides", ROUNDING)
-    probed_max: int = setting(40, "1", "candidates looked at beside known effects", COST)
+    probed_max: int = setting(24, "1", "candidates looked at beside known effects", COST)
     coarse_s: float = setting(5e-3, "s", "time step of a first glance, at most", COST)
     coarse_off: float = setting(
         0.1, "1", "error of that step, of the motion, from which there is no glance", GLANCE
     )
-    kept_max: int = setting(16, "1", "candidates probed after a glance", GLANCE)
+    kept_max: int = setting(12, "1", "candidates probed after a glance", GLANCE)
+    rows_max: int = setting(600, "1", "windows under a probe that are in memory at once", COST)
     probes_kept: int = setting(2, "1", "probes of each that are simulated then", GLANCE)
     scale_between: tuple[float, float] = setting(
         (0.4, 2.2), "1", "scaling of a response that has neighbours", DEVELOPED
@@ -88,10 +99,24 @@ class Search:
         0.5, "1", "squared error, of the windows that show it best, to keep the others", DEVELOPED
     )
     race: tuple[tuple[int, int], ...] = setting(
-        ((24, 0), (6, 1), (4, 1)),
+        ((24, 0), (8, 0), (6, 1), (4, 1)),
         "1",
-        "candidates of each round of the race, and steps; without steps each is only simulated",
+        "candidates of each round of the race, and steps; without steps each is only simulated, "
+        "in the first round in longer time steps",
         RACE,
+    )
+    lagging: float = setting(
+        0.25,
+        "1",
+        "share of what the best contender closes, below which nobody goes on to the next round",
+        "judgement: half of `judged`, since a round's steps may gain as much",
+    )
+    judged: float = setting(
+        0.5,
+        "1",
+        "share of what the best contender closes, and of the gap that it closes, from which those "
+        "below are not judged",
+        "derived: twice `Causes.equal_unsure`, from which nobody is an equal",
     )
     settled_rounds: int = setting(6, "1", "steps of a winner's fit at most", COST)
     spread: tuple[float, ...] = setting(
@@ -110,7 +135,7 @@ class Search:
         0.93, "1", "share of the gap from which one effect is taken to be alone", DEVELOPED
     )
     pairs: tuple[int, ...] = setting(
-        (8, 4, 3, 1), "1", "pairs fitted on more and more windows", COST
+        (8, 4, 2, 1), "1", "pairs fitted on more and more windows", COST
     )
     done_floors: float = setting(1.3, "1", "gap in floors at which the search ends", DEVELOPED)
     heavy: float = setting(
@@ -203,6 +228,12 @@ class Parsimony:
         0.25, "1", "share of what is left at the joint: less may only mend a bad fit", JUDGED
     )
     kept: int = setting(3, "1", "values that pay, from the cheapest on, that end the look", COST)
+    reach: float = setting(
+        0.5,
+        "1",
+        "share of what is closed that effects of the whole robot must promise, to be sought alone",
+        "judgement: a promise is a straight line, and was off by less in the cases looked at",
+    )
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,12 @@ import pytest
 from envs.effects import make
 from envs.effects.base import PLAIN
 from sim2real.diagnosis.attribution import attribute
-from sim2real.diagnosis.attribution.attribute import Contender, Found, Search, meets
+from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
-from sim2real.diagnosis.attribution.fit import Fit, Problem
+from sim2real.diagnosis.attribution.fit import Fit
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.screen import Screening, screen
+from sim2real.diagnosis.attribution.suspects import meets
 from sim2real.diagnosis.data.simulate import Simulator
 from tests.sim2real.diagnosis import arm
 

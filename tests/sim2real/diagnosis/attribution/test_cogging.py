@@ -9,7 +9,7 @@ import pytest
 
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.cogging import with_ripples
-from sim2real.diagnosis.attribution.fit import Problem
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.simulate import Simulator
 from tests.sim2real.diagnosis import arm
 

@@ -13,7 +13,8 @@ from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.attribution.conclude import conclude
 from sim2real.diagnosis.attribution.equivalents import explanations, inseparable, with_rivals
-from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem
+from sim2real.diagnosis.attribution.fit import Fit
+from sim2real.diagnosis.attribution.problem import FOLDS, Problem
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.settings import DEFAULT, Verdict

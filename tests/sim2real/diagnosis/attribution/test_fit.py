@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
-from sim2real.diagnosis.attribution.fit import Fit, Problem, refine
+from sim2real.diagnosis.attribution.fit import Fit, refine
 from sim2real.diagnosis.attribution.liveliest import tempered
 from sim2real.diagnosis.attribution.pairwise import pairs
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.quantify import coalitions, intervals, shapley
 from sim2real.diagnosis.attribution.screen import screen
 from sim2real.diagnosis.data.score import Blocks

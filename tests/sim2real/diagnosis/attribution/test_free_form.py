@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.attribution.fit import Problem
 from sim2real.diagnosis.attribution.free_form import caught, foreseen
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from tests.sim2real.diagnosis import arm

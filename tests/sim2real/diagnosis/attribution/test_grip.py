@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Problem
 from sim2real.diagnosis.attribution.grip import check_grip
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.ground.logs import estimate_all

@@ -11,8 +11,9 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Fit, Problem
+from sim2real.diagnosis.attribution.fit import Fit
 from sim2real.diagnosis.attribution.joint_groups import _Families, by_family, families, is_spread
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 

@@ -9,9 +9,10 @@ import pytest
 
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import FOLDS, Fit, Problem
+from sim2real.diagnosis.attribution.fit import Fit
 from sim2real.diagnosis.attribution.parsimony import neutral, simplified
 from sim2real.diagnosis.attribution.price import pays, worth
+from sim2real.diagnosis.attribution.problem import FOLDS, Problem
 from sim2real.diagnosis.data.simulate import Simulator
 from tests.sim2real.diagnosis import arm
 

@@ -9,7 +9,8 @@ import pytest
 
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Fit, Problem
+from sim2real.diagnosis.attribution.fit import Fit
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.quantify import _doubt, _resolution
 from sim2real.diagnosis.data.simulate import Simulator
 from tests.sim2real.diagnosis import arm

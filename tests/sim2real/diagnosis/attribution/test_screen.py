@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Fit, Problem, refine
+from sim2real.diagnosis.attribution.fit import Fit, refine
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.screen import screen
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator

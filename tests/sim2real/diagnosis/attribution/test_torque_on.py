@@ -12,7 +12,7 @@ from envs.effects import make
 from hardware.log import Log
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
-from sim2real.diagnosis.attribution.fit import Problem
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.torque_on import refit_torque_on, with_torque
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator

@@ -14,7 +14,7 @@ from envs.plant import Fixed, Plant
 from envs.replay import roll
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Problem
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.simulate import Simulated, Simulator
 from tests.sim2real.diagnosis import arm
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Job, Problem, refine_each
+from sim2real.diagnosis.attribution.fit import Job, refine_each
+from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.together import is_helper, together
 from tests.sim2real.diagnosis import arm
