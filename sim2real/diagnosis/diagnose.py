@@ -44,6 +44,7 @@ from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all, summary
 from sim2real.diagnosis.data.starts import with_free_starts
+from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.design import design
 from sim2real.diagnosis.evidence import Evidence
 from sim2real.diagnosis.ground.findings import check_ground
@@ -145,7 +146,7 @@ def run_diagnosis(
     findings += check_ground(estimates, models, settings.ground)
     findings += check_pushes(data, estimates, settings.ground)
     wrong = [finding.finding for finding in findings if finding.check in UNITS]
-    about = About(data, exclude, fixed, rng, on_progress)
+    about = About(data, exclude, fixed, rng, on_progress, Work())
     restart = partial(grounded, given, estimates) if estimates else None
     found = attributed(about, wrong[0] if wrong else None, restart)
     if estimates:
@@ -163,6 +164,7 @@ def run_diagnosis(
         correlations=made.correlations,
     )
     inputs = _inputs(data, model, seed, exclude)
+    inputs["physics steps"] = dict(about.work.steps.most_common())
     if interface.verdict is not None:
         inputs["policy's interface"] = interface.verdict.replace("_", " ")
     report = replace(

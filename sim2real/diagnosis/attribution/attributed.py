@@ -29,6 +29,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
 from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.work import Work
 from sim2real.runs.errors import Sim2RealError
 
 Restart = Callable[[Sequence[Fixed]], Data]
@@ -44,6 +45,7 @@ class About(NamedTuple):
         fixed: effects that are in the model.
         rng: for all intervals.
         on_progress: told what is being tried.
+        work: counts what is simulated, by stage.
     """
 
     data: Data
@@ -51,6 +53,7 @@ class About(NamedTuple):
     fixed: Sequence[Fixed]
     rng: np.random.Generator
     on_progress: Moving
+    work: Work
 
 
 class Attributed(NamedTuple):
@@ -86,12 +89,16 @@ def attributed(
     found = search.run(None if restart is None else 1)
     if restart is not None:
         search, found = _restarted(about, floors, search, found, restart)
-    found = refit_torque_on(search, found)
+    with about.work.during("with torque alone"):
+        found = refit_torque_on(search, found)
     if is_spread(search, found):
-        found = by_family(search, found)
-    found = simplified(search, found)
+        with about.work.during("joints at once"):
+            found = by_family(search, found)
+    with about.work.during("fewer values"):
+        found = simplified(search, found)
     search.say("weighing what was found", WEIGHING)
-    made = conclude(search, found, floors, rng)
+    with about.work.during("weighing"):
+        made = conclude(search, found, floors, rng)
     return Attributed(search.problem.data, search, floors, made)
 
 
@@ -99,11 +106,13 @@ def _search(about: About, floors: np.ndarray, only: Sequence[str] | None = None)
     """Return a search that has not run, among candidates of these labels; None: among all."""
     data = about.data
     floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
-    problem = Problem(data, Simulator(data, about.fixed, on_run=about.on_progress.tick))
-    _refuse_lost(problem)
-    options = candidates(data, about.exclude, about.fixed)
-    options = [option for option in options if only is None or option.label in only]
-    return Search(problem, options, floor, about.rng, about.on_progress, floors / data.scale)
+    tick, work = about.on_progress.tick, about.work
+    problem = Problem(data, Simulator(data, about.fixed, on_run=tick, work=work))
+    with work.during("as given"):
+        _refuse_lost(problem)
+        options = candidates(data, about.exclude, about.fixed)
+        options = [option for option in options if only is None or option.label in only]
+        return Search(problem, options, floor, about.rng, about.on_progress, floors / data.scale)
 
 
 def _restarted(
