@@ -14,13 +14,11 @@ from dataclasses import dataclass, field
 from sim2real.diagnosis.settings.attribution import (
     Causes,
     Cogging,
-    Fitting,
     JointGroups,
     Locating,
     Numerics,
     Parsimony,
     Residual,
-    Screening,
     Search,
     TorqueOn,
     Verdict,
@@ -39,6 +37,7 @@ from sim2real.diagnosis.settings.data import (
     Windows,
 )
 from sim2real.diagnosis.settings.experiment import Experiment
+from sim2real.diagnosis.settings.fitting import Fitting, Screening
 from sim2real.diagnosis.settings.ground import Ground
 from sim2real.diagnosis.settings.preflight import (
     Channels,

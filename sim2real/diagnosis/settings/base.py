@@ -23,6 +23,7 @@ DEVELOPED = (
 )
 JUDGED = "judgement; not studied"
 COST = "computing time: a finer value changes the answer little and costs more"
+ROUNDING = "derived: keeps a singular system solvable, far below what data say"
 TINY = 1e-9  # rad, m, s or a share: keeps quotients finite and is far below anything measured
 TINY_SQUARE = TINY**2
 
