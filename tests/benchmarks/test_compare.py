@@ -80,14 +80,32 @@ COLUMNS = {
 
 
 def test_the_table_counts_each_kind(tmp_path: Path) -> None:
-    """Unchanged pairs first, bolted ones by themselves, with exact intervals."""
+    """Unchanged pairs first, bolted ones by themselves, with exact intervals; one seed's."""
     rows = [
-        bench.Row(0, "unchanged", "", False, "unchanged", "", True, 1.0),
-        bench.Row(1, "zero", "elbow", True, "changed", "x", False, 1.0),
+        bench.Row("1-0", "unchanged", "", 0, "unchanged", "", 1, 0, "1.0"),
+        bench.Row("1-1", "zero", "elbow", 1, "changed", "x", 0, 1, "3.0"),
+        bench.Row("2-0", "unchanged", "", 0, "changed", "x", 0, 1, "1.0"),
     ]
     given = argparse.Namespace(pairs=2, seed=1, seconds=24.0, out=tmp_path)
     bench.keep(rows, given)
     text = (tmp_path / "compare.md").read_text()
     assert text.index("unchanged") < text.index("zero of the elbow, bolted")
     assert "1.00 [0.03, 1.00]" in text and "--pairs 2 --seed 1" in text
-    assert (tmp_path / "compare.csv").read_text().count("\n") == 3
+    assert "all unchanged | 1 |" in text and "1 further changes" in text
+    assert bench.read(tmp_path / "compare.csv") == rows
+
+
+def test_a_pair_that_is_there_is_not_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second run adds what the first one lacks."""
+    made: list[int] = []
+
+    def judge(number: int, robot, seed: int, seconds: float) -> bench.Row:
+        made.append(number)
+        return bench.Row(f"{seed}-{number}", "unchanged", "", 0, "unchanged", "", 1, 0, "1.0")
+
+    monkeypatch.setattr(bench, "judge", judge)
+    for pairs in ("2", "3"):
+        bench.main(["--pairs", pairs, "--seed", "4", "--out", str(tmp_path)])
+    assert made == [0, 1, 2]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim2real.diagnosis.comparison.response import Response, Watch
+from sim2real.diagnosis.comparison.response import Parts, Response, Watch
 from sim2real.diagnosis.data.dataset import Data
 
 FIELDS = {"coulomb_friction": "dof_frictionloss", "viscous_friction": "dof_damping"}
@@ -24,6 +24,7 @@ def in_proportion(data: Data, watch: Watch, response: Response) -> Response:
     A column keeps its unit: the mean over the joints.
     """
     change, size = response.change.copy(), friction(data, watch, response)
+    made: dict[int, Parts] = {}
     for k, column in enumerate(response.columns):
         name = column.option.name
         parts = [i for i in size if response.columns[i].option.name == name]
@@ -31,8 +32,10 @@ def in_proportion(data: Data, watch: Watch, response: Response) -> Response:
             continue
         sizes = np.array([size[i] for i in parts])
         if sizes.sum() > 0:
-            change[k] = np.tensordot(sizes / sizes.mean(), response.change[parts], 1)
-    return response._replace(change=change)
+            shares = sizes / sizes.mean()
+            change[k] = np.tensordot(shares, response.change[parts], 1)
+            made[k] = tuple(zip(parts, shares.tolist(), strict=True))
+    return response._replace(change=change, parts=made)
 
 
 def friction(data: Data, watch: Watch, response: Response) -> dict[int, float]:

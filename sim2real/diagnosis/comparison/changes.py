@@ -106,11 +106,16 @@ def _plainest(tests: Tests, columns: Sequence[Column], best: int, alike: Sequenc
 
 
 def as_change(
-    columns: Sequence[Column], tests: Tests, column: int, limit: float | None = None
+    columns: Sequence[Column],
+    tests: Tests,
+    column: int,
+    limit: float | None = None,
+    moved: float = 0.0,
 ) -> Change:
-    """Return the change of a column with its simultaneous interval."""
+    """Return the change of a column with its simultaneous interval; `moved` of it was simulated."""
     place, own = tests.columns.index(column), columns[column].option
-    value, half = float(tests.value[place]), tests.critical * float(tests.spread[place])
+    value = moved + float(tests.value[place])
+    half = tests.critical * float(tests.spread[place])
     effect = own.effect
     return Change(
         effect.name,

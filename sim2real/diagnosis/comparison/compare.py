@@ -27,8 +27,9 @@ from sim2real.diagnosis.comparison.alike import friction, in_proportion
 from sim2real.diagnosis.comparison.answer import Change, Comparison, Fleet, Value, Verdict
 from sim2real.diagnosis.comparison.changes import as_alike, as_change, find_changes
 from sim2real.diagnosis.comparison.confounders import SUPPLY, confounders
+from sim2real.diagnosis.comparison.excused import excuse
 from sim2real.diagnosis.comparison.motions import Motions, aligned, pair
-from sim2real.diagnosis.comparison.pieces import contrasts
+from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
 from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond, watched
 from sim2real.diagnosis.comparison.shared import share
 from sim2real.diagnosis.data.dataset import Data
@@ -45,6 +46,7 @@ class Prepared(NamedTuple):
     """Logs, replayed: what every comparison of some of them starts from."""
 
     data: Data
+    simulator: Simulator
     beside: np.ndarray
     windows: np.ndarray
     motions: Motions
@@ -180,7 +182,7 @@ def prepare(
     rubs = friction(data, watch, response)
     response = in_proportion(data, watch, response)
     error = errors(simulator, watch, np.arange(len(data.windows)))
-    return Prepared(data, beside, windows, motions, watch, response, error, rubs)
+    return Prepared(data, simulator, beside, windows, motions, watch, response, error, rubs)
 
 
 def _compared(
@@ -197,14 +199,22 @@ def _compared(
     data, columns = made.data, made.response.columns
     settings = data.settings.compared
     beside = confounders(data, columns, before, after, remounted, made.friction)
-    pieces = contrasts(
-        data, made.beside, made.response, made.error, made.windows, made.motions, before, after
-    )
+    known = [k for k, c in enumerate(columns) if c.option.name == SUPPLY and beside.supply]
+
+    def contrast(error: np.ndarray) -> Pieces:
+        own = (made.beside, made.response, error, made.windows, made.motions, before, after)
+        return contrasts(data, *own)
+
+    later = np.array([i for i, w in enumerate(data.windows) if w.log in after], int)
+    aside = [*beside.excused, *known]
+    first = contrast(made.error)
+    own = (made.simulator, made.watch, made.response, made.error, later, aside, contrast)
+    pieces, moved = excuse(first, *own)
     numbers = {
         "pieces": len(pieces.curve),
         "pieces_are_logs": pieces.logs,
         "same_motions": pieces.after is None,
-        "apart": {j.name: float(v) for j, v in zip(data.joints, pieces.before_rms, strict=True)},
+        "apart": {j.name: float(v) for j, v in zip(data.joints, first.before_rms, strict=True)},
         "alpha": settings.alpha / tests,
     }
     inputs = {
@@ -215,14 +225,13 @@ def _compared(
         "remounted": remounted,
     }
     sides = [len(pieces.curve)] if pieces.after is None else np.bincount(pieces.after, minlength=2)
-    aside = {*beside.excused, *beside.ruled_out}
     reason = None
     if min(sides) < settings.blocks_min:
         reason = (
             f"{min(sides)} independent pieces are too few, at least {settings.blocks_min} are "
             "needed: record longer, or more often"
         )
-    elif len(aside) == len(columns):
+    elif len({*beside.excused, *beside.ruled_out}) == len(columns):
         reason = (
             "all that was watched is put down to temperature or mounting: log the temperature, "
             "give remounted=false, or watch more"
@@ -231,7 +240,6 @@ def _compared(
         rest = (_values(made.watch), beside.told, (), numbers, inputs)
         return Comparison("cannot_tell", reason, (), (), (), *rest)
     rng = np.random.default_rng(seed)
-    known = [k for k, c in enumerate(columns) if c.option.name == SUPPLY and beside.supply]
     shared = replace(settings, alpha=settings.alpha / tests)
     found = find_changes(
         pieces, columns, beside.excused, known, beside.ruled_out, beside.least, rng, shared
@@ -239,7 +247,7 @@ def _compared(
 
     def change(column: int) -> Change:
         limit = limits.get(columns[column].option.name)
-        return as_change(columns, found.every, column, limit)
+        return as_change(columns, found.every, column, limit, moved.get(column, 0.0))
 
     told = [
         replace(change(one.column), p=one.p, alike=as_alike(columns, one.alike))

@@ -76,15 +76,9 @@ class Permuted:
 
     def _one(self, column: int, beside: list[int]) -> tuple[np.ndarray, *tuple[float, ...]]:
         """Return t (1 + D,), and the numbers of `Tests` of one column, in their order."""
-        use = np.array([column, *beside])
-        curve = self.pieces.curve[:, use[:, None], use]  # (B, k, k)
-        size = np.sqrt(np.maximum(np.einsum("bkk->k", curve), TINY_SQUARE))
-        curve = curve / size[:, None] / size
-        down = self.pieces.down[:, use] / size
-        if self.pieces.after is None:
-            value, error, free, fitted = _signed(curve, down, self.drawn)
-        else:
-            value, error, free, fitted = _sided(curve, down, self.drawn)
+        curve, down, size = _scaled(self.pieces, [column, *beside])
+        solve = _signed if self.pieces.after is None else _sided
+        value, error, free, fitted = solve(curve, down, self.drawn)
         t = value / np.maximum(error, TINY_SQUARE)
         naive = 1 / free  # variance of the value if numbers were independent, of unit noise
         inflation = max(float(error[0] ** 2) / naive, 1.0)
@@ -96,6 +90,14 @@ class Permuted:
         rest = fitted[1:] @ whole[1:, 1:] @ fitted[1:]
         others = np.sqrt(max(float(rest), 0.0) / self.pieces.rows)
         return t, *scaled, fall, inflation, float(response), float(others), float(told)
+
+
+def _scaled(pieces: Pieces, columns: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return X'X (B, k, k) and X'y (B, k) of k columns of size 1, and their sizes (k,)."""
+    use = np.array(columns)
+    curve = pieces.curve[:, use[:, None], use]
+    size = np.sqrt(np.maximum(np.einsum("bkk->k", curve), TINY_SQUARE))
+    return curve / size[:, None] / size, pieces.down[:, use] / size, size
 
 
 def _signed(

@@ -7,17 +7,19 @@ response.error, response.change                     # (W, T, M), (P, n, T, M)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from envs.plant import Fixed
+from sim2real.diagnosis.attribution.batches import Rows, simulate_each
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.attribution.fit import nudges
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.simulate import Simulated, Simulator
+from sim2real.diagnosis.data.simulate import Simulator
 
 VECTORS = ("gravity_tilt",)  # effects whose values are all one thing
 
@@ -44,6 +46,20 @@ class Watch:
         more = () if option.label in known else (option,)
         return Watch(self.options, (*self.shared, *more), values, self.fixed)
 
+    def moved(self, column: Column, change: float) -> Watch:
+        """Return the watch with a number of an effect changed, within its range."""
+        option, place, start = column.option, column.place, 0
+        for member in self.shared:
+            if member.label == option.label:
+                values = self.values.copy()
+                break
+            start += len(member.neutral)
+        else:
+            values = np.concatenate([self.values, option.neutral])
+        wanted = values[start + place] + change
+        values[start + place] = np.clip(wanted, option.low[place], option.high[place])
+        return self.having(option, values)
+
 
 class Column(NamedTuple):
     """One number that may change."""
@@ -64,6 +80,10 @@ class Response(NamedTuple):
     slope: np.ndarray  # (n, T, M) with the clock
     columns: tuple[Column, ...]
     change: np.ndarray  # (P, n, T, M) per unit of the column
+    parts: Mapping[int, Parts] = MappingProxyType({})  # of columns that are made of others
+
+
+Parts = tuple[tuple[int, float], ...]  # each column, and how much of it
 
 
 def watched(data: Data, known: Sequence[Fixed], names: Sequence[str]) -> Watch:
@@ -87,82 +107,91 @@ def watched(data: Data, known: Sequence[Fixed], names: Sequence[str]) -> Watch:
 
 def errors(simulator: Simulator, watch: Watch, windows: np.ndarray) -> np.ndarray:
     """Return the errors of windows (n,) with what both sides have, (n, T, M)."""
-    return _run(simulator, watch, windows).error
+    return simulate_each(simulator, [_rows(watch.shared, windows, watch.values)])[0].error
 
 
-def _run(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Simulated:
-    effects = [member.effect for member in watch.shared]
-    return simulator.run(effects, windows, np.tile(watch.values, (len(windows), 1)))
+def _rows(members: Sequence[Candidate], windows: np.ndarray, point: np.ndarray) -> Rows:
+    return Rows(tuple(members), windows, np.tile(point, (len(windows), 1)))
 
 
-def respond(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Response:
+def respond(
+    simulator: Simulator,
+    watch: Watch,
+    windows: np.ndarray,
+    wanted: Callable[[Candidate], bool] = lambda option: True,
+) -> Response:
     """Simulate windows with what both sides have, and with each effect a little larger.
 
     Args:
         simulator: of the data, with what is fixed.
         watch: what may change.
         windows: those to look at, (n,).
+        wanted: which of the effects that may change are looked at, beside those of both sides.
     """
-    effects, base = [member.effect for member in watch.shared], _run(simulator, watch, windows)
-    columns, change = [], []
-    groups: dict[str, list[Candidate]] = {}
-    shared = {member.label for member in watch.shared}
-    for option in watch.options:
-        if option.label not in shared:
-            groups.setdefault(option.group, []).append(option)
-    own = base.error
-    for part in groups.values():
-        points, steps, told = _probes(watch, part, simulator.data.settings.compared.step)
-        rows = simulator.run(
-            [*effects, *(option.effect for option in part)],
-            np.tile(windows, len(points)),
-            np.repeat(points, len(windows), axis=0),
-        ).error.reshape(len(points), *own.shape)
-        change += [(error - own) / step for error, step in zip(rows, steps, strict=True)]
-        columns += told
+    shared, small = watch.shared, simulator.data.settings.compared.step
+    known = {member.label for member in shared}
+    probes = [
+        probe
+        for option in watch.options
+        if option.label not in known and wanted(option)
+        for probe in _probes(option, small)
+    ]
+    sets = [_rows(shared, windows, watch.values)]
+    for probe in probes:
+        point = np.concatenate([watch.values, probe.point])
+        sets.append(_rows((*shared, probe.column.option), windows, point))
     start = 0
-    for member in watch.shared:
+    for member in shared:
         value = watch.values[start : start + len(member.neutral)]
-        step = float(nudges([member], np.tile(value, (2, 1)))[0, 0])
-        point = watch.values.copy()
-        point[start] += step
-        rows = simulator.run(effects, windows, np.tile(point, (len(windows), 1))).error
-        change.append((rows - own) / step)
-        columns.append(Column(member, 0))
+        steps = nudges([member], np.tile(value, (2, 1)))[0]
+        for place in range(_count(member)):
+            point = watch.values.copy()
+            point[start + place] += steps[place]
+            sets.append(_rows(shared, windows, point))
+            probes.append(_Probe(Column(member, place), point, float(steps[place])))
         start += len(value)
-    return Response(base.error, base.slope, tuple(columns), np.array(change))
+    base, *moved = simulate_each(simulator, sets)
+    change = [
+        (one.error - base.error) / probe.step for one, probe in zip(moved, probes, strict=True)
+    ]
+    columns = tuple(probe.column for probe in probes)
+    return Response(base.error, base.slope, columns, np.array(change))
 
 
-def _probes(
-    watch: Watch, part: Sequence[Candidate], small: float
-) -> tuple[np.ndarray, list[float], list[Column]]:
-    """Return points of all effects (K, P), the step of each, and what each is a step of.
+def _count(option: Candidate) -> int:
+    """Return how many numbers of an effect may change."""
+    return len(option.neutral) if option.name in VECTORS else 1
+
+
+class _Probe(NamedTuple):
+    """A number that is moved: its effect's values, and by how much it moved."""
+
+    column: Column
+    point: np.ndarray  # (P,)
+    step: float
+
+
+def _probes(option: Candidate, small: float) -> list[_Probe]:
+    """Return how each number of an effect is moved.
 
     Args:
-        watch: what both sides have.
-        part: the effects.
+        option: the effect.
         small: share of the smallest probe that is a step of what acts in proportion: a factor's
             straight line over a quarter of its value is another one than over some per cent. Play
             and the like have no smaller steps that say anything.
     """
-    neutral = np.concatenate([watch.values, *(option.neutral for option in part)])
-    points, steps, columns, start = [], [], [], len(watch.values)
-    for option in part:
-        sizes = np.abs(option.probes - option.neutral)
-        count = len(option.neutral) if option.name in VECTORS else 1
-        share = small if option.name in VECTORS or option.effect.how == "scale" else 1.0
-        for place in range(count):
-            along = np.flatnonzero(sizes[:, place] > 0)
-            probe = option.probes[along[np.argmin(sizes[along, place])]]
-            point = neutral.copy()
-            point[start : start + len(probe)] = probe if count == 1 else option.neutral
-            change = share * (probe[place] - option.neutral[place])
-            point[start + place] = option.neutral[place] + change
-            points.append(point)
-            steps.append(float(change))
-            columns.append(Column(option, place))
-        start += len(option.neutral)
-    return np.array(points), steps, columns
+    sizes = np.abs(option.probes - option.neutral)
+    count = _count(option)
+    share = small if option.name in VECTORS or option.effect.how == "scale" else 1.0
+    found = []
+    for place in range(count):
+        along = np.flatnonzero(sizes[:, place] > 0)
+        probe = option.probes[along[np.argmin(sizes[along, place])]]
+        point = np.array(probe if count == 1 else option.neutral, float)
+        step = float(share * (probe[place] - option.neutral[place]))
+        point[place] = option.neutral[place] + step
+        found.append(_Probe(Column(option, place), point, step))
+    return found
 
 
 def _option(every: Sequence[Candidate], known: Fixed) -> Candidate | None:

@@ -15,6 +15,7 @@ import logging
 
 import numpy as np
 
+from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import refine
 from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.comparison.alike import FIELDS
@@ -37,31 +38,25 @@ def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
     error = errors(simulator, watch, windows)
     worst = windows[np.argsort(-simulator.data.only(windows).window_squares(error))]
     looked = np.sort(worst[: limits.shared_windows])
-    problem = Problem(simulator.data, simulator, looked)
-    response = respond(simulator, watch, looked)
+    problem, gap = Problem(simulator.data, simulator, looked), _gap(error[np.isin(windows, looked)])
     for step in (_rubbing, *[_joined] * limits.shared_max):
-        tried = step(problem, watch, response)
-        if tried is None:
-            continue
-        after, gap = respond(simulator, tried, looked), _gap(response.error)
-        if _gap(after.error) > (1 - limits.shared_worth) * gap:
+        tried = step(problem, watch)
+        left = gap if tried is None else _gap(errors(simulator, tried, looked))
+        if tried is None or left > (1 - limits.shared_worth) * gap:
+            if step is _joined:
+                break  # the next one would be the same
             continue
         labels = ", ".join(member.label for member in tried.shared[len(watch.shared) :])
-        log_.info("both have %s: %.3g of %.3g is left", labels, _gap(after.error), gap)
-        watch, response = tried, after
+        log_.info("both have %s: %.3g of %.3g is left", labels, left, gap)
+        watch, gap = tried, left
     return watch
 
 
-def _rubbing(problem: Problem, watch: Watch, response: Response) -> Watch | None:
+def _rubbing(problem: Problem, watch: Watch) -> Watch | None:
     """Return the watch with friction at every joint, fitted; None where there is none to fit."""
+    response = respond(problem.simulator, watch, problem.windows, _is_friction)
     taken = {member.label for member in watch.shared}
-    own = [
-        k
-        for k, column in enumerate(response.columns)
-        if column.option.name in FIELDS
-        and not column.option.shared
-        and column.option.label not in taken
-    ]
+    own = [k for k, c in enumerate(response.columns) if c.option.label not in taken]
     if not own:
         return None
     flat = response.change[own].reshape(len(own), -1)
@@ -79,9 +74,14 @@ def _rubbing(problem: Problem, watch: Watch, response: Response) -> Watch | None
     return watch
 
 
-def _joined(problem: Problem, watch: Watch, response: Response) -> Watch | None:
+def _is_friction(option: Candidate) -> bool:
+    return option.name in FIELDS and not option.shared
+
+
+def _joined(problem: Problem, watch: Watch) -> Watch | None:
     """Return the watch with the effect more that closes most, fitted; None if none is worth it."""
     limits = problem.data.settings.compared
+    response = respond(problem.simulator, watch, problem.windows)
     taken = {member.label for member in watch.shared}
     free = [c for c, own in enumerate(response.columns) if own.option.label not in taken]
     best = max(free, key=lambda c: _closed(response, c), default=None)

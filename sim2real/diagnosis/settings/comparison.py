@@ -88,6 +88,9 @@ class Compared:
         "measured: of 3.5 % less strength of all motors, 0.5 looked like one joint's gain, and of "
         "8 % less friction 0.7 (emulated arm2, two pairs)",
     )
+    excused_rounds: int = setting(
+        2, "1", "times that what is put down to other things is simulated", COST
+    )
     shared_max: int = setting(2, "1", "effects fitted to both sides, beside friction", COST)
     shared_worth: float = setting(
         0.1, "1", "share of the gap that a further shared effect closes at least", JUDGED
