@@ -1,0 +1,236 @@
+"""Does a cause cost the policy on the robot what `worth` says?
+
+    python -m benchmarks.worth --robots 40              # goes on where it stopped
+    python -m benchmarks.worth --robots 12 --seed 4
+
+An emulated robot (servo emulator, bus, another time step than the model's) hides two to four
+effects; a policy that was trained in its simulator as given walks or hops on it. Predicted: `price`
+of the hidden effects, what putting right each alone would bring (`last`). Measured: the same
+episodes (starts) on the robot with all of them, and with each removed in turn. A row a cost in
+`worth.csv`; a robot that is there is not run again. Policies are those of `benchmarks.improve`, and
+are trained where they are missing (minutes each).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest, spearmanr
+
+from benchmarks.improve import OUT, Case, trained
+from envs.effects import make
+from hardware.backends import ServoBackend
+from hardware.config import Robot, load_robot
+from hardware.emulator.hidden import make_hidden
+from hardware.emulator.world import World
+from hardware.rows import RobotRows
+from hardware.safety import StopLimits
+from sim2real.deployment.deploy import play, servo_task
+from sim2real.deployment.trained import load_policy
+from sim2real.evaluation.worth import Cause, Game, price
+from sim2real.learning.trained import Trained
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import Interval, bootstrap, mean
+from sim2real.runs.tables import Table
+
+RESULTS = Path(__file__).parent / "results"
+ROBOTS = ("quad8", "hopper2")
+POLICIES = 2  # trained with as many seeds
+EPISODES = {"quad8": 12, "hopper2": 32}  # on each robot: the hopper falls now and then
+ROLLOUTS = 64  # of each subset, in simulation
+SETTLE = 1.0  # s that the start is held
+STOPS = StopLimits(odd_voltage=1.0, stray=2.0)  # a hidden effect must not stop the robot
+DRAWS = 5000  # resamples of an interval
+Entry = dict[str, Any]
+FIELDS = ("case", "robot", "policy", "effect", "where", "value", "predicted", "predicted_low")
+FIELDS += ("predicted_high", "measured", "measured_low", "measured_high")
+FIELDS += ("simulator_as_given", "simulator", "robot_return")
+# of each effect: smallest and largest value, by robot; None: one for the whole robot
+SIZES: dict[str, dict[str, tuple[float, float]]] = {
+    "coulomb_friction": {"quad8": (0.02, 0.1), "hopper2": (0.005, 0.03)},
+    "viscous_friction": {"quad8": (0.02, 0.12), "hopper2": (0.001, 0.006)},
+    "position_gain": {"quad8": (0.4, 0.8), "hopper2": (0.5, 0.9)},
+    "supply_voltage": {"quad8": (0.75, 0.92), "hopper2": (0.75, 0.95)},
+    "command_delay": {"quad8": (0.01, 0.04), "hopper2": (0.004, 0.015)},
+    "ground_friction": {"quad8": (0.2, 0.6), "hopper2": (0.2, 0.6)},
+    "link_mass": {"quad8": (0.1, 0.5), "hopper2": (0.01, 0.04)},
+    "motor_strength": {"quad8": (0.4, 0.8), "hopper2": (0.6, 0.9)},
+    "encoder_offset": {"quad8": (0.05, 0.15), "hopper2": (0.03, 0.1)},
+}
+BODY = {"quad8": "torso", "hopper2": "body"}
+
+
+def drawn(robot: Robot, rng: np.random.Generator) -> list[Entry]:
+    """Draw two to four effects that a robot hides, each kind once."""
+    kinds = rng.choice(sorted(SIZES), int(rng.integers(2, 5)), replace=False)
+    found = []
+    for kind in map(str, kinds):
+        value = float(rng.uniform(*SIZES[kind][robot.name]))
+        where = None
+        if kind == "link_mass":
+            where = BODY[robot.name]
+        if kind in ("motor_strength", "encoder_offset"):
+            where = str(rng.choice(list(robot.names)))
+        sign = float(rng.choice([-1.0, 1.0])) if kind == "encoder_offset" else 1.0
+        found.append({"effect": kind, "where": where, "value": sign * value})
+    return found
+
+
+def earned(
+    policy: Trained, robot: Robot, hidden: Sequence[Entry], seeds: np.ndarray, noise: int
+) -> np.ndarray | None:
+    """Return what a policy earns on an emulated robot, (E,); None if its guard stopped it."""
+    world = World(robot, hidden=make_hidden(list(hidden), robot), seed=noise)
+    backend = ServoBackend(robot, SETTLE, world, limits=STOPS, seed=noise)
+    rows = RobotRows(servo_task(policy.environment), backend)
+    returns = []
+    try:
+        rows.arm()
+        pilot = policy.pilot()
+        for seed in seeds:
+            returns.append(play(rows, pilot, int(seed)))
+            if rows.stopped is not None:
+                return None
+    finally:
+        rows.close()
+    return np.array(returns)
+
+
+def case(seed: int, number: int, policies: Path) -> list[dict[str, Any]]:
+    """Price what a robot hides, remove each effect in turn, and return a row for each.
+
+    A robot whose guard stops it is drawn again.
+    """
+    name, own = ROBOTS[number % len(ROBOTS)], number // len(ROBOTS) % POLICIES
+    given = Case(name, "", own, policies)
+    if not trained(given):
+        raise SystemExit(f"{given.policy}: the policy's training failed")
+    policy, robot = load_policy(given.policy), load_robot(name)
+    rng = np.random.default_rng([seed, number])
+    while True:
+        hidden, noise = drawn(robot, rng), int(rng.integers(1 << 31))
+        causes = [Cause(make(e["effect"], where=e["where"]), (e["value"],)) for e in hidden]
+        seeds = Game(policy, causes, EPISODES[name], number).seeds
+        returns = [earned(policy, robot, hidden, seeds, noise)]
+        for k in range(len(hidden)):
+            left = [*hidden[:k], *hidden[k + 1 :]]
+            returns.append(earned(policy, robot, left, seeds, noise))
+        if all(one is not None for one in returns):
+            break
+    every, *without = [np.asarray(one) for one in returns]
+    worth = price(policy, causes, ROLLOUTS, seed=number)
+    rows = []
+    for entry, predicted, better in zip(hidden, worth.last["return"], without, strict=True):
+        measured = interval(better - every, rng)
+        row = {"case": f"{seed}-{number}", "robot": name, "policy": f"seed{own}"}
+        row |= {**entry, "where": entry["where"] or "robot", "value": f"{entry['value']:.4g}"}
+        for what, told in (("predicted", predicted), ("measured", measured)):
+            row |= {what: told.value, f"{what}_low": told.low, f"{what}_high": told.high}
+        row["simulator_as_given"] = worth.plain["return"].value
+        row["simulator"] = worth.every["return"].value
+        row["robot_return"] = float(every.mean())
+        rows.append({k: f"{v:.4f}" if isinstance(v, float) else v for k, v in row.items()})
+    return rows
+
+
+def interval(values: np.ndarray, rng: np.random.Generator) -> Interval:
+    """Return the mean over episodes (E,) with its 95 % interval."""
+    return bootstrap(values[:, None], mean, rng, draws=DRAWS, resample="rows")
+
+
+def score(rows: Sequence[Mapping[str, str]]) -> Table:
+    """Return how often the sign is right, and how predicted and measured costs go together."""
+    table = Table(("robots", "count", "costs", "beyond noise", "sign right", "rank correlation"))
+    for name in ("all", *ROBOTS):
+        own = [row for row in rows if name in ("all", row["robot"])]
+        if not own:
+            continue
+        sure = [r for r in own if float(r["measured_low"]) > 0 or float(r["measured_high"]) < 0]
+        right = sum(float(r["predicted"]) * float(r["measured"]) > 0 for r in sure)
+        share = None
+        if sure:
+            low, high = binomtest(right, len(sure)).proportion_ci(method="exact")
+            share = Interval(right / len(sure), float(low), float(high))
+        cases = sorted({row["case"] for row in own})
+        table.add(name, len(cases), len(own), len(sure), share, correlation(own, cases))
+    return table
+
+
+def correlation(rows: Sequence[Mapping[str, str]], cases: Sequence[str]) -> Interval | None:
+    """Return Spearman's, with a 95 % interval of a bootstrap over robots."""
+    costs = {
+        name: np.array(
+            [[float(r["predicted"]), float(r["measured"])] for r in rows if r["case"] == name]
+        )
+        for name in cases
+    }
+    if len(cases) < 2:
+        return None
+
+    def of(names: Sequence[str]) -> float:
+        both = np.concatenate([costs[name] for name in names])
+        return float(spearmanr(both[:, 0], both[:, 1]).statistic)
+
+    rng = np.random.default_rng(0)
+    draws = [of(rng.choice(cases, len(cases)).tolist()) for _ in range(DRAWS // 5)]
+    return Interval(of(cases), *map(float, np.nanquantile(draws, [0.025, 0.975])))
+
+
+def keep(rows: Sequence[Mapping[str, Any]], seed: int, results: Path) -> None:
+    """Write worth.csv, a row for each cost, and worth.md of a seed's."""
+    made = io.StringIO()
+    writer = csv.DictWriter(made, FIELDS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(results / "worth.csv", made.getvalue())
+    own = [row for row in rows if row["case"].startswith(f"{seed}-")]
+    table = score(own)
+    episodes = ", ".join(f"{count} on {name}" for name, count in EPISODES.items())
+    table.notes.append(
+        f"`python -m benchmarks.worth --robots {len({r['case'] for r in own})} --seed {seed}`: a "
+        "cost is what putting right one effect alone brings; predicted in "
+        f"simulation ({ROLLOUTS} episodes), measured on the emulated robot ({episodes}). Beyond "
+        "noise: the measured 95 % interval excludes 0. Intervals: exact binomial, and a bootstrap "
+        "over robots."
+    )
+    write_text(results / "worth.md", table.markdown())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line, run the robots that are missing, and tell the score."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.worth",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--robots", type=int, default=40, help="robots in all (default: 40)")
+    add("--seed", type=int, default=3, help="of their draw (default: %(default)s)")
+    add("--policies", type=Path, default=OUT, help="folder of benchmarks.improve's policies")
+    add("--results", type=Path, default=RESULTS, help="folder of the table")
+    chosen = parser.parse_args(arguments)
+    if chosen.robots < 1 or chosen.seed < 0:
+        parser.error("--robots must be at least 1, and --seed must not be negative")
+    chosen.results.mkdir(parents=True, exist_ok=True)
+    path = chosen.results / "worth.csv"
+    rows: list[dict[str, Any]] = list(csv.DictReader(path.open())) if path.exists() else []
+    for number in range(chosen.robots):
+        if any(row["case"] == f"{chosen.seed}-{number}" for row in rows):
+            continue
+        rows += (more := case(chosen.seed, number, chosen.policies.resolve()))
+        keep(rows, chosen.seed, chosen.results)
+        for row in more:
+            print(*row.values(), flush=True)
+    keep(rows, chosen.seed, chosen.results)
+    print((chosen.results / "worth.md").read_text(encoding="utf-8"))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
