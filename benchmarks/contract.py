@@ -2,33 +2,34 @@
 
     python -m benchmarks.contract                       # 45 faulty and 45 sound walks: minutes
     python -m benchmarks.contract --cases 100 --seed 8
+    python -m benchmarks.contract --policies --cases 300        # trained by other libraries
 
 A perceptron with random weights drives a simulated robot (quad8, hopper2, arm6) through an
 interface with one or two faults, in closed loop; the check gets the log, the policy and the
-ready-made description, never the key. A case is named if every fault of the key is a finding, or
-stands beside one in a set of at most three, and there is no other finding. A sound case is right if
-there is none. Intervals are exact binomial ones, 95 %.
+ready-made description, never the key. With `--policies` it is a policy that another library
+trained and exported as ONNX (`benchmarks/policies`), with its own OBS.yaml. A case is named if
+every fault of the key is a finding, or stands beside one in a set of at most three, and there is no
+other finding. A sound case is right if there is none. Intervals are exact binomial ones, 95 %.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import yaml
 from scipy.stats import binomtest
 
-from envs.simulation import Simulation
+from benchmarks.contract_walk import Change, Fault, Named, walk
+from benchmarks.policies.tasks import POLICIES
 from envs.tasks import Follow, Hopper2, Quad8
 from envs.tasks.servo import ServoTask
-from envs.tasks.servo.legs import roll_pitch
-from hardware.log import Log
 from sim2real.diagnosis.contract.answer import Answer
 from sim2real.diagnosis.contract.check import check_contract
-from sim2real.diagnosis.contract.description import Description, read_description
+from sim2real.diagnosis.contract.description import Description, History, read_description
 from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
@@ -37,19 +38,6 @@ ROBOTS = ("quad8", "hopper2", "arm6")
 ARM, SERVO = Path(__file__).parents[1] / "conf/robot/arm6.yaml", "xl430-w250"
 SECONDS = 3.0  # of a walk
 TWO = 0.4  # share of faulty cases with two faults
-Change = Callable[[np.ndarray], np.ndarray]
-Named = tuple[str, str, str]  # stage, fault, where
-
-
-class Fault(NamedTuple):
-    """One hidden fault: what it is called, and what it does to the rows of a term or of goals."""
-
-    key: Named
-    change: Change | None = None  # of a term's numbers (k,), or of goals (n,)
-    age: int = 0  # steps
-    every: int = 1  # rows between two runs of the policy
-    smoothing: float = 1.0
-    quaternion: bool = False
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -61,15 +49,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--cases", type=int, default=45, help="faulty, and as many sound ones")
     parser.add_argument("--seed", type=int, default=7, help="of their draw (default: %(default)s)")
+    parser.add_argument("--policies", action="store_true", help="those of other libraries")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
     chosen = parser.parse_args(arguments)
     if chosen.cases < 1:
         parser.error("--cases must be at least 1")
-    cases = [case(chosen.seed, number, number < chosen.cases) for number in range(2 * chosen.cases)]
+    make = foreign if chosen.policies else case
+    cases = [make(chosen.seed, number, number < chosen.cases) for number in range(2 * chosen.cases)]
     made = table(cases)
     made.notes.append(f"{chosen.cases} faulty and as many sound walks of seed {chosen.seed}.")
     made.notes += missed(cases)
-    made.write(chosen.results / "contract")
+    made.write(chosen.results / ("contract_policies" if chosen.policies else "contract"))
     print(made.markdown())
     return 0
 
@@ -83,10 +73,45 @@ def case(seed: int, number: int, faulty: bool) -> dict[str, Any]:
     joints = [model.actuator(i).name for i in range(model.nu)]
     about = read_description("follow" if robot == "arm6" else robot, joints)
     faults = drawn(about, rng) if faulty else []
-    log, actor = walk(task, about, faults, rng)
+    actor = perceptron(about.size, task.action_range(model)[0], rng)
+    return judged(robot, task, about, actor, faults, rng)
+
+
+def foreign(seed: int, number: int, faulty: bool) -> dict[str, Any]:
+    """Do the same with a policy of another library."""
+    rng = np.random.default_rng([seed, number])
+    policy = list(POLICIES.values())[number % len(POLICIES)]
+    task = policy.task()
+    model = task.spec().compile()
+    about = policy.about([model.actuator(i).name for i in range(model.nu)])
+    faults = drawn(about, rng) if faulty else []
+    name = f"{policy.robot} ({policy.library})"
+    return judged(name, task, about, policy.actor(), faults, rng)
+
+
+def judged(
+    robot: str,
+    task: ServoTask,
+    about: Description,
+    actor: Change,
+    faults: Sequence[Fault],
+    rng: np.random.Generator,
+) -> dict[str, Any]:
+    """Walk with faults, check the walk, and open its key."""
+    log = walk(task, about, faults, actor, rng)
     answer = check_contract([log], about, actor)
     key = [fault.key for fault in faults]
     return {"robot": robot, "key": key, "named": named(answer, key), "found": told(answer)}
+
+
+def perceptron(size: int, low: np.ndarray, rng: np.random.Generator) -> Change:
+    """Return a policy with random weights."""
+    weight = rng.normal(0, 1.5 / np.sqrt(size), (size, len(low)))
+
+    def actor(seen: np.ndarray) -> np.ndarray:
+        return np.abs(low) * np.tanh(seen @ weight)
+
+    return actor
 
 
 def task_of(robot: str) -> ServoTask:
@@ -100,8 +125,9 @@ def task_of(robot: str) -> ServoTask:
 
 def drawn(about: Description, rng: np.random.Generator) -> list[Fault]:
     """Draw one or two faults at different places."""
-    menu = [fault for term in about.terms for fault in of_term(term, rng)]
-    menu += of_goals(list(about.actuators), rng)
+    menu = [fault for term in about.terms for fault in of_term(term, rng, about)]
+    menu += of_vector(about)
+    menu += of_goals(about, rng)
     menu.append(Fault(("policy", "rate", "action"), every=int(rng.integers(2, 4))))
     found: list[Fault] = []
     for _ in range(1 + (rng.random() < TWO)):
@@ -114,7 +140,25 @@ def drawn(about: Description, rng: np.random.Generator) -> list[Fault]:
     return found
 
 
-def of_term(term: Any, rng: np.random.Generator) -> list[Fault]:
+def of_vector(about: Description) -> list[Fault]:
+    """Return faults of the whole observation: how frames are stacked, and the normalizer."""
+    found, own = [], about.history
+    if own.length > 1:
+        order = "oldest_first" if own.order == "newest_first" else "newest_first"
+        layout = "term" if own.layout == "frame" else "frame"
+        ways = {
+            "history_order": History(own.length, own.layout, order),
+            "history_layout": History(own.length, layout, own.order),
+            "history_length": History(1, own.layout, own.order),  # the newest, repeated
+        }
+        found += [Fault(("observation", name, "history"), stack=way) for name, way in ways.items()]
+    if about.normalizer is not None:
+        for name, times in (("normalizer_missing", 0), ("normalizer_twice", 2)):
+            found.append(Fault(("observation", name, "normalizer"), normalized=times))
+    return found
+
+
+def of_term(term: Any, rng: np.random.Generator, about: Description) -> list[Fault]:
     """Return faults of one term of the observation."""
     name, parts, k = term.kind, term.elements, term.size
     if not term.rebuilt or name == "phase":
@@ -136,113 +180,43 @@ def of_term(term: Any, rng: np.random.Generator) -> list[Fault]:
     ]
     if name in ("joint_position", "roll_pitch"):
         found.append(Fault(key("offset", a), lambda x: x + shift))
-    if name != "last_action":
+    if name not in ("last_action", "gravity"):
         found.append(Fault(key("unit"), np.degrees))
-    if name == "roll_pitch":
+    if name in ("roll_pitch", "gravity"):
         found.append(Fault(key("quaternion_order"), quaternion=True))
+    if name == "gravity":
+        found.append(Fault(key("gravity_direction"), lambda x: -x))
+    if name in ("gravity", "gyro"):
+        found.append(Fault(key("frame"), frame=True))
+    if term.relative:
+        added = term.scale * about.default_pose
+        found.append(Fault(key("default_pose"), lambda x: x + added))
     return found
 
 
-def of_goals(names: list[str], rng: np.random.Generator) -> list[Fault]:
+def of_goals(about: Description, rng: np.random.Generator) -> list[Fault]:
     """Return faults between the action and the servos."""
-    n = len(names)
+    names = list(about.actuators)
+    n, law = len(names), about.action
+    zero = law.offset if law.law == "joint_position" else np.zeros(n)  # what is not scaled
     a, b = (int(i) for i in rng.choice(n, 2, replace=False))
+    like = np.flatnonzero(np.isclose(zero, zero[a]) & (np.arange(n) != a))
+    if law.law == "joint_position" and len(like):  # a goal of another joint is beyond its limits
+        b = int(rng.choice(like))
     order, shift = np.arange(n), np.zeros(n)
     order[[a, b]], shift[a] = [b, a], rng.choice([-1, 1]) * rng.uniform(0.05, 0.2)
     ratio, share = float(rng.uniform(0.5, 0.85)), float(rng.choice([0.3, 0.4, 0.5, 0.6]))
     pair = "ctrl" if n == 2 else f"ctrl: {', '.join(names[i] for i in sorted((a, b)))}"
+    exchanged = [Fault(("action", "permutation", pair), lambda x: x[order])]
+    if law.law == "joint_position" and not len(like):
+        exchanged = []
     return [
-        Fault(("action", "permutation", pair), lambda x: x[order]),
+        *exchanged,
         Fault(("action", "offset", f"ctrl: {names[a]}"), lambda x: x + shift),
-        Fault(("action", "scale", "ctrl"), lambda x: x * ratio),
+        Fault(("action", "scale", "ctrl"), lambda x: zero + ratio * (x - zero)),
         Fault(("action", "age", "ctrl"), age=int(rng.integers(1, 3))),
         Fault(("action", "filter", "ctrl"), smoothing=share),
     ]
-
-
-def walk(
-    task: ServoTask, about: Description, faults: Sequence[Fault], rng: np.random.Generator
-) -> tuple[Log, Change]:
-    """Walk with faults in closed loop; return the log and the policy."""
-    size, low = about.size, task.action_range(task.spec().compile())[0]
-    weight = rng.normal(0, 1.5 / np.sqrt(size), (size, len(low)))
-
-    def actor(seen: np.ndarray) -> np.ndarray:
-        return np.abs(low) * np.tanh(seen @ weight)
-
-    command, goals, sent = task.command, list[np.ndarray](), list[np.ndarray]()
-    acting = [fault for fault in faults if fault.key[0] == "action"]
-
-    def broken(state: Any, action: np.ndarray) -> np.ndarray:
-        goals.append(command(state, action)[0])
-        made = goals[-1]
-        for fault in acting:
-            made = goals[max(len(goals) - 1 - fault.age, 0)] if fault.age else made
-            made = fault.change(made) if fault.change else made
-            last = sent[-1] if sent else made
-            made = fault.smoothing * made + (1 - fault.smoothing) * last
-        sent.append(made)
-        return made[None]
-
-    task.command = broken  # type: ignore[method-assign]
-    rows = Simulation(task, 1, threads=1)
-    rows.reset(np.arange(1), np.zeros((1, 0)), rng.integers(1 << 32, size=1).astype(np.uint64))
-    every = max([fault.every for fault in faults], default=1)
-    table: list[dict[str, float]] = []
-    past: list[np.ndarray] = []
-    action = np.zeros(len(low))
-    for t in range(task.max_steps):
-        state = rows.state()
-        past.append(seen_by(task, about, state, faults, past))
-        seen = aged(about, faults, past)
-        if t % every == 0:
-            action = actor(seen[None])[0]
-        angle, speed = state.qpos[0, task.q], state.qvel[0, task.v]
-        row = {"episode": 0.0, "time": t * task.dt}
-        row |= {f"qpos.{n}": float(x) for n, x in zip(about.joints, angle, strict=True)}
-        row |= {f"qvel.{n}": float(x) for n, x in zip(about.joints, speed, strict=True)}
-        if any(term.kind == "roll_pitch" for term in about.terms):
-            row |= {f"quat.imu.{p}": float(x) for p, x in zip("wxyz", state.qpos[0, 3:7])}  # noqa: B905
-        row |= {f"obs.{i}": float(x) for i, x in enumerate(seen)}
-        row |= {f"action.{i}": float(x) for i, x in enumerate(action)}
-        rows.step(None, action[None])
-        row |= {f"action.{n}": float(x) for n, x in zip(about.actuators, goals[-1], strict=True)}
-        row |= {f"ctrl.{n}": float(x) for n, x in zip(about.actuators, sent[-1], strict=True)}
-        table.append(row)
-    return Log({name: np.array([row[name] for row in table]) for name in table[0]}), actor
-
-
-def seen_by(
-    task: ServoTask,
-    about: Description,
-    state: Any,
-    faults: Sequence[Fault],
-    past: Sequence[np.ndarray],
-) -> np.ndarray:
-    """Return what a policy sees now, before anything is late."""
-    seen, start = task.observe(state)[0].copy(), 0
-    for term in about.terms:
-        part = slice(start, start + term.size)
-        start += term.size
-        for fault in faults:
-            if fault.key[0] != "observation" or fault.key[2].split(":")[0] != term.kind:
-                continue
-            if fault.quaternion:
-                seen[part] = roll_pitch(state.qpos[:, [4, 5, 6, 3]])[0]
-            seen[part] = fault.change(seen[part]) if fault.change else seen[part]
-    return seen
-
-
-def aged(about: Description, faults: Sequence[Fault], past: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the newest observation with the terms late that a fault makes late."""
-    seen, start = past[-1].copy(), 0
-    for term in about.terms:
-        part = slice(start, start + term.size)
-        start += term.size
-        for fault in faults:
-            if fault.key[0] == "observation" and fault.key[2].split(":")[0] == term.kind:
-                seen[part] = past[max(len(past) - 1 - fault.age, 0)][part]
-    return seen
 
 
 def told(answer: Answer) -> list[Named]:
@@ -266,12 +240,17 @@ def named(answer: Answer, key: Sequence[Named]) -> bool:
 def table(cases: Sequence[dict[str, Any]]) -> Table:
     """Return how many faults were named, by robot, and how many sound walks had a finding."""
     made = Table(("walks", "count", "right"))
-    for robot in ROBOTS:
+    for robot in sorted({c["robot"] for c in cases}, key=_place):
         _add(made, f"one fault, {robot}", [c for c in cases if c["robot"] == robot and _n(c) == 1])
         _add(made, f"two faults, {robot}", [c for c in cases if c["robot"] == robot and _n(c) > 1])
     _add(made, "all faulty", [c for c in cases if _n(c)])
     _add(made, "sound", [c for c in cases if not _n(c)])
     return made
+
+
+def _place(robot: str) -> tuple[int, str]:
+    """Return where a robot stands in the table."""
+    return next(i for i, name in enumerate(ROBOTS) if robot.startswith(name)), robot
 
 
 def missed(cases: Sequence[dict[str, Any]]) -> list[str]:

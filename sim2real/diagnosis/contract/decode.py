@@ -80,6 +80,8 @@ def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract
     """
     use = rows.deep(limits.ages_max)
     kept = np.all(np.abs(target.values) < target.clip * (1 - limits.floor), axis=1)
+    if target.apart is not None:
+        kept &= ~target.apart
     use = use[kept[use]]
     if len(use) < limits.rows_min:
         return Decoded(static=tuple(target.elements))
@@ -132,7 +134,8 @@ class _Search:
         """Return each number's RMS misfit, of its spread, (k,)."""
         made = self.predict(way)
         spread = np.maximum(self.spread, made.std(axis=0))
-        return np.sqrt(np.mean((self.logged - made) ** 2, axis=0)) / spread
+        square = np.mean((self.logged - made) ** 2, axis=0) - self.target.rounding
+        return np.sqrt(np.maximum(square, 0.0)) / spread
 
     def blind(self, plain: Way) -> dict[str, object]:
         """Return what the log cannot tell even if all is as described."""
@@ -186,6 +189,7 @@ class _Search:
             - 2 * slope * moments.cov
             + slope**2 * moments.source_var
             + (moments.mean[:, None] - slope * moments.source_mean - shift) ** 2
+            - self.target.rounding[:, None]
         )
         relative = np.maximum(mse, 0.0) / (self.spread**2)[:, None] + limits.floor**2
         fit = limits.effective_rows / 2 * np.log(relative)

@@ -26,6 +26,8 @@ from sim2real.diagnosis.settings import Contract
 Actor = Callable[[np.ndarray], np.ndarray]
 ANGULAR = ("joint_position", "joint_velocity", "gyro", "roll_pitch")
 NORMALIZED = "subtract the mean and divide by the standard deviation {}"
+TWELVE_BITS = 2 * np.pi / 4096  # rad
+SAME_DIGITS, FEW_LEVELS, OFF_GRID = 9, 3, 0.01  # of commands that are rounded to counts
 LIMITED = "flag.limited"  # 1 in rows in which the robot's guard sent something else
 
 
@@ -258,17 +260,47 @@ def check_action(rows: Rows, about: Description, limits: Contract) -> Stage:
             )
         asked, scale = np.clip(done, -law.clip, law.clip), law.scale
         offset = law.offset / law.scale
-    free = rows.columns.get(LIMITED)
+    step, free = _resolution(sent), rows.columns.get(LIMITED)
     reach = float(np.median(np.abs(sent / scale - offset).max(axis=0)))
     raw = done if law.law == "joint_position" else None
     ways = _action_ways(rows, asked, offset, raw, reach, limits)
-    if free is not None:  # the guard's own doing is no fault of the contract
-        shown = scale * (ways[0].values + offset)
-        sent = np.where(free[:, None] > 0, shown, sent)
-    target = Target("ctrl", list(about.actuators), sent, scale, True)
+    apart = None if free is None else _after(free > 0, limits)  # the guard's own doing
+    names = list(about.actuators)
+    target = Target("ctrl", names, sent, scale, True, resolution=step, apart=apart)
     found = decode(target, ways, rows, limits)
     stage.take("action", "ctrl", found, list(about.actuators), limits)
     return stage
+
+
+def _after(flags: np.ndarray, limits: Contract) -> np.ndarray:
+    """Return which rows (T,) are flagged, or come soon after one that is.
+
+    What was cut may be sent late. As many rows are left out as leave half of the others.
+    """
+    for rows in range(limits.ages_max, 0, -1):
+        near = np.convolve(flags, np.ones(rows + 1))[: len(flags)] > OFF_GRID
+        if (~near).sum() >= max((~flags).sum() / 2, limits.rows_min):
+            return near
+    return flags
+
+
+def _resolution(sent: np.ndarray) -> np.ndarray:
+    """Return the step to which each command (T, k) is rounded, (k,); 0 where it is not.
+
+    A command that rests is taken to be rounded as finely as the others, or as 12 bits a turn are.
+    """
+    found = np.full(sent.shape[1], np.nan)
+    for k, values in enumerate(sent.T):
+        levels = np.unique(np.round(values, SAME_DIGITS))
+        if len(levels) < FEW_LEVELS:
+            continue
+        found[k] = 0.0
+        step = float(np.diff(levels).min())
+        whole = (levels - levels[0]) / step
+        if np.abs(whole - np.round(whole)).max() < OFF_GRID:
+            found[k] = step
+    known = found[~np.isnan(found)]
+    return np.where(np.isnan(found), known.min() if known.size else TWELVE_BITS, found)
 
 
 def _action_ways(
@@ -293,7 +325,7 @@ def _action_ways(
     if done is not None and not np.array_equal(done, asked):
         text, fix = "is made of actions that were not clipped", "clip the actions"
         ways.append(Variant("clip", text, fix, done, offset))
-    if done is not None and reach < np.abs(done).max():
+    if done is not None and reach < (1 - limits.suspect) * np.abs(asked).max():
         cut = np.clip(done, -reach, reach)
         text, fix = f"is made of actions cut at {reach:.4g}", "clip the actions as described"
         ways.append(Variant("clip", text, fix, cut, offset))

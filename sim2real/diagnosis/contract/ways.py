@@ -16,6 +16,8 @@ from sim2real.diagnosis.contract.rebuild import Variant
 
 DEGREES = 180.0 / np.pi
 TWICE = 2.0
+ROUNDED, AT_MOST = 12.0, 4.0  # step² over the mean and the largest square of rounding to it
+RESTING = 3.0  # steps: a number that spreads less is rounded alike all the time
 
 
 class Target(NamedTuple):
@@ -29,6 +31,8 @@ class Target(NamedTuple):
         angular: whether degrees are a likely unit.
         clip: numbers of this size and above were cut, and are left out.
         flipped: what a sign that is wrong in all numbers is called.
+        resolution: step to which each number is rounded, (k,); None for none.
+        apart: rows that are not compared, (T,) bool; None for none.
     """
 
     name: str
@@ -38,6 +42,16 @@ class Target(NamedTuple):
     angular: bool
     clip: float = np.inf
     flipped: str = "sign"
+    resolution: np.ndarray | None = None
+    apart: np.ndarray | None = None
+
+    @property
+    def rounding(self) -> np.ndarray:
+        """Mean square of what rounding makes of each number, (k,); at most, of one that rests."""
+        if self.resolution is None:
+            return np.zeros(self.values.shape[1])
+        rests = self.values.std(axis=0) < RESTING * self.resolution
+        return self.resolution**2 / np.where(rests, AT_MOST, ROUNDED)
 
 
 class Change(NamedTuple):

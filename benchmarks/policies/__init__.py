@@ -1,0 +1,1 @@
+"""Policies of other libraries, and the interfaces that they were trained with."""
