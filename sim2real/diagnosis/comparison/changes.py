@@ -46,6 +46,7 @@ def find_changes(
     least: np.ndarray,
     rng: np.random.Generator,
     limits: Compared,
+    simulated: float = 0.0,
 ) -> Changes:
     """Name what changed.
 
@@ -58,6 +59,7 @@ def find_changes(
         least: of each column, the size that a change must have, (P,).
         rng: for the permutations.
         limits: when a change is named.
+        simulated: RMS of what is put down to other things, in units of the noise.
     """
     permuted = Permuted(pieces, rng, limits.draws)
     beside = [*excused, *known, pieces.clock]
@@ -68,7 +70,7 @@ def find_changes(
     left = [k for k in free if k not in untold]
     while left and len(named) < limits.changes_max:
         tests = permuted.of(left, beside, limits.alpha)
-        best = _clearest(tests, least, limits)
+        best = _clearest(tests, least, limits, simulated)
         if best is None:
             break
         near = (tests.fall[best] - tests.fall) / tests.inflation[best] < limits.alike
@@ -86,9 +88,9 @@ def find_changes(
     return Changes(tuple(named), every, tuple(untold))
 
 
-def _clearest(tests: Tests, least: np.ndarray, limits: Compared) -> int | None:
+def _clearest(tests: Tests, least: np.ndarray, limits: Compared, simulated: float) -> int | None:
     """Return the place of the column that explains most, of those that chance does not."""
-    large = np.maximum(limits.worth, limits.doubt * tests.others)
+    large = np.maximum(limits.worth, limits.doubt * np.maximum(tests.others, simulated))
     sure = (tests.p <= limits.alpha) & (tests.response >= large)
     sure &= tests.told >= limits.apart  # the rest is what the named ones make as well
     sure &= np.abs(tests.value) > least[list(tests.columns)]

@@ -209,7 +209,7 @@ def _compared(
     aside = [*beside.excused, *known]
     first = contrast(made.error)
     own = (made.simulator, made.watch, made.response, made.error, later, aside, contrast)
-    pieces, moved = excuse(first, *own)
+    pieces, moved, made_by_others = excuse(first, *own)
     numbers = {
         "pieces": len(pieces.curve),
         "pieces_are_logs": pieces.logs,
@@ -241,9 +241,8 @@ def _compared(
         return Comparison("cannot_tell", reason, (), (), (), *rest)
     rng = np.random.default_rng(seed)
     shared = replace(settings, alpha=settings.alpha / tests)
-    found = find_changes(
-        pieces, columns, beside.excused, known, beside.ruled_out, beside.least, rng, shared
-    )
+    asides = (beside.excused, known, beside.ruled_out)
+    found = find_changes(pieces, columns, *asides, beside.least, rng, shared, made_by_others)
 
     def change(column: int) -> Change:
         limit = limits.get(columns[column].option.name)

@@ -1,6 +1,7 @@
 """What is put down to temperature, mounting and supply, simulated rather than drawn as a line.
 
-    pieces, moved = excuse(pieces, simulator, watch, response, error, later, columns, contrast)
+    left = excuse(pieces, simulator, watch, response, error, later, columns, contrast)
+    left.pieces, left.moved, left.response
 
 A tenth less friction in all joints moves a robot by more than a few per cent of it in one, and its
 straight line is wrong by as much as what is looked for. So the side after is simulated once more
@@ -10,6 +11,7 @@ with what was put down to other things, and only what that leaves is explained b
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +20,14 @@ from sim2real.diagnosis.comparison.pieces import Pieces
 from sim2real.diagnosis.comparison.response import Response, Watch, errors
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.settings import TINY_SQUARE
+
+
+class Excused(NamedTuple):
+    """What is left, and what was simulated."""
+
+    pieces: Pieces
+    moved: dict[int, float]  # of each column
+    response: float  # RMS of what that makes, in units of the noise
 
 
 def excuse(
@@ -29,8 +39,8 @@ def excuse(
     later: np.ndarray,
     columns: Sequence[int],
     contrast: Callable[[np.ndarray], Pieces],
-) -> tuple[Pieces, dict[int, float]]:
-    """Return the pieces of what is left, and how much of each column was simulated.
+) -> Excused:
+    """Return what is left once the side after is simulated with what is put down to other things.
 
     Args:
         first: the pieces of the errors as they are.
@@ -44,7 +54,7 @@ def excuse(
     """
     best, moved = first, dict.fromkeys(columns, 0.0)
     if not columns:
-        return best, moved
+        return Excused(best, moved, 0.0)
     options = [response.columns[k] for k in columns]
     typical = [float(one.option.step[one.place]) for one in options]
     for _ in range(simulator.data.settings.compared.excused_rounds):
@@ -56,7 +66,9 @@ def excuse(
         if _left(pieces, simulator) >= _left(best, simulator):
             break
         best, moved = pieces, tried
-    return best, moved
+    use, change = np.array(columns), np.array(list(moved.values()))
+    curve = best.curve[:, use[:, None], use].sum(axis=0)
+    return Excused(best, moved, float(np.sqrt(max(change @ curve @ change, 0.0) / best.rows)))
 
 
 def _fitted(pieces: Pieces, columns: Sequence[int], typical: np.ndarray) -> np.ndarray:
