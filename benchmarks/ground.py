@@ -2,6 +2,7 @@
 
     python -m benchmarks.ground --cases 12              # sealed draws of seed 5, resumable
     python -m benchmarks.ground --cases 40 --seed 8
+    python -m benchmarks.ground --development           # the walks that it was developed on
 
 The emulated robot (servo emulator, bus, another time step than the model's) trots with drawn
 offsets and hides one effect, or none. Its logs hold encoders and the IMU, never the base's
@@ -36,6 +37,7 @@ from sim2real.diagnosis.schema import Cause, Report
 from sim2real.runs.files import write_text
 
 RESULTS = Path(__file__).parent / "results"
+DEVELOPED = 11  # seed of the walks that it was developed on
 SECONDS, EPISODES = 3.0, 6  # of a walk, and how many
 BEGUN = 1.0  # s that every other episode lacks at its start
 OFFSET = 0.12  # rad, of the drawn offsets to the gait
@@ -156,6 +158,33 @@ def scored(report: Report, key: Sequence[Entry]) -> dict[str, Any]:
     }
 
 
+NO_FRICTION = ("coulomb_friction", "viscous_friction", "stribeck_friction", "asymmetric_friction")
+NO_FRICTION += ("load_dependent_friction", "hysteretic_compliance", "dead_zone", "backlash")
+KNEE: Entry = {"effect": "coulomb_friction", "where": "knee_fl", "value": 0.15}
+ICE: Entry = {"effect": "ground_friction", "where": None, "value": 0.3}
+DEVELOPMENT: list[tuple[list[Entry], tuple[str, ...]]] = [  # what is hidden, and excluded
+    ([], ()),
+    ([KNEE], ()),
+    ([{"effect": "command_delay", "where": None, "value": 0.02}], ()),
+    ([{"effect": "motor_strength", "where": "knee_br", "value": 0.7}], ()),
+    ([{"effect": "payload", "where": "torso", "value": 0.25}], ()),
+    ([ICE], ()),
+    ([ICE], ("ground_friction",)),
+    ([KNEE], NO_FRICTION),
+]
+
+
+def develop() -> None:
+    """Print a row for each walk that the ground mode was developed on."""
+    for key, exclude in DEVELOPMENT:
+        logs, before = walks("quad8", key, DEVELOPED), sum(os.times()[:4])
+        report = diagnose(logs, exclude=exclude)
+        row = scored(report, key)
+        spent = sum(os.times()[:4]) - before
+        told = (row["hidden"], row["where"], row["value"], ",".join(exclude), row["verdict"])
+        print(*told, row["found"], row["closed"], f"{spent:.0f} s", sep=" | ", flush=True)
+
+
 def _matches(cause: Cause, hidden: Entry) -> tuple[bool, bool]:
     """Return whether a cause, or what cannot be told from it, is the hidden effect; and its place.
 
@@ -179,7 +208,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--cases", type=int, default=12, help="cases in all (default: 12)")
     parser.add_argument("--seed", type=int, default=5, help="of their draw (default: %(default)s)")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
+    parser.add_argument("--development", action="store_true", help="eight walks that are known")
     chosen = parser.parse_args(arguments)
+    if chosen.development:
+        develop()
+        return 0
     if chosen.cases < 1:
         parser.error("--cases must be at least 1")
     chosen.results.mkdir(parents=True, exist_ok=True)

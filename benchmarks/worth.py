@@ -178,7 +178,7 @@ def correlation(rows: Sequence[Mapping[str, str]], cases: Sequence[str]) -> Inte
         return float(spearmanr(both[:, 0], both[:, 1]).statistic)
 
     rng = np.random.default_rng(0)
-    draws = [of(rng.choice(cases, len(cases)).tolist()) for _ in range(DRAWS // 5)]
+    draws = [of(rng.choice(cases, len(cases)).tolist()) for _ in range(DRAWS // 25)]
     return Interval(of(cases), *map(float, np.nanquantile(draws, [0.025, 0.975])))
 
 

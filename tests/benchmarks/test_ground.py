@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks import ground
 from benchmarks.ground import drawn, scored, walks
 from hardware.config import load_robot
 from sim2real.diagnosis.diagnose import diagnose
@@ -91,3 +92,30 @@ def test_friction_at_a_knee_is_named_with_its_value() -> None:
     (found,) = report.causes
     assert (found.effect, found.where) == ("coulomb_friction", "knee_fl")
     assert found.value_ci[0] < 0.15 < found.value_ci[1]
+
+
+def test_the_walks_of_development_are_told_by_a_command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A row each: what was hidden, what was excluded, what was found; the same seed for all."""
+    asked: list = []
+
+    def walked(name: str, key: list, seed: int) -> list:
+        asked.append((name, seed))
+        return key
+
+    def diagnosed(logs: list, exclude: tuple[str, ...]) -> Report:
+        named = [one for one in logs if one["effect"] not in exclude]
+        return answer("no_gap" if not logs else "explained", *(
+            cause(one["effect"], one["where"]) for one in named
+        ))  # fmt: skip
+
+    monkeypatch.setattr(ground, "walks", walked)
+    monkeypatch.setattr(ground, "diagnose", diagnosed)
+    assert ground.main(["--development"]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    assert asked == [("quad8", ground.DEVELOPED)] * len(ground.DEVELOPMENT)
+    assert rows[0].startswith("nothing | robot | 0 |  | no_gap")
+    assert (
+        "coulomb_friction knee_fl 0.1" in rows[1] and "coulomb_friction knee_fl 0.1" not in rows[-1]
+    )

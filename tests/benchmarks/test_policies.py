@@ -1,0 +1,63 @@
+"""Policies of other libraries: their files fit their descriptions and their tasks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from benchmarks import contract
+from benchmarks.contract_walk import Fault, stacked
+from benchmarks.policies.rows import Rows
+from benchmarks.policies.tasks import POLICIES, down
+from sim2real.diagnosis.contract.description import History
+
+
+@pytest.mark.parametrize("library", POLICIES)
+def test_policy_description_and_task_fit(library: str) -> None:
+    """As many numbers in the task's observation as described, and the policy's actions are used."""
+    pytest.importorskip("onnxruntime")
+    one = POLICIES[library]
+    task = one.task()
+    model = task.spec().compile()
+    about = one.about([model.actuator(i).name for i in range(model.nu)])
+    rows = Rows(task, 2, about.history.length)
+    seen = rows.reset()
+    assert seen.shape == (2, about.size)
+    action = one.actor()(seen)
+    assert action.shape == (2, about.action.size)
+    moved = rows.step(action)
+    frame = about.frame_size
+    if about.history.length > 1:  # the newest frame comes first
+        assert np.array_equal(moved.last[:, frame : 2 * frame], seen[:, :frame])
+    assert np.isfinite(moved.reward).all()
+
+
+def test_a_sound_walk_of_each_has_no_finding() -> None:
+    """And a fault of the first one is named."""
+    pytest.importorskip("onnxruntime")
+    for number in range(len(POLICIES)):
+        told = contract.foreign(3, number, faulty=False)
+        assert (told["key"], told["found"]) == ([], [])
+    told = contract.foreign(8, 0, faulty=True)
+    assert told["key"] and told["named"]
+
+
+def test_gravity_is_that_of_the_rotation() -> None:
+    """The formula of quaternions against scipy's."""
+    turn = Rotation.random(5, random_state=0)
+    made = down(turn.as_quat(scalar_first=True))
+    assert np.allclose(made, turn.inv().apply([0, 0, -1]))
+
+
+def test_a_history_is_stacked_as_the_fault_has_it() -> None:
+    """The described order, and the other one."""
+    about = POLICIES["stable_baselines3"].about(["hip", "knee"])
+    mean, std = about.normalizer
+    frames = [np.full(about.frame_size, float(k)) for k in range(5)]
+    right = stacked(about, [], frames) * std + mean
+    assert np.allclose(right[:: about.frame_size], [4, 3, 2])
+    turned = Fault(("observation", "history_order", "history"),
+                   stack=History(3, "frame", "oldest_first"))  # fmt: skip
+    wrong = stacked(about, [turned], frames) * std + mean
+    assert np.allclose(wrong[:: about.frame_size], [2, 3, 4])
