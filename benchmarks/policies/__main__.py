@@ -1,9 +1,9 @@
 """Train the policies of other libraries that benchmarks.contract checks, and export them as ONNX.
 
-    pip install stable-baselines3==2.9.2 rsl-rl-lib==5.5.1 skrl==2.1.1 onnxscript
-    python -m benchmarks.policies                       # a minute or two each
+    python -m benchmarks.policies                       # a few minutes each
     python -m benchmarks.policies --only rsl_rl
 
+It needs stable-baselines3 2.9.2, rsl-rl-lib 5.5.1, skrl 2.1.1 and onnxscript; the check needs none.
 Stable-Baselines3's has a normalizer outside the network and sees three frames, rsl_rl's holds its
 normalizer, skrl's has none. They are trained shortly: they move, and are no random networks.
 """
