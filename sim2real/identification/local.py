@@ -67,7 +67,7 @@ def explore(
     noise = np.maximum(_square(error), _floor(provider, settings))  # (M,)
     # each reading over its noise, and so often as it says something new
     weight = 1 / np.sqrt(noise * correlation(error))
-    flat = _filled(change * weight).reshape(len(scale), -1) * scale[:, None]
+    flat = _readings(change * weight) * scale[:, None]
     information, vectors = np.linalg.eigh(flat @ flat.T)
     narrowed = 1 - 1 / np.sqrt(1 + np.maximum(information, 0.0))
     sure = narrowed >= settings.known
@@ -141,7 +141,7 @@ def _steps(
     noise = np.maximum(_square(error), _floor(provider, settings))
     for e in range(provider.episodes):
         own = provider.episode == e
-        flat = _filled(change[:, own] / np.sqrt(noise)).reshape(size, -1)
+        flat = _readings(change[:, own] / np.sqrt(noise))
         curve, down = flat @ flat.T, flat @ _filled(error[own] / np.sqrt(noise)).ravel()
         for d, damping in enumerate(settings.dampings):
             matrix = curve + damping * np.diag(np.diag(curve)) + np.eye(size)
@@ -162,7 +162,7 @@ def _covariances(
         own = provider.episode == e
         part, left = change[:, own], error[own]
         noise = np.maximum(_square(left), floor)  # (M,)
-        flat = _filled(part / np.sqrt(noise)).reshape(size, -1)
+        flat = _readings(part / np.sqrt(noise))
         inverse = np.linalg.inv(flat @ flat.T + np.eye(size))  # the prior counts as a reading
         pull = _filled(part * left / noise).sum(axis=-1)  # (K, W, T)
         lift = noise / np.maximum(_square(left), TINY_SQUARE)  # what the floor adds
@@ -205,7 +205,7 @@ def doubt(
     change = _along(sensitivities(provider, prior, values, settings), local)
     floor = _floor(provider, settings)
     noise = np.maximum(_square(left), floor)  # (M,)
-    flat = _filled(change / np.sqrt(noise)).reshape(len(change), -1)
+    flat = _readings(change / np.sqrt(noise))
     beyond = float(np.clip(np.minimum(1 - floor / noise, _lasting(left)), 0.0, 1.0).max())
     count = int(np.isfinite(left).sum())
     inverse = np.linalg.inv(flat @ flat.T / count + np.eye(len(change)))
@@ -260,3 +260,8 @@ def _floor(provider: Aligned, settings: Settings) -> np.ndarray:
 
 def _filled(values: np.ndarray) -> np.ndarray:
     return np.nan_to_num(values, nan=0.0)
+
+
+def _readings(change: np.ndarray) -> np.ndarray:
+    """Return changes (K, W, T, M) as (K, n), a column a reading; K may be 0."""
+    return _filled(change).reshape(len(change), int(np.prod(change.shape[1:])))
