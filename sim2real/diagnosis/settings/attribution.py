@@ -10,7 +10,7 @@ RACE = (
     "measured: case_000 of seed 2217 (docs/thirdparty.md), where the truth, 15th by its promise, "
     "never raced; it closes 0.973, what won among ten 0.942"
 )
-CALIBRATED = "calibrated: on robots of another engine (docs/thirdparty.md), seeds 2218 and 79"
+CALIBRATED = "tuned: on robots of another engine (docs/thirdparty.md), seeds 2218 and 79"
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ class Parsimony:
         0.5,
         "1",
         "share of what is closed that effects of the whole robot must promise, to be sought alone",
-        "judgement: a promise is a straight line, and was off by less in the cases looked at",
+        "judgement: a promise is a straight line, no fit; not studied",
     )
 
 

@@ -85,7 +85,7 @@ class Compared:
         0.5,
         "1",
         "least response of a change, of what is put down to other things and changes",
-        "measured: of three unchanged pairs of an emulated arm2 one had 0.4, and of 15 % more "
+        "measured: of two unchanged pairs of an emulated arm2 one had 0.4, and of 15 % more "
         "friction 0.8",
     )
     excused_rounds: int = setting(
