@@ -83,6 +83,8 @@ def notes(outcome: Outcome) -> Iterator[str]:
     for flat in outcome.found.flat:
         names = " with ".join(f"{name} ({weight:+.2f})" for name, weight in flat.parameters.items())
         yield f"flat: the logs say nothing along {names}; draws keep the prior's width there."
+    if "calibration" in outcome.found.made_by:
+        yield f"calibration: {outcome.found.made_by['calibration']}."
     judged = outcome.judged
     if judged is not None:
         yield (
