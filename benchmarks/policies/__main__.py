@@ -28,6 +28,19 @@ TRAIN: dict[str, Callable[[Policy, int, Path], dict[str, Any]]] = {
 }
 
 
+def bare(path: Path) -> None:
+    """Take out of a model what the exporter says of the machine that it ran on."""
+    import onnx
+
+    model = onnx.load(str(path))
+    graph = model.graph
+    parts = [model, graph, *graph.node, *graph.input, *graph.output, *graph.value_info]
+    for part in [*parts, *graph.initializer]:
+        part.doc_string = ""
+        del part.metadata_props[:]
+    onnx.save(model, str(path))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, train, and write each policy and its description."""
     parser = argparse.ArgumentParser(
@@ -44,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for library in chosen.only:
         one = POLICIES[library]
         description = TRAIN[library](one, chosen.frames, one.file)
+        bare(one.file)
         text = yaml.safe_dump(description, sort_keys=False, default_flow_style=None, width=100)
         head = (
             f"# what the policy of {library} sees and does; made by python -m benchmarks.policies\n"

@@ -18,6 +18,7 @@ def test_policy_description_and_task_fit(library: str) -> None:
     """As many numbers in the task's observation as described, and the policy's actions are used."""
     pytest.importorskip("onnxruntime")
     one = POLICIES[library]
+    assert b"site-packages" not in one.file.read_bytes()  # nothing of the machine that trained it
     task = one.task()
     model = task.spec().compile()
     about = one.about([model.actuator(i).name for i in range(model.nu)])
