@@ -18,7 +18,7 @@ from envs.tasks.goals import (
 from envs.tasks.half_cheetah import HalfCheetah
 from envs.tasks.hopper import Hopper, HopperPolito
 from envs.tasks.inverted_pendulum import InvertedPendulum
-from envs.tasks.servo import Bench1, Follow, Hopper2, Quad8, ServoTask
+from envs.tasks.servo import Bench1, Follow, Hopper2, Quad8, Quad12, ServoTask
 from envs.tasks.swimmer import Swimmer
 from envs.tasks.walker2d import Walker2d
 
@@ -38,6 +38,7 @@ __all__ = [
     "HopperPolito",
     "InvertedPendulum",
     "Quad8",
+    "Quad12",
     "ServoTask",
     "State",
     "Swimmer",

@@ -32,7 +32,7 @@ from hardware.stand import home_pose, hung
 TOLERANT = StopLimits(odd_voltage=1.0, stray=2.0)  # a hidden effect must not stop the recording
 MOTIONS: tuple[Kind, ...] = ("ramp", "chirp", "steps", "multisine", "hold", "swing")
 # Nobody lets go of an arm that would fall; letting go of eight servos one by one takes 20 ms.
-NEVER_LIMP = ("arm6", "quad8")
+NEVER_LIMP = ("arm6", "quad8", "quad12")
 SECONDS = 24.0  # of each motion
 AGAIN = 8.0  # s of the first one that are driven twice: what noise does
 MEET = 1.0  # s after which robots that start from different poses follow the same motion

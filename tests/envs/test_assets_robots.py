@@ -72,6 +72,35 @@ def test_home_is_a_rest(robot_and_model):
     np.testing.assert_allclose(data.qpos, start, atol=0.15)
 
 
+@pytest.mark.parametrize("name", ["quad8", "quad12"])
+def test_servos_carry_a_quadruped(name):
+    """Standing on four legs takes a fifth of the stall torque at most, on two of a trot a third.
+
+    Statics, on feet without friction: a joint carries a quarter of the weight at the foot's
+    distance from its axis, less what hangs on it at the distance of its centre; along x for hip and
+    knee, along y for the abduction.
+    """
+    robot = load_robot(name)
+    model = mujoco.MjModel.from_xml_path(str(robot.model))
+    model.geom_condim[:] = 1
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    mujoco.mj_step(model, data, 2000)
+    weight = 9.81 * model.body_mass.sum()
+    for servo in robot.servos:
+        kind, leg = servo.name.split("_")
+        across, joint = int(kind == "abduct"), model.joint(servo.name)
+        axis = data.joint(servo.name).xanchor[across]
+        foot = data.geom(f"foot_{leg}").xpos[across] - axis
+        hanging = 9.81 * model.body_subtreemass[joint.bodyid[0]]
+        centre = data.subtree_com[joint.bodyid[0]][across] - axis
+        torque = abs(float(data.actuator(servo.name).force[0]))
+        assert torque == pytest.approx(abs(weight / 4 * foot - hanging * centre), abs=0.02)
+        stall = servo.type.stall_torque(robot.supply.voltage)
+        assert torque < stall / 5
+        assert abs(weight / 2 * foot - hanging * centre) < stall / 3
+
+
 def test_bench_swings_like_a_pendulum():
     """Without its motor, bench1 has the period of its inertia: 2 pi sqrt(I / (m g l))."""
     robot = load_robot("bench1")

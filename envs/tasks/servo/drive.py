@@ -60,6 +60,9 @@ KINDS = {
     # sqrt(1.4 N·m / 1.3 A * 11.1 V / 6.0 rad/s) and 11.1 V / 1.3 A of its data sheet;
     # stiffness: that of a public model of such servos (MuJoCo Menagerie's dynamixel_2r)
     "xl430-w250": Kind(1.42, 8.54, 128, 1.4, 50.0),
+    # sqrt(3.0 N·m / 2.3 A * 12 V / 8.06 rad/s) and 12 V / 2.3 A of its data sheet;
+    # stiffness: as above
+    "xm430-w210": Kind(1.39, 5.22, 128, 3.0, 50.0),
     # constant, resistance, P gain, largest duty: identified in Rhoban's BAM,
     # params/feetech_sts3215_7_4V; stall, stiffness: the public model of the SO-101 (SO-ARM100)
     "sts3215": Kind(1.178, 2.48, 3.93, 2.94, 998.22, 1000, 970, "torque_limit", None),

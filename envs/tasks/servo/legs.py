@@ -40,6 +40,12 @@ def joints(swing: np.ndarray, extension: np.ndarray, home: float) -> np.ndarray:
     return np.stack([bend - swing, -2.0 * bend], axis=-1).reshape(len(swing), -1)
 
 
+def spread(abduction: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return abduction, hip and knee of l legs [rad], (n, 3 l), of (n, l) and joints (n, 2 l)."""
+    legs = angles.reshape(*abduction.shape, 2)
+    return np.concatenate([abduction[..., None], legs], axis=-1).reshape(len(angles), -1)
+
+
 def reach(angles: np.ndarray, link: float) -> np.ndarray:
     """Return how far below its hip each foot is [m], (n, l), of joints (n, 2 l), links [m]."""
     hip, knee = angles[:, 0::2], angles[:, 1::2]

@@ -15,7 +15,7 @@ from envs.errors import TaskError
 from envs.plant import Plant
 from envs.replay import Recording, replay
 from envs.simulation import Simulation
-from envs.tasks import Bench1, Hopper2, Quad8, ServoTask
+from envs.tasks import Bench1, Hopper2, Quad8, Quad12, ServoTask
 from envs.tasks.base import Commanded, State
 from envs.tasks.servo.drive import KINDS, servo, slope
 from envs.tasks.servo.robot import ROBOTS
@@ -35,7 +35,7 @@ def robot_file(name: str, **registers: int) -> dict[str, Any]:
     return data
 
 
-@pytest.mark.parametrize("task", [Bench1("servo"), Hopper2("servo"), Quad8("servo")])
+@pytest.mark.parametrize("task", [make("servo") for make in (Bench1, Hopper2, Quad8, Quad12)])
 def test_the_registers_give_the_models_own_actuators(task: ServoTask) -> None:
     """Registers and supply yield the gains, limits and back-EMF that the MJCF states."""
     own, model = mujoco.MjModel.from_xml_path(f"envs/assets/{task.asset}"), task.spec().compile()
@@ -121,10 +121,14 @@ def pattern(task: ServoTask, action: np.ndarray, steps: int) -> np.ndarray:
         (Bench1, [0.0], 6e-3, 50e-3),
         (Hopper2, [0.1, -0.3], 25e-3, 25e-3),
         (Quad8, [0.1, 0.1, 0.0, 0.0, -0.2, -0.1, -0.1, -0.2], 12e-3, 25e-3),
+        (Quad12, [0.1, 0.1, 0.0, 0.0, -0.2, -0.1, -0.1, -0.2, 0, 0, 0.1, 0.1], 16e-3, 25e-3),
     ],
 )
 def test_servo_is_near_the_emulated_bus_and_ideal_is_not(
-    make_task: type[Bench1 | Hopper2 | Quad8], action: list[float], nearest: float, farthest: float
+    make_task: type[Bench1 | Hopper2 | Quad8 | Quad12],
+    action: list[float],
+    nearest: float,
+    farthest: float,
 ) -> None:
     """Under the same commands, one is within milliradians, the other several times farther off."""
     task = make_task("servo")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.tasks import Hopper2, Quad8
-from envs.tasks.servo.legs import Gait, joints, reach, roll_pitch
+from envs.tasks import Hopper2, Quad8, Quad12
+from envs.tasks.servo.legs import Gait, joints, reach, roll_pitch, spread
 
 
 def test_swing_goes_forward_and_extension_makes_long() -> None:
@@ -29,6 +29,29 @@ def test_swing_goes_forward_and_extension_makes_long() -> None:
             down = reach(data.qpos[task.q][None], link)[0, i]
             np.testing.assert_allclose(-foot[2], down, atol=1e-9)
             np.testing.assert_allclose(down, length * np.cos(0.2), atol=1e-9)
+
+
+def test_abduction_goes_outwards_on_either_side() -> None:
+    """Each foot of quad12 turns about its shoulder's axis by the abduction, away from the robot."""
+    task = Quad12()
+    model = task.spec().compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.key("home").qpos
+    turned = 0.25
+    swing, extension = np.array([[0.2, -0.1, 0.0, 0.1]]), np.array([[0.1, 0.0, -0.1, 0.0]])
+    angles = joints(swing, extension, task.home_bend)
+    data.qpos[task.q] = spread(np.full((1, 4), turned), angles)[0]
+    mujoco.mj_kinematics(model, data)
+    length = 0.2 * np.cos(task.home_bend - extension[0])
+    for i, leg in enumerate(("fl", "fr", "bl", "br")):
+        out = 1.0 if leg[1] == "l" else -1.0
+        foot = data.geom(f"foot_{leg}").xpos - data.joint(f"abduct_{leg}").xanchor
+        aside, down = 0.05, length[i] * np.cos(swing[0, i])  # m, in the plane of the leg
+        np.testing.assert_allclose(foot[0], length[i] * np.sin(swing[0, i]), atol=1e-9)
+        wanted = aside * np.cos(turned) + down * np.sin(turned)
+        np.testing.assert_allclose(out * foot[1], wanted, atol=1e-9)
+        wanted = aside * np.sin(turned) - down * np.cos(turned)
+        np.testing.assert_allclose(foot[2], wanted, atol=1e-9)
 
 
 def test_a_leg_is_short_on_its_way_forward() -> None:

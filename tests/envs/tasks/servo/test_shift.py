@@ -9,7 +9,7 @@ import pytest
 
 from envs.effects.file import load_effects
 from envs.plant import Plant
-from envs.tasks import Hopper2, Quad8
+from envs.tasks import Hopper2, Quad8, Quad12
 from envs.tasks.servo.robot import ROBOTS
 from hardware.config import load_robot
 from hardware.emulator.hidden import read_hidden
@@ -21,7 +21,7 @@ FILES = sorted((ROBOTS.parent / "shift").glob("*.yaml"))
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_simulator_and_emulated_robot_differ_alike(path: Path) -> None:
     """Masses, friction, supply, delay, gain: the same numbers in both, and not the model's own."""
-    task = {"quad8": Quad8, "hopper2": Hopper2}[path.stem.split("_")[0]]("servo")
+    task = {"quad8": Quad8, "quad12": Quad12, "hopper2": Hopper2}[path.stem.split("_")[0]]("servo")
     fixed = load_effects(path)
     plant = Plant(task.spec(), fixed=fixed)
     robot = load_robot(task.machine.name)
@@ -49,6 +49,8 @@ def test_there_are_a_load_and_a_slippery_ground_for_both() -> None:
     assert {path.stem for path in FILES} >= {
         "quad8_side_mass",
         "quad8_low_friction",
+        "quad12_side_mass",
+        "quad12_low_friction",
         "hopper2_mass",
         "hopper2_low_friction",
     }

@@ -1,4 +1,4 @@
-"""Quad8 and Hopper2: what they observe, earn and end by, and that a robot can compute it too."""
+"""Legged robots: what they observe, earn and end by, and that a robot can compute it too."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from torchrl.envs.utils import check_env_specs
 from envs.errors import TaskError
 from envs.mujoco import MujocoEnv
 from envs.simulation import Simulation
-from envs.tasks import Hopper2, Quad8, ServoTask
+from envs.tasks import Hopper2, Quad8, Quad12, ServoTask
 from envs.tasks.base import Commanded
 
-TASKS = [Quad8, Hopper2]
+TASKS = [Quad8, Quad12, Hopper2]
 Make = Callable[..., ServoTask]
 
 
@@ -38,7 +38,7 @@ def test_measurements_give_what_the_simulation_gives(make: Make) -> None:
         step = sim.step(None, action)
     after = sim.state()
     assert after.command is not None
-    free = isinstance(task, Quad8)
+    free = not isinstance(task, Hopper2)
     qpos = after.qpos
     position = qpos[:, :3] if free else np.column_stack([qpos[:, 0], 0 * qpos[:, 0], qpos[:, 1]])
     position = position + np.array([0, 0, 0.0 if free else 0.1133])
@@ -82,9 +82,24 @@ def test_quad8_sees_twelve_numbers() -> None:
     np.testing.assert_allclose(step.observation[:, 10:], [[np.sin(phase), np.cos(phase)]] * 2)
 
 
-def test_quad8_falls_by_tilting() -> None:
+def test_quad12_sees_sixteen_numbers() -> None:
+    """Roll, pitch, twelve angles 2.5 ms old, sine and cosine of the phase, in this order."""
+    task = Quad12("servo")
+    sim = start(task, 2)
+    for _ in range(5):
+        step = sim.step(None, np.zeros((2, 12)))
+    assert step.observation.shape == (2, 16)
+    moving = 0.0025 * sim.plant.qvel[:, 6:]
+    angles = sim.plant.qpos[:, 7:] - moving
+    np.testing.assert_allclose(step.observation[:, 2:14], angles, atol=1.5e-3)
+    phase = 2 * np.pi * 2.0 * 5 * 0.02
+    np.testing.assert_allclose(step.observation[:, 14:], [[np.sin(phase), np.cos(phase)]] * 2)
+
+
+@pytest.mark.parametrize("make", [Quad8, Quad12])
+def test_a_quadruped_falls_by_tilting(make: Make) -> None:
     """Past 0.6 rad of roll or pitch it is over, whatever the yaw."""
-    task = Quad8()
+    task = make()
     quaternions = []
     for roll, pitch, yaw in ((0.0, 0.0, 3.0), (0.59, 0.0, 0.0), (0.61, 0.0, 0.0), (0, -0.61, 0)):
         r, p, y = np.array([roll, pitch, yaw]) / 2
@@ -96,7 +111,7 @@ def test_quad8_falls_by_tilting() -> None:
                 np.cos(r) * np.cos(p) * np.sin(y) - np.sin(r) * np.sin(p) * np.cos(y),
             ]
         )
-    still = np.zeros((4, 8))
+    still = np.zeros((4, len(task.q)))
     command = Commanded(np.zeros(4), still, still)
     state = task.measured(still, still, command, orientation=np.array(quaternions))
     np.testing.assert_array_equal(task.terminated(state), [False, False, True, True])
@@ -104,7 +119,7 @@ def test_quad8_falls_by_tilting() -> None:
 
 def test_speed_beyond_the_cap_is_not_paid() -> None:
     """A robot twice as fast as the cap earns what one at the cap earns."""
-    for task in (Quad8(), Hopper2()):
+    for task in (Quad8(), Quad12(), Hopper2()):
         n = len(task.machine.low)
         still, command = (
             np.zeros((2, n)),
