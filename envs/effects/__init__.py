@@ -42,6 +42,7 @@ from envs.effects.friction_rules import (
 from envs.effects.goal import Goal
 from envs.effects.hysteresis import HystereticCompliance
 from envs.effects.inertia import CenterOfMass, GravityTilt, LinkInertia, LinkMass, Payload
+from envs.effects.length import LinkLength
 from envs.effects.registry import EFFECTS, make, register
 from envs.effects.sampling import ObservationDelay
 from envs.effects.scale import RobotScale
@@ -67,7 +68,7 @@ for _effect in (
     *(ObservationDelay, EncoderOffset, EncoderEccentricity, ClockDrift),
     *(SensorNoise, Quantization, VelocityFilter),
     *(LinkMass, CenterOfMass, Payload, GravityTilt, GroundFriction, ContactStiffness),
-    LinkInertia,
+    *(LinkInertia, LinkLength),
     *(Colour, LightLevel, LightDirection, CameraShift, CameraTurn),
     Goal,
 ):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar, Literal, get_args
 
 import mujoco
 import numpy as np
@@ -12,14 +12,37 @@ from envs.effects.field import FieldEffect
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
-from envs.errors import EffectError
+from envs.errors import EffectError, did_you_mean
 from envs.params import How, Parameter
 
 LIGHTEST = 1e-3  # kg: below this the engine's constants become ill conditioned
+Inertia = Literal["kept", "scaled"]
+INERTIA: tuple[Inertia, ...] = get_args(Inertia)
+
+
+class _Dense(BoundEffect):
+    """Scales a body's inertia by what another effect does to its mass."""
+
+    def __init__(self, plant: PlantView, body: int, mass: BoundEffect) -> None:
+        self._mass, self._inertia = plant.field("body_mass"), plant.field("body_inertia")
+        self._body, self._write = body, mass.write
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        at = (ids, self._body)
+        before = self._mass[at]
+        self._write(ids, values)
+        self._inertia[at] *= (self._mass[at] / before)[:, None]
 
 
 class LinkMass(FieldEffect):
-    """The mass of a body, at its centre of mass; its inertia tensor stays."""
+    """The mass of a body, at its centre of mass.
+
+    Its inertia tensor stays (`inertia: kept`, what a load near the centre does), or follows in
+    proportion (`scaled`, another density).
+
+    Args:
+        inertia: `kept` or `scaled`.
+    """
 
     name = "link_mass"
     place = "body"
@@ -33,6 +56,32 @@ class LinkMass(FieldEffect):
     symptom = "static sag and lag under load that grow with gravity's lever arm"
     source = "MuJoCo XML reference, body/inertial/mass"
     experiment = "hold several poses with the link horizontal, then swing it slowly"
+
+    def __init__(
+        self,
+        where: str | None = None,
+        how: How | None = None,
+        inertia: Inertia = "kept",
+        **arguments: Any,
+    ) -> None:
+        super().__init__(where, how, **arguments)
+        if inertia not in INERTIA:
+            raise EffectError(
+                f"{self.label()}: inertia={inertia!r} is unknown{did_you_mean(inertia, INERTIA)}; "
+                f"it can be: {', '.join(INERTIA)}"
+            )
+        self.inertia: Inertia = inertia
+
+    def options(self) -> dict[str, Any]:
+        """Return what becomes of the inertia, where it is not kept."""
+        return {} if self.inertia == "kept" else {"inertia": self.inertia}
+
+    def bind(self, plant: PlantView) -> BoundEffect:
+        """Write the mass of each row, and its inertia where that follows."""
+        mass = super().bind(plant)
+        if self.inertia == "kept":
+            return mass
+        return _Dense(plant, find(plant.model, "body", self.where), mass)
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the link's mass and of the robot's."""

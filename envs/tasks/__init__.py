@@ -2,6 +2,7 @@
 
 from envs.tasks.ant import Ant
 from envs.tasks.base import State, Task
+from envs.tasks.cart_pole import CartPole
 from envs.tasks.goals import (
     AntDirection,
     AntPosition,
@@ -28,6 +29,7 @@ __all__ = [
     "AntPosition",
     "AntVelocity",
     "Bench1",
+    "CartPole",
     "Follow",
     "GoalTask",
     "HalfCheetah",

@@ -50,6 +50,7 @@ STANDARD = [
     "actuator_lag",
     "integral_action",
     "link_inertia",
+    "link_length",
     "hysteretic_compliance",
     "encoder_eccentricity",
     "clock_drift",
