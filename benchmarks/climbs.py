@@ -60,7 +60,7 @@ def gains(operator: HillClimb, law: Law, scale: float, seed: int, climbs: int) -
     """Return how much of the way to the top climbs gain, (climbs,)."""
     rng, members = np.random.default_rng(seed), np.arange(climbs)
     start = np.zeros((climbs, SIZE), np.float32)
-    cohort = operator.start_many(start, [np.random.default_rng([seed, m]) for m in members])
+    cohort = operator.start_many(start, [np.random.default_rng([seed, m]) for m in range(climbs)])
     for episode in range(operator.episodes):
         which = np.full(climbs, episode)
         told = height(cohort.candidates(members, which)) + noise(rng, law, scale, climbs)

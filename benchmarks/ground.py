@@ -17,7 +17,7 @@ import csv
 import io
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,9 +42,9 @@ SECONDS, EPISODES = 3.0, 6  # of a walk, and how many
 BEGUN = 1.0  # s that every other episode lacks at its start
 OFFSET = 0.12  # rad, of the drawn offsets to the gait
 Entry = dict[str, Any]
-TASKS: dict[str, type[ServoTask]] = {"quad8": Quad8, "hopper2": Hopper2}
-FIELDS = ("case", "robot", "hidden", "where", "value", "verdict", "named", "place", "right")
-FIELDS += ("explained_wrong", "superfluous", "found", "closed", "seconds", "cpu_seconds")
+TASKS: dict[str, Callable[..., ServoTask]] = {"quad8": Quad8, "hopper2": Hopper2}
+FIELDS: tuple[str, ...] = ("case", "robot", "hidden", "where", "value", "verdict", "named", "place")
+FIELDS += ("right", "explained_wrong", "superfluous", "found", "closed", "seconds", "cpu_seconds")
 
 
 def drawn(robot: Robot, rng: np.random.Generator) -> list[Entry]:

@@ -48,8 +48,8 @@ SETTLE = 1.0  # s that the start is held
 STOPS = StopLimits(odd_voltage=1.0, stray=2.0)  # a hidden effect must not stop the robot
 DRAWS = 5000  # resamples of an interval
 Entry = dict[str, Any]
-FIELDS = ("case", "robot", "policy", "effect", "where", "value", "predicted", "predicted_low")
-FIELDS += ("predicted_high", "measured", "measured_low", "measured_high")
+FIELDS: tuple[str, ...] = ("case", "robot", "policy", "effect", "where", "value", "predicted")
+FIELDS += ("predicted_low", "predicted_high", "measured", "measured_low", "measured_high")
 FIELDS += ("simulator_as_given", "simulator", "robot_return")
 # of each effect: smallest and largest value, by robot; None: one for the whole robot
 SIZES: dict[str, dict[str, tuple[float, float]]] = {
@@ -175,7 +175,8 @@ def correlation(rows: Sequence[Mapping[str, str]], cases: Sequence[str]) -> Inte
 
     def of(names: Sequence[str]) -> float:
         both = np.concatenate([costs[name] for name in names])
-        return float(spearmanr(both[:, 0], both[:, 1]).statistic)
+        told: Any = spearmanr(both[:, 0], both[:, 1])  # SciPy makes its type as it runs
+        return float(told.statistic)
 
     rng = np.random.default_rng(0)
     draws = [of(rng.choice(cases, len(cases)).tolist()) for _ in range(DRAWS // 25)]

@@ -148,7 +148,7 @@ def _entry(given: Any) -> Entry:
 def _column(given: Mapping[str, Any], key: str, label: str, count: int) -> tuple[float, ...]:
     """Return a number for each parameter of an entry."""
     value = given.get(key)
-    several = value if isinstance(value, list) else [value]
+    several: list[Any] = value if isinstance(value, list) else [value]
     if len(several) != count or any(
         isinstance(one, bool) or not isinstance(one, int | float) for one in several
     ):

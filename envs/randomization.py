@@ -129,7 +129,8 @@ class Randomization:
     def __init__(self, draws: Sequence[Draw] = (), per: Literal["reset", "row"] = "reset") -> None:
         if per not in ("reset", "row"):
             raise ParameterError(f"per={per!r} is unknown; parameters are drawn per: reset, row")
-        self.draws, self.per = tuple(draws), per
+        self.draws = tuple(draws)
+        self.per: Literal["reset", "row"] = per
         self.effects = tuple(draw.effect for draw in self.draws)
         self._columns: list[int] | None = None
 

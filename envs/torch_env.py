@@ -284,7 +284,7 @@ class RandomizeParams(Transform):
                 f"{'nothing' if env is None else type(env).__name__} has not; put it into a "
                 "TransformedEnv over a MujocoEnv, or leave it out"
             )
-        names = list(env.observation_spec["params"].keys())
+        names = list(map(str, env.observation_spec["params"].keys()))
         try:
             values = self.tasks.sample(self._rng, max(1, env.batch_size.numel()))  # (N, P)
         except ParameterError as error:

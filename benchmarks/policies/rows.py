@@ -39,6 +39,8 @@ class Rows:
         self.simulation = Simulation(task, count, threads=1)
         self.count, self.actions = count, self.simulation.action_size
         self.steps = task.max_steps
+        rest = task.rest(self.simulation.plant.nominal)
+        self.pose = [round(float(angle), 6) for angle in rest]  # rad, as a description has it
         self._rng = np.random.default_rng(seed)
         self._frames = np.zeros((count, history, self.simulation.observation_size))
         self.size = self._frames[0].size

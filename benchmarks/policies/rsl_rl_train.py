@@ -60,11 +60,10 @@ def train(policy: Policy, frames: int, out: Path) -> dict[str, Any]:
         import onnx
 
         onnx.save(onnx.load(str(Path(folder) / "policy.onnx")), str(out))
-    task = env.rows.simulation.task
     return {
         "name": "quad8 of rsl_rl",
         "base": "legged_gym",
-        "default_pose": [round(float(angle), 6) for angle in task.pose],
+        "default_pose": env.rows.pose,
         "observation": [
             {"term": "gyro", "scale": 0.25},
             {"term": "gravity"},

@@ -18,6 +18,7 @@ HISTORY, ROWS = 3, 16
 def train(policy: Policy, frames: int, out: Path) -> dict[str, Any]:
     """Train, write the ONNX file, and return the description."""
     from stable_baselines3 import PPO
+    from stable_baselines3.common.running_mean_std import RunningMeanStd
     from stable_baselines3.common.vec_env import VecNormalize
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 
@@ -58,7 +59,8 @@ def train(policy: Policy, frames: int, out: Path) -> dict[str, Any]:
         def env_is_wrapped(self, wrapper_class, indices=None):
             return [False] * ROWS
 
-    env = VecNormalize(Env(), norm_reward=True, clip_obs=10.0)
+    raw = Env()
+    env = VecNormalize(raw, norm_reward=True, clip_obs=10.0)
     model = PPO(
         "MlpPolicy",
         env,
@@ -75,13 +77,14 @@ def train(policy: Policy, frames: int, out: Path) -> dict[str, Any]:
     one = torch.zeros(1, env.observation_space.shape[0])
     torch.onnx.export(network, (one,), str(out), input_names=["obs"], output_names=["actions"],
                       external_data=False)  # fmt: skip
-    mean, std = env.obs_rms.mean, np.sqrt(env.obs_rms.var + env.epsilon)
-    pose = [round(float(angle), 6) for angle in env.venv.rows.simulation.task.pose]
+    seen = env.obs_rms
+    assert isinstance(seen, RunningMeanStd)  # a dict where observations are
+    mean, std = seen.mean, np.sqrt(seen.var + env.epsilon)
     return {
         "name": "hopper2 of Stable-Baselines3",
         "rate": 100.0,
         "joints": ["hip", "knee"],
-        "default_pose": pose,
+        "default_pose": raw.rows.pose,
         "observation": [
             {"term": "joint_position", "relative": True},
             {"term": "joint_velocity", "scale": 0.1},

@@ -93,7 +93,7 @@ def train(policy: Policy, frames: int, out: Path) -> dict[str, Any]:
     return {
         "name": "arm6 of skrl",
         "rate": 50.0,
-        "default_pose": [round(float(angle), 6) for angle in rows.simulation.task.pose],
+        "default_pose": rows.pose,
         "observation": [
             {"term": "joint_position", "relative": True},
             {"term": "joint_velocity", "scale": 0.2},

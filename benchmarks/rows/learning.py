@@ -20,6 +20,7 @@ from benchmarks.rows.base import Row, Timing
 from benchmarks.rows.others import TASK
 from sim2real.config.compose import compose, prepare
 from sim2real.learning.algorithms.base import build
+from sim2real.learning.algorithms.sac import SAC
 
 BATCH = 2048  # environment steps of an iteration, in all rows of PPO but the tuned one
 
@@ -65,7 +66,10 @@ class Ours(Row):
         self._learner.iterate()
 
     def _count(self) -> int:
-        return self._learner.updates if self.unit == "updates" else self._learner.frames
+        if self.unit == "env steps":
+            return self._learner.frames
+        assert isinstance(self._learner, SAC)  # whose presets alone count updates
+        return self._learner.updates
 
     def run(self) -> Timing:
         """Iterate on."""
@@ -88,13 +92,13 @@ class StableBaselines3(Row):
 
     def __init__(self, name: str, algorithm: Literal["PPO", "SAC", "TRPO"], amount: int) -> None:
         self.name, self._algorithm, self._amount = name, algorithm, amount
-        self.needs = "sb3_contrib" if algorithm == "TRPO" else "stable_baselines3"
+        self._package = self.needs = "sb3_contrib" if algorithm == "TRPO" else "stable_baselines3"
         self.unit = "updates" if algorithm == "SAC" else "env steps"
         self.setup = f"its {algorithm}, defaults, 1 environment"
 
     def build(self) -> None:
         """Make the learner and warm it up."""
-        maker = getattr(import_module(self.needs), self._algorithm)  # an optional package
+        maker = getattr(import_module(self._package), self._algorithm)  # an optional package
         self._learner = maker("MlpPolicy", TASK, device="cpu", seed=0)
         self._learner.learn(150 if self._algorithm == "SAC" else BATCH)
 

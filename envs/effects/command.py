@@ -189,7 +189,7 @@ class Profile(SubstepRule):
     def _limited(self, ids: np.ndarray) -> np.ndarray:
         """Return in which of the rows ids (n,) a goal has a limit, (n,)."""
         limits = np.minimum(self.velocity[ids], self.acceleration[ids])
-        return np.isfinite(limits).any(axis=1)
+        return np.any(np.isfinite(limits), axis=1)
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep the rows whose goals have limits; the others' commands are left as they are."""

@@ -58,7 +58,8 @@ class Arrivals(SubstepRule):
         self._lines = np.flatnonzero(
             (model.actuator_historyadr >= 0) & (model.actuator_ctrlnum == 1)
         )
-        self._history = plant.batch.bind("history") if model.nhistory else None  # (N, nhistory)
+        none = np.empty((plant.num_rows, 0))
+        self._history = plant.batch.bind("history") if model.nhistory else none  # (N, nhistory)
         self._first = model.actuator_historyadr[self._lines]  # (L,)
         self._samples, self._interp = model.actuator_history[self._lines].T
         self._found = np.zeros((plant.num_rows, model.nactuator))
@@ -77,7 +78,7 @@ class Arrivals(SubstepRule):
         delays = self._plant.model.actuator_delay if every is None else every
         shape = (self._plant.num_rows, len(self._lines))
         delays = np.broadcast_to(delays[..., self._lines], shape)
-        self._rows = np.flatnonzero((delays > 0).any(axis=1) & (self._history is not None))
+        self._rows = np.flatnonzero((delays > 0).any(axis=1))
         self._delay = delays[self._rows]
         self._at_newest = (self._rows[:, None], self._first + 1)
         self._after = np.ones(self._delay.shape, int)

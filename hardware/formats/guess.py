@@ -87,7 +87,7 @@ def _columns(log: Path) -> str:
             continue
         column, unit = found
         for i in range(width):
-            entry: dict[str, object] = {"from": name} | ({"unit": unit} if unit else {})
+            entry: dict[str, object] = {"from": name, **({"unit": unit} if unit else {})}
             key = column if width == 1 else f"{column.partition('.')[0]}.joint{i}"
             columns[key] = entry | ({"index": i} if width > 1 else {})
     lines = [
