@@ -202,6 +202,7 @@ def _array(value: Any) -> np.ndarray:
     """Return what a program returned as an array; raises ActorError if it is no tensor."""
     if isinstance(value, tuple | list) and value:
         value = value[0]
-    if not hasattr(value, "numpy"):
+    as_numpy = getattr(value, "numpy", None)
+    if as_numpy is None:
         raise Sim2RealError(f"the policy returned a {type(value).__name__}, not an action")
-    return value.numpy().astype(np.float64)
+    return as_numpy().astype(np.float64)

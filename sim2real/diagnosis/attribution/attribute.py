@@ -57,7 +57,8 @@ class Search:
         on_progress: OnProgress,
         floors: np.ndarray | None = None,
     ) -> None:
-        self.problem, self.options, self.floor = problem, list(options), floor
+        self.problem, self.floor = problem, floor
+        self.options: Sequence[Candidate] = list(options)
         self.work = problem.simulator.work
         self.floors = np.full(len(problem.data.joints), floor) if floors is None else floors
         self.on_progress = on_progress

@@ -121,8 +121,9 @@ class _Families:
         """Return what may join: first a gain with what goes with it, then every family."""
         single: list[tuple[str, ...]] = [(kind,) for kind in self.left]
         plain = [kind for kind, family in self.left.items() if family[0].group == PLAIN]
-        ranks = {kind: self.effect(kind).servo_rank for kind in plain}
-        servo = tuple(sorted((k for k in plain if ranks[k] is not None), key=ranks.__getitem__))
+        every = {kind: self.effect(kind).servo_rank for kind in plain}
+        ranks = {kind: rank for kind, rank in every.items() if rank is not None}
+        servo = tuple(sorted(ranks, key=ranks.__getitem__))
         if fit.members or not servo or ranks[servo[0]] != STIFFNESS:
             return single
         others = [kind for kind in plain if kind not in servo and "offset" not in kind]

@@ -50,6 +50,13 @@ class Kind(enum.Enum):
     LONG, SHORT, ADDED = range(3)
 
 
+class _Longer(NamedTuple):
+    """The same windows in longer time steps, where these keep the motion."""
+
+    problem: Problem
+    error: np.ndarray  # (W, T, M), with what is known already
+
+
 class _Look(NamedTuple):
     """A candidate, and the numbers of its probes that are simulated."""
 
@@ -103,22 +110,22 @@ def screen(
     known = sensitivities(problem, found.members, found.values, base) if found.members else ()
     view = View(problem, found, base, np.array([drift, *known]))
     result = Screening([], [], base, drift)
-    own = None if coarse is None else _alike(view, coarse)
+    longer = None if coarse is None else _alike(view, coarse)
     if found.members and len(options) > problem.data.settings.screening.probed_max:
-        options = _likely(view, options, before, result, coarse, own)
+        options = _likely(view, options, before, result, longer)
     seen, rest = [], []
     looks = [_Look(option, range(len(option.probes))) for option in options]
-    if own is not None and len(options) > problem.data.settings.screening.kept_max:
-        seen, looks, rest = _glance(view, options, result, coarse, own)
+    if longer is not None and len(options) > problem.data.settings.screening.kept_max:
+        seen, looks, rest = _glance(view, options, result, longer)
     seen += _simulate(view, looks)
     for one in [*sorted(seen, key=lambda one: -one.gain), *rest]:
         result.guesses.append(one.promises[0][1])
         result.responses.extend(one.responses())
-    return result if own is None else result._replace(offset=base - own)
+    return result if longer is None else result._replace(offset=base - longer.error)
 
 
-def _alike(view: View, coarse: Problem) -> np.ndarray | None:
-    """Return the errors in longer steps, (W, T, M); None where these lose the motion.
+def _alike(view: View, coarse: Problem) -> _Longer | None:
+    """Return the longer steps with their errors; None where these lose the motion.
 
     A command acts from the next step on: they may be late.
     """
@@ -131,15 +138,14 @@ def _alike(view: View, coarse: Problem) -> np.ndarray | None:
     motion = np.array([joint.spread for joint in data.joints]) / data.scale
     rows = data.mask[view.problem.windows].sum()
     most = data.settings.screening.coarse_off**2 * rows * (motion**2).sum()
-    return error[0] if (change**2).sum() < most else None
+    return _Longer(coarse, error[0]) if (change**2).sum() < most else None
 
 
 def _glance(
     view: View,
     options: Sequence[Candidate],
     result: Screening,
-    coarse: Problem,
-    own: np.ndarray,
+    longer: _Longer,
 ) -> tuple[list[_Seen], list[_Look], list[_Seen]]:
     """Return who is kept and was seen as it is, what is to be simulated yet, and who is left out.
 
@@ -151,7 +157,7 @@ def _glance(
         [option for option in options if kind_of(option.effect) == kind] for kind in Kind
     )
     exact = _simulate(view, [_Look(option, range(len(option.probes))) for option in short])
-    seen = _simulate(view, [_Look(o, range(len(o.probes))) for o in long], coarse, own)
+    seen = _simulate(view, [_Look(o, range(len(o.probes))) for o in long], longer)
     seen += _simulate(view, [_Look(option, _middle(option)) for option in added])
     order = sorted([*exact, *seen], key=lambda one: -one.gain)
     done, looks = [], []
@@ -173,8 +179,7 @@ def _likely(
     options: Sequence[Candidate],
     before: Sequence[Response],
     now: Screening,
-    coarse: Problem | None,
-    own: np.ndarray | None,
+    longer: _Longer | None,
 ) -> list[Candidate]:
     """Return the options that may promise most; adds how the middle probes of others change it."""
     told: dict[str, dict[int, np.ndarray]] = {}
@@ -190,7 +195,7 @@ def _likely(
     strangers = [_Look(o, _middle(o)) for o in options if o.label not in gains]
     long = [look for look in strangers if kind_of(look.candidate.effect) is Kind.LONG]
     others = [look for look in strangers if kind_of(look.candidate.effect) is not Kind.LONG]
-    glanced = _simulate(view, long, *((coarse, own) if own is not None else ()))
+    glanced = _simulate(view, long, longer)
     glanced += _simulate(view, others)
     gains |= {seen.candidate.label: seen.gain for seen in glanced}
     most = view.problem.data.settings.screening.probed_max
@@ -220,22 +225,15 @@ def _middle(option: Candidate) -> list[int]:
     return sorted(kept)
 
 
-def _simulate(
-    view: View,
-    looks: Sequence[_Look],
-    problem: Problem | None = None,
-    own: np.ndarray | None = None,
-) -> list[_Seen]:
+def _simulate(view: View, looks: Sequence[_Look], longer: _Longer | None = None) -> list[_Seen]:
     """Simulate probes, those of a group in one batch, and return what was seen.
 
     Args:
         view: what is wrong.
         looks: the probes.
-        problem: to simulate with, and
-        own: its errors without them, (W, T, M); None takes those of the view.
+        longer: the steps to simulate with; None takes the view's own.
     """
-    problem = view.problem if problem is None else problem
-    own = view.base if own is None else own
+    problem, own = longer or (view.problem, view.base)
     limits = problem.data.settings.screening
     groups = dict.fromkeys(look.candidate.group for look in looks)
     parts = [[look for look in looks if look.candidate.group == group] for group in groups]

@@ -56,8 +56,9 @@ def confounders(
     warm = _medians(data, "temperature", before, after)
     volts = _medians(data, "voltage", before, after)
     told, excused, least = [], [], np.zeros(len(columns))
+    was, now = warm
     known = None not in warm
-    warmer = abs(warm[1] - warm[0]) if known else limits.unknown_warmer
+    warmer = limits.unknown_warmer if was is None or now is None else abs(now - was)
     alike = known and warmer <= limits.same_temperature
     if alike:
         text = "close enough to explain nothing"
@@ -79,10 +80,11 @@ def confounders(
             excused += [k for k, c in enumerate(columns) if c.option.name in limits.thermal]
     told.append(Confounder("temperature", *warm, "°C", text))
     change, same = None, []
-    if None in volts:
+    low, high = volts
+    if low is None or high is None:
         text = "log voltage.<actuator>: a weaker supply shows in the motion alone"
-    elif abs(volts[1] / volts[0] - 1) >= limits.same_voltage:
-        change = volts[1] / volts[0] - 1
+    elif abs(high / low - 1) >= limits.same_voltage:
+        change = high / low - 1
         text = "another supply, as the servos measured it"
     else:
         text = "the same supply"

@@ -128,11 +128,11 @@ def _differences(
     found = []
     for first, second in pairs:
         for own in place:
-            ones, others = ([of.get((k, own)) for k in side] for side in (first, second))
-            if None in (*ones, *others):
+            if any((k, own) not in of for k in (*first, *second)):
                 continue
+            ones, others = ([of[k, own] for k in side] for side in (first, second))
             wrong = error[others].mean(axis=0) - error[ones].mean(axis=0)
-            mask = data.mask[[*ones, *others]].all(axis=0)
+            mask = np.all(data.mask[[*ones, *others]], axis=0)
             columns = _columns(response, place[own])
             found.append(_Stretch(wrong, columns, mask, (*first, *second), parts[own], False))
     return found

@@ -93,9 +93,10 @@ def watched(data: Data, known: Sequence[Fixed], names: Sequence[str]) -> Watch:
     for option in every:
         if option.name in names:
             kept.setdefault((option.name, option.effect.where), option)
-    stays = [one for one in known if one[0].composes or not _option(every, one)]
-    moved = [one for one in known if one not in stays]
-    shared = tuple(_option(every, one) for one in moved)
+    found = [(one, None if one[0].composes else _option(every, one)) for one in known]
+    stays = [one for one, option in found if option is None]
+    moved = [one for one, option in found if option is not None]
+    shared = tuple(option for _, option in found if option is not None)
     for option in shared:
         if (option.name, option.effect.where) in kept:
             kept[option.name, option.effect.where] = option

@@ -15,7 +15,7 @@ covariances, so that thousands of ways are compared at once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -90,7 +90,7 @@ def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract
     misfit = search.misfit(plain)
     blind = search.blind(plain)
     if misfit.max() <= limits.suspect:
-        return Decoded(left=float(misfit.max()), **blind)
+        return replace(blind, left=float(misfit.max()))
     every = search.every(ways)
     best = min(every, key=lambda way: way.score)
     return search.judged(plain, best, every, blind)
@@ -137,8 +137,8 @@ class _Search:
         square = np.mean((self.logged - made) ** 2, axis=0) - self.target.rounding
         return np.sqrt(np.maximum(square, 0.0)) / spread
 
-    def blind(self, plain: Way) -> dict[str, object]:
-        """Return what the log cannot tell even if all is as described."""
+    def blind(self, plain: Way) -> Decoded:
+        """Return, with nothing else, what the log cannot tell even if all is as described."""
         names, limits = self.target.elements, self.limits
         source = self.rows.older(plain.variant.values, plain.age)[self.use]
         still = source.std(axis=0) < limits.still
@@ -147,15 +147,13 @@ class _Search:
         age = plain.age + 1
         later = self._way(plain.variant, age, plain.gain, plain.pose,
                           self._moments(plain.variant, age), exact=True)  # fmt: skip
-        return {
-            "static": tuple(n for n, s in zip(names, still, strict=True) if s),
-            "exchangeable": tuple(tuple(names[i] for i in g) for g in _groups(pairs)),
-            "age_open": bool(not still.all() and later.score - plain.score < limits.alike),
-        }
+        return Decoded(
+            static=tuple(n for n, s in zip(names, still, strict=True) if s),
+            exchangeable=tuple(tuple(names[i] for i in g) for g in _groups(pairs)),
+            age_open=bool(not still.all() and later.score - plain.score < limits.alike),
+        )
 
-    def judged(
-        self, plain: Way, best: Way, every: Sequence[Way], blind: dict[str, object]
-    ) -> Decoded:
+    def judged(self, plain: Way, best: Way, every: Sequence[Way], blind: Decoded) -> Decoded:
         """Return the changes of the best way, if they explain enough."""
         before, after = self.misfit(plain), self.misfit(best)
         limits = self.limits
@@ -163,14 +161,20 @@ class _Search:
         old, new = (float(np.sqrt(np.mean(m[wrong] ** 2))) for m in (before, after))
         found = changes(self.target, best)
         if not found or new > min(limits.margin * old, limits.left_max):
-            return Decoded((), old, old, float(before.max()), **blind)  # type: ignore[arg-type]
+            return replace(blind, before=old, after=old, left=float(before.max()))
         near = [w for w in every if w is not best and w.score - best.score < limits.alike]
         near += self._reordered(best)
         others = dict.fromkeys(changes(self.target, w) for w in sorted(near, key=lambda w: w.score))
         others.pop(found, None)
-        sure = self._sure(plain, best, wrong)
-        left = float(after.max())
-        return Decoded(found, old, new, left, sure, tuple(others), **blind)  # type: ignore[arg-type]
+        return replace(
+            blind,
+            changes=found,
+            before=old,
+            after=new,
+            left=float(after.max()),
+            sure=self._sure(plain, best, wrong),
+            others=tuple(others),
+        )
 
     def _moments(self, way: Variant, age: int) -> Moments:
         source = self.rows.older(way.values, age)[self.use]

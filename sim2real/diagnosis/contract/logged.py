@@ -53,6 +53,7 @@ class Policy(Protocol):
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """Map observations (n, O) to actions (n, A)."""
+        ...
 
 
 LoadPolicy = Callable[[str | Path], Policy]

@@ -222,11 +222,12 @@ def changes(target: Target, way: Way) -> tuple[Change, ...]:
 def _of_elements(target: Target, way: Way) -> list[Change]:
     """Return order, signs, offsets and scales of single numbers."""
     names, found, name = target.elements, [], target.name
-    moved = np.flatnonzero(way.order != np.arange(len(names)))
-    if moved.size:
+    own: list[int] = way.order.tolist()
+    moved = [j for j, i in enumerate(own) if i != j]
+    if moved:
+        order = [names[i] for i in own]
         places = tuple(names[j] for j in moved)
-        read = ", ".join(f"{names[way.order[j]]} where {names[j]} belongs" for j in moved)
-        order = [names[way.order[j]] for j in range(len(names))]
+        read = ", ".join(f"{order[j]} where {names[j]} belongs" for j in moved)
         fix = f"the robot's order is [{', '.join(order)}]; reorder it as described"
         found.append(Change("permutation", places, f"{name} has {read}", fix))
     turned = [j for j in range(len(names)) if way.option[j] in SIGNED]

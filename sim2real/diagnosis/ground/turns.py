@@ -33,11 +33,11 @@ def turned(time: np.ndarray, imu: Imu, settings: Ground) -> tuple[np.ndarray, np
 
 def slopes(time: np.ndarray, turn: Rotation) -> np.ndarray:
     """Return the angular velocity of orientations in their own axes, (T, 3) [rad/s]."""
-    rows = np.arange(len(time))
-    before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(time) - 1)
-    step = (turn[before].inv() * turn[after]).as_rotvec()
-    half = (turn[before].inv() * turn[rows]).as_rotvec()  # into the axes of the middle
-    rate = step / (time[after] - time[before])[:, None]
+    before = Rotation.concatenate([turn[:1], turn[:-1]])
+    after = Rotation.concatenate([turn[1:], turn[-1:]])
+    step = (before.inv() * after).as_rotvec()
+    half = (before.inv() * turn).as_rotvec()  # into the axes of the middle
+    rate = step / (np.append(time[1:], time[-1:]) - np.append(time[:1], time[:-1]))[:, None]
     return Rotation.from_rotvec(-half).apply(rate)
 
 

@@ -199,7 +199,7 @@ def filtered_residual(parts: Sequence[Log], joint: str, settings: Clocks = DEFAU
 def _first_order(x: np.ndarray, ratio: float) -> np.ndarray:
     """Filter x (T,) with a time constant of 1 / ratio rows."""
     share = 1 - np.exp(-ratio)
-    return lfilter([share], [1, share - 1], x)
+    return np.asarray(lfilter([share], [1, share - 1], x))
 
 
 def _mean_of_last(x: np.ndarray, ratio: float) -> np.ndarray:
