@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Literal, NamedTuple
 
+Form = Literal["add", "signed", "factor", "limit", "mass", "tilt"]
+
 
 class Extra(NamedTuple):
     """A further scalar of an effect: a constant, or a parameter where it is in `free`.
@@ -49,7 +51,7 @@ class Sizes(NamedTuple):
         high: the largest.
     """
 
-    form: Literal["add", "signed", "factor", "limit", "mass", "tilt"]
+    form: Form
     unit: str
     low: float
     high: float

@@ -74,7 +74,8 @@ def film(
         video: rate and length.
         camera: what draws.
     """
-    simulation = env.base_env.rows
+    world: Any = env.base_env
+    simulation = world.rows
     model = simulation.plant.batch.get_model(0)
     dt = model.opt.timestep * simulation.task.frame_skip
     frames, total, steps, over = [], 0.0, 0, False

@@ -158,7 +158,7 @@ def _named(cause: Cause) -> dict[str, Any]:
         "effect": effect.name,
         "where": effect.where,
         "side": effect.side,
-        "value": list(cause.values) if len(cause.values) > 1 else cause.values[0],
+        "value": cause.values[0] if len(cause.values) == 1 else list(cause.values),
         "ci": ends,
         "unit": effect.unit,
     }

@@ -22,6 +22,7 @@ import numpy as np
 
 from envs.effects import EFFECTS as VOCABULARY
 from envs.effects import Sizes
+from envs.effects.extras import Form
 from hardware.config import Robot, Servo
 from hardware.emulator.hidden import EFFECTS as LAWS
 
@@ -53,7 +54,7 @@ class Secret:
     effect: str
     where: str | None
     joint: str | None
-    form: str
+    form: Form
     unit: float
     direction: float
     side: str | None = None

@@ -81,7 +81,7 @@ def rivals(robot: Robot, name: str, truth: Mapping[str, Any]) -> list[Effect]:
             spots = [joint]
         case "body":
             chain = _chain(robot.model, moved(robot)[joint])
-            spots = sorted(chain & set(moved(robot).values()))
+            spots = [*sorted(chain & set(moved(robot).values()))]
     return [
         make(name, where=spot, side=side, **extra)
         for spot in spots
@@ -89,7 +89,7 @@ def rivals(robot: Robot, name: str, truth: Mapping[str, Any]) -> list[Effect]:
     ]
 
 
-def _chain(path: Path, body: str) -> set[str | None]:
+def _chain(path: Path, body: str) -> set[str]:
     """Return a body, those that carry it and those that it carries."""
     model = mujoco.MjModel.from_xml_path(str(path))
     start = model.body(body).id

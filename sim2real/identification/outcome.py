@@ -6,7 +6,7 @@ write(outcome, Path("outputs/identify/..."))    # distribution.yaml, table.md, i
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -68,7 +68,7 @@ def table(outcome: Outcome) -> Table:
 
 def readable(made: Table) -> Table:
     """Return a table whose numbers are texts of three digits, small ones too."""
-    rows = [[_digits(cell) for cell in row] for row in made.rows]
+    rows: list[Sequence[Cell]] = [[_digits(cell) for cell in row] for row in made.rows]
     return Table(made.columns, rows, made.notes)
 
 

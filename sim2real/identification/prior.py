@@ -169,7 +169,7 @@ def _of_cause(
     effect = make(cause.effect, where=where, **side, **extra)
     own = parameters(effect, data)
     spans = [one for one in there if (one.name, one.effect.where) == (cause.effect, where)]
-    if len(own) > 1 or not cause.value_ci[1] > cause.value_ci[0]:
+    if len(own) != 1 or not cause.value_ci[1] > cause.value_ci[0]:
         if not spans:
             raise Sim2RealError(
                 f"{effect.label()} has no interval in the report, and this robot has no such "

@@ -158,7 +158,8 @@ class Cma:
                 on_turn(turn + 1, self.generations, least)
             if strategy.stop():
                 break
-        return Found(best, *history[-1], np.array(history))
+        mean, std = history[-1]
+        return Found(best, mean, std, np.array(history))
 
 
 class EasiEs:
