@@ -234,7 +234,7 @@ class World(TransformedEnv):
     """
 
     def __init__(self, base: EnvBase, made: Environment, seed: int) -> None:
-        super().__init__(base, Compose())
+        super().__init__(base, Compose([]))
         self.made, self.seed = made, seed
 
 

@@ -18,7 +18,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -26,7 +26,7 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
-from torchrl.envs import Transform, TransformedEnv
+from torchrl.envs import EnvBase, Transform, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from envs.params import ParamSpace
@@ -38,6 +38,7 @@ from sim2real.learning.modules.randomness import Randomness
 from sim2real.learning.population.rollout import Played, play
 
 Tensor = torch.Tensor
+Net = TypeVar("Net", bound=nn.Module)
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ class Trained:
             explore: seed of actions that are drawn; None for the means.
         """
         shown = self.environment.shown()
-        base = partial(FedEnv, *shown, dtype=self.dtype)
+        base: partial[EnvBase] = partial(FedEnv, *shown, dtype=self.dtype)
         env = self.world(num_rows, self.environment.over(base))
         actor = self.actor(self.theta if theta is None else theta)
         return Pilot(env, actor, self.cut, explore)
@@ -187,7 +188,7 @@ def flat(module: nn.Module) -> np.ndarray:
     return parameters_to_vector(module.parameters()).detach().cpu().numpy().astype(np.float32)
 
 
-def with_parameters(module: nn.Module, theta: np.ndarray) -> nn.Module:
+def with_parameters(module: Net, theta: np.ndarray) -> Net:
     """Return a copy of a module with other parameters, (P,)."""
     copy = deepcopy(module)
     vector_to_parameters(torch.from_numpy(np.asarray(theta, np.float32)), copy.parameters())
@@ -263,7 +264,8 @@ class Pilot:
         explore: int | None = None,
     ) -> None:
         self._env, self._actor, self._cut = env, actor, cut
-        self._fed: Fed = env.base_env.rows
+        rows: Any = env.base_env.rows
+        self._fed: Fed = rows
         self._now: TensorDictBase | None = None
         self._random = None if explore is None else Randomness(explore, "cpu")
 

@@ -100,7 +100,8 @@ def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
     """
     size = env.base_env.full_observation_spec["observation"].shape[-1]
     mean, std = np.zeros(size), np.ones(size)
-    for one in env.transform.transforms:
+    chain: Any = env.transform
+    for one in chain.transforms:
         if isinstance(one, RunningNorm) and one.in_keys == ["observation"]:
             found = [np.broadcast_to(x.cpu().numpy(), size) for x in one.affine()]
             mean, std = mean + std * found[0], std * found[1]
@@ -157,11 +158,11 @@ class RunningNorm(Transform):
     def _call(
         self, next_tensordict: TensorDictBase, began: torch.Tensor | None = None
     ) -> TensorDictBase:
-        for key in self.in_keys:
+        for key, moments in self.moments.items():
             x = next_tensordict.get(key)
             if self.training:
                 rows = x.reshape(-1, x.shape[-1])
-                self.moments[key].update(rows if began is None else rows[began.reshape(-1)])
+                moments.update(rows if began is None else rows[began.reshape(-1)])
                 self._newest.pop(key, None)
             mean, std = self._applied(key, x)
             scaled = ((x.to(mean.dtype) - mean) / std).clamp_(-self.limit, self.limit)
@@ -250,7 +251,9 @@ class RewardScaling(Transform):
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Return the specs with the rewards as they were."""
-        reward = self.parent.full_reward_spec["reward"]
+        parent = self.parent
+        assert parent is not None  # specs are an environment's
+        reward = parent.full_reward_spec["reward"]
         observation_spec["raw_reward"] = Unbounded(
             reward.shape, dtype=torch.float32, device=reward.device
         )

@@ -64,15 +64,16 @@ class OnPolicy(Algorithm):
             for primer in self.policy.primers():
                 env.append_transform(primer)
             check_policy(env, self.policy)
-            if self.policy.critic is None:
+            critic = self.policy.critic
+            if critic is None:
                 raise _refused(f"policy: it has no critic, and {self.name} trains one, too")
-            self._window = self.policy.window
+            self._critic, self._window = critic, self.policy.window
             if steps % self._window:
                 raise Sim2RealError(
                     f"policy.window={self._window} does not divide algorithm.steps={steps}"
                 )
             self.collecting = Collecting(parts, env, self.policy.actor, num_rows * steps)
-            self._advantage = parts.part("advantage")(value_network=self.policy.critic)
+            self._advantage = parts.part("advantage")(value_network=critic)
             self._loss = parts.part("loss")(self.policy.actor, self.policy.loss_critic)
             self._buffer = parts.part("buffer")(batch_size=max(1, minibatch_size // self._window))
         self.frames = self.iteration = 0
@@ -117,7 +118,7 @@ class OnPolicy(Algorithm):
         """Return what the loss reads, all of which must be there."""
         keys = [*self._loss.in_keys, *self._advantage.out_keys]
         check_loss(self._loss, data)
-        return [*keys, *self.policy.actor.in_keys, *self.policy.critic.in_keys]
+        return [*keys, *self.policy.actor.in_keys, *self._critic.in_keys]
 
     @property
     def shape(self) -> dict[str, Any]:

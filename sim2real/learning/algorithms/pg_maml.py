@@ -187,8 +187,9 @@ class PGMAML(Algorithm):
             return x.gather(1, wide)
 
         seen = tuple(some(x) for x in experience.seen)
-        rest = [some(x) for x in experience[1:4]]
-        return Experience(seen, *rest, torch.full_like(rest[-1], 1 / count))
+        action, log_prob, advantage = (some(x) for x in experience[1:4])
+        weight = torch.full_like(advantage, 1 / count)
+        return Experience(seen, action, log_prob, advantage, weight)
 
     @property
     def shape(self) -> dict[str, Any]:

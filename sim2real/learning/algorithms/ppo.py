@@ -13,6 +13,8 @@ episode that the time limit cuts off goes on in its value; one that the task end
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from tensordict import TensorDictBase
 from torchrl.modules import set_recurrent_mode
@@ -100,7 +102,7 @@ class PPO(OnPolicy):
 
 def _logged(losses: list[TensorDictBase]) -> dict[str, float]:
     """Return the means of what minibatches logged, besides the losses."""
-    mean = torch.stack([one.detach() for one in losses]).mean()
+    mean: Any = torch.stack([one.detach() for one in losses]).mean()
     found = {f"train/{k}": float(v) for k, v in mean.items() if not k.startswith("loss_")}
     kept = ("train/clip_fraction", "train/entropy")
     out = {name: value for name, value in found.items() if name in kept}

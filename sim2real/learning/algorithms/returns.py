@@ -28,10 +28,10 @@ class Returns:
         """Take a batch of steps (N, T) into account."""
         reward = data.get(RAW, None)
         reward = data["next", "reward"] if reward is None else reward
-        over = data["next", "done"][..., 0].cpu().numpy()
+        over = np.asarray(data["next", "done"][..., 0].cpu())
         failed = data.get(("next", "failed"), None)
         self.failures += 0 if failed is None else int(failed.sum())
-        for paid, done in zip(reward[..., 0].cpu().numpy().T, over.T, strict=True):
+        for paid, done in zip(np.asarray(reward[..., 0].cpu()).T, over.T, strict=True):
             self._returns += paid
             self._lengths += 1
             if done.any():

@@ -62,7 +62,7 @@ class TRPO(OnPolicy):
         super().__init__(parts, num_rows=num_rows, steps=steps, minibatch_size=minibatch_size)
         self._step, self._critic_epochs = step, critic_epochs
         self._law = Law(self.policy.actor)
-        critic = list(self.policy.critic.parameters())
+        critic = list(self._critic.parameters())
         if {id(p) for p in critic} & {id(p) for p in self._law.parameters}:
             raise Sim2RealError(
                 "policy: TRPO's critic must not move its actor, and here they share networks; use "

@@ -60,7 +60,7 @@ class FastCollector(Collector):
         env = self.env
         self._transformed = isinstance(env, TransformedEnv)
         self._base = env.base_env if isinstance(env, TransformedEnv) else env
-        self._transform: Any = Compose(*())
+        self._transform: Any = Compose([])
         if isinstance(env, TransformedEnv):
             self._transform = env.transform
         self._acts_through = any(_changes_actions(one) for one in self._transform)

@@ -7,6 +7,7 @@ losses = loss(minibatch)                          # loss_objective = -mean(r A),
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 
@@ -34,5 +35,6 @@ class FastPPOLoss(FastClipPPOLoss):
     @property
     def _clip_bounds(self) -> tuple[Tensor, Tensor]:
         """Return the logarithms of the least and the largest ratio."""
-        limits = torch.tensor([-math.inf, math.inf], device=self.clip_epsilon.device)
+        epsilon: Any = self.clip_epsilon
+        limits = torch.tensor([-math.inf, math.inf], device=epsilon.device)
         return limits[0], limits[1]

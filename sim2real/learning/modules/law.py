@@ -146,9 +146,9 @@ def fisher_product(
         vector: the parameters, (P,).
         weight: of each law in the sum, such as 1 / B for their mean.
     """
-    (loc, log_scale), backward = vjp(function, vector)
+    (loc, log_scale), backward = vjp(function, vector)[:2]
     zero = torch.zeros_like(loc), torch.zeros_like(log_scale)
-    _, forward = vjp(lambda weights: backward(weights)[0], zero)
+    _, forward = vjp(lambda weights: backward(weights)[0], zero)[:2]
     precision = (-2 * log_scale.detach()).exp()
 
     def product(direction: Tensor) -> Tensor:

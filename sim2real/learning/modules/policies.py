@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 import torch
+from tensordict import NestedKey
 from tensordict.nn import (
     AddStateIndependentNormalScale,
     ProbabilisticTensorDictSequential,
@@ -114,7 +115,9 @@ def actor_critic(
     """
     if window < 1:
         raise Sim2RealError(f"policy.window={window} must be at least 1")
-    seen, shared, recurrent = list(in_keys), [], None
+    shared: list[Any] = []
+    seen: list[NestedKey] = list(in_keys)
+    recurrent = None
     check_keys("policy.in_keys", seen, env)
     if body:
         shared.append(Module(nn.Sequential(*(make() for make in body.values())), seen, [FEATURES]))
@@ -140,11 +143,11 @@ def actor_critic(
     if value is None:
         return Policy(drawn, None, memory=recurrent, window=window)
     head = ValueOperator(value, in_keys=seen)
-    whole = TensorDictSequential(*shared, head) if shared else head
+    whole = TensorDictSequential(*[*shared, head]) if shared else head
     return Policy(drawn, whole, head if shared else None, recurrent, window)
 
 
-def gaussian(modules: Sequence[TensorDictModuleBase], env: EnvBase) -> Any:
+def gaussian(modules: Sequence[Any], env: EnvBase) -> Any:
     """Return modules that write "loc" and "scale" as an actor that draws from a normal law."""
     return ProbabilisticActor(
         TensorDictSequential(*modules) if len(modules) > 1 else modules[0],
@@ -158,9 +161,9 @@ def gaussian(modules: Sequence[TensorDictModuleBase], env: EnvBase) -> Any:
 Module = TensorDictModule
 
 
-def _spread(mean: nn.Module, scale: nn.Module, seen: list[str]) -> list[TensorDictModuleBase]:
+def _spread(mean: nn.Module, scale: nn.Module, seen: list[NestedKey]) -> list[Module]:
     """Return what writes the normal law: one module, where one entry is seen."""
-    both = ["loc", "scale"]
+    both: list[NestedKey] = ["loc", "scale"]
     if len(seen) == 1:
         return [Module(nn.Sequential(mean, scale), seen, both)]
     return [Module(mean, seen, ["loc"]), Module(scale, ["loc"], both)]
@@ -168,7 +171,7 @@ def _spread(mean: nn.Module, scale: nn.Module, seen: list[str]) -> list[TensorDi
 
 def _size(
     env: EnvBase,
-    keys: list[str],
+    keys: Sequence[NestedKey],
     shared: Sequence[TensorDictModuleBase],
     memory: Any = None,
 ) -> int:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 import torch
+from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import nn
 from torchrl.data import Bounded
@@ -99,7 +100,7 @@ def soft_actor_critic(
     space: Any = env.action_spec_unbatched.space
     if space is None or not (space.low.isfinite() & space.high.isfinite()).all():
         raise Sim2RealError("algorithm=sac needs finite action limits; use algorithm=ppo")
-    seen, count = list(in_keys), env.action_spec.shape[-1]
+    seen, count = list[NestedKey](in_keys), env.action_spec.shape[-1]
     size = sum(env.full_observation_spec[key].shape[-1] for key in seen)
     said = actor(in_features=size, out_features=2 * count)
     body = nn.Sequential(said, NormalHead(log_std_min, log_std_max))

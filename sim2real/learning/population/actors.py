@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 import torch
@@ -106,7 +106,7 @@ class ActorPolicy:
         for module in self.actor.modules():
             # Not by set_exploration_type: that is one switch for the threads of all shards.
             if isinstance(module, ProbabilisticTensorDictModule):
-                module.default_interaction_type = InteractionType.DETERMINISTIC
+                module.default_interaction_type = InteractionType("deterministic")
         self._network, self.primers = network, primers
         self.action_low, self.action_high = action_limits(env)
         self.observation_size = observation_size(env)
@@ -188,7 +188,8 @@ class NormalizedActor(TensorDictModuleBase):
 
     def __init__(self, actor: TensorDictModuleBase, mean: np.ndarray, std: np.ndarray) -> None:
         super().__init__()
-        self.actor, self.in_keys, self.out_keys = actor, actor.in_keys, actor.out_keys
+        self.actor, keys = actor, cast("Any", actor)
+        self.in_keys, self.out_keys = keys.in_keys, keys.out_keys
         self.register_buffer("mean", torch.tensor(mean, dtype=torch.float64))
         self.register_buffer("std", torch.tensor(std, dtype=torch.float64))
 

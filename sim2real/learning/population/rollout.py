@@ -64,4 +64,4 @@ def _start(env: EnvBase, values: np.ndarray | None, seeds: np.ndarray) -> Tensor
 
 
 def _column(data: TensorDictBase, name: str) -> np.ndarray:
-    return data[name][..., 0].cpu().numpy()
+    return np.asarray(data[name][..., 0].cpu())
