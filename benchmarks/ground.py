@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.tasks import Hopper2, Quad8
+from envs.tasks import Hopper2, Quad8, Quad12
 from envs.tasks.servo import ServoTask
 from hardware.backends import ServoBackend
 from hardware.config import Robot, load_robot
@@ -42,7 +42,11 @@ SECONDS, EPISODES = 3.0, 6  # of a walk, and how many
 BEGUN = 1.0  # s that every other episode lacks at its start
 OFFSET = 0.12  # rad, of the drawn offsets to the gait
 Entry = dict[str, Any]
-TASKS: dict[str, Callable[..., ServoTask]] = {"quad8": Quad8, "hopper2": Hopper2}
+TASKS: dict[str, Callable[..., ServoTask]] = {
+    "quad8": Quad8,
+    "quad12": Quad12,
+    "hopper2": Hopper2,
+}
 FIELDS: tuple[str, ...] = ("case", "robot", "hidden", "where", "value", "verdict", "named", "place")
 FIELDS += ("right", "explained_wrong", "superfluous", "found", "closed", "seconds", "cpu_seconds")
 
@@ -73,7 +77,7 @@ def walks(
     """Return logs of an emulated robot's walks, one an episode.
 
     Args:
-        name: of the robot: quad8 or hopper2.
+        name: of the robot: quad8, quad12 or hopper2.
         hidden: entries of an effects file.
         seed: of the offsets and of the emulator.
         episodes: their number; every other one begins in mid-gait.

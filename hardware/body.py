@@ -19,6 +19,7 @@ import numpy as np
 
 from hardware.emulator.model import home_pose
 from hardware.emulator.world import World
+from hardware.parts import QUANTITIES
 
 SIZES = {"orientation": 4, "gyro": 3, "position": 3}  # what a task may observe or be paid for
 OF_THE_IMU = {  # quantity: kind of a log's column, and its parts
@@ -64,13 +65,15 @@ class EmulatedBody:
     """The IMU of an emulated robot, a tracker of its base, and the hand that puts it back.
 
     Args:
-        world: the robot. Its IMU is what its model has of the sensors `orientation` and `gyro`.
+        world: the robot. Its IMU is that of its file, with its errors; where the file has none, it
+            is what its model has of the sensors `orientation` and `gyro`.
     """
 
     def __init__(self, world: World) -> None:
         self._world = world
         mechanics = world.mechanics
-        imu = tuple(name for name in ("orientation", "gyro") if name in mechanics.sensors())
+        own = mechanics.sensors() if world.robot.imu is None else world.robot.imu.emulated.measures
+        imu = tuple(name for name in QUANTITIES if name in own)
         self._base = int(mechanics.model.body_rootid[mechanics.model.dof_bodyid[mechanics.dof[0]]])
         turned = set(mechanics.qpos.tolist())
         model = mechanics.model
@@ -88,7 +91,9 @@ class EmulatedBody:
         """Return what the robot's IMU and the tracker see now."""
         self._world.advance(now)
         mechanics = self._world.mechanics
-        values = {name: v for name, v in mechanics.sensors().items() if name in self.names}
+        inertial = self._world.inertial
+        seen = mechanics.sensors() if inertial is None else inertial.measure()
+        values = {name: seen[name] for name in QUANTITIES if name in self.names}
         if "position" in self.names:
             values["position"] = mechanics.data.xpos[self._base].copy()
         return values

@@ -19,7 +19,7 @@ from typing import Any
 import yaml
 
 from hardware.errors import RobotError, did_you_mean, listed
-from hardware.parts import IMUS, Bus, BusSettings, Imu, Servo, Supply
+from hardware.parts import IMUS, QUANTITIES, Bus, BusSettings, Imu, ImuErrors, Servo, Supply
 from hardware.typed import mapping, typed_fields
 
 ROOT = Path(__file__).parents[1]
@@ -242,7 +242,10 @@ def _with_first_bus(data: Mapping[str, Any], place: str) -> dict[str, Any]:
 
 
 def _imu(data: Any, place: str) -> Imu:
-    imu = Imu(**typed_fields(Imu, data, place))
+    values = typed_fields(Imu, data, place)
+    if "emulated" in values:
+        values["emulated"] = _imu_errors(values["emulated"], f"{place}: emulated")
+    imu = Imu(**values)
     if imu.model not in IMUS:
         hint = did_you_mean(imu.model, IMUS)
         raise RobotError(f"{place}: model: unknown part {imu.model!r}{hint}: {listed(IMUS)}")
@@ -251,6 +254,21 @@ def _imu(data: Any, place: str) -> Imu:
         raise RobotError(f"{place}: mount: {list(imu.mount)} is no unit quaternion w x y z")
     w, x, y, z = (part / length for part in imu.mount)
     return replace(imu, mount=(w, x, y, z))
+
+
+def _imu_errors(data: Any, place: str) -> ImuErrors:
+    values = typed_fields(ImuErrors, data, place)
+    measures = values.get("measures", ImuErrors.measures)
+    if not isinstance(measures, list | tuple) or not set(measures) <= set(QUANTITIES):
+        raise RobotError(
+            f"{place}: measures: {measures!r}; it is a list of {listed(QUANTITIES)}, of which each "
+            "may be left out"
+        )
+    errors = ImuErrors(**{**values, "measures": tuple(measures)})
+    for key in ("orientation_noise", "gyro_noise", "acceleration_noise", "latency"):
+        if not getattr(errors, key) >= 0:
+            raise RobotError(f"{place}: {key}: {getattr(errors, key)} is below 0")
+    return errors
 
 
 def _check_ports(buses: Sequence[Bus], place: str) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from hardware.tables import ServoType, servo_type
 
 IMUS = ("bno085-rvc",)  # part and mode
+QUANTITIES = ("orientation", "gyro", "acceleration")  # that an emulated IMU can measure
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,30 @@ class Bus(BusSettings):
 
 
 @dataclass(frozen=True)
+class ImuErrors:
+    """What an emulated IMU measures, and how far from the truth; the axes are those of its site.
+
+    Args:
+        measures: the quantities that the robot without ports has, some of QUANTITIES; at a port the
+            frames of the part say what there is.
+        orientation_noise: standard deviation of each reading's turn about each axis [rad].
+        gyro_noise: the same of the angular velocity [rad/s].
+        acceleration_noise: the same of the acceleration [m/s^2].
+        gyro_bias: what is added to the angular velocity [rad/s].
+        acceleration_bias: what is added to the acceleration [m/s^2].
+        latency: how old what is read is [s].
+    """
+
+    measures: tuple[str, ...] = ("orientation", "gyro")
+    orientation_noise: float = 0.0
+    gyro_noise: float = 0.0
+    acceleration_noise: float = 0.0
+    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    acceleration_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    latency: float = 0.0
+
+
+@dataclass(frozen=True)
 class Imu:
     """An IMU on a serial port of its own.
 
@@ -78,12 +103,14 @@ class Imu:
         site: of the robot's MJCF, where it is.
         mount: how the part is turned in the site's axes, a unit quaternion w x y z.
         port: the serial port, None for none.
+        emulated: what the emulated part measures, and how well.
     """
 
     model: str
     site: str
     mount: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     port: str | None = None
+    emulated: ImuErrors = ImuErrors()
 
 
 @dataclass(frozen=True)

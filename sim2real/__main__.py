@@ -132,7 +132,7 @@ def launch() -> None:
     """Let Hydra make the run's folder and call `job`: once, or for each job of a sweep."""
     import hydra
 
-    from sim2real.config.compose import CONF
+    from sim2real.config.catalogue import CONF
 
     before = os.environ.get(FULL, "0")
     os.environ[WANTED] = before

@@ -4,8 +4,8 @@
     for arrival, data in imu.until(0.5):        # the robot goes on to the time of each frame
         ...
 
-The part's own filters are not published and not modelled: orientation and acceleration are true, to
-the resolution of a frame.
+The part's own filters are not published and not modelled: orientation and acceleration are those of
+`inertial.py`, to the resolution of a frame.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from hardware.emulator.model import IMU_SENSOR
 from hardware.emulator.world import World
 from hardware.imu import rvc
 
@@ -29,11 +28,12 @@ class EmulatedImu:
 
     def __init__(self, world: World) -> None:
         assert world.robot.imu is not None
-        self._world = world
+        assert world.inertial is not None
+        self._world, self._inertial = world, world.inertial
         self._mount = np.array(world.robot.imu.mount)
-        self._site = world.mechanics.model.site(world.robot.imu.site).id
         self._number = 0
-        self._start = self._turned()[0]  # rad: the part's heading is 0 where it starts
+        # rad: the part's heading is 0 where it starts
+        self._start = self._turned(self._inertial.measure()["orientation"])[0]
 
     def until(self, time: float) -> Iterator[tuple[float, bytes]]:
         """Yield (arrival [s], bytes) of each frame that is measured up to a time [s]."""
@@ -42,28 +42,16 @@ class EmulatedImu:
             yield due + rvc.SIZE * 10 / rvc.BAUD, self._frame()
             self._number += 1
 
-    def _turned(self) -> tuple[float, float, float]:
-        """Return the part's yaw, pitch and roll in the world [rad]."""
-        site, part = np.zeros(4), np.zeros(4)
-        mujoco.mju_mat2Quat(site, self._world.mechanics.data.site_xmat[self._site])
+    def _turned(self, site: np.ndarray) -> tuple[float, float, float]:
+        """Return the part's yaw, pitch and roll in the world [rad], of its site's orientation."""
+        part = np.zeros(4)
         mujoco.mju_mulQuat(part, site, self._mount)
         return rvc.angles(part)
 
     def _frame(self) -> bytes:
-        yaw, pitch, roll = self._turned()
+        seen = self._inertial.measure()
+        yaw, pitch, roll = self._turned(seen["orientation"])
         back, along = np.zeros(4), np.zeros(3)
         mujoco.mju_negQuat(back, self._mount)
-        mujoco.mju_rotVecQuat(along, self._felt(), back)
+        mujoco.mju_rotVecQuat(along, seen["acceleration"], back)
         return rvc.encode(self._number, (yaw - self._start, pitch, roll), along)
-
-    def _felt(self) -> np.ndarray:
-        """Return the acceleration along the site's axes, gravity included [m/s^2], (3,).
-
-        What holds a robot is no part of the physics, which lets it fall and puts it back: what is
-        held feels its weight.
-        """
-        mechanics = self._world.mechanics
-        if not mechanics.is_held:
-            return mechanics.data.sensor(IMU_SENSOR).data
-        axes = mechanics.data.site_xmat[self._site].reshape(3, 3)
-        return -mechanics.model.opt.gravity @ axes

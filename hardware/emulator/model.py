@@ -18,7 +18,11 @@ from hardware.emulator.hidden import Hidden
 from hardware.errors import RobotError, listed
 from hardware.parts import Imu
 
-IMU_SENSOR = "imu acceleration"  # of the emulated IMU, beside the model's own sensors
+IMU_SENSORS = {  # of the emulated IMU, beside the model's own sensors
+    "orientation": ("imu orientation", mujoco.mjtSensor.mjSENS_FRAMEQUAT),
+    "gyro": ("imu gyro", mujoco.mjtSensor.mjSENS_GYRO),
+    "acceleration": ("imu acceleration", mujoco.mjtSensor.mjSENS_ACCELEROMETER),
+}
 MOST_SERVOS = 30  # MuJoCo can switch 31 groups of actuators
 
 
@@ -64,18 +68,14 @@ def build_model(
 
 
 def _add_imu(spec: mujoco.MjSpec, robot: Robot, imu: Imu) -> None:
-    """Let the model tell the acceleration at the IMU's site."""
+    """Let the model tell what is measured at the IMU's site."""
     sites = [site.name for site in spec.sites]
     if imu.site not in sites:
         raise RobotError(
             f"{robot.model}: imu: there is no site {imu.site!r}; it has {listed(sites)}"
         )
-    spec.add_sensor(
-        name=IMU_SENSOR,
-        type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
-        objtype=mujoco.mjtObj.mjOBJ_SITE,
-        objname=imu.site,
-    )
+    for name, kind in IMU_SENSORS.values():
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=imu.site)
 
 
 def home_pose(robot: Robot) -> dict[str, np.ndarray]:

@@ -19,6 +19,7 @@ from hardware.emulator.faults import Fault, Faults
 from hardware.emulator.feetech_inner import inner
 from hardware.emulator.firmware import Firmware
 from hardware.emulator.hidden import Hidden, read_hidden
+from hardware.emulator.inertial import Inertial
 from hardware.emulator.mechanics import Mechanics
 from hardware.emulator.memory import Memory
 from hardware.emulator.servo import REBOOT_SILENCE, Servo
@@ -46,7 +47,7 @@ class World:
         seed: int = 0,
         registers: Mapping[str, Mapping[str, int]] | None = None,
     ) -> None:
-        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
+        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
         for servo in robot.servos:
             servo.type.check_emulated()
         self.robot = robot = inner(robot)
@@ -62,6 +63,8 @@ class World:
         self._events = _events(faults)
         self._delays = self.hidden.robot["command_delay"] > 0
         self.wire_rng = streams[2]  # the randomness of the wire before it
+        imu = robot.imu
+        self.inertial = None if imu is None else Inertial(imu, self.mechanics, streams[3])
         self._held = np.zeros(len(self.servos), bool)
 
     @property
@@ -89,6 +92,8 @@ class World:
                 for servo in self.servos:
                     servo.apply_due(now)
             firmware.tick()
+            if self.inertial is not None:
+                self.inertial.remember()
 
     def excuse(self, seconds: float) -> None:
         """Let this time [s] not count for the bus watchdogs: nothing could be heard in it."""

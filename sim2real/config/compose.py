@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from hydra import compose as hydra_compose
-from hydra import initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
@@ -26,8 +24,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from envs.errors import did_you_mean
 from sim2real.config import extensions, signatures
-from sim2real.config.arguments import path_value
-from sim2real.config.catalogue import CONF, EXPERIMENT, options
+from sim2real.config.catalogue import EXPERIMENT, options
+from sim2real.config.composed import composed
 from sim2real.config.folders import free_folder, run_folder
 from sim2real.config.renamed import renamed
 from sim2real.config.targets import ConfigError, build, build_named, check, locate
@@ -138,18 +136,11 @@ def compose(overrides: list[str]) -> dict[str, Any]:
         ConfigError: see `checked`; a name or a value that is not there.
     """
     try:
-        return checked(_compose(with_checkpoint(overrides)), overrides)
+        return checked(composed(with_checkpoint(overrides)), overrides)
     except yaml.YAMLError as error:
         raise ConfigError(f"this is no YAML: {' '.join(str(error).split())}") from error
     except (HydraException, OmegaConfBaseException) as error:
         raise explain(error, overrides) from error
-
-
-def _compose(overrides: list[str]) -> DictConfig:
-    own = extensions.folder()
-    path = [] if own is None else [f"hydra.searchpath=[{path_value(f'file://{own}')}]"]
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return hydra_compose("config", [*overrides, *path])
 
 
 def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str, Any]:
@@ -346,7 +337,7 @@ def _siblings(parent: str, overrides: list[str]) -> Iterable[str]:
     if not parent:
         return [*(f.name for f in fields(Config)), EXPERIMENT]
     try:
-        node = OmegaConf.select(_compose(overrides), parent)
+        node = OmegaConf.select(composed(overrides), parent)
     except (HydraException, OmegaConfBaseException):
         return []
     return (

@@ -11,8 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hydra import initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
 
 from sim2real.config import signatures
+from sim2real.config.catalogue import CONF
 from sim2real.config.compose import compose, device, save, sweep_jobs, with_checkpoint
 from sim2real.config.folders import run_folder
 from sim2real.config.targets import ConfigError, build, check
@@ -101,6 +104,16 @@ def test_composition_takes_values() -> None:
     tree = compose(["+experiment=smoke", "seed=7", "algorithm.sigma=1", "policy=mlp2"])
     assert (tree["seed"], tree["algorithm"]["sigma"], tree["policy"]["hidden"]) == (7, 1, [32, 32])
     assert (tree["iterations"], tree["env"]["task"]["max_steps"]) == (2, 50)
+
+
+def test_composing_within_a_job_leaves_its_hydra_alone() -> None:
+    """A job that reads how another run was trained composes while Hydra runs the job itself."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        running = GlobalHydra.instance().hydra
+        assert running is not None
+        assert compose(["+experiment=smoke", "seed=7"])["seed"] == 7
+        assert GlobalHydra.instance().hydra is running
+    assert GlobalHydra.instance().hydra is None
 
 
 def test_a_group_set_to_none_leaves_nothing_of_the_experiment() -> None:
