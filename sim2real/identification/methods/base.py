@@ -55,8 +55,12 @@ class Method(Protocol):
     """See the module's text."""
 
     name: str  # what `made_by` calls it
-    rows: int | None  # what its score compares, see `Score`
     provider: MakeProvider  # what a verb gives `fit`
+
+    @property
+    def rows(self) -> int | None:
+        """What its score compares, see `Score`."""
+        ...
 
     def fit(
         self, provider: MakeProvider, prior: Distribution, data: Recordings, run: Run = ...

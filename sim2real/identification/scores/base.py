@@ -17,7 +17,11 @@ class Score(Protocol):
     """See the module's text."""
 
     aligned: bool
-    rows: int | None
+
+    @property
+    def rows(self) -> int | None:
+        """How many rows on it compares; see the module's text."""
+        ...
 
     def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:
         """Return how far each of n simulations is from what was measured, (n,).

@@ -143,7 +143,7 @@ def actor_critic(
     if value is None:
         return Policy(drawn, None, memory=recurrent, window=window)
     head = ValueOperator(value, in_keys=seen)
-    whole = TensorDictSequential(*[*shared, head]) if shared else head
+    whole = TensorDictSequential([*shared, head]) if shared else head
     return Policy(drawn, whole, head if shared else None, recurrent, window)
 
 
