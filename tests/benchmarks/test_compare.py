@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def answer(*changes: tuple[str, str | None]) -> SimpleNamespace:
 )
 def test_only_the_first_change_counts(kind: str, joint: str | None, said, right: bool) -> None:
     """Or an equivalent of it; a second one that is right does not."""
-    pair = SimpleNamespace(kind=kind, joint=joint)
+    pair: Any = SimpleNamespace(kind=kind, joint=joint)
     assert bench.is_named(said, pair) is right
 
 

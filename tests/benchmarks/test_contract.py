@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from benchmarks import contract
@@ -42,7 +44,7 @@ def test_the_table_counts_and_names_what_was_missed() -> None:
     right = {"robot": "quad8", "key": [SIGN], "found": [SIGN], "named": True}
     wrong = {"robot": "arm6", "key": [SIGN, AGE], "found": [], "named": False}
     sound = {"robot": "arm6", "key": [], "found": [], "named": True}
-    rows = {row[0]: row[1:] for row in contract.table([right, wrong, sound]).rows}
+    rows: dict[Any, Any] = {row[0]: row[1:] for row in contract.table([right, wrong, sound]).rows}
     assert set(rows) == {"one fault, quad8", "two faults, arm6", "all faulty", "sound"}
     assert rows["all faulty"][0] == 2
     assert rows["all faulty"][1].value == 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,10 +27,11 @@ def scores(level: float) -> GridScores:
 def test_the_median_is_over_seeds_and_a_seed_s_interval_over_its_adaptations() -> None:
     """Of 900, 1000 and 1300 the median is 1000; a gain of 100 is that of every seed."""
     made = table({seed: scores(level) for seed, level in enumerate((900.0, 1300.0, 1000.0))})
-    *_, last = made.rows
+    cells: list[Any] = made.rows
+    *_, last = cells
     assert last[0] == "median" and last[2].value == 1000 and last[3].value == 1100
     assert (last[2].low, last[2].high) == (900, 1300) and last[4] == pytest.approx((100, 100, 100))
-    first = made.rows[0]
+    first = cells[0]
     assert first[4].value == pytest.approx(100) and 60 < first[4].low < 100 < first[4].high < 140
     assert len(table({3: scores(1.0)}).rows) == 1
 

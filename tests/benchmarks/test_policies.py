@@ -46,7 +46,7 @@ def test_a_sound_walk_of_each_has_no_finding() -> None:
 
 def test_gravity_is_that_of_the_rotation() -> None:
     """The formula of quaternions against scipy's."""
-    turn = Rotation.random(5, random_state=0)
+    turn = Rotation.random(5, rng=np.random.default_rng(0))
     made = down(turn.as_quat(scalar_first=True))
     assert np.allclose(made, turn.inv().apply([0, 0, -1]))
 
@@ -54,6 +54,7 @@ def test_gravity_is_that_of_the_rotation() -> None:
 def test_a_history_is_stacked_as_the_fault_has_it() -> None:
     """The described order, and the other one."""
     about = POLICIES["stable_baselines3"].about(["hip", "knee"])
+    assert about.normalizer is not None
     mean, std = about.normalizer
     frames = [np.full(about.frame_size, float(k)) for k in range(5)]
     right = stacked(about, [], frames) * std + mean

@@ -26,7 +26,7 @@ def test_places_and_first_ones_are_counted() -> None:
     swapped = [EXACT[1], EXACT[0], EXACT[2]]
     cases = [case(EXACT), case(EXACT), case(EXACT[:2]), case(swapped), case(swapped, "viscous")]
     table = screening.table(cases, np.random.default_rng(0))
-    found = [row[1] for row in table.rows]
+    found: list[Any] = [row[1] for row in table.rows]
     assert all(isinstance(one, Interval) and one.low <= one.value <= one.high for one in found)
     assert [one.value for one in found] == pytest.approx([(3 + 3 + 2 + 1 + 1) / 15, 3 / 5, 3.0])
     assert "exact screening alone in 1 cases" in table.notes[0]

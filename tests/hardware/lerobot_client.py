@@ -34,12 +34,12 @@ def near(found: float, wanted: float, most: float) -> None:
 
 def patiently(action: Callable[[], Any]) -> Any:
     """Do again what a busy machine may answer too late."""
-    for _ in range(RETRIES):
+    for _ in range(RETRIES - 1):
         try:
             return action()
-        except ConnectionError as error:
-            said = error
-    raise said
+        except ConnectionError:
+            continue
+    return action()
 
 
 def new_servo(device: str) -> None:

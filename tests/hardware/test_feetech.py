@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -34,6 +35,12 @@ MODEL = Path(__file__).with_name("so101.xml")
 STEP = 2 * np.pi / 4096  # rad, a count
 
 
+def shells_of(port: LoopbackPort) -> Any:
+    """Return the emulated servos behind a port."""
+    bus: Any = port._bus
+    return bus.shells
+
+
 def arm(**changes):
     """Return the SO-101 with our own small model."""
     return replace(load_robot("so101", str(MODEL)), **changes)
@@ -47,7 +54,7 @@ class Rig:
         self.world = World(self.robot, faults=faults)
         self.clock = VirtualClock()
         self.port = LoopbackPort(self.world, self.clock)
-        self.shells = self.port._bus.shells
+        self.shells = shells_of(self.port)
         if prepare is not None:
             prepare(self.shells)
         self.driver = FeetechDriver(self.robot, self.port, self.clock)
@@ -277,7 +284,7 @@ def test_factory_servos_become_an_arm(monkeypatch):
     robot = arm()
     world, clock = World(robot), VirtualClock()
     port = LoopbackPort(world, clock)
-    shells = port._bus.shells
+    shells = shells_of(port)
     factory(shells)
     asked: list[str] = []
 

@@ -37,7 +37,7 @@ def test_what_steps_took():
 
 def test_a_rate_that_cannot_be_kept_is_refused_with_what_was_measured():
     """A port whose slow steps take 12 ms cannot serve 100 steps a second, but 80."""
-    said = problem(StepTimes(0.004, 0.012, 0.02, 0.012), ROBOT)
+    said = str(problem(StepTimes(0.004, 0.012, 0.02, 0.012), ROBOT))
     assert "hopper2 at /dev/ttyUSB0: one control step in 20 takes 12.0 ms or more" in said
     assert "100 steps a second leave 10.0 ms" in said
     assert said.endswith("a rate of at most 83")
@@ -47,7 +47,7 @@ def test_a_rate_that_cannot_be_kept_is_refused_with_what_was_measured():
 def test_a_pause_that_would_trip_the_watchdogs_is_refused():
     """Where 72 ms went by between two steps, 100 ms are too few, unless the watchdog is off."""
     times = StepTimes(0.004, 0.006, 0.072, 0.07)
-    said = problem(times, ROBOT)
+    said = str(problem(times, ROBOT))
     assert "72 ms went by, and the servos stop by themselves after 100 ms" in said
     assert "raise watchdog to 0.18" in said
     assert problem(times, replace(ROBOT, watchdog=0.2)) is None

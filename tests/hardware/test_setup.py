@@ -103,7 +103,7 @@ def test_no_means_no(chain):
         bench.go()
     assert bench.memory() == before
 
-    def nobody(_: str) -> str:
+    def nobody(question: str) -> str:
         raise EOFError
 
     bench.ask = nobody

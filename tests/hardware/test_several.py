@@ -241,7 +241,8 @@ def test_setup_and_scan_go_through_all_buses(monkeypatch, capsys):
 
     def driver(robot: Robot) -> Driver:
         made = original(robot, World(robot, registers={"hinge": {"return_delay_time": 250}}))
-        shell = made.parts[1].bus_client.port._bus.shells[0]
+        port: Any = made.parts[1].bus_client.port
+        shell = port._bus.shells[0]
         shell["return_delay_time"] = 250
         shell._kept = bytes(shell.data[:40])
         return made

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -84,7 +86,7 @@ def test_physics_and_velocities_are_gymnasiums(
     """From one state and the same actions, rewards are a closed form of Gymnasium's velocity."""
     simulation = Simulation(task(), 3, [Goal()], threads=1)
     simulation.reset(IDS, GOALS[:, None], SEEDS)
-    world = gymnasium.make(robot).unwrapped
+    world: Any = gymnasium.make(robot).unwrapped
     world.reset(seed=0)
     start = simulation.state()
     world.set_state(start.qpos[0], start.qvel[0])

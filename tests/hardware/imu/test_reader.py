@@ -161,9 +161,8 @@ def imu_robot(mount: tuple[float, ...]) -> Robot:
 def test_the_emulated_part_tells_what_the_model_senses(mount):
     """However it is mounted, the reader gives the site's own orientation and acceleration back."""
     world = World(imu_robot(mount), seed=0)
-    world.mechanics.data.qpos[3:7] = [0.96, 0.2, -0.15, 0.12] / np.linalg.norm(
-        [0.96, 0.2, 0.15, 0.12]
-    )
+    turn = np.array([0.96, 0.2, -0.15, 0.12])
+    world.mechanics.data.qpos[3:7] = turn / np.linalg.norm(turn)
     world.mechanics.data.qvel[3:6] = 1.0, 0.5, -2.0
     mujoco.mj_forward(world.mechanics.model, world.mechanics.data)
     imu, model = EmulatedImu(world), world.mechanics.data

@@ -192,7 +192,9 @@ def test_a_run_of_ours_acts_as_on_the_robot(tmp_path, words):
     run = train(tmp_path / "run", words)
     trained = load_policy(run)
     size = trained.environment.shown()[0]
-    mean, std = load_actor(run).normalizer
+    inside = load_actor(run).normalizer
+    assert inside is not None and trained.source is not None
+    mean, std = inside
     seen = mean + std * np.random.default_rng(3).normal(0, 2.0, (6, size))
     pilot, wanted = trained.pilot(), []
     for row in seen:

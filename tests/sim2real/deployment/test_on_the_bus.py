@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -21,7 +22,7 @@ WORDS += ["algorithm.steps=32", "algorithm.minibatch_size=32", "algorithm.epochs
 def test_a_collector_drives_the_emulated_bus_as_it_drives_the_simulation() -> None:
     """Same specs of what is seen and done, same transforms with the statistics of training."""
     _, given = prepare(compose(WORDS), Path())
-    learner = build(given["algorithm"], given["parts"])
+    learner: Any = build(given["algorithm"], given["parts"])
     learner.iterate()
     trained = learner.trained()
     backend = ServoBackend(load_robot("bench1"), settle=0.1)
@@ -31,7 +32,8 @@ def test_a_collector_drives_the_emulated_bus_as_it_drives_the_simulation() -> No
         for one, other in ((twin.observation_spec, env.observation_spec),):
             assert one["observation"] == other["observation"]
         assert twin.action_spec == env.action_spec and twin.reward_spec == env.reward_spec
-        assert [type(t) for t in twin.transform] == [type(t) for t in env.transform]
+        chains: list[Any] = [twin.transform, env.transform]
+        assert [type(t) for t in chains[0]] == [type(t) for t in chains[1]]
         make = given["parts"].part("collector")
         collector = make(env, learner.policy.actor, frames_per_batch=40, total_frames=40)
         batch = next(iter(collector))

@@ -63,7 +63,7 @@ def test_a_film_that_cannot_be_is_refused_when_it_is_made(name: str, value: floa
     """Before any training: sizes, rate and length have limits."""
     size: dict[str, Any] = {"width": 320, "height": 240, "fps": 25, "seconds": 10.0}
     with pytest.raises(ValueError, match=rf"video\.{name}={value} must be between"):
-        Video(**size | {name: value})
+        Video(**{**size, name: value})
 
 
 class Still(nn.Module):
@@ -187,7 +187,8 @@ def test_the_camera_shows_the_state() -> None:
 def test_the_film_s_return_is_that_of_the_whole_episode() -> None:
     """A film of a tenth of a second still tells what the whole episode returned."""
     env, still = Environment(partial(MujocoEnv, task=Hopper())).make(1), Acting(Still())
-    simulation = env.base_env.rows
+    base: Any = env.base_env
+    simulation = base.rows
     model, values = simulation.plant.batch.get_model(0), simulation.space.neutral
     with Camera(model, 64, 64, None) as camera:
         clips = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -71,7 +72,8 @@ def test_a_composed_tree_makes_the_environment_that_is_trained_in() -> None:
     """`make_env` gives its transforms, in their order, and its robots."""
     tree = compose(["env=hopper", "params=mass_friction", "algorithm=ppo", "policy=actor_critic"])
     env = make_env(tree, num_envs=3, seed=1)
-    names = [type(one).__name__ for one in env.transform]
+    chain: Any = env.transform
+    names = [type(one).__name__ for one in chain]
     assert names == ["RandomizeParams", "RunningNorm", "RewardScaling"]
     first = env.rollout(3)
     assert first.batch_size == (3, 3) and first["observation"].dtype == torch.float32
@@ -86,7 +88,7 @@ class Spring(EnvBase):
 
     def __init__(self, num_envs: int = 1, device: str = "cpu", params: bool = True) -> None:
         super().__init__(device=device, batch_size=torch.Size([num_envs]))
-        shape = (num_envs, 1)
+        shape = torch.Size([num_envs, 1])
         self.stiffness = torch.ones(shape)
         self.observation_spec["observation"] = Unbounded(shape)
         if params:
@@ -115,7 +117,7 @@ class Stiff:
     """Stiffnesses between 2 and 3."""
 
     effects = ()
-    per = "reset"
+    per: Literal["reset", "row"] = "reset"
 
     def check(self, space: ParamSpace) -> None:
         """Only a spring has one."""
@@ -148,7 +150,8 @@ def test_what_is_no_environment_or_transform_is_said() -> None:
     with pytest.raises(Sim2RealError, match=r"One has batch size \(1,\), asked for \(2,\)"):
         Environment(partial(One)).make(2)
     with pytest.raises(Sim2RealError, match="dict makes a dict, no torchrl EnvBase"):
-        Environment(partial(dict)).make(2)
+        odd_one: Any = partial(dict)
+        Environment(odd_one).make(2)
     with pytest.raises(Sim2RealError, match=r"transforms\.x is a int, no transform"):
         Environment(partial(Spring), transforms={"x": int}).make(2)  # type: ignore[dict-item]
     odd = partial(RewardScaling, 0.0, 1.0, in_keys=["payment"])
@@ -162,5 +165,6 @@ def test_transforms_of_one_environment_do_not_meet() -> None:
     made = Environment(partial(ToyEnv, BiasedCartPole), AngleBias(), transforms)
     one, other = made.make(2), made.make(2)
     assert one.rollout(3)["next", "step_count"].max() == 3
-    assert one.transform.transforms[0].moments["observation"].count == 2 * (1 + 3)
-    assert other.transform.transforms[0].moments["observation"].count == 0
+    chains: list[Any] = [one.transform, other.transform]
+    counts = [chain.transforms[0].moments["observation"].count for chain in chains]
+    assert counts == [2 * (1 + 3), 0]

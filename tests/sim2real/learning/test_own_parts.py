@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,7 +99,8 @@ def test_a_user_s_transform_actor_and_loss_are_trained_with(own: Path) -> None:
     tree = compose([*SMALL, "transforms=mine", "policy=mine", "loss=mine", "seed=1"])
     assert tree["transforms"]["doubled"] == {"_target_": "my_parts.Doubled", "factor": 2.0}
     _, given = prepare(tree, own / "out")
-    first, second = (build(given["algorithm"], given["parts"]) for _ in range(2))
+    made: list[Any] = [build(given["algorithm"], given["parts"]) for _ in range(2)]
+    first, second = made
     first.iterate()
     assert sys.modules["my_parts"].Timid.calls == 2
     assert {type(m).__name__ for m in first.policy.actor.modules()} >= {"Sine"}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict
 
@@ -13,10 +15,11 @@ from sim2real.learning.transforms import RunningNorm
 def test_a_reset_of_one_row_counts_that_row_alone() -> None:
     """Rows that go on were counted when they stepped."""
     env = make_env(compose(["env=hopper", "transforms=normalized"]), num_envs=4)
-    norm = next(t for t in env.transform if isinstance(t, RunningNorm))
+    chain: Any = env.transform
+    norm = next(t for t in chain if isinstance(t, RunningNorm))
     moments = norm.moments["observation"]
 
-    state = env.rand_step(env.reset())
+    state: Any = env.rand_step(env.reset())
     assert moments.count == 4 + 4
     state = state["next"]
     state["_reset"] = torch.tensor([[False], [True], [False], [False]])
@@ -31,7 +34,8 @@ def test_a_held_normalization_changes_after_so_many_steps_alone() -> None:
         compose(["env=hopper", "transforms=normalized", "transforms.observation_norm.hold=3"]),
         num_envs=4,
     )
-    norm = next(t for t in env.transform if isinstance(t, RunningNorm))
+    chain: Any = env.transform
+    norm = next(t for t in chain if isinstance(t, RunningNorm))
     raw = make_env(compose(["env=hopper", "transforms=none"]), num_envs=4)
     state, plain = env.reset(), raw.reset()
     torch.testing.assert_close(state["observation"], plain["observation"].float())

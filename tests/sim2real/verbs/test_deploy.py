@@ -178,7 +178,9 @@ def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
     go(run, tmp_path / "out", "adapt=none")
     assert len(pairs) == 2 * 2 * 20  # two episodes on the robot, and the same in its simulator
     seen, done = (np.array(values) for values in zip(*pairs, strict=True))
-    mean, std = affine(learner.collecting.env)
+    inside = affine(learner.collecting.env)
+    assert inside is not None
+    mean, std = inside
     network, (_, low, high) = learner.policy.actor[0].module[0], learner.parts.environment.shown()
     bare = Actor(network, np.zeros_like(mean), np.ones_like(std), low, high)
     with torch.no_grad():

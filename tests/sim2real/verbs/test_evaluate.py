@@ -63,7 +63,9 @@ class Still(Algorithm):
         )
         self.population = Population(shards, policy)
         self.theta = np.zeros(policy.num_parameters, np.float32)
-        self.parts = Parts(Environment(partial(ToyEnv, self.make), self.tasks), None, 0, self.adapt)
+        nobody: Any = None  # asks for the policy's maker
+        environment = Environment(partial(ToyEnv, self.make), self.tasks)
+        self.parts = Parts(environment, nobody, 0, self.adapt)
 
     def scores(self, values: np.ndarray, seeds: np.ndarray, episodes: int) -> AdaptationScores:
         """Return the returns before and after adaptation."""
@@ -73,11 +75,13 @@ class Still(Algorithm):
 
     def trained(self) -> Trained:
         """Return the policy, whose episodes `scores` runs."""
+        nothing: Any = None
         return Trained(
-            self.theta, lambda theta: Acting(None), self.parts.environment, {}, self.frames
+            self.theta, lambda theta: Acting(nothing), self.parts.environment, {}, self.frames
         )
 
-    iterate = shape = state_dict = load_state_dict = None
+    unused: Any = None
+    iterate = shape = state_dict = load_state_dict = unused
 
 
 def evaluation(grid: Grid = GOALS, **changes: Any) -> Evaluation:

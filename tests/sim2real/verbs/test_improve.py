@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -90,7 +91,9 @@ def test_a_round_finds_retrains_and_deploys(
     done = go(run, out, hidden(tmp_path), "rounds=1")
     given, first = done.story.rounds
     assert (first.contract, first.verdict) == ("holds", "explained")
-    assert done.story.behind(given).high < 0 and done.end in ("within_noise", "rounds", "no_gain")
+    behind = done.story.behind(given)
+    assert behind is not None and behind.high < 0
+    assert done.end in ("within_noise", "rounds", "no_gain")
     ((stand, again),) = diagnosed
     assert [log.path.name for log in (stand, again)] == ["a.csv", "b.csv"]
     place = out / "round_1"
@@ -166,8 +169,8 @@ def test_logs_of_a_robot_that_is_elsewhere(
     assert done.story.rounds[1].contract == "holds"
     (tmp_path / "odd").mkdir()
     for number, log in enumerate(read_logs(logs)):
-        log.columns["obs.0"] = -log.columns["obs.0"]
-        write_log(tmp_path / "odd" / f"{number}.csv", log)
+        columns = {**log.columns, "obs.0": -log.columns["obs.0"]}
+        write_log(tmp_path / "odd" / f"{number}.csv", replace(log, columns=columns))
     broken = go(run, tmp_path / "broken", f"log={tmp_path / 'odd'}")
     assert broken.end == "interface"
     assert len(diagnosed) == 2  # no physics is looked for

@@ -36,7 +36,7 @@ def test_a_rival_that_leaves_half_as_much_again_is_far(tmp_path: Path) -> None:
 
     def sure(left: float, other: float) -> float:
         rivals = [raced("own", left), raced("other", other)]
-        return confidence(search, rivals[0].candidate, [], rivals, np.float64(40.0), closed=1.0)
+        return confidence(search, rivals[0].candidate, [], rivals, np.array(40.0), closed=1.0)
 
     assert sure(1.0, 1.05) < 0.78 < sure(1.0, 1.25) < 0.9 < sure(1.0, 1.75)
     assert sure(1.0, 8.0) > 0.95

@@ -101,10 +101,12 @@ def test_a_further_effect_has_to_pay(
 
     def race(fit: Fit, error: np.ndarray, found: Found) -> list[Contender]:
         share = next(shares, None)
-        option = options[len(fit.members)] if share else None
+        if not share:
+            return []
+        option = options[len(fit.members)]
         more = Fit((*fit.members, option), np.ones((2, len(fit.members) + 1)), np.zeros(2))
-        wrong = (share or 1.0) * search.base * np.array([1.0, 0.0])
-        return [Contender(option, more, wrong)] if share else []
+        wrong = share * search.base * np.array([1.0, 0.0])
+        return [Contender(option, more, wrong)]
 
     monkeypatch.setattr(search, "race", race)
     monkeypatch.setattr(search, "polish", lambda best: best)

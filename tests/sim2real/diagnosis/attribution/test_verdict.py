@@ -85,8 +85,8 @@ def test_what_lasts_is_told_from_noise(tmp_path: Path) -> None:
     assert (lasting(noise, data) < 1e-3).all()
     assert not is_open(noise, data, floors)
     wave = np.zeros(shape)
-    for row, time in zip(wave, data.times(), strict=True):
-        row[: len(time), 1] = 5e-3 * np.sin(2 * np.pi * time)
+    for k, time in enumerate(data.times()):
+        wave[k, : len(time), 1] = 5e-3 * np.sin(2 * np.pi * time)
     wave[~data.mask] = 0.0
     assert lasting(noise + wave, data)[1] == pytest.approx(5e-3 / np.sqrt(2), rel=0.1)
     assert is_open(noise + wave, data, floors)

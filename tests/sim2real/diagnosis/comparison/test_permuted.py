@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -84,7 +86,7 @@ def test_the_clearest_is_named_and_its_likeness_beside_it() -> None:
     assert found.named[0].p <= 0.01
 
 
-def _named(number: int) -> object:
+def _named(number: int) -> Any:
     from types import SimpleNamespace
 
     return SimpleNamespace(

@@ -21,7 +21,7 @@ from tests.sim2real.diagnosis import arm
 from tests.sim2real.diagnosis.contract.walk import ABOUT, walk
 
 
-def policy(actor: Any, size: int | None = None) -> SimpleNamespace:
+def policy(actor: Any, size: int | None = None) -> Any:
     """What a policy's file is read as."""
 
     class Read(SimpleNamespace):

@@ -21,9 +21,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Data:
 def rows_of(data: Data, values: np.ndarray) -> np.ndarray:
     """Return errors (W, T, 2) that follow a series, (T,) at 50 Hz, on the compared rows."""
     found = np.zeros((*data.mask.shape, 2))
-    for row, mask, time in zip(found, data.mask, data.times(), strict=True):
+    for k, (mask, time) in enumerate(zip(data.mask, data.times(), strict=True)):
         own = values[np.round(time * arm.RATE).astype(int)]
-        row[: len(time)] = np.where(mask[: len(time), None], own[:, None], 0.0)
+        found[k, : len(time)] = np.where(mask[: len(time), None], own[:, None], 0.0)
     return found
 
 

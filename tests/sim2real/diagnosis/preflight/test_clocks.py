@@ -33,7 +33,7 @@ def log(late: float = 0.0, ppm: float = 0.0, filtered: float = 0.0, seed: int = 
     _, speed = motion(read - late)
     if filtered:
         share = 1 - np.exp(-1 / RATE / filtered)
-        speed = lfilter([share], [1, share - 1], speed)
+        speed = np.asarray(lfilter([share], [1, share - 1], speed))
     columns = {
         "episode": np.zeros(len(time)),
         "time": time,

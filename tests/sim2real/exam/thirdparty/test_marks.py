@@ -121,7 +121,7 @@ def test_a_false_explanation_has_a_line_of_its_own() -> None:
         mark(key("outside", {"effect": "cable", "joint": "elbow"}), report("explained", FOUND)),
         mark(key("single", FRICTION), report("partly_explained", {**FOUND, "where": "yaw"})),
     ]
-    rows = {row[0]: row[1:3] for row in tables.lines(marks).rows}
+    rows: dict[Any, Any] = {row[0]: row[1:3] for row in tables.lines(marks).rows}
     count, share = rows["of all called explained: a false first cause"]
     assert count == 3
     assert share.value == pytest.approx(2 / 3)

@@ -62,7 +62,8 @@ SMALL = {
 
 def made(env: Any, tasks: Any, policy: Any, adapt: Adaptation, seed: int, **options: Any) -> ESMAML:
     """Return the algorithm in a world: a toy, or a task of the simulator."""
-    base = partial(MujocoEnv, task=env) if isinstance(env, Task) else partial(ToyEnv, env)
+    simulated = isinstance(env, Task)
+    base: partial[Any] = partial(MujocoEnv, task=env) if simulated else partial(ToyEnv, env)
     return ESMAML(Parts(Environment(base, tasks), policy, seed, adapt), ESMAMLSettings(**options))
 
 
@@ -229,7 +230,9 @@ def test_torch_module_carries_the_normalizer() -> None:
     assert algorithm.normalizer is not None
     normalized = (observation - algorithm.normalizer.mean) / algorithm.normalizer.std
     with torch.no_grad():
-        action = algorithm.trained().program(algorithm.theta)(torch.from_numpy(observation))
+        program = algorithm.trained().program
+        assert program is not None
+        action = program(algorithm.theta)(torch.from_numpy(observation))
     np.testing.assert_allclose(action.numpy(), slots.act(None, normalized), atol=1e-4)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -125,10 +126,10 @@ def test_clipped_steps_raise_the_adapted_return() -> None:
 def test_without_a_direction_it_says_so_and_stays(caplog: pytest.LogCaptureFixture) -> None:
     """Where no action earns more than another nothing moves, and the run goes on."""
     algorithm = learner(*SMALL)
-    operator = algorithm.parts.adapt
+    operator: Any = algorithm.parts.adapt
     whole = type(operator).experience
 
-    def indifferent(self, *given):  # type: ignore[no-untyped-def]
+    def indifferent(self, *given):
         found = whole(self, *given)
         return found._replace(advantage=torch.zeros_like(found.advantage))
 

@@ -25,7 +25,7 @@ from sim2real.learning.algorithms.ppo import PPO
 from sim2real.runs.checkpoint import CheckpointStore, restore
 from sim2real.runs.errors import CheckpointError, Sim2RealError
 
-HOPPER = partial(MujocoEnv, task=HopperPolito(max_steps=40))
+HOPPER: partial[Any] = partial(MujocoEnv, task=HopperPolito(max_steps=40))
 
 
 def learner(
@@ -79,8 +79,10 @@ def values(algorithm: PPO, data: TensorDictBase) -> tuple[list[float], float]:
     """Return the critic's values of all observations, and of one that the limit cut off."""
     last = data["next", "observation"][0, -1:]
     seen = torch.cat([data["observation"][0], last, torch.full((1, 11), 0.5)])
+    critic = algorithm.policy.critic
+    assert critic is not None
     with torch.no_grad():
-        all_of_them = algorithm.policy.critic(TensorDict({"observation": seen}, [len(seen)]))
+        all_of_them = critic(TensorDict({"observation": seen}, [len(seen)]))
     found = all_of_them["state_value"][:, 0].tolist()
     return found[:-1], found[-1]
 
@@ -137,9 +139,11 @@ def copy_weights(ours: PPO, theirs: Any, back: bool = False) -> None:
     """Give a policy of Stable-Baselines3 our weights, or ours its own."""
     mlp = theirs.mlp_extractor
     pairs = [(log_std(ours), theirs.log_std)]
+    critic = ours.policy.critic
+    assert critic is not None
     for network, hidden, head in (
         (ours.policy.actor, mlp.policy_net, theirs.action_net),
-        (ours.policy.critic, mlp.value_net, theirs.value_net),
+        (critic, mlp.value_net, theirs.value_net),
     ):
         layers = zip(linears(network), [*linears(hidden), head], strict=True)
         pairs += [pair for a, b in layers for pair in ((a.weight, b.weight), (a.bias, b.bias))]
@@ -164,7 +168,7 @@ def fill(buffer: Any, data: TensorDictBase, theirs: Any, gamma: float) -> None:
             buffer.add(seen.numpy(), acted, reward, start, value.flatten(), probability)
             start = after["done"][:, 0].numpy().astype(np.float64)
         # of a row that ended the value is not asked for: its next episode's start
-        final = theirs.predict_values(data[:, -1]["next", "observation"])
+        final = theirs.predict_values(data["next", "observation"][:, -1])
     buffer.compute_returns_and_advantage(last_values=final, dones=start)
 
 
@@ -273,7 +277,7 @@ def test_a_loaded_state_goes_on_to_the_last_bit(preset: str, tmp_path: Path) -> 
 
 def test_it_learns_to_balance_a_pole() -> None:
     """Within 60000 steps, seconds of work, the actor alone keeps the pole up for all 200."""
-    pendulum = partial(MujocoEnv, task=InvertedPendulum(max_steps=200))
+    pendulum: partial[Any] = partial(MujocoEnv, task=InvertedPendulum(max_steps=200))
     algorithm, score = learner(preset="ppo", base=pendulum), 0.0
     seeds = np.arange(8, dtype=np.uint64)
     while score < 190 and algorithm.frames < 60_000:
@@ -290,7 +294,8 @@ def test_it_runs_on_a_gpu_as_on_the_cpu(policy: str, preset: str) -> None:
     """It learns there with finite numbers, and a loaded state goes on alike."""
     words, base = [f"policy={policy}"], HOPPER
     if policy == "cnn":
-        words, base = [*words, "transforms=pixels"], partial(PixelsEnv, task=HopperPolito())
+        pixels: partial[Any] = partial(PixelsEnv, task=HopperPolito())
+        words, base = [*words, "transforms=pixels"], pixels
     if policy != "actor_critic" and preset == "ppo":
         words = [*words, "loss=clip_ppo", "optimizer=adam"]  # the fast ones take perceptrons
     far, again = (

@@ -94,7 +94,8 @@ class Given:
         """Return the batch."""
         from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
-        data, after = self._batch, self._batch["next"]
+        data: Any = self._batch
+        after = data["next"]
         over = after["terminated"].float()
         return ReplayBufferSamples(
             data["observation"], data["action"], after["observation"], over, after["reward"], None

@@ -127,13 +127,15 @@ def test_without_a_direction_the_actor_stays(caplog: pytest.LogCaptureFixture) -
     data = judged(algorithm, algorithm.collecting.next())
     data["advantage"] = torch.zeros_like(data["advantage"])
     actor = parameters_to_vector(algorithm.policy.actor.parameters()).clone()
-    critic = parameters_to_vector(algorithm.policy.critic.parameters()).clone()
+    judge = algorithm.policy.critic
+    assert judge is not None
+    critic = parameters_to_vector(judge.parameters()).clone()
     with caplog.at_level(logging.WARNING):
         _, logged = algorithm._learn(data)
     assert "the gradient is zero; the policy stays as it is" in caplog.text
     assert logged["train/moved"] == 0 and logged["train/kl"] == 0
     assert torch.equal(actor, parameters_to_vector(algorithm.policy.actor.parameters()))
-    assert not torch.equal(critic, parameters_to_vector(algorithm.policy.critic.parameters()))
+    assert not torch.equal(critic, parameters_to_vector(judge.parameters()))
 
 
 def test_a_loaded_state_goes_on_to_the_last_bit(tmp_path: Path) -> None:

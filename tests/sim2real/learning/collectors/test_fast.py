@@ -51,7 +51,7 @@ def world(
     """Return Hoppers whose episodes end within a batch, most by a fall, some by the limit."""
     tasks = Randomization(draws)
     env = MujocoEnv(Hopper(max_steps=40), rows, tasks.effects, threads=1, seed=3)
-    return TransformedEnv(env, Compose(RandomizeParams(tasks), *(make() for make in transforms)))
+    return TransformedEnv(env, Compose([RandomizeParams(tasks), *(make() for make in transforms)]))
 
 
 def bare() -> EnvBase:
@@ -142,7 +142,7 @@ def test_any_policy_and_any_transform_goes_through() -> None:
     keys: Any = {"in_keys": ["observation", "memory", "is_init"]}
     memory = GRUModule(11, 8, **keys, out_keys=["seen", ("next", "memory")], python_based=True)
     head = TensorDictModule(nn.Linear(8, 3), in_keys=["seen"], out_keys=["action"])
-    policy = TensorDictSequential(memory, head)
+    policy = TensorDictSequential([memory, head])
     compare(lambda: world(InitTracker, memory.make_tensordict_primer), policy)
 
 

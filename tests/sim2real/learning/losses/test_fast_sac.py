@@ -121,6 +121,7 @@ def test_trainings_agree() -> None:
         torch.manual_seed(0)
         actor, critic = networks([16, 8], [16, 8])
         data = transitions(320).apply(lambda x: x.float() if x.is_floating_point() else x)
+        assert data is not None
         loss = kind(actor.float(), critic.float(), loss_function="l2", target_entropy=-2.0)
         loss.make_value_estimator(gamma=0.99)
         start = [p.detach().clone() for p in loss.parameters()]

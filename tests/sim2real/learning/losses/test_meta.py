@@ -116,8 +116,9 @@ def test_a_sample_of_steps_bends_where_all_of_them_arrive() -> None:
     objective = made()
 
     def pick(x: Experience) -> Experience:
-        few = [part[:, :4] for part in x[1:4]]
-        return Experience((x.seen[0][:, :4],), *few, torch.full_like(few[1], 0.25))
+        action, log_prob, advantage = (part[:, :4] for part in x[1:4])
+        weight = torch.full_like(log_prob, 0.25)
+        return Experience((x.seen[0][:, :4],), action, log_prob, advantage, weight)
 
     few = pick(objective.before), pick(objective.after)
     found = objective.fisher(pick)(objective.start)

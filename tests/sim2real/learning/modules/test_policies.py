@@ -54,7 +54,8 @@ def test_learning_sees_what_acting_did() -> None:
 def test_gradients_reach_back_a_window_and_stop_at_a_start() -> None:
     """The last step's action depends on the first observation, unless an episode starts between."""
     algorithm = learner("env=hopper", *GRU)
-    data = algorithm._samples(algorithm._advantage(algorithm.collecting.next()))[:2].clone()
+    whole = algorithm._samples(algorithm._advantage(algorithm.collecting.next()))
+    data: Any = whole[:2].clone()
     data["is_init"] = torch.zeros(2, 8, 1, dtype=torch.bool)
     data["is_init"][1, 4] = True
     seen = data["observation"].detach().clone().requires_grad_()

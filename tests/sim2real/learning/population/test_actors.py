@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from tensordict import TensorDict
+from tensordict import NestedKey, TensorDict
 from tensordict.nn import (
     AddStateIndependentNormalScale,
     NormalParamExtractor,
@@ -27,7 +27,7 @@ from sim2real.learning.population.actors import ActorPolicy, ActorSlots, Percept
 from sim2real.learning.population.population import Members, Population
 from sim2real.runs.errors import Sim2RealError
 
-KEYS = ["loc", "scale"]
+KEYS: list[NestedKey] = ["loc", "scale"]
 
 
 def perceptron(distribution: Any = IndependentNormal, width: int = 7) -> Any:
@@ -44,7 +44,7 @@ def recurrent(python_based: bool = True, width: int = 7) -> Any:
     keys["out_keys"] = ["seen", ("next", "memory")]
     memory = GRUModule(11, width, **keys, python_based=python_based)
     head = nn.Sequential(nn.Linear(width, 3), AddStateIndependentNormalScale(3))
-    modules = TensorDictSequential(memory, TensorDictModule(head, ["seen"], KEYS))
+    modules = TensorDictSequential([memory, TensorDictModule(head, ["seen"], KEYS)])
     return ProbabilisticActor(modules, in_keys=KEYS, distribution_class=IndependentNormal)
 
 

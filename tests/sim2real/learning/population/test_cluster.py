@@ -21,8 +21,9 @@ from sim2real.learning.adapt import HillClimb
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
 from sim2real.learning.environment import Environment
-from sim2real.learning.modules.policy import MLPPolicy, mlp_policy
+from sim2real.learning.modules.policy import mlp_policy
 from sim2real.learning.population.cluster import Cluster
+from sim2real.learning.population.flat_policy import FlatPolicy
 from sim2real.learning.population.remote import (
     Batch,
     ClusterError,
@@ -61,7 +62,7 @@ def iterated(algorithm: ESMAML, count: int = 4) -> tuple[list[dict[str, float]],
 class Near:
     """A worker in this process, which dies at some calls, by the number that `count` gives them."""
 
-    def __init__(self, policy: MLPPolicy, deaths: Container[int], count: Iterator[int]) -> None:
+    def __init__(self, policy: FlatPolicy, deaths: Container[int], count: Iterator[int]) -> None:
         self._worker = Worker(lambda: SHORT(num_rows=5), policy, 1)
         self._deaths, self._count = deaths, count
 

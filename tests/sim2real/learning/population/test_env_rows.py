@@ -109,7 +109,7 @@ class Drift(EnvBase):
 
     def __init__(self, num_envs: int = 1, device: str = "cpu", own: bool = False) -> None:
         super().__init__(device=device, batch_size=torch.Size([num_envs]))
-        shape, self.own = (num_envs, 1), own
+        shape, self.own = torch.Size([num_envs, 1]), own
         self.place, self.pull, self.age = torch.zeros(shape), torch.full(shape, 0.5), 0
         inner = Composite({"pull": Unbounded(shape)}, shape=(num_envs,))
         self.observation_spec = Composite(
