@@ -171,8 +171,8 @@ def explore(rows: RobotRows | Simulation, pilot: Pilot, seed: int) -> tuple[floa
     while True:
         step = rows.step(None, pilot(observation))
         acted = pilot.acted
-        seen.append(np.array(acted["observation"][0], np.float32))
-        drawn.append(np.array(acted["action"][0], np.float32))
+        seen.append(acted.get("observation")[0].numpy().astype(np.float32))
+        drawn.append(acted.get("action")[0].numpy().astype(np.float32))
         paid.append(float(step.reward[0]))
         observation = step.observation
         if step.terminated[0] or step.truncated[0]:

@@ -290,5 +290,5 @@ class Pilot:
             now = self._env.reset() if before is None else step_mdp(self._env.step(before))
             self._now = self._actor(now)
             acted = self._env.transform.inv(self._now)  # in the units of the robot's limits
-        action = np.array(acted["action"], np.float64)
+        action = acted.get("action").numpy().astype(np.float64)
         return np.clip(action, self._fed.action_low, self._fed.action_high) if self._cut else action
