@@ -11,8 +11,8 @@ import pytest
 from hardware.config import load_robot
 from hardware.formats import FORMATS
 from sim2real.config import extensions, signatures
-from sim2real.config.catalogue import lines, options
-from sim2real.config.compose import CONF, compose
+from sim2real.config.catalogue import CONF, lines, options
+from sim2real.config.compose import compose
 from sim2real.config.targets import ConfigError, build, check
 
 READER = """
