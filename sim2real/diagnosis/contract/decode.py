@@ -100,6 +100,7 @@ class _Search:
     def __init__(self, target: Target, rows: Rows, use: np.ndarray, limits: Contract) -> None:
         self.target, self.rows, self.use, self.limits = target, rows, use, limits
         self.logged = target.values[use]
+        self.rounding = target.rounding(use)  # (k,)
         least = limits.still * np.abs(target.scale)
         self.spread = np.maximum(self.logged.std(axis=0), least)  # (k,)
 
@@ -117,7 +118,7 @@ class _Search:
             if age != way.age and way.fault and not few:
                 continue
             moments = self._moments(way, age)
-            factors = gains(self.target, moments, self.limits.free_price)
+            factors = gains(self.target, moments, self.limits.free_price, way.offset)
             made += [
                 self._way(way, age, gain, pose, moments)
                 for gain in factors
@@ -134,7 +135,7 @@ class _Search:
         """Return each number's RMS misfit, of its spread, (k,)."""
         made = self.predict(way)
         spread = np.maximum(self.spread, made.std(axis=0))
-        square = np.mean((self.logged - made) ** 2, axis=0) - self.target.rounding
+        square = np.mean((self.logged - made) ** 2, axis=0) - self.rounding
         return np.sqrt(np.maximum(square, 0.0)) / spread
 
     def blind(self, plain: Way) -> Decoded:
@@ -193,7 +194,7 @@ class _Search:
             - 2 * slope * moments.cov
             + slope**2 * moments.source_var
             + (moments.mean[:, None] - slope * moments.source_mean - shift) ** 2
-            - self.target.rounding[:, None]
+            - self.rounding[:, None]
         )
         relative = np.maximum(mse, 0.0) / (self.spread**2)[:, None] + limits.floor**2
         fit = limits.effective_rows / 2 * np.log(relative)

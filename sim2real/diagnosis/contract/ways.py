@@ -45,12 +45,14 @@ class Target(NamedTuple):
     resolution: np.ndarray | None = None
     apart: np.ndarray | None = None
 
-    @property
-    def rounding(self) -> np.ndarray:
-        """Mean square of what rounding makes of each number, (k,); at most, of one that rests."""
+    def rounding(self, use: np.ndarray) -> np.ndarray:
+        """Return the mean square of what rounding makes of each number, (k,).
+
+        At most, of one that rests in the rows `use`.
+        """
         if self.resolution is None:
             return np.zeros(self.values.shape[1])
-        rests = self.values.std(axis=0) < RESTING * self.resolution
+        rests = self.values[use].std(axis=0) < RESTING * self.resolution
         return self.resolution**2 / np.where(rests, AT_MOST, ROUNDED)
 
 
@@ -149,8 +151,14 @@ def poses(way: Variant, ratio: np.ndarray | None = None) -> list[Pose]:
     return found
 
 
-def gains(target: Target, moments: Moments | None, free_price: float) -> list[Gain]:
-    """Return the factors that a whole term may have, the described one first."""
+def gains(
+    target: Target, moments: Moments | None, free_price: float, offset: np.ndarray | None = None
+) -> list[Gain]:
+    """Return the factors that a whole term may have, the described one first.
+
+    A free factor is told from the spreads, whatever the order, and from the numbers in their own
+    order, where the offset (k,) was added before the factor and where it was added after it.
+    """
     scale, flipped = target.scale, target.flipped
     found = [Gain("", "", "", scale, 0.0)]
     if moments is None:
@@ -166,13 +174,28 @@ def gains(target: Target, moments: Moments | None, free_price: float) -> list[Ga
         found.append(Gain("scale", once, "multiply it by its scale", np.ones_like(scale), 1.0))
         twice = "was multiplied by its scale twice"
         found.append(Gain("scale", twice, "multiply it once", scale**2, 1.0))
-    power = float(np.sum(scale**2 * moments.source_var))
-    if power > 0:
-        ratio = float(np.sqrt(moments.var.sum() / power))
+    for ratio in _ratios(scale, moments, np.zeros_like(scale) if offset is None else offset):
         text = f"is {ratio:.4g} times as large as described"
         fix, price = f"divide it by {ratio:.4g}", free_price
         found.append(Gain("scale", text, fix, scale * ratio, price, ratio))
     return found
+
+
+def _ratios(scale: np.ndarray, moments: Moments, offset: np.ndarray) -> list[float]:
+    """Return the factors on a whole term that spreads and least squares tell."""
+    power = float(np.sum(scale**2 * moments.source_var))
+    if power <= 0:
+        return []
+    found = [float(np.sqrt(moments.var.sum() / power))]
+    with_source = np.diag(moments.cov) + moments.mean * moments.source_mean  # E[value source]
+    square = moments.source_var + moments.source_mean**2
+    after = scale * (with_source - scale * offset * moments.source_mean)
+    found.append(float(after.sum() / np.sum(scale**2 * square)))
+    if np.any(offset):
+        before = scale * (with_source + moments.mean * offset)
+        whole = square + 2 * offset * moments.source_mean + offset**2
+        found.append(float(before.sum() / np.sum(scale**2 * whole)))
+    return [ratio for ratio in found if ratio > 0]
 
 
 def options(

@@ -1,0 +1,48 @@
+"""Commands that hardly move, and that are rounded to counts, show faults of their own alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hardware.log import Log
+from sim2real.diagnosis.contract.rows import Rows
+from sim2real.diagnosis.contract.stages import Stage, check_action
+from sim2real.diagnosis.settings import DEFAULT
+from tests.sim2real.diagnosis.contract.walk import JOINTS, POSE, SCALE, described
+
+COUNT = 2 * np.pi / 4096  # rad
+ROWS = 300
+
+
+def commands(path: Path, action: np.ndarray, sent: np.ndarray, limited: np.ndarray) -> Stage:
+    """Check commands (T, 4), rounded to counts, against actions (T, 4)."""
+    rounded = np.round(sent / COUNT) * COUNT
+    columns = {"episode": np.zeros(ROWS), "time": np.arange(ROWS) / 50.0, "flag.limited": limited}
+    columns |= {f"action.{i}": action[:, i] for i in range(4)}
+    columns |= {f"qpos.{name}": rounded[:, i] for i, name in enumerate(JOINTS)}
+    columns |= {f"ctrl.{name}": rounded[:, i] for i, name in enumerate(JOINTS)}
+    rows = Rows.of([Log(columns, {})])
+    return check_action(rows, described(path / "OBS.yaml"), DEFAULT.contract)
+
+
+def test_a_wrong_scale_far_from_the_pose_is_no_offset(tmp_path):
+    """Actions of 1.5 and more that move by a few counts: their spread does not tell the factor."""
+    rng = np.random.default_rng(4)
+    action = np.array([1.5, -2.0, 2.5, -1.2]) + 0.01 * rng.standard_normal((ROWS, 4))
+    found = commands(tmp_path, action, POSE + 0.7 * SCALE * action, np.zeros(ROWS)).findings
+    assert [(one.fault, one.where) for one in found] == [("scale", "ctrl")]
+    assert found[0].value is not None
+    assert abs(found[0].value - 0.7) < 1e-3
+
+
+def test_a_command_that_rests_is_off_by_its_rounding_alone(tmp_path):
+    """Half a count is no offset, also where the guard cut the first row."""
+    action = np.tile([2.7, -2.7, 2.71, -2.71], (ROWS, 1))
+    sent, limited = POSE + SCALE * action, np.zeros(ROWS)
+    sent[0] -= 0.1
+    limited[0] = 1.0
+    off = np.abs(np.round(sent[1] / COUNT) - sent[1] / COUNT)
+    assert off.max() > 0.3  # counts: more than rounding makes on average
+    assert commands(tmp_path, action, sent, limited).findings == []
