@@ -1,0 +1,70 @@
+"""What temperature may have done is simulated, and only what that leaves is compared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.comparison.compare import Prepared, prepare
+from sim2real.diagnosis.comparison.confounders import confounders
+from sim2real.diagnosis.comparison.excused import Excused, excuse
+from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
+from sim2real.diagnosis.settings import DEFAULT, Settings
+from tests.sim2real.diagnosis import arm
+from tests.sim2real.diagnosis.comparison.test_compare import WATCH, noisy
+
+FRICTION = ("coulomb_friction", {"where": None})
+BEFORE, AFTER = [0], [1]
+
+
+def excused(model: str, rounds: int) -> tuple[Pieces, Excused, Prepared]:
+    """Compare an arm with one that is 20 K colder and has a quarter more friction in all joints."""
+    compared = replace(DEFAULT.compared, excused_rounds=rounds)
+    settings: Settings = replace(DEFAULT, compared=compared)
+    logs = [
+        noisy(
+            arm.make_log((*FRICTION, value), seconds=12.0, seed=3),
+            n,
+            temperature=warm,
+            voltage=12.0,
+        )
+        for n, (value, warm) in enumerate([(0.08, 30.0), (0.1, 10.0)])
+    ]
+    made = prepare(logs, model, [], WATCH, settings)
+
+    def contrast(error: np.ndarray) -> Pieces:
+        own = (made.beside, made.response, error, made.windows, made.motions, BEFORE, AFTER)
+        return contrasts(made.data, *own)
+
+    first = contrast(made.error)
+    columns = made.response.columns
+    beside = confounders(made.data, columns, BEFORE, AFTER, True, made.friction)
+    later = np.array([i for i, w in enumerate(made.data.windows) if w.log in AFTER], int)
+    own = (made.simulator, made.watch, made.response, made.error, later, beside.excused, contrast)
+    return first, excuse(first, *own), made
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory) -> str:
+    """The arm's file."""
+    return arm.model(tmp_path_factory.mktemp("arm"))
+
+
+def test_colder_joints_are_simulated_until_noise_is_left(model) -> None:
+    """Both sides are recorded along one motion: their noise's difference is all that stays."""
+    first, found, made = excused(model, 2)
+    rest = np.sqrt(np.mean(found.pieces.before_rms**2) / np.mean(first.before_rms**2))
+    assert rest < 0.5
+    names = [made.response.columns[k].option.name for k in found.moved]
+    assert "coulomb_friction" in names
+    assert found.response > 1.0
+
+
+def test_without_rounds_everything_is_left(model) -> None:
+    """The errors are those of the same model on both sides."""
+    first, found, _ = excused(model, 0)
+    assert found.pieces is first
+    assert set(found.moved.values()) == {0.0}
+    assert found.response == 0.0
