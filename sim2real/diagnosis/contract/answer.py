@@ -7,6 +7,7 @@ answer.verdict, [(f.fault, f.where, f.fix) for f in answer.findings], answer.can
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from sim2real.runs.files import write_text
 
 SCHEMA = 1
 Verdict = Literal["holds", "broken", "cannot_tell"]
+SAME_VALUE = 0.05  # two fitted values that differ by less are told as one
 EXIT = {"holds": 0, "broken": 3, "cannot_tell": 4}
 
 
@@ -150,6 +152,8 @@ def open_of(name: str, found: Decoded) -> list[Open]:
     if found.static:
         text = "did not move: order, sign, scale and age cannot be told"
         made.append(Open(f"{name}: {', '.join(found.static)}", text))
+    if found.unseen:
+        made.append(Open(f"{name}: {', '.join(found.unseen)}", "too few rows to compare"))
     for group in found.exchangeable:
         text = "moved alike: their order cannot be told"
         made.append(Open(f"{name}: {', '.join(group)}", text))
@@ -169,11 +173,19 @@ def _rivals(
     """Return what stands in other ways in the place of a change, up to `most` with it."""
     rivals = []
     for other in found.others:
-        if change in other:
+        if any(_same(change, o) for o in other):
             continue
         rivals += [
             Rival(o.fault, _where(name, o, elements), o.text)
             for o in other
-            if o not in found.changes
+            if not any(_same(o, own) for own in found.changes)
         ]
     return tuple(dict.fromkeys(rivals))[: most - 1]
+
+
+def _same(one: Change, other: Change) -> bool:
+    """Return whether two changes are one, told with a slightly other value."""
+    if one == other or one.value is None or other.value is None:
+        return one == other
+    alike = one.fault == other.fault and one.elements == other.elements
+    return alike and math.isclose(one.value, other.value, rel_tol=SAME_VALUE)

@@ -55,6 +55,7 @@ class Decoded:
         others: changes of other ways that explain the log as well.
         static: elements that did not move enough to judge order, sign, scale and age.
         exchangeable: groups of elements that the log cannot tell apart.
+        unseen: elements that have too few rows to be compared.
         age_open: whether an age one step off explains the log as well.
     """
 
@@ -66,6 +67,7 @@ class Decoded:
     others: tuple[tuple[Change, ...], ...] = ()
     static: tuple[str, ...] = ()
     exchangeable: tuple[tuple[str, ...], ...] = ()
+    unseen: tuple[str, ...] = ()
     age_open: bool = False
 
 
@@ -79,13 +81,15 @@ def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract
         limits: when a change is named.
     """
     use = rows.deep(limits.ages_max)
-    kept = np.all(np.abs(target.values) < target.clip * (1 - limits.floor), axis=1)
+    kept = np.abs(target.values) < target.clip * (1 - limits.floor)
+    kept = np.repeat(np.all(kept, axis=1)[:, None], kept.shape[1], axis=1)
     if target.apart is not None:
         kept &= ~target.apart
-    use = use[kept[use]]
-    if len(use) < limits.rows_min:
-        return Decoded(static=tuple(target.elements))
-    search = _Search(target, rows, use, limits)
+    use = use[kept[use].any(axis=1)]
+    kept = kept[use] & (kept[use].sum(axis=0) >= limits.rows_few)
+    if kept.sum(axis=0).sum() < limits.rows_min or len(use) < limits.rows_min:
+        return Decoded(unseen=tuple(target.elements))
+    search = _Search(target, rows, use, kept, limits)
     plain = search.described(ways[0])
     misfit = search.misfit(plain)
     blind = search.blind(plain)
@@ -97,12 +101,24 @@ def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract
 
 
 class _Search:
-    def __init__(self, target: Target, rows: Rows, use: np.ndarray, limits: Contract) -> None:
+    def __init__(
+        self, target: Target, rows: Rows, use: np.ndarray, kept: np.ndarray, limits: Contract
+    ) -> None:
+        """Take the rows `use` (n,); of these each number is compared where `kept` (n, k)."""
         self.target, self.rows, self.use, self.limits = target, rows, use, limits
         self.logged = target.values[use]
-        self.rounding = target.rounding(use)  # (k,)
-        least = limits.still * np.abs(target.scale)
-        self.spread = np.maximum(self.logged.std(axis=0), least)  # (k,)
+        self.weight = kept / np.maximum(kept.sum(axis=0), 1)  # (n, k)
+        self.seen = kept.any(axis=0)  # (k,)
+        spread = self._std(self.logged)
+        self.rounding = target.rounding(spread)  # (k,)
+        self.spread = np.maximum(spread, limits.still * np.abs(target.scale))  # (k,)
+
+    def _mean(self, values: np.ndarray) -> np.ndarray:
+        """Return the mean of each number (n, k) over the rows in which it is compared, (k,)."""
+        return np.sum(self.weight * values, axis=0)
+
+    def _std(self, values: np.ndarray) -> np.ndarray:
+        return np.sqrt(self._mean((values - self._mean(values)) ** 2))
 
     def described(self, way: Variant) -> Way:
         """Return the described way."""
@@ -118,7 +134,7 @@ class _Search:
             if age != way.age and way.fault and not few:
                 continue
             moments = self._moments(way, age)
-            factors = gains(self.target, moments, self.limits.free_price, way.offset)
+            factors = gains(self.target, moments, self.limits.free_price, way.offset * self.seen)
             made += [
                 self._way(way, age, gain, pose, moments)
                 for gain in factors
@@ -134,22 +150,23 @@ class _Search:
     def misfit(self, way: Way) -> np.ndarray:
         """Return each number's RMS misfit, of its spread, (k,)."""
         made = self.predict(way)
-        spread = np.maximum(self.spread, made.std(axis=0))
-        square = np.mean((self.logged - made) ** 2, axis=0) - self.rounding
+        spread = np.maximum(self.spread, self._std(made))
+        square = self._mean((self.logged - made) ** 2) - self.rounding
         return np.sqrt(np.maximum(square, 0.0)) / spread
 
     def blind(self, plain: Way) -> Decoded:
         """Return, with nothing else, what the log cannot tell even if all is as described."""
         names, limits = self.target.elements, self.limits
         source = self.rows.older(plain.variant.values, plain.age)[self.use]
-        still = source.std(axis=0) < limits.still
+        still = self._std(source) < limits.still
         likeness = _likeness(source, plain.variant.offset, self.target.scale, limits)
         pairs = (likeness < limits.alike) & ~still[:, None] & ~still
         age = plain.age + 1
         later = self._way(plain.variant, age, plain.gain, plain.pose,
                           self._moments(plain.variant, age), exact=True)  # fmt: skip
         return Decoded(
-            static=tuple(n for n, s in zip(names, still, strict=True) if s),
+            static=tuple(n for n, s in zip(names, still & self.seen, strict=True) if s),
+            unseen=tuple(n for n, s in zip(names, self.seen, strict=True) if not s),
             exchangeable=tuple(tuple(names[i] for i in g) for g in _groups(pairs)),
             age_open=bool(not still.all() and later.score - plain.score < limits.alike),
         )
@@ -167,6 +184,7 @@ class _Search:
         near += self._reordered(best)
         others = dict.fromkeys(changes(self.target, w) for w in sorted(near, key=lambda w: w.score))
         others.pop(found, None)
+        late = any(one.fault == "age" for one in found)
         return replace(
             blind,
             changes=found,
@@ -175,13 +193,18 @@ class _Search:
             left=float(after.max()),
             sure=self._sure(plain, best, wrong),
             others=tuple(others),
+            age_open=blind.age_open and not late,
         )
 
     def _moments(self, way: Variant, age: int) -> Moments:
         source = self.rows.older(way.values, age)[self.use]
-        mean, source_mean = self.logged.mean(axis=0), source.mean(axis=0)
-        cov = (self.logged - mean).T @ (source - source_mean) / len(source)
-        return Moments(mean, self.logged.var(axis=0), source_mean, source.var(axis=0), cov)
+        middle = source.mean(axis=0)  # taken off first, for the digits
+        mean, off, weight = self._mean(self.logged), source - middle, self.weight.T
+        around = weight @ off  # (k, k): number j, source i
+        var = np.maximum(weight @ off**2 - around**2, 0.0)
+        cov = (self.weight * (self.logged - mean)).T @ off
+        source_mean = around + middle * self.seen[:, None]
+        return Moments(mean, self._std(self.logged) ** 2, source_mean, var, cov)
 
     def _way(
         self, way: Variant, age: int, gain: Gain, pose: Pose, moments: Moments, exact: bool = False
@@ -197,7 +220,7 @@ class _Search:
             - self.rounding[:, None]
         )
         relative = np.maximum(mse, 0.0) / (self.spread**2)[:, None] + limits.floor**2
-        fit = limits.effective_rows / 2 * np.log(relative)
+        fit = limits.effective_rows / 2 * np.log(relative) * self.seen[:, None]
         total = fit + limits.price * price[:, None, None]
         moved = ~np.eye(k, dtype=bool)
         for place in AT_OWN:
@@ -232,9 +255,9 @@ class _Search:
 
     def _sure(self, plain: Way, best: Way, wrong: np.ndarray) -> float:
         """Return the share of resampled blocks of rows in which the changes explain enough."""
-        limits = self.limits
+        limits, scale = self.limits, np.sqrt(self.weight * len(self.use)) / self.spread
         errors = [
-            np.sum(((self.logged - self.predict(way)) / self.spread)[:, wrong] ** 2, axis=1)
+            np.sum((scale * (self.logged - self.predict(way)))[:, wrong] ** 2, axis=1)
             for way in (plain, best)
         ]
         blocks = np.array_split(np.arange(len(self.use)), limits.blocks)

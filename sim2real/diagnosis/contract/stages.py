@@ -45,7 +45,7 @@ class Stage:
         """Add what was decoded at one place."""
         self.findings += findings_of(stage, name, found, elements, limits)
         self.cannot_tell += open_of(name, found)
-        if len(found.static) < len(elements):
+        if len(found.static) + len(found.unseen) < len(elements):
             self.checked[f"{stage}: {name}"] = found.left
 
 
@@ -264,12 +264,33 @@ def check_action(rows: Rows, about: Description, limits: Contract) -> Stage:
     reach = float(np.median(np.abs(sent / scale - offset).max(axis=0)))
     raw = done if law.law == "joint_position" else None
     ways = _action_ways(rows, asked, offset, raw, reach, limits)
-    apart = None if free is None else _after(free > 0, limits)  # the guard's own doing
     names = list(about.actuators)
-    target = Target("ctrl", names, sent, scale, True, resolution=step, apart=apart)
-    found = decode(target, ways, rows, limits)
-    stage.take("action", "ctrl", found, list(about.actuators), limits)
+    target = Target("ctrl", names, sent, scale, True, resolution=step)
+    cut = np.zeros(len(rows), bool) if free is None else free > 0  # the guard's own doing
+    near = _after(cut, limits)
+    many = (~near).sum() < limits.rows_min
+    apart = _cut(sent, cut, rows, step) if many else np.repeat(near[:, None], len(names), axis=1)
+    found = decode(target._replace(apart=apart), ways, rows, limits)
+    if many and not found.changes:
+        text = f"the guard cut {cut.sum()} of {len(cut)} rows: what became of actions is not told"
+        stage.cannot_tell.append(Open("ctrl", text))
+        return stage
+    stage.take("action", "ctrl", found, names, limits)
     return stage
+
+
+def _cut(sent: np.ndarray, cut: np.ndarray, rows: Rows, step: np.ndarray) -> np.ndarray:
+    """Return which commands (T, k) a guard seems to have cut, in the rows (T,) that say so.
+
+    Those that went as far in one row as they ever do, or lie at an end of where they ever are. It
+    is a guess: a guard may limit otherwise.
+    """
+    far = np.abs(sent - rows.older(sent, 1))
+    near = 2 * np.maximum(step, TWELVE_BITS)  # a step lies between two rounded commands
+    fast = far >= far.max(axis=0) - near
+    low, high = sent.min(axis=0) + near, sent.max(axis=0) - near
+    ends = (sent <= low) | (sent >= high)
+    return cut[:, None] & (fast | ends | (rows.since == 0)[:, None])
 
 
 def _after(flags: np.ndarray, limits: Contract) -> np.ndarray:

@@ -32,7 +32,7 @@ class Target(NamedTuple):
         clip: numbers of this size and above were cut, and are left out.
         flipped: what a sign that is wrong in all numbers is called.
         resolution: step to which each number is rounded, (k,); None for none.
-        apart: rows that are not compared, (T,) bool; None for none.
+        apart: where a number is not compared, (T, k) bool; None for nowhere.
     """
 
     name: str
@@ -45,14 +45,14 @@ class Target(NamedTuple):
     resolution: np.ndarray | None = None
     apart: np.ndarray | None = None
 
-    def rounding(self, use: np.ndarray) -> np.ndarray:
+    def rounding(self, spread: np.ndarray) -> np.ndarray:
         """Return the mean square of what rounding makes of each number, (k,).
 
-        At most, of one that rests in the rows `use`.
+        At most, of one that rests: whose standard deviation (k,) is a few steps.
         """
         if self.resolution is None:
             return np.zeros(self.values.shape[1])
-        rests = self.values[use].std(axis=0) < RESTING * self.resolution
+        rests = spread < RESTING * self.resolution
         return self.resolution**2 / np.where(rests, AT_MOST, ROUNDED)
 
 
@@ -95,12 +95,12 @@ class Pose(NamedTuple):
 
 
 class Moments(NamedTuple):
-    """Means and covariances of logged numbers and a source."""
+    """Means and covariances of logged numbers and a source, each over the rows of its number."""
 
     mean: np.ndarray  # of the log, (k,)
     var: np.ndarray
-    source_mean: np.ndarray  # (k,)
-    source_var: np.ndarray
+    source_mean: np.ndarray  # (k, k): in the rows of number j, source i
+    source_var: np.ndarray  # (k, k)
     cov: np.ndarray  # (k, k): logged j, source i
 
 
@@ -183,17 +183,18 @@ def gains(
 
 def _ratios(scale: np.ndarray, moments: Moments, offset: np.ndarray) -> list[float]:
     """Return the factors on a whole term that spreads and least squares tell."""
-    power = float(np.sum(scale**2 * moments.source_var))
+    var, mean = np.diag(moments.source_var), np.diag(moments.source_mean)
+    power = float(np.sum(scale**2 * var))
     if power <= 0:
         return []
     found = [float(np.sqrt(moments.var.sum() / power))]
-    with_source = np.diag(moments.cov) + moments.mean * moments.source_mean  # E[value source]
-    square = moments.source_var + moments.source_mean**2
-    after = scale * (with_source - scale * offset * moments.source_mean)
+    with_source = np.diag(moments.cov) + moments.mean * mean  # E[value source]
+    square = var + mean**2
+    after = scale * (with_source - scale * offset * mean)
     found.append(float(after.sum() / np.sum(scale**2 * square)))
     if np.any(offset):
         before = scale * (with_source + moments.mean * offset)
-        whole = square + 2 * offset * moments.source_mean + offset**2
+        whole = square + 2 * offset * mean + offset**2
         found.append(float(before.sum() / np.sum(scale**2 * whole)))
     return [ratio for ratio in found if ratio > 0]
 
@@ -206,7 +207,7 @@ def options(
     g = np.repeat(gain.factor[:, None], k, axis=1)  # (k, k)
     b = np.repeat(pose.offset[:, None], k, axis=1)
     own = np.repeat(pose.offset[None, :], k, axis=0)
-    mean, x = moments.mean[:, None], moments.source_mean[None, :]
+    mean, x = moments.mean[:, None], moments.source_mean
     free = mean - g * x
     against = g * (moments.cov + mean * (x + b))
     power = np.maximum(g**2 * (moments.source_var + (x + b) ** 2), np.finfo(float).tiny)

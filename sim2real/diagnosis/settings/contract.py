@@ -58,6 +58,9 @@ class Contract:
     )
     strides: tuple[int, ...] = setting((2, 3, 4), "1", "steps between a history's frames", JUDGED)
     rows_min: int = setting(20, "1", "rows below which nothing is judged", JUDGED)
+    rows_few: int = setting(
+        4, "1", "rows below which one number is left out where the guard cut the others", JUDGED
+    )
     draws: int = setting(200, "1", "resamples that `sure` is counted over", COST)
     blocks: int = setting(20, "1", "blocks of rows that are resampled", JUDGED)
     rate_error: float = setting(0.1, "1", "disagreement of the rate and the stamps", JUDGED)

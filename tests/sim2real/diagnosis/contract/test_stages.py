@@ -10,7 +10,13 @@ from hardware.log import Log
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.stages import Stage, check_action
 from sim2real.diagnosis.settings import DEFAULT
-from tests.sim2real.diagnosis.contract.walk import JOINTS, POSE, SCALE, described
+from tests.sim2real.diagnosis.contract.walk import (
+    JOINTS,
+    POSE,
+    SCALE,
+    described,
+    older,
+)
 
 COUNT = 2 * np.pi / 4096  # rad
 ROWS = 300
@@ -46,3 +52,26 @@ def test_a_command_that_rests_is_off_by_its_rounding_alone(tmp_path):
     off = np.abs(np.round(sent[1] / COUNT) - sent[1] / COUNT)
     assert off.max() > 0.3  # counts: more than rounding makes on average
     assert commands(tmp_path, action, sent, limited).findings == []
+
+
+def test_a_late_command_is_told_from_the_few_that_the_guard_let_pass(tmp_path):
+    """The guard cuts a joint or more in nearly every row; where one went less far, it was free."""
+    rng = np.random.default_rng(6)
+    action = 2.0 * rng.standard_normal((ROWS, 4))
+    wanted = POSE + SCALE * np.clip(action, -3.0, 3.0)
+    late, sent, cut = older(wanted, 2), [POSE], []
+    for goal in late:
+        sent.append(sent[-1] + np.clip(goal - sent[-1], -0.15, 0.15))
+        cut.append(float(np.any(sent[-1] != goal)))
+    assert np.mean(cut) > 0.97
+    made = commands(tmp_path, action, np.array(sent[1:]), np.array(cut))
+    assert [(one.fault, one.where, one.value) for one in made.findings] == [("age", "ctrl", 2.0)]
+
+
+def test_what_the_guard_cut_all_the_time_is_said_and_not_guessed(tmp_path):
+    """Nothing passed: commands that follow no law are no finding."""
+    rng = np.random.default_rng(7)
+    action = 2.0 * rng.standard_normal((ROWS, 4))
+    made = commands(tmp_path, action, POSE + 0.1 * rng.standard_normal((ROWS, 4)), np.ones(ROWS))
+    assert made.findings == []
+    assert any("the guard cut 300 of 300 rows" in one.text for one in made.cannot_tell)
