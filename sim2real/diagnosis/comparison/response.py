@@ -16,7 +16,7 @@ import numpy as np
 
 from envs.plant import Fixed
 from sim2real.diagnosis.attribution.batches import Rows, simulate_each
-from sim2real.diagnosis.attribution.candidates import Candidate, candidates
+from sim2real.diagnosis.attribution.candidates import Candidate, candidates, in_the_way
 from sim2real.diagnosis.attribution.fit import nudges
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
@@ -135,6 +135,7 @@ def respond(
         probe
         for option in watch.options
         if option.label not in known and wanted(option)
+        if not any(in_the_way(one.effect, option.effect) for one in shared)
         for probe in _probes(option, small)
     ]
     sets = [_rows(shared, windows, watch.values)]
