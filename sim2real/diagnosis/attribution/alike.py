@@ -12,7 +12,7 @@ import numpy as np
 
 from sim2real.diagnosis.attribution.attribute import Contender, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.settings import TINY_SQUARE
+from sim2real.diagnosis.settings import TINY_SQUARE, Causes
 
 
 def equals(
@@ -60,7 +60,7 @@ def confidence(
     rest: np.ndarray,
     closed: float,
 ) -> float:
-    """Return the probability that a cause, or an equal of it, is really there.
+    """Return how much speaks for a cause, or an equal of it; `calibrated` makes it a probability.
 
     How often it wins when blocks are drawn again, less where the next rival is close behind or
     much of the gap stays. A rival is close where it closes nearly as much and leaves little more.
@@ -80,6 +80,22 @@ def confidence(
     doubt = limits.open_doubt
     sure *= (1 - doubt) + doubt * np.clip(closed, 0, 1)
     return float(np.clip(sure, limits.confidence_min, limits.confidence_max))
+
+
+def calibrated(sure: float, limits: Causes) -> float:
+    """Return the probability that a cause is right, by how often others named as surely were.
+
+    A logistic curve over log odds (Platt 1999, "Probabilistic outputs for support vector
+    machines").
+
+    Args:
+        sure: of `confidence`, less what else speaks against the cause; in (0, 1).
+        limits: the curve, and the ends of what is ever said.
+    """
+    intercept, slope = limits.calibration
+    sure = float(np.clip(sure, limits.confidence_min, limits.confidence_max))
+    odds = intercept + slope * np.log(sure / (1 - sure))
+    return float(np.clip(1 / (1 + np.exp(-odds)), limits.confidence_min, limits.confidence_max))
 
 
 def _race(

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.alike import confidence, equals
+from sim2real.diagnosis.attribution.alike import calibrated, confidence, equals
 from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.equivalents import (
@@ -143,6 +143,7 @@ def conclude(
         if usual is not None:
             doubt = limits.usual_doubt * (1 - usual.clear(rest, found.error))
             cause = replace(cause, confidence=cause.confidence * (1 - doubt))
+        cause = replace(cause, confidence=calibrated(cause.confidence, limits))
         own = columns(fit.members)[place]
         causes.append(_valued(cause, member, fit.mean[own], spans[own]))
         findings += [_crowded(cause, crowd)] if len(crowd) >= limits.equivalents_max else []

@@ -87,7 +87,7 @@ def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract
         kept &= ~target.apart
     use = use[kept[use].any(axis=1)]
     kept = kept[use] & (kept[use].sum(axis=0) >= limits.rows_few)
-    if kept.sum(axis=0).sum() < limits.rows_min or len(use) < limits.rows_min:
+    if kept.sum() < limits.rows_min or len(use) < limits.rows_min:
         return Decoded(unseen=tuple(target.elements))
     search = _Search(target, rows, use, kept, limits)
     plain = search.described(ways[0])
@@ -108,7 +108,7 @@ class _Search:
         self.target, self.rows, self.use, self.limits = target, rows, use, limits
         self.logged = target.values[use]
         self.weight = kept / np.maximum(kept.sum(axis=0), 1)  # (n, k)
-        self.seen = kept.any(axis=0)  # (k,)
+        self.seen: np.ndarray = np.asarray(kept.any(axis=0))  # (k,)
         spread = self._std(self.logged)
         self.rounding = target.rounding(spread)  # (k,)
         self.spread = np.maximum(spread, limits.still * np.abs(target.scale))  # (k,)

@@ -231,7 +231,15 @@ class Causes:
     rival_excess: float = setting(
         0.5, "1", "the same of what the cause leaves, if that is nearer to 0", CALIBRATED
     )
-    open_doubt: float = setting(0.35, "1", "confidence lost where nothing is closed", CALIBRATED)
+    open_doubt: float = setting(0.8, "1", "confidence lost where nothing is closed", CALIBRATED)
+    calibration: tuple[float, float] = setting(
+        (0.64, 2.07),
+        "1",
+        "intercept and slope of the log odds that a cause is right, over those of what the "
+        "races say",
+        "tuned: logistic regression on the calibration half of robots of another engine "
+        "(docs/thirdparty.md)",
+    )
     usual_error: float = setting(
         0.03, "1", "error of any model's masses, friction and gains", "convention: a few per cent"
     )

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from sim2real.diagnosis.attribution.alike import confidence
+from sim2real.diagnosis.attribution.alike import calibrated, confidence
+from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis import arm
 
 
@@ -41,3 +44,16 @@ def test_a_rival_that_leaves_half_as_much_again_is_far(tmp_path: Path) -> None:
     assert sure(1.0, 1.05) < 0.78 < sure(1.0, 1.25) < 0.9 < sure(1.0, 1.75)
     assert sure(1.0, 8.0) > 0.95
     assert sure(20.0, 21.0) < 0.85  # much is left of the same gap, and the rival is close
+
+
+def test_confidence_is_calibrated_by_a_logistic_curve() -> None:
+    """The plain curve changes nothing; any keeps the order, and stays within the ends."""
+    limits = DEFAULT.causes
+    plain = replace(limits, calibration=(0.0, 1.0))
+    raw = np.linspace(0.02, 0.98, 25)
+    assert [calibrated(sure, plain) for sure in raw] == pytest.approx(raw)
+    even = replace(limits, calibration=(np.log(3.0), 1.0))  # three times the odds
+    assert calibrated(0.5, even) == pytest.approx(0.75)
+    found = [calibrated(sure, limits) for sure in [0.0, *raw, 1.0]]
+    assert found == sorted(found)
+    assert (found[0], found[-1]) == (limits.confidence_min, limits.confidence_max)

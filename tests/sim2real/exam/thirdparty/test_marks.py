@@ -113,6 +113,20 @@ def test_calibration_error() -> None:
     assert tables.calibration_error([]) is None
 
 
+def test_the_curve_of_an_earned_confidence_is_straight() -> None:
+    """As many are right as is said: x. All right that were named with 0.3: more than x."""
+    rng = np.random.default_rng(2)
+    one = mark(key("single", FRICTION), report("explained", FOUND))
+
+    def told(sure: np.ndarray, right: np.ndarray) -> tuple[float, float]:
+        pairs = zip(sure, right, strict=True)
+        return tables.curve([Mark(**{**vars(one), "confidence": s, "right": r}) for s, r in pairs])
+
+    sure = rng.uniform(0.1, 0.95, 2000)
+    assert told(sure, rng.random(2000) < sure) == pytest.approx((0.0, 1.0), abs=0.2)
+    assert told(np.full(20, 0.3), np.ones(20))[0] > 1.0
+
+
 def test_a_false_explanation_has_a_line_of_its_own() -> None:
     """A wrong first cause, or a law outside, that is called explained; what is open is none."""
     marks = [
