@@ -23,6 +23,8 @@ import yaml
 from envs.errors import TaskError, did_you_mean
 
 KEYS = ("joint", "kp", "kv", "forcerange", "ctrlrange", "armature", "frictionloss", "damping")
+FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
+WIDTH = {FREE: (7, 6), BALL: (4, 3)}  # numbers in qpos and qvel of a joint; else 1 and 1
 COMPILER = {"fusestatic": "false", "discardvisual": "true", "balanceinertia": "true"}
 
 
@@ -46,6 +48,22 @@ def load_spec(path: str | Path) -> mujoco.MjSpec:
         if isinstance(error, TaskError):
             raise
         raise TaskError(f"{path}: the model cannot be read: {error}") from None
+
+
+def columns_of(model: mujoco.MjModel, joint: int) -> tuple[list[str], list[str]]:
+    """Return how columns name the numbers of a joint, without `qpos.` and `qvel.`."""
+    name, width = model.joint(joint).name, WIDTH.get(int(model.jnt_type[joint]))
+    if width is None:
+        return [name], [name]
+    positions, speeds = ([f"{name}.{k}" for k in range(size)] for size in width)
+    return positions, speeds
+
+
+def named(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return the spec, its unnamed actuators called as what they drive: a log needs names."""
+    for actuator in spec.actuators:
+        actuator.name = actuator.name or actuator.target
+    return spec
 
 
 def _urdf(path: Path) -> mujoco.MjSpec:

@@ -47,6 +47,8 @@ class ExportedPolicy:
         rate: control steps a second.
         joints: the servos, in the order of the task's goals.
         names: what each number of an observation is.
+        parameters: which parameters of the robot, to be identified, are the last of these numbers:
+            name, unit, how (set, add or scale), low and high of the range that training drew.
 
     Raises:
         PolicyError: another schema, or numbers that make no perceptron.
@@ -58,6 +60,7 @@ class ExportedPolicy:
         try:
             self.robot, self.rate = str(facts["robot"]), float(facts["rate"])
             self.joints, self.names = list(facts["joints"]), list(facts["observation"]["names"])
+            self.parameters = list(facts.get("parameters", []))
             self._activation, self._squash = facts["activation"], facts["squash"]
             self._golden = facts["golden"]
             self._mean, self._std = arrays["mean"], arrays["std"]

@@ -26,7 +26,7 @@ from hardware.rows import RobotRows
 from hardware.safety import StopLimits
 from sim2real.deployment.session import STATE, Deployment, Turn, save
 from sim2real.deployment.trained import task_of
-from sim2real.learning.adapt import Adaptation, Steps
+from sim2real.learning.adapt import Adaptation, IdentifySession, Steps
 from sim2real.learning.environment import Environment
 from sim2real.learning.trained import Pilot, Trained
 from sim2real.runs.errors import Sim2RealError, Stopped
@@ -86,7 +86,7 @@ def guarding(stops: dict[str, float] | None) -> StopLimits:
 def check_reward(rows: RobotRows, adapt: Adaptation) -> None:
     """Refuse to adapt by returns that cannot be measured."""
     lacking = rows.needs()[1] - set(rows.backend.senses)
-    if lacking and adapt.episodes:
+    if lacking and adapt.episodes and not adapt.needs_log:
         raise Sim2RealError(
             f"the reward of {type(rows.task).__name__} needs {', '.join(sorted(lacking))}, which "
             f"{rows.backend.robot.name} does not measure, so its returns cannot guide an "
@@ -108,7 +108,8 @@ def drive(
         rows: the robot.
         trained: the policy.
         deployment: which episodes are left.
-        out: gets state.npz and returns.csv after each episode.
+        out: gets state.npz and returns.csv after each episode, and parameters.csv where the robot's
+            are identified.
         measure: what is added to the return of an episode, such as the distance that somebody
             measured; None for nothing.
         resume: the folder that a message says to continue; None for `out`.
@@ -135,9 +136,11 @@ def drive(
                     f"remove the cause, then {again}"
                 )
             value += 0.0 if measure is None else measure(turn)
-            deployment.tell(value, steps)
+            deployment.tell(value, steps, rows.log.last)
             save(out / STATE, deployment)
             write_text(out / "returns.csv", list_returns(deployment).csv())
+            if isinstance(deployment.session, IdentifySession):
+                write_text(out / "parameters.csv", list_found(deployment.session).csv())
             log_.info("%s, episode %d: return %.4g", turn.phase, turn.number + 1, value)
     except KeyboardInterrupt:
         done = f"stopped after {deployment.done} of {deployment.total} episodes, torque is off"
@@ -190,6 +193,14 @@ def list_returns(deployment: Deployment) -> Table:
     for phase, values in phases.items():
         for number, value in enumerate(values, 1):
             table.add(phase, number, value)
+    return table
+
+
+def list_found(session: IdentifySession) -> Table:
+    """Return the robot's parameters as they were known after each episode, each in its unit."""
+    table = Table(("episode", *session.names))
+    for number, values in enumerate(session.history, 1):
+        table.add(number, *map(float, values))
     return table
 
 

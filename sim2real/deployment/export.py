@@ -29,6 +29,7 @@ from envs.tasks.base import Commanded
 from envs.tasks.servo import ServoTask
 from hardware.exported import SCHEMA, TOLERANCE, ExportedPolicy
 from hardware.files import whole_file
+from sim2real.learning.told import Told
 from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -53,8 +54,8 @@ def export(trained: Trained, task: ServoTask, out: Path, rng: np.random.Generato
     if trained.program is None:
         raise ExportError(
             "the policy is not a function of one observation: it has a memory, sees images, or has "
-            "transforms other than a normalization; export supports policy=linear, mlp, mlp2 and "
-            "actor_critic"
+            "transforms other than a normalization and parameters without products; export "
+            "supports policy=linear, mlp, mlp2 and actor_critic"
         )
     module = trained.program(trained.theta).eval()
     arrays, shape = dense(module, task)
@@ -148,7 +149,7 @@ def compare(got: np.ndarray, wanted: np.ndarray, name: str) -> None:
 def describe(trained: Trained, task: ServoTask, arrays: Arrays) -> dict[str, Any]:
     """Return what somebody must know who runs the policy elsewhere."""
     model = task.spec().compile()
-    machine = task.machine
+    machine, told = task.machine, trained.told
     return {
         "schema": SCHEMA,
         "task": type(task).__name__,
@@ -159,15 +160,28 @@ def describe(trained: Trained, task: ServoTask, arrays: Arrays) -> dict[str, Any
         "joints": [model.actuator(i).name for i in range(model.nu)],
         "goals": {"low": machine.low.tolist(), "high": machine.high.tolist(), "unit": "rad"},
         "observation": {
-            "names": names(task),
+            "names": [*names(task), *([] if told is None else told.names)],
             "mean": arrays["mean"].tolist(),
             "std": arrays["std"].tolist(),
         },
+        "parameters": [] if told is None else parameters(told),
         "action": {"low": arrays["low"].tolist(), "high": arrays["high"].tolist()},
         "checkpoint": None if trained.source is None else trained.source.name,
         "frames": trained.frames,
         "versions": {name: metadata.version(name) for name in ("torch", "numpy", "mujoco")},
     }
+
+
+def parameters(told: Told) -> list[dict[str, Any]]:
+    """Say which parameters of the robot stand behind an observation, in their order.
+
+    Somebody must find them (`run=identify`) and put them there, each in its unit and within the
+    range that the policy was trained in.
+    """
+    return [
+        {"name": p.name, "unit": p.unit, "how": p.how, "low": float(low), "high": float(high)}
+        for p, low, high in zip(told.parameters, told.low, told.high, strict=True)
+    ]
 
 
 def names(task: ServoTask) -> list[str]:

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from hardware.files import whole_file
+from hardware.log import Log
 from sim2real.learning.adapt import Adaptation, Steps
 from sim2real.learning.population.population import draw_seeds
 from sim2real.runs.errors import Sim2RealError
@@ -99,12 +100,13 @@ class Deployment:
         """Return whether an episode's actions are to be drawn, and its steps told."""
         return turn.phase == "adapt" and self.adapt.explores
 
-    def tell(self, value: float, steps: Steps | None = None) -> None:
+    def tell(self, value: float, steps: Steps | None = None, log: Log | None = None) -> None:
         """Report the return of the episode that `next` named.
 
         Args:
             value: the return.
             steps: what happened, of an episode that `explores`.
+            log: what was commanded and measured, for an adaptation that `needs_log`.
 
         Raises:
             Sim2RealError: all have been told, or a value that is not finite.
@@ -116,7 +118,7 @@ class Deployment:
                 "returns are finite numbers, one for each episode"
             )
         if turn.phase == "adapt":
-            self.session.tell(value, steps)
+            self.session.tell(value, steps, log)
         {"before": self.before, "adapt": self.adapting, "after": self.after}[turn.phase].append(
             float(value)
         )

@@ -21,12 +21,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sim2real.evaluation.grid import Box, Grid, training_range
+from sim2real.evaluation.grid import Box, Grid
 from sim2real.evaluation.grid_plots import grid_heatmaps, grid_line
 from sim2real.evaluation.scores import GridScores, combine
-from sim2real.learning.adapt import PolicyGradient
+from sim2real.learning.adapt import Identify, PolicyGradient
 from sim2real.learning.algorithms.base import Algorithm
 from sim2real.learning.population.gradient_adaptation import score_adaptation
+from sim2real.learning.population.identifying import score_identification
 from sim2real.learning.population.of_trained import population_of
 from sim2real.learning.population.population import (
     AdaptationScores,
@@ -34,6 +35,7 @@ from sim2real.learning.population.population import (
     draw_seeds,
     evaluate_adaptation,
 )
+from sim2real.learning.told import training_range
 from sim2real.runs.checkpoint import FOLDER, find, run_folder
 from sim2real.runs.errors import Sim2RealError
 
@@ -108,6 +110,7 @@ class Evaluation:
 
     def check(self, algorithm: Algorithm) -> None:
         """Raise ParameterError for a grid that leaves the policy's parameter space."""
+        check_told(algorithm)
         self.grid.values(_Cells(algorithm, self).space)
 
     def assess(
@@ -162,6 +165,7 @@ def run_cells(
     Raises:
         ParameterError: a grid that leaves the parameter space of the policy's simulator.
     """
+    check_told(algorithm)
     cells = _Cells(algorithm, evaluation)
     space = cells.space
     grid, repeats = evaluation.grid, evaluation.adaptations
@@ -202,12 +206,27 @@ def run_cells(
     )
 
 
+def check_told(algorithm: Algorithm) -> None:
+    """Refuse to adapt what is told the truth anyway by something else than finding it.
+
+    Raises:
+        Sim2RealError: a policy that knows its robot's parameters, and another adaptation.
+    """
+    adapt, told = algorithm.parts.adapt, algorithm.parts.environment.told
+    if told is not None and adapt.episodes and not isinstance(adapt, Identify):
+        raise Sim2RealError(
+            f"on simulated robots this policy is told {', '.join(told.names)} as they are, and "
+            f"{adapt} would adapt what no robot gives it; use adapt=none (told the truth) or "
+            "adapt=identify (told what its logs say)"
+        )
+
+
 class _Cells:
     """Runs cells of a grid: in the algorithm's own population, one of its actor, or its world."""
 
     def __init__(self, algorithm: Algorithm, evaluation: Evaluation) -> None:
         self._algorithm, self._episodes = algorithm, evaluation.episodes
-        self._adapt = algorithm.parts.adapt
+        self._adapt = algorithm.parts.adapt.within(algorithm.parts.environment)
         self._trained = algorithm.trained()
         self._made: Population | None = None  # of the actor, where it adapts
         population = algorithm.population
@@ -221,6 +240,8 @@ class _Cells:
 
     def run(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:
         """Run robots (n, P) under seeds (n,)."""
+        if isinstance(self._adapt, Identify):
+            return score_identification(self._trained, self._adapt, values, seeds, self._episodes)
         found = self._algorithm.scores(values, seeds, self._episodes)
         if found is not None:
             return found

@@ -3,7 +3,7 @@
 grid = Grid([{"parameter": "link_mass.torso", "low": 0.5, "high": 11.5, "count": 12},
              {"parameter": "ground_friction", "low": 0.1, "high": 2.9, "count": 15}])
 grid.values(space)                      # (180, P): the last axis varies fastest, other parameters
-are neutral grid.inside(training_range(tasks, space))    # (180,) bool
+are neutral grid.inside(training_range(tasks, space))    # (180,) bool, see `learning.told`
 """
 
 from __future__ import annotations
@@ -143,24 +143,6 @@ class Grid:
             slack = NEAR * np.ptp(cells[:, column])
             inside &= (cells[:, column] >= low - slack) & (cells[:, column] <= high + slack)
         return inside
-
-
-def training_range(tasks: Any, space: ParamSpace) -> Box:
-    """Return the range that a task distribution draws each parameter from.
-
-    Of a normal law without limits it is mean ± 2 standard deviations. Distributions without
-    `draws` have no known range, and the box is empty.
-    """
-    box: Box = {}
-    for draw in getattr(tasks, "draws", ()):
-        low, high = draw.reach
-        if draw.distribution == "normal":
-            low, high = draw.mean - 2 * draw.std, draw.mean + 2 * draw.std
-        place = (draw.effect.name, draw.effect.where, draw.effect.side)
-        for p in space.parameters:
-            if (p.effect, p.where, p.side) == place:
-                box[p.name] = (float(low), float(high))
-    return box
 
 
 def _axis(axis: Axis | Mapping[str, Any]) -> Axis:

@@ -22,6 +22,7 @@ from envs.params import Parameter
 from envs.plant import Plant
 from envs.randomization import Randomization, Tasks
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
+from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.identification.data import Recordings
 from sim2real.identification.settings import DEFAULT, Settings
@@ -105,7 +106,8 @@ def checked(prior: Distribution) -> Distribution:
 
 def parameters(effect: Effect, data: Recordings) -> tuple[Parameter, ...]:
     """Return an effect's parameters on the robot of the logs; raises EffectError if it has none."""
-    return Plant(data.windows.specs[0], [effect], fixed=data.fixed).space.parameters
+    spec = load_model(data.logs[0], data.model)
+    return Plant(spec, [effect], fixed=data.fixed).space.parameters
 
 
 def _report(path: Path) -> Report:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ from envs.torch_env import RandomizeParams, RowsEnv
 from envs.toys.env import ToyEnv
 from sim2real.config.targets import build, build_named
 from sim2real.learning.population.env_rows import EnvRows
+from sim2real.learning.told import Told, ToldRows, WithParams
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -46,7 +47,7 @@ class Environment:
         base: makes the world.
         tasks: which robots its episodes meet.
         transforms: by name, in order, what makes the transforms of what it shows; `RandomizeParams`
-            is given the tasks.
+            is given the tasks, `WithParams` what they draw.
         fixed: effects that every robot has, with their values.
 
     Raises:
@@ -88,6 +89,19 @@ class Environment:
         """Whether nothing is done to what the base shows but drawing its robots."""
         return all(_randomizes(one) for one in self.transforms.values())
 
+    @cached_property
+    def told(self) -> Told | None:
+        """What the policy is told of its robot, beside what that shows; None: nothing.
+
+        Raises:
+            Sim2RealError: tasks without ranges, or a world that is not one over rows.
+        """
+        for one in self.transforms.values():
+            if _tells(one):
+                given = one.keywords.get("told") if isinstance(one, partial) else None
+                return given or Told.of(self.tasks, self.base_rows(1, threads=1).space)
+        return None
+
     def with_effects(self, effects: str | Path | None) -> Environment:
         """Return this with the effects of a file in every robot; None changes nothing.
 
@@ -117,7 +131,17 @@ class Environment:
 
     def over(self, base: partial[EnvBase]) -> Environment:
         """Return the same transforms over another base, whose robots are what they are."""
-        return replace(self, base=base, tasks=Randomization(), fixed=())
+        told = self.told
+        made = self if told is None else self.telling(told)
+        return replace(made, base=base, tasks=Randomization(), fixed=())
+
+    def telling(self, told: Told) -> Environment:
+        """Return this with policies that are told the same, whatever its robots differ in."""
+        transforms = {
+            name: partial(one, told=told) if _tells(one) else one
+            for name, one in self.transforms.items()
+        }
+        return replace(self, transforms=transforms)
 
     def make(
         self,
@@ -143,7 +167,7 @@ class Environment:
         base = self._base(num_envs, threads, device)
         env = World(base, self, seed)
         for name, one in self.transforms.items():
-            made = one(tasks=self.tasks) if _randomizes(one) else one()
+            made = self._transform(one)
             if not isinstance(made, Transform):
                 raise Sim2RealError(
                     f"transforms.{name} is a {type(made).__name__}, no transform; give a class "
@@ -155,6 +179,11 @@ class Environment:
         env.transform.train()  # statistics follow what is shown; TorchRL makes environments frozen
         env.set_seed(seed)
         return env
+
+    def _transform(self, one: Callable[..., Transform]) -> Any:
+        if _randomizes(one):
+            return one(tasks=self.tasks)
+        return one(told=self.told) if _tells(one) else one()
 
     def _append(self, env: TransformedEnv, name: str, transform: Transform, seed: int) -> None:
         """Put a transform behind the others, and see that what it reads is there."""
@@ -190,15 +219,20 @@ class Environment:
     def rows(self, num_rows: int, threads: int = 1) -> Rows:
         """Make the world as rows, which restart one by one and where each may have its own policy.
 
-        Rows of a simulator are taken as they are, unless transforms change what they show.
+        Rows of a simulator are taken as they are, unless transforms change what they show by more
+        than their parameters.
 
         Raises:
             Sim2RealError: a world, or transforms, that rows cannot have; see `EnvRows`.
         """
-        if self.plain:
+        telling = [one for one in self.transforms.values() if not _randomizes(one)]
+        if self.plain or (len(telling) == 1 and _tells(telling[0])):
             base = self._base(num_rows, threads, "cpu")
             if isinstance(base, RowsEnv):
-                return base.rows
+                rows = base.rows
+                for one in telling:
+                    rows = ToldRows(rows, self._transform(one))
+                return rows
             base.close()
         others = {name: one for name, one in self.transforms.items() if not _randomizes(one)}
         return EnvRows(replace(self, transforms=others).make(num_rows, threads))
@@ -279,6 +313,10 @@ def _argument(base: partial[EnvBase], name: str) -> Any:
 
 def _randomizes(one: Callable[..., Transform]) -> bool:
     return (one.func if isinstance(one, partial) else one) is RandomizeParams
+
+
+def _tells(one: Callable[..., Transform]) -> bool:
+    return (one.func if isinstance(one, partial) else one) is WithParams
 
 
 def _word(key: Any) -> str:

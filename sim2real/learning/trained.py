@@ -8,6 +8,7 @@
 
 It hides which algorithm trained the policy. Evolution strategies keep their parameters in one
 vector already; of any other policy the vector is that of its actor's parameters, in their order.
+Behind them may stand what a policy that is told its robot's parameters is to believe of it.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from sim2real.learning.environment import Environment
 from sim2real.learning.modules.acting import Acting, Actor
 from sim2real.learning.modules.randomness import Randomness
 from sim2real.learning.population.rollout import Played, play
+from sim2real.learning.told import Told, believe
 
 Tensor = torch.Tensor
 Net = TypeVar("Net", bound=nn.Module)
@@ -72,6 +74,22 @@ class Trained:
     source: Path | None = None
     cut: bool = True
 
+    @property
+    def told(self) -> Told | None:
+        """What the policy is told of its robot; None: nothing."""
+        return self.environment.told
+
+    def split(self, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return the parameters of the policy, (P,), and what it is to believe of its robot.
+
+        Args:
+            theta: parameters, behind which may stand as many numbers as the policy is told, -1 to 1
+                over the ranges; None for the trained ones.
+        """
+        if theta is None or len(theta) <= len(self.theta) or self.told is None:
+            return self.theta if theta is None else theta, None
+        return theta[: len(self.theta)], theta[len(self.theta) :]
+
     def play(
         self,
         seeds: np.ndarray,
@@ -81,8 +99,11 @@ class Trained:
     ) -> Played:
         """Run an episode for each seed; see `population.rollout.play`, and `world`."""
         env = self.world(len(seeds), environment)
+        own, said = self.split(theta)
+        if said is not None:
+            believe(env, said)
         try:
-            return play(env, self.actor(self.theta if theta is None else theta), values, seeds)
+            return play(env, self.actor(own), values, seeds)
         finally:
             env.close()
 
@@ -98,26 +119,37 @@ class Trained:
             seed: of its episodes.
         """
         made = self.environment if environment is None else environment
+        if self.told is not None:
+            made = made.telling(self.told)
         env = made.make(num_envs, threads, seed=seed, extra=self.primers())
         env.transform.load_state_dict(of_all_rows(self.statistics), strict=False)
         env.transform.eval()
         return env
 
     def pilot(
-        self, theta: np.ndarray | None = None, num_rows: int = 1, explore: int | None = None
+        self,
+        theta: np.ndarray | None = None,
+        num_rows: int = 1,
+        explore: int | None = None,
+        said: np.ndarray | None = None,
     ) -> Pilot:
         """Return the policy as a function of what robots show.
 
         Args:
-            theta: parameters, (P,); None for the trained ones.
-            num_rows: robots at a time.
+            theta: parameters, (P,), see `split`; None for the trained ones.
+            num_rows: N, robots at a time.
             explore: seed of actions that are drawn; None for the means.
+            said: what a policy that is told its robot's parameters believes, (N, P) or (P,), -1 to
+                1 over the ranges; None for what stands behind theta, or else the middle.
         """
         shown = self.environment.shown()
         base: partial[EnvBase] = partial(FedEnv, *shown, dtype=self.dtype)
         env = self.world(num_rows, self.environment.over(base))
-        actor = self.actor(self.theta if theta is None else theta)
-        return Pilot(env, actor, self.cut, explore)
+        own, behind = self.split(theta)
+        said = behind if said is None else said
+        if said is not None:
+            believe(env, said)
+        return Pilot(env, self.actor(own), self.cut, explore)
 
 
 def of_module(module: nn.Module, environment: Environment, frames: int) -> Trained:

@@ -28,6 +28,7 @@ from torchrl.envs import (
 )
 
 from envs.torch_env import RandomizeParams
+from sim2real.learning.told import WithParams
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -94,17 +95,22 @@ BLIND = (  # what they do is not to what is seen
 
 
 def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return what transforms subtract from "observation" and divide it by, (O,) each.
+    """Return what transforms subtract from "observation" and divide it by, (O + P,) each.
 
-    None where they do anything else to what the environment shows.
+    Behind the environment's own numbers stand the robot's parameters, each in its unit, where the
+    policy is told them; that they are told within limits is left out. None where the transforms do
+    anything else to what the environment shows.
     """
     size = env.base_env.full_observation_spec["observation"].shape[-1]
     mean, std = np.zeros(size), np.ones(size)
     chain: Any = env.transform
     for one in chain.transforms:
         if isinstance(one, RunningNorm) and one.in_keys == ["observation"]:
-            found = [np.broadcast_to(x.cpu().numpy(), size) for x in one.affine()]
+            found = [np.broadcast_to(x.cpu().numpy(), len(mean)) for x in one.affine()]
             mean, std = mean + std * found[0], std * found[1]
+        elif isinstance(one, WithParams) and not one.products:
+            middle, half = one.affine()
+            mean, std = np.concatenate([mean, middle]), np.concatenate([std, half])
         elif not isinstance(one, (*BLIND, RewardScaling)):
             return None
     return mean, std

@@ -17,90 +17,26 @@ returns show how much of the gap is closed for it before anything is trained aga
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from envs.simulation import Simulation
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import columns_of
 from sim2real.learning.environment import Environment
 from sim2real.learning.population.population import draw_seeds
+from sim2real.learning.population.recording import Act
 from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.statistics import bootstrap, iqm
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
-Act = Callable[[np.ndarray], np.ndarray]  # observations (n, O) to actions (n, A)
 PIECE = 0.25  # s between restarts from a recorded state: longer ones diverge by themselves
 PLAYED = 50  # episodes that score a policy in each world
 EFFECTS = "effects.yaml"
 RECORDING, PLAYING, INTERVALS = 1, 2, 3  # streams of randomness that follow from one seed
-
-
-def record(robot: Simulation, act: Act, seeds: np.ndarray) -> Log:
-    """Run one episode in each of the first rows, and return positions, velocities and commands.
-
-    Args:
-        robot: has as many rows as there are seeds.
-        act: maps observations of all rows to their actions.
-        seeds: the seeds of the episodes, (n,) uint64.
-
-    Returns:
-        A log whose rows hold the state before each command and, last of each episode, at its end.
-    """
-    alive = np.arange(len(seeds))
-    observation = np.array(robot.reset(alive, robot.space.points(len(seeds)), seeds))
-    episodes: list[list[np.ndarray]] = [[] for _ in seeds]
-    while len(alive):
-        action = np.clip(act(observation)[alive], robot.action_low, robot.action_high)
-        command = robot.task.command(robot.state(alive), action)
-        _note(robot, alive, command, episodes)
-        step = robot.step(alive, action)
-        observation[alive] = step.observation
-        over = step.terminated | step.truncated
-        _note(robot, alive[over & ~step.failed], command[over & ~step.failed], episodes)
-        alive = alive[~over]
-    return _log(robot, [np.array(rows) for rows in episodes])
-
-
-def _note(
-    robot: Simulation, ids: np.ndarray, command: np.ndarray, to: list[list[np.ndarray]]
-) -> None:
-    """Append a row (positions, velocities, commands) to each of the episodes ids."""
-    if len(ids):
-        qpos, qvel = robot.plant.measured(ids)
-        for i, row in zip(ids, np.concatenate([qpos, qvel, command], axis=1), strict=True):
-            to[i].append(row)
-
-
-def _log(robot: Simulation, episodes: list[np.ndarray]) -> Log:
-    """Return episodes (T, nq + nv + nu) as a log."""
-    model = robot.plant.nominal
-    every = np.concatenate(episodes)
-    dt = robot.task.frame_skip * model.opt.timestep
-    columns = {
-        "episode": np.repeat(np.arange(len(episodes)), [len(e) for e in episodes]),
-        "time": np.concatenate([dt * np.arange(len(e)) for e in episodes]),
-    }
-    for i, actuator in enumerate(named(robot.task.spec()).actuators):
-        columns[f"ctrl.{actuator.name}"] = every[:, model.nq + model.nv + i]
-    for i in range(model.njnt):
-        first = int(model.jnt_qposadr[i]), model.nq + int(model.jnt_dofadr[i])
-        for kind, start, names in zip(("qpos", "qvel"), first, columns_of(model, i), strict=True):
-            columns |= {f"{kind}.{name}": every[:, start + k] for k, name in enumerate(names)}
-    return Log(columns, {"robot": type(robot.task).__name__, "rate": 1 / dt})
-
-
-def named(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return the spec, its unnamed actuators called as what they drive: a log needs names."""
-    for actuator in spec.actuators:
-        actuator.name = actuator.name or actuator.target
-    return spec
 
 
 def cut(log: Log, seconds: float) -> Log:

@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 from torchrl.envs import EnvBase
 
+from envs.models import named
 from hardware.log import write_log
 from sim2real.deployment.trained import load_trained
 from sim2real.diagnosis.diagnose import run_diagnosis
@@ -34,16 +35,15 @@ from sim2real.diagnosis.schema import Report
 from sim2real.evaluation.evaluate import find_runs
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.population.population import draw_seeds
+from sim2real.learning.population.recording import record
 from sim2real.loops.close_loop import (
     EFFECTS,
     PIECE,
     RECORDING,
     compare,
     cut,
-    named,
     noise,
     one_simulation,
-    record,
 )
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -95,7 +95,7 @@ def run(
         trained = load_trained(first, parts, algorithm)
     rng = np.random.default_rng([seed, RECORDING])
     act = noise(robot, rng) if trained is None else trained.pilot(num_rows=episodes)
-    log = record(robot, act, draw_seeds(rng, episodes))
+    log = record(robot, act, draw_seeds(rng, episodes)).log
     model = write_text(out / "source.xml", named(source.task.spec()).to_xml())
     log = replace(log, meta={**log.meta, "model": str(model.resolve())})
     log = replace(log, path=write_log(out / "log.csv", log))

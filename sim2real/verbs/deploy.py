@@ -2,6 +2,7 @@
 
     python -m sim2real run=deploy checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00 robot=quad8
     python -m sim2real run=deploy checkpoint=RUN robot=quad8 robot.hidden=effects.yaml adapt=batch
+    python -m sim2real run=deploy checkpoint=RUN robot=bench1 robot.hidden=PATH adapt=identify
     python -m sim2real run=deploy checkpoint=RUN robot=bench1 port=/dev/ttyUSB0 arm=true
     python -m sim2real run=deploy checkpoint=RUN robot=quad8 port=/dev/a imu_port=/dev/b arm=true
     python -m sim2real run=deploy checkpoint=RUN robot=bench1 resume=outputs/deploy/default/...
@@ -104,7 +105,7 @@ def run(
     adapt = NoAdaptation() if dry_run else parts.adapt
     check_reward(rows, adapt)
     trained = load_trained(checkpoint, parts, algorithm)
-    adapt = adapt.of(trained.actor(trained.theta))
+    adapt = adapt.of(trained.actor(trained.theta)).within(trained.environment)
     deployment = Deployment(trained.theta, adapt, trials, seed)
     tell(deployment, trained_for(checkpoint))
     if resume is not None:

@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 
 from envs.errors import TaskError
-from envs.models import load_spec
+from envs.models import columns_of, load_spec
 from envs.replay import Recording
 from hardware.log import Log, check_names
 from sim2real.diagnosis.data.impedance import gear_of, laws_of
@@ -31,8 +31,6 @@ Columns = Mapping[str, np.ndarray]
 LINEAR = 1  # how MuJoCo's delay lines interpolate
 FINEST, COARSEST = 1e-5, 0.1  # s: timesteps that a robot's motion can be simulated with
 NEAR = 2  # rows on either side of a start from which its speed is taken
-FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
-WIDTH = {FREE: (7, 6), BALL: (4, 3)}  # numbers in qpos and qvel of a joint; else 1 and 1
 
 
 def load_model(log: Log, model: str | Path | None) -> mujoco.MjSpec:
@@ -162,15 +160,6 @@ def _stamps(columns: Columns, name: str) -> np.ndarray:
     """Return when a position was read, (T,) [s]; `root.3` has the stamps of `root`, if any."""
     of_joint = columns.get(f"stamp.{name.rpartition('.')[0]}", columns["time"])
     return columns.get(f"stamp.{name}", of_joint)
-
-
-def columns_of(model: mujoco.MjModel, joint: int) -> tuple[list[str], list[str]]:
-    """Return how columns name the numbers of a joint, without `qpos.` and `qvel.`."""
-    name, width = model.joint(joint).name, WIDTH.get(int(model.jnt_type[joint]))
-    if width is None:
-        return [name], [name]
-    positions, speeds = ([f"{name}.{k}" for k in range(size)] for size in width)
-    return positions, speeds
 
 
 def _speeds(log: Log, model: mujoco.MjModel, before: Columns | None) -> np.ndarray:

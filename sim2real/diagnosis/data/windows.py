@@ -16,11 +16,12 @@ import mujoco
 import numpy as np
 
 from envs.effects.servo import is_joint_servo
+from envs.models import FREE
 from envs.replay import Recording
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.beginning import first_row
-from sim2real.diagnosis.data.recording import FREE, rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
 from sim2real.diagnosis.settings import DEFAULT, TINY, Windows
 from sim2real.runs.errors import Sim2RealError
 

@@ -14,6 +14,7 @@ populations run; a session is a cohort of one, so both compute the same numbers.
 from sim2real.learning.adapt.base import Adaptation, Cohort, NoAdaptation, Session, Steps
 from sim2real.learning.adapt.gradient import GradientAdaptation
 from sim2real.learning.adapt.hillclimb import HillClimb
+from sim2real.learning.adapt.identify import Identify, IdentifySession
 from sim2real.learning.adapt.latent import LatentSearch
 from sim2real.learning.adapt.linear_gae import LinearGAE
 from sim2real.learning.adapt.policy_gradient import PolicyGradient
@@ -23,6 +24,8 @@ __all__ = [
     "Cohort",
     "GradientAdaptation",
     "HillClimb",
+    "Identify",
+    "IdentifySession",
     "LatentSearch",
     "LinearGAE",
     "NoAdaptation",

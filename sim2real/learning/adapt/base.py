@@ -14,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import torch
 
+from hardware.log import Log
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -31,9 +32,11 @@ class Adaptation(ABC):
     Attributes:
         explores: whether it needs episodes whose actions are drawn, and their steps beside their
             returns.
+        needs_log: whether it needs the logs of its episodes, and their returns decide nothing.
     """
 
     explores: ClassVar[bool] = False
+    needs_log: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -68,6 +71,10 @@ class Adaptation(ABC):
 
     def of(self, actor: Any) -> Adaptation:
         """Return this recipe for a policy's actor, a tensordict module; most serve any policy."""
+        return self
+
+    def within(self, environment: Any) -> Adaptation:
+        """Return this recipe for policies of an environment; most serve any."""
         return self
 
     def start(self, theta: np.ndarray, rng: np.random.Generator) -> Session:
@@ -216,12 +223,13 @@ class Session:
             return None
         return self._cohort.candidates(np.array([0]), np.array([len(self._values)]))[0]
 
-    def tell(self, value: float, steps: Steps | None = None) -> None:
+    def tell(self, value: float, steps: Steps | None = None, log: Log | None = None) -> None:
         """Report the return of the episode that was asked for.
 
         Args:
             value: its undiscounted return.
             steps: what happened in it, for an operator that `explores`.
+            log: what was commanded and measured in it, for an operator that `needs_log`.
 
         Raises:
             Sim2RealError: when the adaptation is done, or for a value that is not finite.

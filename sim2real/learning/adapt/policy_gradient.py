@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from torch.func import grad
 
+from hardware.log import Log
 from sim2real.learning.adapt.base import Adaptation, Cohort, Session, Steps
 from sim2real.learning.adapt.linear_gae import LinearGAE
 from sim2real.learning.modules.law import Law, log_prob
@@ -178,7 +179,7 @@ class PolicyGradientSession(Session):
         """Return the parameters to run for one episode, (P,) float32, or None when done."""
         return self._theta.copy() if self.episodes_left else None
 
-    def tell(self, value: float, steps: Steps | None = None) -> None:
+    def tell(self, value: float, steps: Steps | None = None, log: Log | None = None) -> None:
         """Report an episode whose actions were drawn: its return and its steps.
 
         Raises:

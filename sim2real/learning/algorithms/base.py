@@ -162,6 +162,11 @@ def build(algorithm: Callable[..., Algorithm], parts: Parts, adapts: bool = True
     name = type(made).__name__
     if adapts and "adapt" not in made.uses and not isinstance(parts.adapt, NoAdaptation):
         raise Sim2RealError(f"{name} trains no policy that adapts; use adapt=none")
+    if adapts and parts.adapt.needs_log:
+        raise Sim2RealError(
+            f"{name} trains no policy by {parts.adapt}; train with transforms=with_params and "
+            "adapt=none, which tells it the truth, and evaluate or deploy it with adapt=identify"
+        )
     if adapts and not isinstance(parts.adapt, made.adapts_by):
         raise Sim2RealError(
             f"{name} trains for adaptation by {made.adapts_by.__name__}, and the run has "

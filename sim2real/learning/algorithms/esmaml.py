@@ -169,7 +169,7 @@ class ESMAML(Algorithm):
         with Randomness(parts.seed, "cpu"):
             env = parts.environment.make(1, threads=1)
             self.policy = flat_policy(parts.policy(env), env)
-        self._raw = affine(env) is not None  # whether the policy sees what the base shows
+        self._raw = affine(env)  # (O,) each: of what the base shows; None: the policy sees others
         self.population: Population = Population(rows, self.policy, settings.refill)
         space = self.population.space
         self.tasks.check(space)
@@ -199,10 +199,11 @@ class ESMAML(Algorithm):
     def trained(self) -> Trained:
         """Return the policy of the meta-parameters."""
         seen = self.normalizer or Normalizer(self.policy.observation_size)
-        policy, mean, std = self.policy, seen.mean.copy(), seen.std.copy()
+        policy, mean, std, raw = self.policy, seen.mean.copy(), seen.std.copy(), self._raw
 
         def program(theta: np.ndarray) -> nn.Module:
-            return policy.module(theta, mean, std)
+            assert raw is not None
+            return policy.module(theta, raw[0] + raw[1] * mean, raw[1] * std)
 
         return Trained(
             self.theta,
@@ -211,7 +212,7 @@ class ESMAML(Algorithm):
             {},
             self.frames,
             primers=policy.primers,
-            program=program if policy.is_function and self._raw else None,
+            program=program if policy.is_function and raw is not None else None,
             dtype=torch.float64,
             cut=policy.cut,
         )

@@ -12,6 +12,7 @@ import pytest
 from envs.distribution import Distribution, Entry
 from envs.effects import make
 from envs.laws import uniform
+from envs.models import named
 from envs.tasks import Hopper
 from hardware.log import Log
 from sim2real.identification.data import Recordings
@@ -20,7 +21,6 @@ from sim2real.identification.methods.dropo import Dropo
 from sim2real.identification.providers.base import Aligned
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.searches import Cma
-from sim2real.loops.close_loop import named
 from sim2real.runs.errors import Sim2RealError
 
 DATA = os.environ.get("SIM2REAL_DATA")

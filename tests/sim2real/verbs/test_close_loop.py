@@ -12,14 +12,16 @@ import torch
 
 from envs import HopperPolito, MujocoEnv
 from envs.effects import load_effects, make, write_effects
+from envs.models import named
 from envs.simulation import Simulation
 from hardware.log import Log, read_logs
 from sim2real.config.compose import compose, prepare
 from sim2real.diagnosis.data.replay import measure
 from sim2real.learning.environment import Environment
 from sim2real.learning.population.population import draw_seeds
+from sim2real.learning.population.recording import record
 from sim2real.learning.trained import of_module
-from sim2real.loops.close_loop import compare, cut, named, noise, record
+from sim2real.loops.close_loop import compare, cut, noise
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -28,7 +30,7 @@ def log() -> Log:
     """Return ten episodes of the target under random actions."""
     rng = np.random.default_rng(0)
     robot = Simulation(HopperPolito("target"), 10)
-    return record(robot, noise(robot, rng), draw_seeds(rng, 10))
+    return record(robot, noise(robot, rng), draw_seeds(rng, 10)).log
 
 
 def test_a_log_replays_exactly_in_its_own_robot(log: Log) -> None:

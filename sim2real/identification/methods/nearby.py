@@ -1,0 +1,118 @@
+"""Nearby: from the middle of the prior, a few damped steps to where the logs are followed.
+
+    method = Nearby(rows="auto", transitions=100)
+    found = method.fit(replay, prior, data)
+
+Gauss-Newton steps on all episodes together, of which the prior counts as a reading. Directions that
+the logs do not know stay where they were. It takes far fewer simulations than a global search, so
+that it can be asked between two episodes; where the prior is so wide that errors are no longer
+smooth in it, take `identify=cma`.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from envs.distribution import Distribution
+from sim2real.identification.data import Recordings
+from sim2real.identification.local import explore, per_episode
+from sim2real.identification.methods.base import Run, gaussian
+from sim2real.identification.providers.base import Aligned, MakeProvider
+from sim2real.identification.providers.replay import replay
+from sim2real.identification.settings import DEFAULT, Settings
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+AUTO, ONE = "auto", 1
+
+
+class Nearby:
+    """Damped Gauss-Newton steps from the prior's middle.
+
+    Args:
+        provider: what simulates, where `fit` is called by a verb; it must be aligned.
+        rows: how many rows on from each measured state; None for whole windows, which need no
+            velocities; "auto" for one row on where the logs hold the whole state in even rows, and
+            else for whole windows.
+        transitions: at most so many states (or windows) are compared, spread evenly.
+        settings: see `Settings`.
+
+    Raises:
+        Sim2RealError: numbers below 1.
+    """
+
+    name = "nearby"
+
+    def __init__(
+        self,
+        provider: MakeProvider = replay,
+        rows: int | Literal["auto"] | None = "auto",
+        transitions: int = 100,
+        settings: Settings = DEFAULT,
+    ) -> None:
+        counted = isinstance(rows, int)
+        if (counted and rows < 1) or not (counted or rows in (None, AUTO)) or transitions < 1:
+            raise Sim2RealError(
+                f"identify: rows={rows} must be at least 1, null for whole windows, or {AUTO}, and "
+                f"transitions={transitions} at least 1"
+            )
+        self.provider, self.transitions = provider, transitions
+        self.rows, self._auto = (ONE if rows == AUTO else rows), rows == AUTO
+        # batches of one size, for which the simulator is made once
+        self.settings = replace(settings, step_rows=transitions)
+
+    def fit(
+        self,
+        provider: MakeProvider,
+        prior: Distribution,
+        data: Recordings,
+        run: Run | None = None,
+    ) -> Distribution:
+        """Return normal laws about the point; see `Method`."""
+        run = run or Run()
+        made: Any = self._provided(provider, prior, data, run)
+        if not isinstance(made, Aligned):
+            raise Sim2RealError(
+                "identify=nearby compares row by row, and rollouts are not aligned with the logs; "
+                "choose identify/provider=replay"
+            )
+        few = made.only(_spread(len(made.real), self.transitions))
+        few.episode = np.zeros(len(few.real), np.int64)  # one robot: all logs together
+        local = explore(few, prior, prior.mean, self.settings)
+        shifts, covariances, _ = per_episode(few, prior, local, self.settings)
+        turn, rest = local.known * local.scale[:, None], local.flat * local.scale[:, None]
+        sure = turn @ covariances[0] @ turn.T + rest @ rest.T
+        point = np.clip(local.values(shifts[0]), prior.low, prior.high)
+        found = gaussian(prior, point, sure, None, np.sqrt(np.maximum(np.diag(sure), 0.0)))
+        return replace(
+            found,
+            flat=local.named(prior.names, self.settings),
+            noise=dict.fromkeys(made.names, 0.0),
+            made_by=run.made_by(self.name),
+            logs=data.hashes(),
+        )
+
+    def _provided(
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: Run
+    ) -> Any:
+        effects, seed = prior.effects, run.seed
+        if self.rows is None:
+            return provider(data, effects, rows=None, seed=seed)
+        if provider is not replay:
+            return provider(data, effects, rows=self.rows, seed=seed)
+        try:
+            return replay(data, effects, rows=self.rows, seed=seed, settings=self.settings)
+        except Sim2RealError as error:
+            if not self._auto:
+                raise
+            log_.info("whole windows are compared: %s", error)
+            return replay(data, effects, rows=None, seed=seed)
+
+
+def _spread(count: int, most: int) -> np.ndarray:
+    """Return at most so many of `count` numbers, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))

@@ -1,0 +1,242 @@
+"""Policies that are told their robot's parameters, beside what it shows.
+
+    env = make_env(compose(["+experiment=es_dr", "transforms=with_params"]), num_envs=256)
+    env.reset()["observation"]                  # (256, O + P): the last P are the robot's own
+
+In training and on simulated robots they are the true ones: such a policy is an oracle. A robot
+says nothing of itself. What is believed of it is told instead: the middle of the range of training,
+until somebody identifies it (`adapt=identify`).
+
+Each parameter is told as -1 to 1 over the range that the training draws it from. With `products`
+the observation times each parameter follows: the gains of a linear policy then depend on the robot,
+as those of a gain-scheduled controller do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDictBase
+from torchrl.data import Composite, Unbounded
+from torchrl.envs import Transform, TransformedEnv
+
+from envs.distribution import Distribution
+from envs.params import Parameter, ParamSpace
+from envs.randomization import Tasks
+from envs.rows import Rows, Step
+from sim2real.runs.errors import Sim2RealError
+
+Tensor = torch.Tensor
+NORMAL = 2.0  # standard deviations of a law without ends that count as its range: 95 %
+
+
+def training_range(tasks: Any, space: ParamSpace) -> dict[str, tuple[float, float]]:
+    """Return the range that a task distribution draws each parameter from.
+
+    Of a normal law without limits it is mean ± 2 standard deviations. Tasks of other kinds than
+    `Randomization` and `Distribution` have no known range: {}.
+    """
+    if isinstance(tasks, Distribution):
+        wide = NORMAL * tasks.std
+        low, high = (
+            np.maximum(tasks.low, tasks.mean - wide),
+            np.minimum(tasks.high, tasks.mean + wide),
+        )
+        return dict(zip(tasks.names, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+    found: dict[str, tuple[float, float]] = {}
+    for draw in getattr(tasks, "draws", ()):
+        low, high = draw.reach
+        if draw.distribution == "normal":
+            low, high = draw.mean - NORMAL * draw.std, draw.mean + NORMAL * draw.std
+        place = (draw.effect.name, draw.effect.where, draw.effect.side)
+        for p in space.parameters:
+            if (p.effect, p.where, p.side) == place:
+                found[p.name] = (float(low), float(high))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """Which parameters a policy is told, and how.
+
+    Attributes:
+        parameters: P of them, in the order of the simulator's space.
+        low: lower ends of the ranges that training draws them from, (P,), each in its unit.
+        high: upper ends, (P,).
+    """
+
+    parameters: tuple[Parameter, ...]
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def of(cls, tasks: Tasks, space: ParamSpace) -> Told:
+        """Return what tasks draw.
+
+        Raises:
+            Sim2RealError: tasks that draw nothing, have no known range, or one without width.
+        """
+        ranges = training_range(tasks, space)
+        lacking = [name for name in space.names if name not in ranges]
+        if not space.size or lacking:
+            raise Sim2RealError(
+                "transforms=with_params tells the policy what params draws, and "
+                + (
+                    f"there is no known range of {lacking[0]}"
+                    if lacking
+                    else "params draws nothing; choose params=NAME, such as params=mass_friction"
+                )
+            )
+        low, high = np.array([ranges[name] for name in space.names]).T
+        for name, least, most in zip(space.names, low, high, strict=True):
+            if not most > least:
+                raise Sim2RealError(
+                    f"transforms=with_params: every robot of the training has {name} = {least:g}, "
+                    "so a policy cannot learn what it means; widen its range in params, or leave "
+                    "it out"
+                )
+        return cls(space.parameters, low, high)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' names, P of them."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def size(self) -> int:
+        """P."""
+        return len(self.parameters)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """The middles of the ranges, (P,), each in its unit."""
+        return (self.low + self.high) / 2
+
+    @property
+    def half(self) -> np.ndarray:
+        """Half the widths of the ranges, (P,), each in its unit."""
+        return (self.high - self.low) / 2
+
+    def said(self, values: np.ndarray, limit: float) -> np.ndarray:
+        """Return how values (..., P) are told: -1 to 1 over the ranges, cut at ± limit."""
+        return np.clip((values - self.middle) / self.half, -limit, limit)
+
+    def meant(self, said: np.ndarray) -> np.ndarray:
+        """Return the values (..., P) that are told so."""
+        return self.middle + np.asarray(said) * self.half
+
+
+class WithParams(Transform):
+    """Appends the robot's parameters to "observation".
+
+    Args:
+        told: which, and over which ranges.
+        limit: how far beyond the range of training a parameter is told, in halves of that range: at
+            1 a robot outside it is told as the nearest one inside.
+        products: whether the observation times each parameter follows, P times O numbers.
+
+    Attributes:
+        believed: what is told instead of the truth, (N, P) or (P,), -1 to 1 over the ranges; None
+            tells the truth, and of a robot that has no ("params", name) the middle.
+
+    Raises:
+        Sim2RealError: a limit below 1.
+    """
+
+    def __init__(self, told: Told, limit: float = 1.0, products: bool = False) -> None:
+        if not limit >= 1:
+            raise Sim2RealError(f"transforms.with_params.limit={limit} must be at least 1")
+        super().__init__(in_keys=["observation"], out_keys=["observation"])
+        self.told, self.limit, self.products = told, limit, products
+        self.believed: np.ndarray | None = None
+        self._middle, self._half = (torch.from_numpy(x) for x in (told.middle, told.half))
+
+    def affine(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is subtracted from parameters, and what they are then divided by."""
+        return self.told.middle, self.told.half
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        seen = next_tensordict.get("observation")
+        said = self._said(next_tensordict, seen).to(seen.device, seen.dtype)
+        parts = [seen, said]
+        if self.products:
+            parts += [seen * one[..., None] for one in said.unbind(-1)]
+        return next_tensordict.set("observation", torch.cat(parts, -1))
+
+    def _said(self, tensordict: TensorDictBase, seen: Tensor) -> Tensor:
+        shape = (*seen.shape[:-1], self.told.size)
+        if self.believed is not None:
+            return torch.as_tensor(self.believed).expand(shape)
+        params = tensordict.get("params", None)
+        there = {} if params is None else dict(params.items())
+        values = self._middle.expand(shape).clone()
+        for column, name in enumerate(self.told.names):
+            if name in there:
+                values[..., column] = there[name].reshape(shape[:-1])
+        return ((values - self._middle) / self._half).clamp_(-self.limit, self.limit)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def longer(self, size: int) -> int:
+        """Return how long an observation of O numbers becomes."""
+        return size + self.told.size * (1 + self.products * size)
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Return the specs with a longer observation."""
+        old = observation_spec["observation"]
+        shape = torch.Size((*old.shape[:-1], self.longer(old.shape[-1])))
+        observation_spec["observation"] = Unbounded(shape, dtype=old.dtype, device=old.device)
+        return observation_spec
+
+
+def believe(env: TransformedEnv, said: np.ndarray) -> None:
+    """Tell the policies of an environment something else than the truth.
+
+    Args:
+        env: with a `WithParams` among its transforms.
+        said: -1 to 1 over the ranges, (N, P), or (P,) for all rows.
+    """
+    chain: Any = env.transform
+    for one in chain:
+        if isinstance(one, WithParams):
+            one.believed = np.clip(said, -one.limit, one.limit)
+
+
+class ToldRows:
+    """Rows that show their parameters behind their observations, as `WithParams` does.
+
+    Args:
+        rows: the world.
+        transform: says which parameters, and how.
+    """
+
+    def __init__(self, rows: Rows, transform: WithParams) -> None:
+        self._rows, self._transform = rows, transform
+        self.num_rows, self.max_steps, self.space = rows.num_rows, rows.max_steps, rows.space
+        self.action_low, self.action_high = rows.action_low, rows.action_high
+        self.action_size = rows.action_size
+        self.observation_size = transform.longer(rows.observation_size)
+        self._said = np.zeros((rows.num_rows, transform.told.size))
+
+    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        """Start an episode in each of the rows ids (n,); see `Rows`."""
+        self._said[ids] = self._transform.told.said(values, self._transform.limit)
+        return self._longer(self._rows.reset(ids, values, seeds), self._said[ids])
+
+    def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
+        """Advance the rows ids (None: all of them) by one control step; see `Rows`."""
+        step = self._rows.step(ids, action)
+        said = self._said if ids is None else self._said[ids]
+        return step._replace(observation=self._longer(step.observation, said))
+
+    def _longer(self, seen: np.ndarray, said: np.ndarray) -> np.ndarray:
+        parts = [seen, said]
+        if self._transform.products:
+            parts += [seen * one[:, None] for one in said.T]
+        return np.hstack(parts)
