@@ -2,10 +2,11 @@
 
     python -m benchmarks.contract                       # 45 faulty and 45 sound walks: minutes
     python -m benchmarks.contract --cases 100 --seed 8
+    python -m benchmarks.contract --robots quad12
     python -m benchmarks.contract --policies --cases 300        # trained by other libraries
 
-A perceptron with random weights drives a simulated robot (quad8, hopper2, arm6) through an
-interface with one or two faults, in closed loop; the check gets the log, the policy and the
+A perceptron with random weights drives a simulated robot (quad8, hopper2, arm6, quad12) through
+an interface with one or two faults, in closed loop; the check gets the log, the policy and the
 ready-made description, never the key. With `--policies` it is a policy that another library
 trained and exported as ONNX (`benchmarks/policies`), with its own OBS.yaml. A case is named if
 every fault of the key is a finding, or stands beside one in a set of at most three, and there is no
@@ -15,7 +16,8 @@ other finding. A sound case is right if there is none. Intervals are exact binom
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,7 @@ from scipy.stats import binomtest
 
 from benchmarks.contract_walk import Change, Fault, Named, walk
 from benchmarks.policies.tasks import POLICIES
-from envs.tasks import Follow, Hopper2, Quad8
+from envs.tasks import Follow, Hopper2, Quad8, Quad12
 from envs.tasks.servo import ServoTask
 from sim2real.diagnosis.contract.answer import Answer
 from sim2real.diagnosis.contract.check import check_contract
@@ -34,7 +36,8 @@ from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results"
-ROBOTS = ("quad8", "hopper2", "arm6")
+ROBOTS = ("quad8", "hopper2", "arm6", "quad12")
+TASKS: dict[str, Callable[..., ServoTask]] = {"quad8": Quad8, "hopper2": Hopper2, "quad12": Quad12}
 ARM, SERVO = Path(__file__).parents[1] / "conf/robot/arm6.yaml", "xl430-w250"
 SECONDS = 3.0  # of a walk
 TWO = 0.4  # share of faulty cases with two faults
@@ -49,12 +52,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--cases", type=int, default=45, help="faulty, and as many sound ones")
     parser.add_argument("--seed", type=int, default=7, help="of their draw (default: %(default)s)")
+    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS, help="in turns")
     parser.add_argument("--policies", action="store_true", help="those of other libraries")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
     chosen = parser.parse_args(arguments)
     if chosen.cases < 1:
         parser.error("--cases must be at least 1")
-    make = foreign if chosen.policies else case
+    make = foreign if chosen.policies else partial(case, robots=chosen.robots)
     cases = [make(chosen.seed, number, number < chosen.cases) for number in range(2 * chosen.cases)]
     made = table(cases)
     made.notes.append(f"{chosen.cases} faulty and as many sound walks of seed {chosen.seed}.")
@@ -64,10 +68,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def case(seed: int, number: int, faulty: bool) -> dict[str, Any]:
+def case(seed: int, number: int, faulty: bool, robots: Sequence[str] = ROBOTS) -> dict[str, Any]:
     """Make a walk, check it, and open its key."""
     rng = np.random.default_rng([seed, number])
-    robot = ROBOTS[number % len(ROBOTS)]
+    robot = robots[number % len(robots)]
     task = task_of(robot)
     model = task.spec().compile()
     joints = [model.actuator(i).name for i in range(model.nu)]
@@ -120,7 +124,7 @@ def task_of(robot: str) -> ServoTask:
         arm = yaml.safe_load(ARM.read_text(encoding="utf-8"))
         arm["servos"] = {n: {**one, "model": SERVO} for n, one in arm["servos"].items()}
         return Follow(robot=arm, model="arm6.xml", seconds=SECONDS)
-    return (Quad8 if robot == "quad8" else Hopper2)(seconds=SECONDS)
+    return TASKS[robot](seconds=SECONDS)
 
 
 def drawn(about: Description, rng: np.random.Generator) -> list[Fault]:

@@ -139,6 +139,7 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     from torchrl.envs import GymEnv
 
     from benchmarks.rows.batched import BatchedEnv, Collected, TrainingCollected, make_env
+    from benchmarks.rows.contract import CheckContract
     from benchmarks.rows.diagnosis import Diagnose, Fit
     from benchmarks.rows.learning import Ours, StableBaselines3, TorchRLPPO
     from benchmarks.rows.others import TASK, EnvPool, GymnasiumTorch, TorchRLParallel, Vectorized
@@ -277,4 +278,6 @@ def default_rows(scale: float = 1.0) -> list[Row]:
         Fit("sim2real", max(6.0, 24 * scale)),
         Diagnose("diagnose_3_joints", 3, max(6.0, 48 * scale), 1),
         Diagnose("diagnose_6_joints", 6, max(6.0, 120 * scale), 3, long=True),
+        CheckContract("contract", False, max(3.0, 60 * scale)),
+        CheckContract("contract_fault", True, max(3.0, 60 * scale)),
     ]

@@ -26,6 +26,7 @@ from sim2real.deployment.actors import Actor, load_actor
 from sim2real.diagnosis.contract.description import Description, read_description
 
 FOLDER = Path(__file__).parent
+OWN = FOLDER / "quad12"  # a policy of ours, as exported
 ARM = Path(__file__).parents[2] / "conf/robot/arm6.yaml"
 SERVO = "xl430-w250"  # of the arm, in place of larger ones
 SECONDS = 3.0  # of a walk

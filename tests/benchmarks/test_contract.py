@@ -30,7 +30,7 @@ def test_what_counts_as_named() -> None:
     assert not contract.named(answer(SIGN), [AGE])
 
 
-@pytest.mark.parametrize("number", [0, 1, 2])
+@pytest.mark.parametrize("number", range(len(contract.ROBOTS)))
 def test_a_sound_walk_has_no_finding(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of each robot; the key is empty and so is the answer."""
     monkeypatch.setattr(contract, "SECONDS", 1.0)

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envs.tasks import Hopper2
+from benchmarks.policies.tasks import OWN
+from envs.tasks import Hopper2, Quad12
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
+from hardware.exported import ExportedPolicy
 from hardware.log import Log, read_log, write_log
 from hardware.rows import RobotRows
 from sim2real import __main__ as program
@@ -50,6 +52,35 @@ def test_a_robots_own_log_says_what_it_is_of(logged, tmp_path):
     )
     assert json.loads((tmp_path / "contract.json").read_text())["verdict"] == "holds"
     assert "Holds" in (tmp_path / "contract.html").read_text()
+
+
+def walked(folder: Path, order: np.ndarray) -> None:
+    """Let quad12 walk for a second on the emulated bus; its policy sees the joints in an order."""
+    task, policy = Quad12(seconds=1.0), ExportedPolicy.load(OWN)
+    right, columns = task.observe, np.r_[0, 1, 2 + order, 14, 15]
+    task.observe = lambda state: right(state)[:, columns]  # type: ignore[method-assign]
+    rows = RobotRows(task, ServoBackend(load_robot("quad12"), settle=0.3), folder)
+    rows.facts["policy"] = str(OWN)
+    observation = rows.reset(np.arange(1), np.zeros((1, 0)), np.zeros(1, np.uint64))
+    while not rows.over:
+        observation = rows.step(None, policy(observation)).observation
+    rows.close()
+
+
+def test_the_walk_of_a_trained_quadruped(tmp_path):
+    """Its own policy on the emulated bus, through a noisy IMU: sound, or two hips swapped."""
+    walked(tmp_path / "sound", np.arange(12))
+    answer = run(tmp_path, f"log={tmp_path / 'sound'}")
+    assert (answer.verdict, answer.findings) == ("holds", ())
+    assert any(what.startswith("policy") for what in answer.checked)
+    swapped = np.arange(12)
+    swapped[[1, 4]] = [4, 1]
+    walked(tmp_path / "swapped", swapped)
+    answer = run(tmp_path, f"log={tmp_path / 'swapped'}")
+    [fault] = answer.findings
+    assert (fault.stage, fault.fault) == ("observation", "permutation")
+    assert fault.where == "joint_position: hip_fl, hip_fr"
+    assert fault.among == ()
 
 
 def test_what_was_broken_on_the_way_is_named(logged, tmp_path):
