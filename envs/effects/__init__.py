@@ -56,6 +56,7 @@ from envs.effects.servo import DeadZone, DerivativeGain, PositionGain, TorqueLim
 from envs.effects.strength import MotorStrength
 from envs.effects.structure import Backlash, JointCompliance
 from envs.effects.supply import SupplySag, SupplyVoltage, ThermalDerating
+from envs.effects.surface import Restitution, SurfaceFriction
 
 for _effect in (
     *(CoulombFriction, ViscousFriction, StribeckFriction, LoadDependentFriction, Cogging, Armature),
@@ -68,7 +69,7 @@ for _effect in (
     *(ObservationDelay, EncoderOffset, EncoderEccentricity, ClockDrift),
     *(SensorNoise, Quantization, VelocityFilter),
     *(LinkMass, CenterOfMass, Payload, GravityTilt, GroundFriction, ContactStiffness),
-    *(LinkInertia, LinkLength),
+    *(LinkInertia, LinkLength, SurfaceFriction, Restitution),
     *(Colour, LightLevel, LightDirection, CameraShift, CameraTurn),
     Goal,
 ):

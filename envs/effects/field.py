@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import PLAIN, BoundEffect, Effect
-from envs.effects.places import find, joints
+from envs.effects.places import find, is_pattern, joints, members
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 from envs.params import Parameter
@@ -71,7 +71,8 @@ class FieldEffect(Effect):
             index: Any = joints(model, self.where)
             index = model.jnt_dofadr[index] if self.field.startswith("dof_") else index
         elif self.place in ("actuator", "body"):
-            index = find(model, self.place, self.where)  # type: ignore[arg-type]
+            pick = members if is_pattern(self.where) else find
+            index = pick(model, self.place, self.where)  # type: ignore[arg-type]
         else:
             raise NotImplementedError(
                 f"{type(self).__name__} must say which elements of {self.field} it writes"

@@ -5,6 +5,7 @@ What depends on speed, load or direction is in `friction_rules.py`.
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from typing import ClassVar
 
 import mujoco
@@ -36,7 +37,7 @@ def stiffen(spec: mujoco.MjSpec, where: str | None) -> None:
     driven = {actuator.target for actuator in spec.actuators}
     for joint in spec.joints:
         if joint.frictionloss == 0 and (
-            joint.name == where or (where is None and joint.name in driven)
+            fnmatchcase(joint.name, where) if where is not None else joint.name in driven
         ):
             joint.solimp_friction = STIFF_SOLIMP
             joint.solref_friction = [2 * spec.option.timestep, 1.0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.effects.base import PLAIN, BoundEffect, Effect, Sizes
 from envs.effects.field import FieldEffect
-from envs.effects.places import find
+from envs.effects.places import find, members
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.errors import EffectError, did_you_mean
@@ -21,17 +21,17 @@ INERTIA: tuple[Inertia, ...] = get_args(Inertia)
 
 
 class _Dense(BoundEffect):
-    """Scales a body's inertia by what another effect does to its mass."""
+    """Scales the inertia of bodies by what another effect does to their mass."""
 
-    def __init__(self, plant: PlantView, body: int, mass: BoundEffect) -> None:
+    def __init__(self, plant: PlantView, bodies: np.ndarray, mass: BoundEffect) -> None:
         self._mass, self._inertia = plant.field("body_mass"), plant.field("body_inertia")
-        self._body, self._write = body, mass.write
+        self._bodies, self._write = bodies, mass.write
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        at = (ids, self._body)
-        before = self._mass[at]
+        at = (ids[:, None], self._bodies)
+        before = self._mass[at]  # (n, k)
         self._write(ids, values)
-        self._inertia[at] *= (self._mass[at] / before)[:, None]
+        self._inertia[at] *= (self._mass[at] / before)[..., None]
 
 
 class LinkMass(FieldEffect):
@@ -81,7 +81,7 @@ class LinkMass(FieldEffect):
         mass = super().bind(plant)
         if self.inertia == "kept":
             return mass
-        return _Dense(plant, find(plant.model, "body", self.where), mass)
+        return _Dense(plant, members(plant.model, "body", self.where), mass)
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the link's mass and of the robot's."""

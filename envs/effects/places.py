@@ -1,7 +1,8 @@
-"""Where effects act: the objects of a model by name."""
+"""Where effects act: the objects of a model by name, or by a pattern such as `hip_*`."""
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from typing import Literal
 
 import mujoco
@@ -28,8 +29,27 @@ def find(
     return names.index(name)
 
 
+def is_pattern(name: str | None) -> bool:
+    """Return whether a name stands for all that match it."""
+    return name is not None and "*" in name
+
+
+def members(
+    model: mujoco.MjModel, kind: Literal["joint", "actuator", "body", "geom"], name: str | None
+) -> np.ndarray:
+    """Return the ids of the object of that name, or of all that match a pattern, (k,).
+
+    Raises:
+        EffectError: none of that name; lists the model's names.
+    """
+    count = {"joint": "njnt", "actuator": "nactuator", "body": "nbody", "geom": "ngeom"}[kind]
+    every = range(getattr(model, count)) if is_pattern(name) else ()
+    found = [i for i in every if fnmatchcase(getattr(model, kind)(i).name, str(name))]
+    return np.array(found or [find(model, kind, name)])
+
+
 def joints(model: mujoco.MjModel, where: str | None) -> np.ndarray:
-    """Return the id of the joint of that name, or those of every driven hinge and slide, (k,).
+    """Return the ids of the joints of that name or pattern; None: all driven ones, (k,).
 
     Raises:
         EffectError: no such joint, one that does not turn about or slide along one axis, or no
@@ -47,10 +67,10 @@ def joints(model: mujoco.MjModel, where: str | None) -> np.ndarray:
                 "no actuator of this model drives a hinge or slide; say where: the name of a joint"
             )
         return found
-    index = find(model, "joint", where)
-    if not _scalar(model, index):
+    found = members(model, "joint", where)
+    if not all(_scalar(model, joint) for joint in found):
         raise EffectError(f"joint {where!r} is a ball or free joint; name a hinge or slide")
-    return np.array([index])
+    return found
 
 
 def joint_driven(model: mujoco.MjModel, actuator: int) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Sizes, SubstepRule
 from envs.effects.field import FieldBound, FieldEffect, Several
 from envs.effects.history import Arrivals
-from envs.effects.places import find
+from envs.effects.places import members
 from envs.effects.plant_view import PlantView
 from envs.effects.registry import EFFECTS
 from envs.effects.scale import RobotScale
@@ -45,12 +45,13 @@ class ActuatorEffect(Effect):
                 that it can have.
         """
         if self.where is not None:
-            index = find(model, "actuator", self.where)
-            if not self.can(model, index):
+            index = members(model, "actuator", self.where)
+            if not all(self.can(model, int(i)) for i in index):
                 raise EffectError(
-                    f"actuator {self.where!r} cannot have {self.name}; {_possible(model, [index])}"
+                    f"actuator {self.where!r} cannot have {self.name}; "
+                    f"{_possible(model, index.tolist())}"
                 )
-            return np.array([index])
+            return index
         found = [i for i in range(model.nactuator) if self.can(model, i)]
         if not found:
             every = list(range(model.nactuator))

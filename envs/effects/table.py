@@ -33,10 +33,11 @@ plant = Plant(spec, [effect, make("link_mass", where="forearm", how="scale")], n
 plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagnosis found them
 ```
 
-* **where** is the name of a joint, actuator, body or geom. Without it a joint effect acts on every
-  hinge and slide that an actuator drives, and an actuator effect on every actuator that can have
-  it, with one value for all. A diagnosis tries that as well, for friction, inertia, play, springs
-  and actuators.
+* **where** is the name of a joint, actuator, body or geom. For effects that write one model field
+  it may be a pattern, such as `hip_*`: one value for all that match. Without it a joint effect acts
+  on every hinge and slide that an actuator drives, and an actuator effect on every actuator that
+  can have it, with one value for all. A diagnosis tries that as well, for friction, inertia, play,
+  springs and actuators.
 * **how** a value changes the model: `add`, `scale` or `set`. The first one listed is the default,
   and the one that `effects.yaml` uses.
 * **neutral** values (0 added, factor 1, the model's own) leave a plant bit for bit as it is without

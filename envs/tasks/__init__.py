@@ -1,8 +1,10 @@
 """The tasks: each names a robot, what it observes, its reward and its end."""
 
 from envs.tasks.ant import Ant
+from envs.tasks.ball_balance import BallBalance
 from envs.tasks.base import State, Task
 from envs.tasks.cart_pole import CartPole
+from envs.tasks.easi_ant import EasiAnt
 from envs.tasks.goals import (
     AntDirection,
     AntPosition,
@@ -28,8 +30,10 @@ __all__ = [
     "AntDirection",
     "AntPosition",
     "AntVelocity",
+    "BallBalance",
     "Bench1",
     "CartPole",
+    "EasiAnt",
     "Follow",
     "GoalTask",
     "HalfCheetah",

@@ -51,6 +51,8 @@ STANDARD = [
     "integral_action",
     "link_inertia",
     "link_length",
+    "surface_friction",
+    "restitution",
     "hysteretic_compliance",
     "encoder_eccentricity",
     "clock_drift",
