@@ -1,0 +1,1 @@
+"""EASI's study: identification from rollouts, and training under what it found."""

@@ -1,0 +1,72 @@
+"""EASI's study: identification from rollouts against uniform randomization, oracle and baselines.
+
+    python -m benchmarks.easi                                    # cartpole, 5 seeds
+    python -m benchmarks.easi --rows udr oracle easi_200 --seeds 0 1 2
+    python -m benchmarks.easi --parameters --seeds 0 1 2 3 4 5 6 7 8 9
+    python -m benchmarks.easi --report                           # the tables of what there is
+
+For each seed: SAC under uniform randomization, demonstrations of its policy on the target, EASI,
+and SAC under what it found; beside it the target itself, EASI's mean alone, and EASI's final width
+about the prior's mean. Each run has a folder of its own: what is complete is skipped, what was
+interrupted is continued. Several of these programs may run at once and share the work.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.easi import parameters, steps
+from benchmarks.easi.plan import ROWS, STUDIES, Plan
+from benchmarks.easi.report import report
+
+RESULTS = Path(__file__).parents[1] / "results"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line and run; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.easi",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--task", default="cartpole", choices=STUDIES, help="default: cartpole")
+    add("--rows", nargs="+", default=list(ROWS), choices=ROWS, metavar="ROW", help=", ".join(ROWS))
+    add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
+    add("--frames", type=int, help="environment steps of every training; default: the seed's")
+    add("--parameters", action="store_true", help="find parameters of the cart-pole, train nothing")
+    add("--report", action="store_true", help="run nothing, write the tables")
+    add("--out", type=Path, default=Path("outputs/bench_long/easi"), help="folder of the runs")
+    add("--results", type=Path, default=RESULTS, help="folder of the tables and pictures")
+    add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every training")
+    add("--identify", nargs="*", default=[], metavar="KEY=VALUE", help="and of every EASI run")
+    chosen = parser.parse_args(arguments)
+    if min(chosen.seeds) < 0 or (chosen.frames or 1) < 1:
+        parser.error("--seeds must not be negative and --frames at least 1")
+    if chosen.parameters and chosen.task != "cartpole":
+        parser.error("--parameters is a study of the cart-pole; leave --task out")
+    plan = Plan(
+        chosen.task,
+        tuple(dict.fromkeys(chosen.rows)),
+        tuple(dict.fromkeys(chosen.seeds)),
+        chosen.out.resolve(),
+        chosen.results.resolve(),
+        chosen.frames,
+        tuple(chosen.set),
+        tuple(chosen.identify),
+    )
+    if chosen.parameters:
+        if chosen.report:
+            parameters.report(plan)
+            return 0
+        return int(parameters.run(plan) > 0)
+    failed = 0 if chosen.report else steps.run(plan)
+    report(plan)
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

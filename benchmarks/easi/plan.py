@@ -1,0 +1,165 @@
+"""What the study compares: tasks, ways to a training distribution, and where each run lies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from envs.simulation import Simulation
+from envs.tasks import BallBalance, CartPole, EasiAnt, Task
+
+ASSETS = Path(__file__).parents[2] / "envs" / "assets"
+
+
+@dataclass(frozen=True)
+class Study:
+    """A task of the study.
+
+    Args:
+        task: makes it.
+        model: file of its robot.
+        params: choice of conf/params: what uniform randomization draws.
+        published: the seed's figures, mean and deviation over runs, by row.
+        identify: settings of every EASI run.
+    """
+
+    task: type[Task]
+    model: str
+    params: str
+    published: Mapping[str, tuple[float, float]]
+    identify: tuple[str, ...] = ()
+
+    @property
+    def path(self) -> Path:
+        """The robot's model."""
+        return ASSETS / self.model
+
+
+STUDIES: dict[str, Study] = {
+    "cartpole": Study(
+        CartPole,
+        "cartpole.xml",
+        "cartpole",
+        {
+            "udr": (161.3, 15.3),
+            "easi_1": (185.1, 3.1),
+            "easi_50": (182.7, 2.7),
+            "easi_100": (181.1, 4.4),
+            "easi_200": (182.9, 4.3),
+        },
+        ("identify.score.updates=10",),  # half of the other tasks', as published
+    ),
+    "ant": Study(
+        EasiAnt,
+        "easi_ant.xml",
+        "easi_ant",
+        {
+            "udr": (557.4, 55.6),
+            "easi_1": (724.2, 7.5),
+            "easi_50": (747.0, 25.0),
+            "easi_100": (703.1, 63.1),
+            "easi_200": (724.0, 31.5),
+        },
+    ),
+    "ball_balance": Study(
+        BallBalance,
+        "ball_balance.xml",
+        "ball_balance",
+        {
+            "udr": (226.9, 61.7),
+            "easi_1": (360.1, 53.8),
+            "easi_50": (421.3, 26.1),
+            "easi_100": (428.5, 16.9),
+            "easi_200": (393.1, 60.5),
+        },
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A way to the robots of a training.
+
+    Args:
+        name: of it and of its folder.
+        words: what it is.
+        identify: choice of conf/identify that finds the distribution; None for none.
+        budget: trajectories that it is given.
+        source: row whose distribution it uses in its own way; None for none.
+    """
+
+    name: str
+    words: str
+    identify: str | None = None
+    budget: int = 200
+    source: str | None = None
+
+
+ROUNDS: tuple[tuple[Row, ...], ...] = (  # the most telling first
+    (
+        Row("udr", "uniform randomization, a third to three times the target"),
+        Row("oracle", "the target itself"),
+        Row("easi_200", "EASI, robust critic, 200 trajectories", "easi"),
+    ),
+    (
+        Row("narrow", "EASI's final width about the prior's mean", source="easi_200"),
+        Row("point", "EASI's mean alone", source="easi_200"),
+        Row("paper_200", "EASI as published, 200 trajectories", "easi_paper"),
+    ),
+    (
+        Row("easi_1", "EASI, robust critic, 1 trajectory", "easi", 1),
+        Row("easi_50", "EASI, robust critic, 50 trajectories", "easi", 50),
+        Row("easi_100", "EASI, robust critic, 100 trajectories", "easi", 100),
+    ),
+)
+ROWS = {row.name: row for rows in ROUNDS for row in rows}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to run and where.
+
+    Args:
+        name: of the task.
+        rows: names of those that are wanted.
+        seeds: of training.
+        out: folder of the runs.
+        results: folder of tables and pictures.
+        frames: environment steps of a training; None for the experiment's own.
+        training: further settings of every training.
+        identify: further settings of every EASI run.
+    """
+
+    name: str
+    rows: tuple[str, ...]
+    seeds: tuple[int, ...]
+    out: Path
+    results: Path
+    frames: int | None = None
+    training: tuple[str, ...] = ()
+    identify: tuple[str, ...] = ()
+
+    @property
+    def study(self) -> Study:
+        """The task."""
+        return STUDIES[self.name]
+
+    def folder(self, seed: int, *names: str) -> Path:
+        """Return the folder of a run."""
+        return self.out / self.name / f"seed{seed}" / Path(*names)
+
+
+def truth(study: Study, effects: tuple) -> dict[str, float]:
+    """Return the target's values of some effects' parameters, by name."""
+    made = study.task()
+    space = Simulation(made, 1, effects, 1).space
+    own = {effect.label(): values[0] for effect, values in made.fixed()}
+    return {p.name: float(own.get(p.name, p.neutral)) for p in space.parameters}
+
+
+def within(values: np.ndarray, target: float, share: float) -> int:
+    """Return how many values are within a share of the target."""
+    return int((np.abs(values / target - 1) <= share).sum())

@@ -1,0 +1,196 @@
+"""What EASI's study came to: easi.csv, a page and a picture for each task."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.easi.parameters import histories, read_csv
+from benchmarks.easi.plan import ROUNDS, ROWS, Plan, truth
+from benchmarks.easi.steps import prior
+from benchmarks.robots import cpu_minutes
+from envs.distribution import Distribution
+from envs.distribution_file import read as read_distribution
+from sim2real.evaluation.transfer import read
+from sim2real.identification.outcome import FILE
+from sim2real.runs.figures import COLOURS, FAINT, INK, figure
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import FEW, Interval, bootstrap, mean
+from sim2real.runs.tables import Table
+
+COLUMNS = ("task", "row", "seed", "value", "steps", "cpu_minutes", "settings")
+DRAWS, ORACLE, COLLAPSE = 5000, 0.95, 5.0  # resamples; share of the oracle's; ratio of deviations
+ACROSS, WIDE, HIGH = 4, 2.6, 1.9  # panels in a row; inches of one
+Figures = dict[str, dict[int, float]]  # return on the target by row and seed
+KINDS = (("easi_200", "easi", COLOURS[0]), ("paper_200", "easi_paper", COLOURS[1]))
+
+
+def report(plan: Plan) -> None:
+    """Write what is complete; figures of other tasks, and of seeds that are not here, stay."""
+    path = plan.results / "easi.csv"
+    kept = {(r["task"], r["row"], int(r["seed"])): r for r in read_csv(path)}
+    kept |= {(r["task"], r["row"], int(r["seed"])): r for r in lines(plan)}
+    if not kept:
+        return
+    table = Table(COLUMNS)
+    for key in sorted(kept):
+        table.add(*(kept[key][column] for column in COLUMNS))
+    write_text(path, table.csv())
+    figures: Figures = {}
+    for (task, row, seed), line in kept.items():
+        if task == plan.name:
+            figures.setdefault(row, {})[seed] = float(line["value"])
+    settings = sorted({line["settings"] for key, line in kept.items() if key[0] == plan.name})
+    write_text(plan.results / f"easi_{plan.name}.md", page(plan, figures, settings))
+    draw(plan, plan.results / f"easi_{plan.name}.png")
+
+
+def lines(plan: Plan) -> list[dict[str, str]]:
+    """Return a line for each evaluated training: its newest figure."""
+    found = []
+    for name in ROWS:
+        for folder in sorted((plan.out / plan.name).glob(f"seed*/{name}")):
+            files = sorted(folder.glob("transfer-*.json"), key=lambda f: int(f.stem[9:]))
+            if files:
+                (one,) = read(files[-1])
+                seed = folder.parent.name.removeprefix("seed")
+                words = (*plan.training, *plan.study.identify, *plan.identify)
+                line = dict.fromkeys(COLUMNS, "") | {"task": plan.name, "row": name, "seed": seed}
+                line |= {"value": f"{one.returns['target'].mean():.6g}", "steps": f"{one.frames}"}
+                line |= {"cpu_minutes": f"{spent(plan, name, int(seed)):.1f}"}
+                found.append(line | {"settings": " ".join(words)})
+    return found
+
+
+def spent(plan: Plan, name: str, seed: int) -> float:
+    """Return the processor time of a row's training, and of its identification [min]."""
+    row = ROWS[name]
+    both = [plan.folder(seed, name)]
+    if row.identify:
+        both.append(plan.folder(seed, f"identify_{row.identify}_{row.budget}"))
+    return sum(cpu_minutes(folder) for folder in both)
+
+
+def page(plan: Plan, figures: Figures, settings: list[str]) -> str:
+    """Return the page of a task."""
+    table = Table(("robots of the training", "the seed", "ours", "seeds"))
+    for rows in ROUNDS:
+        for row in rows:
+            own = plan.study.published.get(row.name)
+            told = "–" if own is None else f"{own[0]:g} ± {own[1]:g}"
+            values = list(figures.get(row.name, {}).values())
+            shown = interval(values) if values else None
+            table.add(f"{row.name}: {row.words}", told, shown, len(values))
+    table.notes.append(
+        "Return on the target, mean over training seeds with 95 % bootstrap intervals."
+    )
+    parts = [
+        f"# EASI on {plan.name}",
+        "",
+        f"`python -m benchmarks.easi --task {plan.name}`. Settings that differ from the "
+        f"experiment's: {'; '.join(s or 'none' for s in settings)}.",
+        "",
+        table.markdown(),
+        "## Claims",
+        "",
+        *claims(plan, figures),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def interval(values: list[float]) -> Interval | float:
+    """Return the mean with its interval; alone for one value."""
+    column = np.array(values)[:, None]
+    if len(values) < 2:
+        return float(column[0, 0])
+    return bootstrap(column, mean, np.random.default_rng(0), draws=DRAWS, resample="rows")
+
+
+def claims(plan: Plan, figures: Figures) -> list[str]:
+    """Return a line for each claim."""
+    told = [
+        compared("EASI above uniform randomization", figures, "easi_200", "udr", 1.0),
+        compared("EASI at least 0.95 of the oracle", figures, "easi_200", "oracle", ORACLE),
+        compared("EASI above its own width elsewhere", figures, "easi_200", "narrow", 1.0),
+        compared("EASI above its own mean alone", figures, "easi_200", "point", 1.0),
+        collapse(plan),
+    ]
+    return [f"* {line}" for line in told]
+
+
+def compared(claim: str, figures: Figures, left: str, right: str, times: float) -> str:
+    """Decide whether a row is above a multiple of another, seed by seed."""
+    pairs = sorted(set(figures.get(left, {})) & set(figures.get(right, {})))
+    if not pairs:
+        return f"not run: {claim}"
+    apart = [figures[left][seed] - times * figures[right][seed] for seed in pairs]
+    found = interval(apart)
+    if not isinstance(found, Interval):
+        return f"undecided: {claim}, by {found:.1f} with one seed"
+    answer = "undecided"
+    if found.excludes(0.0):
+        answer = "holds" if found.value > 0 else "contradicted"
+    few = ", few seeds" if len(pairs) < FEW else ""
+    span = f"{found.value:.1f} [{found.low:.1f}, {found.high:.1f}]"
+    return f"{answer}{few}: {claim}, by {span}, {len(pairs)} seeds"
+
+
+def collapse(plan: Plan) -> str:
+    """Decide whether the published critic's answers scatter over seeds five times as much."""
+    claim = "between seeds the published critic's means scatter 5 times as much as the robust one's"
+    widths = {}
+    for _, kind, _ in KINDS:
+        every = answers(plan, f"identify_{kind}_200")
+        if len(every) < 2:
+            return f"not run: {claim}"
+        scale = every[0].high - every[0].low
+        widths[kind] = (np.array([one.mean for one in every]) / scale).std(axis=0, ddof=1)
+    ratio = float(np.median(widths["easi_paper"] / np.maximum(widths["easi"], 1e-12)))
+    answer = "holds" if ratio >= COLLAPSE else "contradicted"
+    return f"{answer}: {claim}: {ratio:.1f} times, median over parameters"
+
+
+def answers(plan: Plan, name: str) -> list[Distribution]:
+    """Return the distributions of that name, of all seeds."""
+    files = sorted((plan.out / plan.name).glob(f"seed*/{name}/{FILE}"))
+    return [read_distribution(file) for file in files]
+
+
+def draw(plan: Plan, path: Path) -> None:
+    """Draw each parameter over the generations: means and widths of every seed, and the target."""
+    before = prior(plan)
+    target = truth(plan.study, before.effects)
+    down = -(-(len(before.names) + 1) // ACROSS)
+    with figure(path, down, ACROSS, (WIDE * ACROSS, HIGH * down)) as (_, axes):
+        panels = list(np.ravel(axes))
+        for i, name in enumerate(before.names):
+            ax = panels[i]
+            for row, kind, colour in KINDS:
+                for folder in sorted((plan.out / plan.name).glob(f"seed*/identify_{kind}_200")):
+                    told = histories(folder)
+                    if told is not None:
+                        middle, width = told[:, 0, i], told[:, 1, i]
+                        turns = np.arange(len(middle))
+                        ax.plot(turns, middle, color=colour, linewidth=1.0, label=row)
+                        ax.fill_between(
+                            turns, middle - width, middle + width, color=colour, alpha=0.12, lw=0
+                        )
+            ax.axhline(target[name], color=INK, linewidth=1.0, linestyle="--")
+            ax.set_ylim(before.low[i], before.high[i])
+            ax.set_title(name, fontsize=8)
+        for ax in panels[len(before.names) + 1 :]:
+            ax.axis("off")
+        legend(panels[len(before.names)])
+
+
+def legend(ax: object) -> None:
+    """Say in an empty panel what the colours mean."""
+    from matplotlib.lines import Line2D
+
+    kinds = [(COLOURS[0], "robust critic"), (COLOURS[1], "published critic")]
+    handles = [Line2D([], [], color=colour, label=text) for colour, text in kinds]
+    handles.append(Line2D([], [], color=INK, linestyle="--", label="target"))
+    handles.append(Line2D([], [], color=FAINT, linewidth=6, label="population's deviation"))
+    ax.axis("off")  # type: ignore[attr-defined]
+    ax.legend(handles=handles, loc="center", title="a line a seed, over generations")  # type: ignore[attr-defined]

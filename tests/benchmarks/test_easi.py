@@ -1,0 +1,181 @@
+"""EASI's study does each step once, in order, and says what it found; demonstrations are whole."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.easi import parameters, steps
+from benchmarks.easi.__main__ import main
+from benchmarks.easi.demonstrations import record
+from benchmarks.easi.parameters import read_csv, scale_is_flat
+from benchmarks.easi.plan import STUDIES, truth
+from benchmarks.easi.steps import LOG, prior
+from envs.distribution import Distribution, Entry, Flat
+from envs.distribution_file import read, write
+from envs.effects import make
+from envs.laws import Law
+from envs.simulation import Simulation
+from envs.tasks import CartPole
+from hardware.log import Log
+from sim2real.identification.outcome import FILE
+
+LEVELS = {"udr": 160.0, "oracle": 185.0, "easi_200": 180.0, "narrow": 150.0, "point": 179.0}
+PRIOR = Distribution(
+    (Entry(make("position_gain", where="slider"), (Law("uniform", 1.6, 0.7, 0.33, 3.0),)),)
+)
+FOUND = Distribution(
+    (Entry(make("position_gain", where="slider"), (Law("normal", 1.1, 0.2, 0.33, 3.0),)),)
+)
+
+
+class Shell:
+    """Stands for trainings and identifications: remembers them and leaves their files."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.jobs: list[dict[str, str]] = []
+        self.fails: set[str] = set()
+        monkeypatch.setattr(steps, "sim2real", self.run)
+        monkeypatch.setattr(steps, "trained", lambda folder: 0)
+        monkeypatch.setattr(steps, "demonstrate", self.demonstrate)
+        monkeypatch.setattr(steps, "prior", lambda plan: PRIOR)
+        monkeypatch.setattr("benchmarks.easi.report.prior", lambda plan: PRIOR)
+
+    def demonstrate(self, policy: Path, count: int, seed: int, path: Path, effects: Any) -> Path:
+        """Leave an empty log."""
+        path.write_text("")
+        return path
+
+    def run(self, *arguments: str) -> bool:
+        """Train or identify."""
+        given = dict(argument.split("=", 1) for argument in arguments)
+        self.jobs.append(given)
+        folder = Path(given["hydra.run.dir"])
+        folder.mkdir(parents=True, exist_ok=True)
+        if folder.name in self.fails:
+            return False
+        if given.get("run") == "identify":
+            write(folder / FILE, FOUND)
+            points = {f"asked.{i}": np.full((4, 1), 1.0 + 0.1 * i) for i in range(3)}
+            np.savez(folder / "journal.npz", allow_pickle=False, **points)
+            return True
+        level = LEVELS[folder.name] + int(given["seed"])
+        robots = {"target": {"changes": {}, "returns": [level], "lengths": [200], "failed": 0}}
+        about = {"name": "x", "task": "CartPole", "trained_on": "target", "training_steps": 1000}
+        document = {"schema": 1, "seed": 0, "runs": [{**about, "robots": robots}]}
+        (folder / "transfer-1000.json").write_text(json.dumps(document))
+        return True
+
+
+def go(tmp_path: Path, *words: str) -> int:
+    """Run the study into folders of the test."""
+    places = ["--out", str(tmp_path / "out"), "--results", str(tmp_path / "results")]
+    return main([*words, *places])
+
+
+def test_each_step_is_done_once_and_in_order(tmp_path, monkeypatch) -> None:
+    """UDR's policy comes first, then what needs it; a second call does nothing."""
+    shell = Shell(monkeypatch)
+    rows = ("--rows", "easi_200", "narrow", "point", "udr", "oracle", "--seeds", "0", "1")
+    assert go(tmp_path, *rows) == 0
+    names = [Path(job["hydra.run.dir"]).name for job in shell.jobs]
+    first = ["udr", "oracle", "identify_easi_200", "easi_200"]
+    assert names == first * 2 + ["narrow", "point"] * 2
+    found = {Path(job["hydra.run.dir"]).name: job for job in shell.jobs}
+    assert found["oracle"]["params"] == "none"
+    assert found["easi_200"]["params"] == "distribution"
+    assert found["point"]["effects"].endswith(f"identify_easi_200/{FILE}")
+    assert Path(found["identify_easi_200"]["log"]).name == LOG
+    narrow = read(found["narrow"]["params.path"])
+    assert (narrow.mean[0], narrow.std[0]) == (pytest.approx(1.6), pytest.approx(0.2))
+    assert go(tmp_path, *rows) == 0
+    assert len(shell.jobs) == len(names)
+    line = read_csv(tmp_path / "results" / "easi.csv")[0]
+    assert (line["row"], line["seed"], line["value"]) == ("easi_200", "0", "180")
+    page = (tmp_path / "results" / "easi_cartpole.md").read_text()
+    assert "182.9 ± 4.3" in page
+    assert "holds, few seeds: EASI above uniform randomization, by 20.0" in page
+    assert "holds, few seeds: EASI at least 0.95 of the oracle, by 4.3" in page
+    assert "holds, few seeds: EASI above its own width elsewhere, by 30.0" in page
+    assert (tmp_path / "results" / "easi_cartpole.png").stat().st_size > 1000
+
+
+def test_what_failed_is_tried_again(tmp_path, monkeypatch) -> None:
+    """Without UDR's policy nothing is identified; the next call makes up for it."""
+    shell = Shell(monkeypatch)
+    shell.fails = {"udr"}
+    assert go(tmp_path, "--rows", "udr", "easi_200", "--seeds", "0") == 1
+    assert len(shell.jobs) == 1
+    shell.fails = set()
+    assert go(tmp_path, "--rows", "udr", "easi_200", "--seeds", "0") == 0
+    assert len(shell.jobs) == 4
+
+
+def test_the_study_of_parameters(tmp_path, monkeypatch) -> None:
+    """Both methods, each seed once, and a page; a search of another task is refused."""
+    shell = Shell(monkeypatch)
+    assert go(tmp_path, "--parameters", "--seeds", "0") == 1  # no policy yet
+    go(tmp_path, "--rows", "udr", "--seeds", "0")
+    assert go(tmp_path, "--parameters", "--seeds", "0", "1") == 0
+    assert len(shell.jobs) == 1 + 2 * len(parameters.METHODS)
+    assert all(job["effects"] == parameters.EFFECTS for job in shell.jobs[1:])
+    assert "position_gain.slider" in (tmp_path / "results" / "easi_parameters.md").read_text()
+    with pytest.raises(SystemExit):
+        go(tmp_path, "--parameters", "--task", "ant")
+
+
+def test_a_flat_scale_is_seen() -> None:
+    """Masses, gains and dampings in one direction; a direction of the length alone is none."""
+    places = {"link_mass": "cart", "position_gain": "slider", "derivative_gain": "slider"}
+    places |= {"viscous_friction": "hinge", "armature": "hinge"}
+    law = (Law("normal", 1.0, 0.1, 0.3, 3.0),)
+    entries = tuple(Entry(make(n, where=w, how="scale"), law) for n, w in places.items())
+    entries += (Entry(make("link_length", where="pole"), law),)
+    names = [entry.effect.label() for entry in entries]
+
+    def with_flat(weights: dict[str, float], method: str = "matching") -> Distribution:
+        return Distribution(entries, flat=(Flat(weights, 0.0),), made_by={"method": method})
+
+    assert scale_is_flat(with_flat(dict.fromkeys(names[:5], -(5**-0.5)))) == "yes"
+    assert scale_is_flat(with_flat({"link_length.pole": 1.0})) == "no"
+    assert scale_is_flat(with_flat({}, "easi")) == "–"
+
+
+def test_demonstrations_are_whole_episodes_of_the_target() -> None:
+    """Each row's state goes into the next; an episode that falls is followed by another."""
+    rows = Simulation(CartPole(max_steps=60), 3, threads=1)
+    push = np.array([[1.0], [-1.0], [0.0]])
+    log = Log(record(rows, lambda seen: push, seed=0))
+    assert len(list(log.episodes())) > 3
+    assert sum(len(part) - 1 for part in log.episodes()) == 3 * 60
+    part = next(iter(log.episodes()))
+    again = Simulation(CartPole(), 1, threads=1)
+    again.reset(np.arange(1), np.zeros((1, 0)), np.zeros(1, np.uint64))
+    start = [
+        [part.column(f"{kind}.{name}")[0] for name in ("slider", "hinge")]
+        for kind in ("qpos", "qvel")
+    ]
+    again.set_state(np.arange(1), np.array(start[:1]), np.array(start[1:]))
+    for row in range(1, len(part)):
+        seen = again.step(None, part.column("action.0")[row - 1].reshape(1, 1)).observation[0]
+        np.testing.assert_allclose(seen, [part.column(f"obs.{i}")[row] for i in range(4)])
+    np.testing.assert_allclose(part.column("ctrl.slider"), 0.2 * part.column("action.0"))
+
+
+def test_the_target_is_the_robot_as_its_model_says() -> None:
+    """Factors of 1, and the task's own limit on the speed."""
+    study = STUDIES["cartpole"]
+
+    class Plan:
+        """Stands for a plan."""
+
+        study = STUDIES["cartpole"]
+
+    target = truth(study, prior(Plan()).effects)  # type: ignore[arg-type]
+    assert target.pop("torque_speed_knee.slider") == 0.48
+    assert set(target.values()) == {1.0}
+    assert len(target) == 10
