@@ -23,6 +23,7 @@ LONG = (  # modules; each resumes, but for the first, which takes minutes
     "improve",
     "hopper_grid",
     "robots",
+    "easi",
     "xl330",
     "so101",
     "blindcheck",

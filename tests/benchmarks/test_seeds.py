@@ -26,6 +26,7 @@ TABLE = """seed,kind,x,before,after,steps
 1,a,1,3,50,300
 1,b,1,4,70,
 """
+GROWING = ("seeds", "easi")  # tables of studies that are run row by row
 
 
 @pytest.fixture
@@ -41,12 +42,12 @@ def test_the_page_is_that_of_the_committed_results() -> None:
 
 
 def test_every_query_of_a_finished_study_finds_runs() -> None:
-    """No row is empty because its query is wrong: outside the table that grows, all find runs."""
+    """No row is empty because its query is wrong: outside the tables that grow, all find runs."""
     content = load()
     for row in content["rows"]:
         for name, measure in row["measures"].items():
             query = measure.get("ours")
-            if query and query["table"] != "seeds":
+            if query and query["table"] not in GROWING:
                 assert find(query, content["tables"], RESULTS).values, (row["id"], name)
 
 
