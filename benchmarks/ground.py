@@ -1,7 +1,7 @@
 """Does a diagnosis name what is hidden in walks whose base nobody measured?
 
     python -m benchmarks.ground --cases 12              # sealed draws of seed 5, resumable
-    python -m benchmarks.ground --cases 40 --seed 8
+    python -m benchmarks.ground --cases 40 --seed 8 --robot quad12
     python -m benchmarks.ground --development           # the walks that it was developed on
 
 The emulated robot (servo emulator, bus, another time step than the model's) trots with drawn
@@ -122,10 +122,9 @@ def _seen(log: Log, number: int, pose: bool) -> Log:
     return replace(log, columns={**columns, **moved}, path=Path(f"walk{number}.csv"))
 
 
-def case(seed: int, number: int) -> dict[str, Any]:
-    """Make a case, diagnose it, then open its key; return its row."""
+def case(seed: int, number: int, name: str = "quad8") -> dict[str, Any]:
+    """Make a case of a robot, diagnose it, then open its key; return its row."""
     rng = np.random.default_rng([seed, number])
-    name = "quad8"
     robot = load_robot(name)
     logs = walks(name, key := drawn(robot, rng), int(rng.integers(1 << 31)))
     start, before = time.monotonic(), sum(os.times()[:4])
@@ -178,10 +177,10 @@ DEVELOPMENT: list[tuple[list[Entry], tuple[str, ...]]] = [  # what is hidden, an
 ]
 
 
-def develop() -> None:
-    """Print a row for each walk that the ground mode was developed on."""
+def develop(name: str = "quad8") -> None:
+    """Print a row for each walk that the ground mode was developed on, of a robot."""
     for key, exclude in DEVELOPMENT:
-        logs, before = walks("quad8", key, DEVELOPED), sum(os.times()[:4])
+        logs, before = walks(name, key, DEVELOPED), sum(os.times()[:4])
         report = diagnose(logs, exclude=exclude)
         row = scored(report, key)
         spent = sum(os.times()[:4]) - before
@@ -210,12 +209,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--cases", type=int, default=12, help="cases in all (default: 12)")
+    parser.add_argument("--robot", choices=("quad8", "quad12"), default="quad8", help="that walks")
     parser.add_argument("--seed", type=int, default=5, help="of their draw (default: %(default)s)")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
     parser.add_argument("--development", action="store_true", help="eight walks that are known")
     chosen = parser.parse_args(arguments)
     if chosen.development:
-        develop()
+        develop(chosen.robot)
         return 0
     if chosen.cases < 1:
         parser.error("--cases must be at least 1")
@@ -223,12 +223,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     path = chosen.results / "ground.csv"
     rows = list(csv.DictReader(path.open())) if path.exists() else []
     for number in range(chosen.cases):
-        if any(row["case"] == f"{chosen.seed}-{number}" for row in rows):
+        there = {(row["case"], row["robot"]) for row in rows}
+        if (f"{chosen.seed}-{number}", chosen.robot) in there:
             continue
-        rows.append({k: str(v) for k, v in case(chosen.seed, number).items()})
+        made = case(chosen.seed, number, chosen.robot)
+        rows.append({k: str(v) for k, v in made.items()})
         write_text(path, _text(rows))
         print(rows[-1], flush=True)
-    own = [row for row in rows if row["case"].startswith(f"{chosen.seed}-")]
+    mine = [row for row in rows if row["robot"] == chosen.robot]
+    own = [row for row in mine if row["case"].startswith(f"{chosen.seed}-")]
     print(told(own))
     return 0
 

@@ -84,10 +84,11 @@ def test_a_sound_robot_has_no_gap() -> None:
 
 
 @pytest.mark.slow
-def test_friction_at_a_knee_is_named_with_its_value() -> None:
+@pytest.mark.parametrize("robot", ["quad8", "quad12"])
+def test_friction_at_a_knee_is_named_with_its_value(robot: str) -> None:
     """0.15 N·m, in walks whose base nobody measured, half of them begun in mid-gait."""
     key = [{"effect": "coulomb_friction", "where": "knee_fl", "value": 0.15}]
-    report = diagnose(walks("quad8", key, 11))
+    report = diagnose(walks(robot, key, 11))
     assert report.verdict == "explained"
     (found,) = report.causes
     assert (found.effect, found.where) == ("coulomb_friction", "knee_fl")
@@ -115,6 +116,8 @@ def test_the_walks_of_development_are_told_by_a_command(
     assert ground.main(["--development"]) == 0
     rows = capsys.readouterr().out.splitlines()
     assert asked == [("quad8", ground.DEVELOPED)] * len(ground.DEVELOPMENT)
+    assert ground.main(["--development", "--robot", "quad12"]) == 0
+    assert asked[-1] == ("quad12", ground.DEVELOPED)
     assert rows[0].startswith("nothing | robot | 0 |  | no_gap")
     assert (
         "coulomb_friction knee_fl 0.1" in rows[1] and "coulomb_friction knee_fl 0.1" not in rows[-1]
