@@ -12,7 +12,7 @@ from hardware.config import load_robot
 from hardware.stand import home_pose, hung
 
 
-@pytest.mark.parametrize("name", ["hopper2", "quad8"])
+@pytest.mark.parametrize("name", ["hopper2", "quad8", "quad12"])
 def test_what_no_servo_drives_is_fixed(name: str, tmp_path: Path) -> None:
     """Each joint that is left has a servo, and the pose of the stand is that of the ground."""
     robot = load_robot(name)

@@ -17,7 +17,7 @@ def numbers(picture: str, pattern: str) -> np.ndarray:
     return np.array(re.findall(pattern, picture), dtype=float)
 
 
-@pytest.mark.parametrize("name", ["arm2", "arm6", "quad8", "hopper2", "bench1"])
+@pytest.mark.parametrize("name", ["arm2", "arm6", "quad8", "quad12", "hopper2", "bench1"])
 def test_every_joint_is_marked_inside_the_picture(name: str) -> None:
     """Each share has a disc, larger for a larger share; labels do not overlap."""
     model = mujoco.MjModel.from_xml_path(str(ASSETS / f"{name}.xml"))
