@@ -16,6 +16,7 @@ from benchmarks.easi.plan import Plan, within
 from benchmarks.easi.steps import demonstrated, evaluated, identify
 from envs.distribution import Distribution
 from envs.distribution_file import read
+from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 PARAMS, EFFECTS = "cartpole_six", "conf/shift/cartpole_bare.yaml"
@@ -63,8 +64,8 @@ def report(plan: Plan) -> None:
     for line in lines:
         table.add(*line)
     plan.results.mkdir(parents=True, exist_ok=True)
-    (plan.results / "easi_parameters.csv").write_text(table.csv(), encoding="utf-8")
-    (plan.results / "easi_parameters.md").write_text(markdown(found), encoding="utf-8")
+    write_text(plan.results / "easi_parameters.csv", table.csv())
+    write_text(plan.results / "easi_parameters.md", markdown(found))
 
 
 def rows(method: str, seed: int, one: Distribution) -> list[tuple]:
