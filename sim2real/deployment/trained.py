@@ -63,6 +63,20 @@ def load_policy(checkpoint: str | Path, device: str = "cpu") -> Trained:
     return load_trained(checkpoint, made["parts"], made["algorithm"])
 
 
+def load_teacher(checkpoint: str | Path | None) -> Trained:
+    """Return the policy of a run that a student learns from; see `load_policy`.
+
+    Raises:
+        Sim2RealError: no run was named, or what `load_policy` refuses.
+    """
+    if checkpoint is None:
+        raise Sim2RealError(
+            "a student needs a teacher: give algorithm.teacher.checkpoint=RUN, a run with "
+            "transforms=with_params"
+        )
+    return load_policy(checkpoint)
+
+
 def trained_for(checkpoint: str | list[str] | Path | None) -> Adaptation | None:
     """Return how a policy adapted while it was trained, or None where its run does not say.
 

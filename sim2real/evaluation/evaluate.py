@@ -212,12 +212,15 @@ def check_told(algorithm: Algorithm) -> None:
     Raises:
         Sim2RealError: a policy that knows its robot's parameters, and another adaptation.
     """
-    adapt, told = algorithm.parts.adapt, algorithm.parts.environment.told
-    if told is not None and adapt.episodes and not isinstance(adapt, Identify):
+    environment, adapt = algorithm.parts.environment, algorithm.parts.adapt
+    if environment.knows and adapt.episodes and not isinstance(adapt, Identify):
+        told = environment.told
+        assert told is not None
         raise Sim2RealError(
             f"on simulated robots this policy is told {', '.join(told.names)} as they are, and "
-            f"{adapt} would adapt what no robot gives it; use adapt=none (told the truth) or "
-            "adapt=identify (told what its logs say)"
+            f"{adapt} would adapt what no robot gives it; use adapt=none (told the truth), "
+            "adapt=identify (told what its logs say), or transforms.with_params.truth=false (told "
+            "the middle) with any"
         )
 
 

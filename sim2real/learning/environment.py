@@ -35,6 +35,7 @@ from envs.torch_env import RandomizeParams, RowsEnv
 from envs.toys.env import ToyEnv
 from sim2real.config.targets import build, build_named
 from sim2real.learning.population.env_rows import EnvRows
+from sim2real.learning.student import GuessParams, Student
 from sim2real.learning.told import Told, ToldRows, WithParams
 from sim2real.runs.errors import Sim2RealError
 
@@ -101,6 +102,26 @@ class Environment:
                 given = one.keywords.get("told") if isinstance(one, partial) else None
                 return given or Told.of(self.tasks, self.base_rows(1, threads=1).space)
         return None
+
+    @property
+    def knows(self) -> bool:
+        """Whether policies are told the truth of simulated robots."""
+        return any(
+            _tells(one) and "student" not in _keywords(one) and _keywords(one).get("truth", True)
+            for one in self.transforms.values()
+        )
+
+    def guessing(self, student: Student) -> Environment:
+        """Return this with policies that are told what a student guesses instead of the truth."""
+
+        def guess(one: Callable[..., Transform]) -> Callable[..., Transform]:
+            own = {k: v for k, v in _keywords(one).items() if k not in ("told", "truth")}
+            return partial(GuessParams, told=self.told, **{**own, "student": student})
+
+        transforms = {
+            name: guess(one) if _tells(one) else one for name, one in self.transforms.items()
+        }
+        return replace(self, transforms=transforms)
 
     def with_effects(self, effects: str | Path | None) -> Environment:
         """Return this with the effects of a file in every robot; None changes nothing.
@@ -226,7 +247,8 @@ class Environment:
             Sim2RealError: a world, or transforms, that rows cannot have; see `EnvRows`.
         """
         telling = [one for one in self.transforms.values() if not _randomizes(one)]
-        if self.plain or (len(telling) == 1 and _tells(telling[0])):
+        guessing = any("student" in _keywords(one) for one in telling)
+        if self.plain or (len(telling) == 1 and _tells(telling[0]) and not guessing):
             base = self._base(num_rows, threads, "cpu")
             if isinstance(base, RowsEnv):
                 rows = base.rows
@@ -316,7 +338,12 @@ def _randomizes(one: Callable[..., Transform]) -> bool:
 
 
 def _tells(one: Callable[..., Transform]) -> bool:
-    return (one.func if isinstance(one, partial) else one) is WithParams
+    made = one.func if isinstance(one, partial) else one
+    return isinstance(made, type) and issubclass(made, WithParams)
+
+
+def _keywords(one: Callable[..., Transform]) -> dict[str, Any]:
+    return dict(one.keywords) if isinstance(one, partial) else {}
 
 
 def _word(key: Any) -> str:

@@ -137,6 +137,8 @@ class WithParams(Transform):
         limit: how far beyond the range of training a parameter is told, in halves of that range: at
             1 a robot outside it is told as the nearest one inside.
         products: whether the observation times each parameter follows, P times O numbers.
+        truth: whether a simulated robot says what it is; false tells the middle, as a robot that
+            was not identified.
 
     Attributes:
         believed: what is told instead of the truth, (N, P) or (P,), -1 to 1 over the ranges; None
@@ -146,11 +148,13 @@ class WithParams(Transform):
         Sim2RealError: a limit below 1.
     """
 
-    def __init__(self, told: Told, limit: float = 1.0, products: bool = False) -> None:
+    def __init__(
+        self, told: Told, limit: float = 1.0, products: bool = False, truth: bool = True
+    ) -> None:
         if not limit >= 1:
             raise Sim2RealError(f"transforms.with_params.limit={limit} must be at least 1")
         super().__init__(in_keys=["observation"], out_keys=["observation"])
-        self.told, self.limit, self.products = told, limit, products
+        self.told, self.limit, self.products, self.truth = told, limit, products, truth
         self.believed: np.ndarray | None = None
         self._middle, self._half = (torch.from_numpy(x) for x in (told.middle, told.half))
 
@@ -170,7 +174,7 @@ class WithParams(Transform):
         shape = (*seen.shape[:-1], self.told.size)
         if self.believed is not None:
             return torch.as_tensor(self.believed).expand(shape)
-        params = tensordict.get("params", None)
+        params = tensordict.get("params", None) if self.truth else None
         there = {} if params is None else dict(params.items())
         values = self._middle.expand(shape).clone()
         for column, name in enumerate(self.told.names):
@@ -226,7 +230,9 @@ class ToldRows:
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         """Start an episode in each of the rows ids (n,); see `Rows`."""
-        self._said[ids] = self._transform.told.said(values, self._transform.limit)
+        told = self._transform.told
+        values = values if self._transform.truth else np.tile(told.middle, (len(ids), 1))
+        self._said[ids] = told.said(values, self._transform.limit)
         return self._longer(self._rows.reset(ids, values, seeds), self._said[ids])
 
     def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
