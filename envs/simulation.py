@@ -209,11 +209,18 @@ class Simulation:
         time = self._steps[rows] * self.task.dt
         return Commanded(time, self._action[rows].copy(), self._goal[rows].copy())
 
+    def measured(self, ids: np.ndarray | None = None) -> State:
+        """Return the state of the rows ids (None: all) as the robots' sensors report it."""
+        return self._as_measured(ids, self.state(ids))
+
     def _observe(self, ids: np.ndarray | None, state: State) -> np.ndarray:
-        if self.plant.measures:
-            qpos, qvel = self.plant.measured(ids)
-            state = state._replace(qpos=qpos, qvel=qvel)
-        return self.task.observe(state)
+        return self.task.observe(self._as_measured(ids, state))
+
+    def _as_measured(self, ids: np.ndarray | None, state: State) -> State:
+        if not self.plant.measures:
+            return state
+        qpos, qvel = self.plant.measured(ids)
+        return state._replace(qpos=qpos, qvel=qvel)
 
 
 def _fixed(task: Task, effects: Sequence[Effect], fixed: Sequence[Fixed]) -> list[Fixed]:

@@ -53,6 +53,7 @@ FLOORS = (
     "ground",
     "preflight",
     "contract",
+    "closed_loop",
     "attribution",
     "report",
     "comparison",

@@ -36,6 +36,7 @@ from sim2real.diagnosis.attribution.conclude import Conclusion
 from sim2real.diagnosis.attribution.fit import columns
 from sim2real.diagnosis.attribution.grip import check_grip
 from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics, null_test
+from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_of
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
@@ -51,7 +52,7 @@ from sim2real.diagnosis.ground.findings import check_ground
 from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.ground.pushes import check_pushes
 from sim2real.diagnosis.ground.windows import grounded
-from sim2real.diagnosis.outcome import Diagnosis
+from sim2real.diagnosis.outcome import Diagnosis, blocking, intervals_of
 from sim2real.diagnosis.preflight.checks import UNITS, preflight
 from sim2real.diagnosis.preflight.obstruction import mark_blocked, positioned
 from sim2real.diagnosis.preflight.torques import measured_torques
@@ -77,6 +78,8 @@ def diagnose(
     progress: Progress | None = None,
     settings: Settings = DEFAULT,
     load_policy: LoadPolicy | None = None,
+    load_player: LoadPlayer | None = None,
+    actor: str | Path | None = None,
 ) -> Report:
     """Locate a gap, name what causes it, and say how much is left once it is added.
 
@@ -91,6 +94,9 @@ def diagnose(
         load_policy: reads the policy that a log names, such as
             `sim2real.deployment.actors.load_actor`, so that its actions are compared; None checks
             the rest of its interface.
+        load_player: makes that policy play in its simulator, such as
+            `sim2real.loops.player.load_player`; None leaves the closed loop out.
+        actor: the policy that wrote the logs; None for the one that they name, if any.
 
     Returns:
         The report; `report.evidence` holds what its pictures show.
@@ -102,7 +108,16 @@ def diagnose(
         EffectError: an effects file that is wrong, or an effect that the robot cannot have.
     """
     return run_diagnosis(
-        _read(logs), model, effects, exclude, seed, progress, settings, load_policy=load_policy
+        _read(logs),
+        model,
+        effects,
+        exclude,
+        seed,
+        progress,
+        settings,
+        load_policy=load_policy,
+        load_player=load_player,
+        actor=actor,
     ).report
 
 
@@ -116,6 +131,8 @@ def run_diagnosis(
     settings: Settings = DEFAULT,
     on_verdict: Callable[[Diagnosis], None] | None = None,
     load_policy: LoadPolicy | None = None,
+    load_player: LoadPlayer | None = None,
+    actor: str | Path | None = None,
 ) -> Diagnosis:
     """Diagnose; the other arguments are those of `diagnose`, logs in memory.
 
@@ -128,6 +145,7 @@ def run_diagnosis(
     fixed = [] if effects is None else load_effects(effects)
     rng = np.random.default_rng(seed)
     on_progress("looking at the logs", 0.0)
+    played = logs
     logs, held = mark_blocked(logs, _driven(logs, model), settings.obstruction)
     estimates = estimate_all(logs, model, settings.ground)
     logs = [one.log for one in estimates] or logs
@@ -140,7 +158,7 @@ def run_diagnosis(
     specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
     for log, spec in zip(logs, specs, strict=True):
         refuse_kinds(log, spec, settings.kinds)
-    interface = check_beforehand(logs, load_policy, settings)
+    interface = check_beforehand(logs, load_policy, settings, actor)
     findings = [*interface.findings, *held, *preflight(logs, specs, settings)]
     models = [data.models[_model_of(data, number)] for number in range(len(logs))]
     findings += check_ground(estimates, models, settings.ground)
@@ -192,6 +210,7 @@ def run_diagnosis(
         "the pictures of recordings": lambda d: _pictured(d, made, data, floors),
         "the replay of whole recordings": lambda d: _replayed(d, logs, specs),
         "the other channels": lambda d: _witnessed(d, data),
+        "the closed loop": lambda d: _played(d, played, load_player, actor, seed, settings),
         "the next experiment": lambda d: _planned(d, data, seed),
     }
     for name, step in steps.items():
@@ -249,6 +268,23 @@ def _witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     report, evidence = found.report, replace(found.report.evidence, channels=gaps)
     report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
     return found._replace(report=report)
+
+
+def _played(
+    found: Diagnosis,
+    logs: Sequence[Log],
+    load_player: LoadPlayer | None,
+    actor: str | Path | None,
+    seed: int,
+    settings: Settings,
+) -> Diagnosis:
+    """Add how the policy that wrote the logs fares in both simulators."""
+    if blocking(found.report):
+        return found
+    effects = combined(found.known, found.found)
+    drawn = [Drawn(*one, ci) for one, ci in zip(effects, intervals_of(found), strict=True)]
+    loop = closed_loop_of(logs, load_player, actor, drawn, seed, settings.closed_loop)
+    return found._replace(report=replace(found.report, closed_loop=loop))
 
 
 def _planned(found: Diagnosis, data: Data, seed: int) -> Diagnosis:

@@ -46,7 +46,7 @@ def write(found: Diagnosis, out: Path) -> None:
     write_html(out / "report.html", found.report)
     if not blocking(found.report):
         effects = combined(found.known, found.found)
-        write_effects(out / "effects.yaml", effects, _with_known(found))
+        write_effects(out / "effects.yaml", effects, intervals_of(found))
         write_model(found.spec, effects, out / "model.xml")
 
 
@@ -66,7 +66,7 @@ def last_words(report: Report) -> list[str]:
     return words
 
 
-def _with_known(found: Diagnosis) -> list[tuple[float, float] | None]:
+def intervals_of(found: Diagnosis) -> list[tuple[float, float] | None]:
     """Return the intervals of the combined effects' first values; None for what was known alone."""
     lows, highs = (
         combined(

@@ -34,6 +34,7 @@ SCHEMA = 2  # written; 1, which knows neither `fitted` nor `shared`, is read as 
 READ = (1, SCHEMA)
 Verdict = Literal["explained", "partly_explained", "fitted", "unexplained", "no_gap"]
 Form = Literal["holds", "contradicted"]
+ClosedLoopVerdict = Literal["within_floor", "nearer", "as_far", "farther", "apart"]
 
 
 @dataclass(frozen=True)
@@ -166,6 +167,68 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Estimate:
+    """A number and its 90 % interval, over draws of episodes."""
+
+    value: float
+    ci: Pair
+
+
+@dataclass(frozen=True)
+class Distance:
+    """How far what the robot measured while its policy ran is from what simulators show.
+
+    Args:
+        measure: `sliced_wasserstein` (in deviations of each channel) or `mmd`.
+        floor: between two halves of the robot's own episodes.
+        nominal: between the robot and the simulator that the policy was trained in.
+        corrected: between the robot and that simulator with the effects; None without any.
+        nearer: nominal less corrected; None without effects.
+    """
+
+    measure: str
+    floor: Estimate
+    nominal: Estimate
+    corrected: Estimate | None
+    nearer: Estimate | None
+
+
+@dataclass(frozen=True)
+class Returns:
+    """What the policy's task paid an episode, on the robot and in both simulators."""
+
+    robot: Estimate
+    nominal: Estimate
+    corrected: Estimate | None
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """The policy in the simulator as given and in the corrected one, against the robot.
+
+    Args:
+        policy: its file.
+        channels: what is compared, by column; `gravity.<site>` stands for an orientation.
+        episodes: of the robot.
+        simulated: episodes in each simulator.
+        verdict: `within_floor`: the last simulator that played is as near to the robot as the robot
+            is to itself, or nearly so (`negligible`); `nearer`, `as_far`, `farther`: the corrected
+            one than the one as given; `apart`: there are no effects, and the one as given is beyond
+            the floor. All by the first distance.
+        distances: sliced Wasserstein, then maximum mean discrepancy.
+        returns: None where the log does not tell what the robot was paid.
+    """
+
+    policy: str
+    channels: tuple[str, ...]
+    episodes: int
+    simulated: int
+    verdict: ClosedLoopVerdict
+    distances: tuple[Distance, ...]
+    returns: Returns | None = None
+
+
+@dataclass(frozen=True)
 class Report:
     """A diagnosis's answer, schema 2.
 
@@ -183,6 +246,7 @@ class Report:
         calibrated: the exam that `confidence` was calibrated on; None: on none.
         seconds: that it took.
         replay: what `run=replay` says of the same logs; None in reports of older versions.
+        closed_loop: the policy in the corrected simulator; None where no policy wrote the logs.
         evidence: what the pictures need; not in `report.json`.
     """
 
@@ -196,6 +260,7 @@ class Report:
     next_experiment: str | None = None
     seconds: float = 0.0
     replay: WholeReplay | None = None
+    closed_loop: ClosedLoop | None = None
     failed: tuple[str, ...] = ()
     fitted: tuple[Cause, ...] = ()
     calibrated: str | None = None
@@ -238,6 +303,8 @@ class Report:
         }
         if given.get("replay") is not None:
             parts["replay"] = _make(WholeReplay, given["replay"])
+        if given.get("closed_loop") is not None:
+            parts["closed_loop"] = _closed_loop(given["closed_loop"])
         return _make(Report, {**given, **parts})
 
     def write(self, path: str | Path) -> Path:
@@ -281,6 +348,24 @@ def _causes(tables: Any) -> tuple[Cause, ...]:
     return tuple(
         _make(Cause, {**one, "equivalent": _each(Equivalent, one["equivalent"])}) for one in tables
     )
+
+
+def _closed_loop(tree: Mapping[str, Any]) -> ClosedLoop:
+    distances = tuple(
+        _make(Distance, {**one, **_estimates(one, "measure")}) for one in tree["distances"]
+    )
+    paid = tree.get("returns")
+    returns = None if paid is None else _make(Returns, _estimates(paid))
+    return _make(ClosedLoop, {**tree, "distances": distances, "returns": returns})
+
+
+def _estimates(tree: Mapping[str, Any], *others: str) -> dict[str, Estimate | None]:
+    """Return the estimates of a table, those that are None included."""
+    return {
+        name: None if value is None else _make(Estimate, value)
+        for name, value in tree.items()
+        if name not in others
+    }
 
 
 def _each(kind: type, tables: Any) -> tuple[Any, ...]:

@@ -234,19 +234,7 @@ class Game:
 
     def _batch(self, structure: Set, robots: Sequence[Set]) -> dict[Set, Outcome]:
         """Play robots of one structure side by side."""
-        there = [i for i, c in enumerate(self.causes) if not c.structural or i in structure]
-        environment = self.world([self.causes[i].effect for i in there])
-        rows = environment.base_rows(1, threads=1)
-        space: ParamSpace = rows.space
-        values = np.tile(space.neutral, (len(robots), self.episodes, 1))  # (S, E, P)
-        start = 0
-        for i in there:
-            stop = start + len(self.causes[i].values)
-            own = self._values(i, space.low[start], space.high[start])  # (E, p)
-            for number, robot in enumerate(robots):
-                if i in robot:
-                    values[number, :, start:stop] = own
-            start = stop
+        environment, values = self.robots(structure, robots)
         count = len(robots)
         flat = values.reshape(count * self.episodes, -1)
         played = self.trained.play(np.tile(self.seeds, count), environment, flat)
@@ -268,6 +256,27 @@ class Game:
         labels = {(c.effect.name, c.effect.where) for c in self.causes}
         fixed = [one for one in made.fixed if (one[0].name, one[0].where) not in labels]
         return replace(made, tasks=Robots(effects), fixed=fixed)
+
+    def robots(self, structure: Set, robots: Sequence[Set]) -> tuple[Environment, np.ndarray]:
+        """Return the world of S robots, and the values of each in each episode, (S, E, P).
+
+        Args:
+            structure: the causes that add to the structure of all of them.
+            robots: which causes each has.
+        """
+        there = [i for i, c in enumerate(self.causes) if not c.structural or i in structure]
+        environment = self.world([self.causes[i].effect for i in there])
+        space: ParamSpace = environment.base_rows(1, threads=1).space
+        values = np.tile(space.neutral, (len(robots), self.episodes, 1))
+        start = 0
+        for i in there:
+            stop = start + len(self.causes[i].values)
+            own = self._values(i, space.low[start], space.high[start])  # (E, p)
+            for number, robot in enumerate(robots):
+                if i in robot:
+                    values[number, :, start:stop] = own
+            start = stop
+        return environment, values
 
     def _values(self, number: int, low: float, high: float) -> np.ndarray:
         """Return the values of a cause in every episode, (E, p); the first one is drawn."""

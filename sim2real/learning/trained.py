@@ -36,7 +36,7 @@ from envs.torch_env import RowsEnv
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.acting import Acting, Actor
 from sim2real.learning.modules.randomness import Randomness
-from sim2real.learning.population.rollout import Played, play
+from sim2real.learning.population.rollout import Played, Watch, play
 from sim2real.learning.told import Told, believe
 
 Tensor = torch.Tensor
@@ -96,6 +96,7 @@ class Trained:
         environment: Environment | None = None,
         values: np.ndarray | None = None,
         theta: np.ndarray | None = None,
+        watch: Watch | None = None,
     ) -> Played:
         """Run an episode for each seed; see `population.rollout.play`, and `world`."""
         env = self.world(len(seeds), environment)
@@ -103,7 +104,7 @@ class Trained:
         if said is not None:
             believe(env, said)
         try:
-            return play(env, self.actor(own), values, seeds)
+            return play(env, self.actor(own), values, seeds, watch)
         finally:
             env.close()
 

@@ -18,6 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hardware.log import read_logs
+from sim2real.diagnosis.closed_loop.check import Player
 from sim2real.diagnosis.contract.logged import Policy
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.diagnosis.diagnose import run_diagnosis
@@ -37,6 +38,7 @@ def run(
     effects: str | None,
     exclude: Sequence[str],
     against: str | None,
+    actor: str | None,
     seed: int,
     out: Path,
 ) -> Report:
@@ -49,6 +51,8 @@ def run(
         exclude: names of effects that are left out of the candidates.
         against: an earlier diagnosis, its folder or report.json; comparison.html sets it beside
             this one. None for none.
+        actor: the policy that wrote the log: a run, a checkpoint, or an export; None for the one
+            that the log names, if any. It plays in the corrected simulator.
         seed: the seed of the bootstrap.
         out: the run's folder.
 
@@ -73,6 +77,11 @@ def run(
 
         return load_actor(path)
 
+    def load_player(path: str | Path, task: str | None) -> Player:
+        from sim2real.loops import player  # here: it needs torch
+
+        return player.load_player(path, task)
+
     found = run_diagnosis(
         read_logs(log),
         model,
@@ -82,6 +91,8 @@ def run(
         ProgressLines(),
         on_verdict=write_all,
         load_policy=load_policy,
+        load_player=load_player,
+        actor=actor,
     )
     write_all(found)
     gap = found.report.gap

@@ -91,7 +91,10 @@ def check_logs(
 
 
 def check_beforehand(
-    logs: Sequence[Log], load_policy: LoadPolicy | None = None, settings: Settings = DEFAULT
+    logs: Sequence[Log],
+    load_policy: LoadPolicy | None = None,
+    settings: Settings = DEFAULT,
+    actor: str | Path | None = None,
 ) -> Beforehand:
     """Check the interface of every policy that logs are of; a check that fails is a line.
 
@@ -99,6 +102,7 @@ def check_beforehand(
         logs: those without observations, actions or a named task or policy are left out.
         load_policy: see `check_logs`.
         settings: see there.
+        actor: see there.
     """
     groups: dict[tuple[str, ...], list[Log]] = {}
     for log in logs:
@@ -108,7 +112,7 @@ def check_beforehand(
     findings, failed, verdicts = [], [], []
     for group in groups.values():
         try:
-            answer, unread = _check(group, None, load_policy, None, settings)
+            answer, unread = _check(group, None, load_policy, actor, settings)
         except (Sim2RealError, EnvsError, HardwareError) as error:
             failed.append(f"{WHAT}: {error}")
             continue
@@ -131,8 +135,16 @@ def has_policy(log: Log) -> bool:
 
 def named(logs: Sequence[Log], key: str) -> Path | None:
     """Return the file that the metadata of all logs name; None if they name none or several."""
-    found = {_place(log, key) for log in logs}
+    found = {place_of(log, key) for log in logs}
     return found.pop() if len(found) == 1 else None
+
+
+def place_of(log: Log, key: str) -> Path | None:
+    """Return the file that a log's metadata name, seen from its folder; None if there is none."""
+    name: Any = log.meta.get(key)
+    if not isinstance(name, str) or not name:
+        return None
+    return (log.path.parent if log.path else Path()) / Path(name).expanduser()
 
 
 def described_by(logs: Sequence[Log], task: str | None = None) -> str | Path:
@@ -203,13 +215,6 @@ def _policy(
         if actor is not None:
             raise
         return None, None, f"the logs name a policy, and no action was computed again: {error}"
-
-
-def _place(log: Log, key: str) -> Path | None:
-    name: Any = log.meta.get(key)
-    if not isinstance(name, str) or not name:
-        return None
-    return (log.path.parent if log.path else Path()) / Path(name).expanduser()
 
 
 def _refuse_size(policy: Policy, about: Description, place: str | Path | None) -> None:

@@ -23,7 +23,7 @@ from envs.effects import EFFECTS
 from envs.models import load_spec
 from sim2real.diagnosis.evidence import Trace
 from sim2real.diagnosis.preflight.channels import NOTES
-from sim2real.diagnosis.report import charts, figure, made, motion, svg, words
+from sim2real.diagnosis.report import charts, closed_loop, figure, made, motion, svg, words
 from sim2real.diagnosis.report.recordings import recordings
 from sim2real.diagnosis.schema import Cause, Report, Where
 from sim2real.runs.files import write_text
@@ -124,6 +124,7 @@ def view(report: Report) -> dict[str, Any]:
         "strip": _strip(report),
         "causes": causes,
         "channels": evidence.channels,
+        "played": closed_loop.view(report),
         "windows": _windows(report),
         "restarts": any(len(trace.starts) > 1 for trace in evidence.traces),
         "data": Markup(json.dumps(browsed, ensure_ascii=True).replace("<", "\\u003c")),

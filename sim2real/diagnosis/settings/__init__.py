@@ -24,6 +24,7 @@ from sim2real.diagnosis.settings.attribution import (
     Verdict,
 )
 from sim2real.diagnosis.settings.base import TINY, TINY_SQUARE, Row, rows, setting
+from sim2real.diagnosis.settings.closed_loop import ClosedLoopSettings
 from sim2real.diagnosis.settings.comparison import Compared
 from sim2real.diagnosis.settings.contract import Contract
 from sim2real.diagnosis.settings.data import (
@@ -59,6 +60,7 @@ __all__ = [
     "Channels",
     "Checks",
     "Clocks",
+    "ClosedLoopSettings",
     "Cogging",
     "Compared",
     "Contract",
@@ -128,6 +130,7 @@ class Settings:
     locating: Locating = field(default_factory=Locating)
     residual: Residual = field(default_factory=Residual)
     experiment: Experiment = field(default_factory=Experiment)
+    closed_loop: ClosedLoopSettings = field(default_factory=ClosedLoopSettings)
     compared: Compared = field(default_factory=Compared)
 
 

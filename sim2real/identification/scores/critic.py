@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from sim2real.identification.scores.samples import standard
+from sim2real.runs.distances import standard
 from sim2real.runs.errors import Sim2RealError
 
 VARIANTS = ("gp", "paper")

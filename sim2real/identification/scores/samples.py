@@ -9,16 +9,9 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from sim2real.diagnosis.settings import TINY
 from sim2real.identification.scores.base import Memoryless
+from sim2real.runs.distances import TINY, WIDTHS, gaussian, squares, standard
 from sim2real.runs.errors import Sim2RealError
-
-HALF = 0.5
-
-
-def standard(real: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return values (..., F) less the mean of the real data (N, F), over its deviation."""
-    return (values - real.mean(axis=0)) / np.maximum(real.std(axis=0), TINY)
 
 
 def some(values: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
@@ -42,7 +35,7 @@ class Mmd(Memoryless):
     aligned = False
     rows = None
 
-    def __init__(self, compared: int = 300, widths: tuple[float, ...] = (0.5, 1.0, 2.0)) -> None:
+    def __init__(self, compared: int = 300, widths: tuple[float, ...] = WIDTHS) -> None:
         if compared < 2 or not widths or min(widths) <= 0:
             raise Sim2RealError(
                 f"score: compared={compared} must be at least 2 and widths={list(widths)} above 0"
@@ -53,24 +46,16 @@ class Mmd(Memoryless):
         """Return it for each simulation, (n,)."""
         rng = np.random.default_rng(turn)
         first = standard(real, some(real, self.compared, rng))
-        within = _squares(first, first)
+        within = squares(first, first)
         middle = float(np.median(within[~np.eye(len(first), dtype=bool)])) + TINY
-        own = self._kernel(within, middle).mean()
+        own = gaussian(within, middle, self.widths).mean()
         found = []
         for one in simulated:
             other = standard(real, some(one, self.compared, rng))
-            across = self._kernel(_squares(first, other), middle).mean()
-            found.append(own + self._kernel(_squares(other, other), middle).mean() - 2 * across)
+            across = gaussian(squares(first, other), middle, self.widths).mean()
+            inside = gaussian(squares(other, other), middle, self.widths).mean()
+            found.append(own + inside - 2 * across)
         return np.array(found)
-
-    def _kernel(self, square: np.ndarray, middle: float) -> np.ndarray:
-        return np.mean([np.exp(-HALF * square / (middle * w**2)) for w in self.widths], axis=0)
-
-
-def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return square distances, (N, N'), of (N, F) and (N', F)."""
-    both = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2 * one @ other.T
-    return np.maximum(both, 0.0)
 
 
 class SlicedWasserstein(Memoryless):

@@ -6,6 +6,7 @@ played.returns                                  # (n,)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from envs.torch_env import RowsEnv
+
+Watch = Callable[[EnvBase, np.ndarray], None]
 
 
 class Played(NamedTuple):
@@ -28,7 +31,11 @@ class Played(NamedTuple):
 
 @torch.no_grad()
 def play(
-    env: EnvBase, actor: TensorDictModuleBase, values: np.ndarray | None, seeds: np.ndarray
+    env: EnvBase,
+    actor: TensorDictModuleBase,
+    values: np.ndarray | None,
+    seeds: np.ndarray,
+    watch: Watch | None = None,
 ) -> Played:
     """Run one episode in each row; rows that are done run on, unnoticed.
 
@@ -38,6 +45,8 @@ def play(
         values: the robots' parameters, (N, P); None for the world's own.
         seeds: seeds of the episodes, (N,) uint64. A world that is not one over rows takes them all
             together as one seed.
+        watch: called before each step with the environment and the rows whose episodes go on, (N,)
+            bool.
     """
     count = len(seeds)
     returns, lengths = np.zeros(count), np.zeros(count, np.int64)
@@ -45,6 +54,8 @@ def play(
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         now = _start(env, values, seeds)
         while alive.any():
+            if watch is not None:
+                watch(env, alive)
             step, now = env.step_and_maybe_reset(actor(now))
             after = step["next"]
             returns += np.where(alive, _column(after, "reward"), 0.0)

@@ -63,6 +63,7 @@ KEYS = {
     "numerics": {"timestep"},
     "next_experiment": None,
     "replay": {"before", "after"},
+    "closed_loop": None,
     "failed": None,
     "fitted": None,
     "calibrated": None,

@@ -16,11 +16,15 @@ from sim2real.diagnosis.evidence import (
 )
 from sim2real.diagnosis.schema import (
     Cause,
+    ClosedLoop,
+    Distance,
     Equivalent,
+    Estimate,
     Finding,
     GapNumbers,
     Regime,
     Report,
+    Returns,
     Unexplained,
     Where,
 )
@@ -41,6 +45,27 @@ def signal(kind: Kind, unit: str) -> Signal:
     time = np.arange(0, 12, 0.02)
     joint = "elbow" if kind == "command" else None
     return Signal("a.csv", 0, kind, "elbow_servo", unit, joint, time, np.sin(time + 0.1))
+
+
+def closed_loop() -> ClosedLoop:
+    """Return a policy whose corrected simulator is nearer to the robot."""
+    distances = tuple(
+        Distance(
+            measure,
+            Estimate(0.02, (0.015, 0.03)),
+            Estimate(0.54, (0.53, 0.55)),
+            Estimate(0.04, (0.034, 0.05)),
+            Estimate(0.5, (0.49, 0.51)),
+        )
+        for measure in ("sliced_wasserstein", "mmd")
+    )
+    returns = Returns(
+        Estimate(0.137, (0.13, 0.14)),
+        Estimate(-0.006, (-0.007, -0.005)),
+        Estimate(0.139, (0.138, 0.14)),
+    )
+    channels = ("qpos.elbow", "gravity.imu.x")
+    return ClosedLoop("runs/arm_es/checkpoint-30", channels, 6, 32, "nearer", distances, returns)
 
 
 def report() -> Report:
@@ -97,5 +122,6 @@ def report() -> Report:
         numerics={"timestep": "ok", "solver": "halves the gap"},
         next_experiment="ramps without load",
         seconds=31.0,
+        closed_loop=closed_loop(),
         evidence=evidence,
     )

@@ -85,6 +85,24 @@ def test_it_shows_the_channels_that_nothing_was_fitted_to(report: Report) -> Non
     assert "Channels that nothing" not in render(bare)
 
 
+def test_it_shows_the_policy_in_both_simulators(report: Report) -> None:
+    """The sentence, a track for each world and measure, returns; nothing without a policy."""
+    text, tags = read(render(report))
+    for words in (
+        "The corrected simulator is nearer to the robot than the one as given",
+        "Sliced Wasserstein distance",
+        "0.54 0.53 to 0.55",
+        "Return of an episode",
+        "−0.006 −0.007 to −0.005",
+        "32 episodes in each simulator; the robot has 6",
+    ):
+        assert words in text
+    without, fewer = read(render(replace(report, closed_loop=None)))
+    assert "The policy in the corrected simulator" not in without
+    tracks = [sum(a.get("class") == "track" for _, a in some) for some in (tags, fewer)]
+    assert tracks[0] - tracks[1] == 9  # three worlds, by two distances and the return
+
+
 def test_it_needs_no_network(report: Report) -> None:
     """Nothing is loaded: no address, no source, and a policy that forbids both."""
     page = render(report).replace("https://github.com/leeoniya/uPlot", "")  # says whose it is
