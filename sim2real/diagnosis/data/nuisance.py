@@ -12,7 +12,7 @@ so that none is paid for a wrong start.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,11 +25,13 @@ class Nuisance:
         ways: orthonormal, in units of the noise, (W, T M, D).
         gone: share of each that is taken out, (W, D).
         noise: of each row of a joint, in the units of errors, (M,).
+        weight: of each window's errors, (W,); 1 where nothing speaks against it.
     """
 
     ways: np.ndarray
     gone: np.ndarray
     noise: np.ndarray
+    weight: np.ndarray
 
     def clear(self, windows: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Return errors (R, T, M) of windows (R,) without what their starts may cause."""
@@ -38,12 +40,18 @@ class Nuisance:
         for window in np.unique(windows):
             rows = windows == window
             ways = self.ways[window]
-            found[rows] = flat[rows] - ((flat[rows] @ ways) * self.gone[window]) @ ways.T
+            left = flat[rows] - ((flat[rows] @ ways) * self.gone[window]) @ ways.T
+            found[rows] = self.weight[window] * left
         return found.reshape(error.shape) * self.noise
 
     def only(self, chosen: np.ndarray) -> Nuisance:
         """Return the same of some windows, (n,) indices."""
-        return Nuisance(self.ways[chosen], self.gone[chosen], self.noise)
+        parts = (self.ways[chosen], self.gone[chosen], self.noise, self.weight[chosen])
+        return Nuisance(*parts)
+
+    def weighed(self, weight: np.ndarray) -> Nuisance:
+        """Return the same with other weights of the windows, (W,)."""
+        return replace(self, weight=weight)
 
 
 def marginal(ways: np.ndarray, noise: np.ndarray) -> Nuisance:
@@ -57,4 +65,5 @@ def marginal(ways: np.ndarray, noise: np.ndarray) -> Nuisance:
     count = ways.shape[3]
     flat = (ways / noise[:, None]).reshape(len(ways), -1, count)
     left, size, _ = np.linalg.svd(flat, full_matrices=False)
-    return Nuisance(left, 1.0 - 1.0 / np.sqrt(1.0 + size**2), noise)
+    gone = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
+    return Nuisance(left, gone, noise, np.ones(len(left)))

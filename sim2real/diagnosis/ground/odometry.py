@@ -34,7 +34,7 @@ class Walk(NamedTuple):
     height: np.ndarray  # (T,) m above where the soles' gaps were measured
     touch: np.ndarray  # (T, F) from 0 (in the air) to 1 (on the ground)
     slip: np.ndarray  # (T, F) m/s of each sole across the ground
-    unsure: np.ndarray  # (T, n) m/s, standard deviation of the speed
+    unsure: np.ndarray  # (T, n) m/s, standard deviation of the speed; grows while no sole is firm
 
 
 def walked(time: np.ndarray, feet: Feet, push: Push, settings: Ground) -> Walk:
@@ -60,7 +60,27 @@ def walked(time: np.ndarray, feet: Feet, push: Push, settings: Ground) -> Walk:
         moving = feet.drift + np.einsum("tfin,tn->tfi", feet.way, speed)
         across = moving - (moving @ feet.normal)[..., None] * feet.normal
         slip = np.linalg.norm(across, axis=2)
-    return Walk(speed, height, touch, slip, unsure)
+    firm = (touch / (1.0 + (slip / settings.slip_m_s) ** 2)).max(axis=1) > settings.stands
+    adrift = _adrift(time, firm)[:, None] * _doubt(touch, push, settings)[:, None]  # (T, 1) m/s
+    return Walk(speed, height, touch, slip, np.hypot(unsure, adrift))
+
+
+def _adrift(time: np.ndarray, firm: np.ndarray) -> np.ndarray:
+    """Return how far in time the nearest row with a firm sole is [s], (T,)."""
+    if not firm.any():
+        return np.full(len(time), float(np.ptp(time)))
+    near = time[firm]
+    after = np.searchsorted(near, time).clip(max=len(near) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.minimum(np.abs(time - near[after]), np.abs(time - near[before]))
+
+
+def _doubt(touch: np.ndarray, push: Push, settings: Ground) -> np.ndarray:
+    """Return by how much the base's acceleration may be off beside what is known [m/s²], (T,)."""
+    if push.felt is not None:
+        return np.full(len(touch), settings.felt_m_s2)
+    ground = np.minimum(touch.sum(axis=1), 1.0)
+    return settings.flight_m_s2 + ground * (settings.stance_m_s2 - settings.flight_m_s2)
 
 
 def _carried(time: np.ndarray, lowest: np.ndarray, fall: float, settings: Ground) -> np.ndarray:
@@ -96,14 +116,12 @@ def _speeds(
     weight = weight / settings.sole_m_s**2  # (T, F, 3, 3)
     curve = np.einsum("tfin,tfij,tfjm->tnm", feet.way, weight, feet.way)
     down = -np.einsum("tfin,tfij,tfj->tn", feet.way, weight, feet.drift)
-    step = np.diff(time)
-    ground = np.minimum(touch.sum(axis=1), 1.0)[:-1]
+    step, doubt = np.diff(time), _doubt(touch, push, settings)[:-1]
     if push.felt is None:
+        ground = np.minimum(touch.sum(axis=1), 1.0)[:-1]
         pushed = (1 - ground)[:, None] * push.flight
-        doubt = settings.flight_m_s2 + ground * (settings.stance_m_s2 - settings.flight_m_s2)
     else:
         pushed = (push.felt[1:] + push.felt[:-1]) / 2
-        doubt = np.full(len(step), settings.felt_m_s2)
     stiff = 1.0 / (doubt * step) ** 2  # (T - 1,)
     gain = pushed * step[:, None]
     blocks = curve + settings.prior * np.eye(size)

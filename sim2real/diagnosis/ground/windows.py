@@ -22,7 +22,7 @@ from sim2real.diagnosis.data.nuisance import Nuisance, marginal
 from sim2real.diagnosis.data.simulate import errors_as_given
 from sim2real.diagnosis.data.windows import Joint, Window, cut_one
 from sim2real.diagnosis.ground.estimate import Estimate
-from sim2real.diagnosis.ground.pushes import is_pushed, rows_of
+from sim2real.diagnosis.ground.pushes import is_pushed, rows_of, weights
 from sim2real.diagnosis.ground.starts import Unknowns, moved, unknowns
 from sim2real.diagnosis.ground.turns import heading, level
 from sim2real.diagnosis.settings import Ground, Settings
@@ -56,9 +56,9 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
     nuisance = marginal(ways, noise)
     if _gap(cut, nuisance, error) < settings.trusted_rad:
         cut = _refined(cut, doubts, error, ways, noise, fixed)
-    done = replace(cut, nuisance=nuisance)
-    pushed = is_pushed(done, nuisance.clear(np.arange(len(error)), error))
-    return done.only(np.flatnonzero(~pushed))
+    left = nuisance.clear(np.arange(len(error)), error)
+    done = replace(cut, nuisance=nuisance.weighed(weights(cut, left)))
+    return done.only(np.flatnonzero(~is_pushed(cut, left)))
 
 
 def _settings(settings: Settings) -> Settings:

@@ -25,7 +25,7 @@ from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Channels, Settings
 
 NOTES = frozenset(
-    {"quantization", "noise", "velocity_filter", "unsigned", "computed_torque", "base"}
+    {"quantization", "noise", "velocity_filter", "unsigned", "computed_torque", "base", "odd"}
 )
 MILLI = 1e-3
 Check = Callable[[Pairs, Settings], Iterator[Finding]]

@@ -81,6 +81,10 @@ class Ground:
         8.0, "1", "error of the base's turn in a pushed window, of the median one", JUDGED
     )
     push_rad: float = setting(0.02, "rad", "least such error", JUDGED)
+    odd_times: float = setting(
+        3.0, "1", "such error from which a window counts for less, of the median one", JUDGED
+    )
+    odd_rad: float = setting(0.004, "rad", "least error of a window that counts for less", JUDGED)
     push_share: float = setting(0.1, "1", "share of windows above which none is pushed", JUDGED)
     narrow_m2: float = setting(1e-3, "m²", "least triangle that carries a robot, twice", JUDGED)
     lean_margin: float = setting(
