@@ -251,14 +251,14 @@ class Plant:
             qvel: velocities [m/s, rad/s], (n, nv).
             seeds: uint64, (n,), for the effects that need randomness.
             ctrl: commands held from before, (n, nu); None: the first one of the first step.
-            measured: qpos is what the encoders said, which an offset or a play sets apart from the
-                truth.
+            measured: qpos and qvel are what sensors said, which an offset, a play or an IMU's
+                mounting sets apart from the truth.
         """
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         if measured:
-            qpos = np.array(qpos, dtype=np.float64)
+            qpos, qvel = np.array(qpos, dtype=np.float64), np.array(qvel, dtype=np.float64)
             for measurement in reversed(self._measurements):
-                measurement.unmeasure(ids, qpos)
+                measurement.unmeasure(ids, qpos, qvel)
         self.layout.write(ids, qpos, qvel, measured)
         for bound in self._parts:
             bound.reset(ids, seeds)

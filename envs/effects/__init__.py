@@ -41,6 +41,7 @@ from envs.effects.friction_rules import (
 )
 from envs.effects.goal import Goal
 from envs.effects.hysteresis import HystereticCompliance
+from envs.effects.imu import GyroBias, GyroScale, ImuDelay, ImuMounting
 from envs.effects.inertia import CenterOfMass, GravityTilt, LinkInertia, LinkMass, Payload
 from envs.effects.length import LinkLength
 from envs.effects.registry import EFFECTS, make, register
@@ -68,6 +69,7 @@ for _effect in (
     *(CommandDelay, PacketLoss, ProfileVelocity, ProfileAcceleration),
     *(ObservationDelay, EncoderOffset, EncoderEccentricity, ClockDrift),
     *(SensorNoise, Quantization, VelocityFilter),
+    *(ImuMounting, ImuDelay, GyroBias, GyroScale),
     *(LinkMass, CenterOfMass, Payload, GravityTilt, GroundFriction, ContactStiffness),
     *(LinkInertia, LinkLength, SurfaceFriction, Restitution),
     *(Colour, LightLevel, LightDirection, CameraShift, CameraTurn),

@@ -118,8 +118,8 @@ class Measurement(BoundEffect, ABC):
         """
         raise NotImplementedError
 
-    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray) -> None:
-        """Turn measured positions (n, nq) into true ones in place, as far as that can be told."""
+    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Turn measured qpos (n, nq) and qvel (n, nv) into true ones in place, as far as known."""
 
 
 class Effect(ABC):

@@ -41,7 +41,7 @@ class _Eccentric(Measurement):
         angle = qpos[:, :, self.q] + self.phase[:, None]
         qpos[:, :, self.q] += self.value[:, None] * np.sin(angle)
 
-    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray) -> None:
+    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
         value, phase = self.value[ids], self.phase[ids]
         said = qpos[:, self.q]
         angle = said.copy()

@@ -14,8 +14,8 @@ from envs.effects.sensing import READ
 from envs.params import Parameter
 
 
-class _SamplingDelay(Measurement):
-    """See `ObservationDelay`. Keeps each row's states at its last K control steps."""
+class SamplingDelay(Measurement):
+    """What `ObservationDelay` binds. Keeps each row's states at its last K control steps."""
 
     order = 20
     needs_speed = True
@@ -39,12 +39,15 @@ class _SamplingDelay(Measurement):
         ]
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Put delays (n, 1) into the rows ids."""
         self.value[ids] = values[:, 0]
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
+        """Forget what the rows ids showed before."""
         self.fresh[ids] = True
 
     def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Put what was true before in the place of what is true now."""
         rows = np.arange(len(self.now))[ids]
         self._remember(rows, qpos, qvel)
         samples = self.times.shape[1]
@@ -70,6 +73,7 @@ class _SamplingDelay(Measurement):
         qpos[late], qvel[late] = past[late], (v0 + s * (v1 - v0))[late]
 
     def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Do the same along whole paths."""
         for row in np.flatnonzero(self.value > 0):
             q, v = qpos[row].copy(), qvel[row].copy()
             when = np.maximum(np.arange(len(q)) - self.value[row] / dt, 0.0)  # steps
@@ -143,7 +147,7 @@ class ObservationDelay(Effect):
 
     def bind(self, plant: PlantView) -> Measurement:
         """Report what was true some time ago."""
-        return _SamplingDelay(plant, self.extra["longest"])
+        return SamplingDelay(plant, self.extra["longest"])
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return delays from a bus at its fastest to a slow camera."""

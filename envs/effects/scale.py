@@ -56,6 +56,7 @@ class RobotScale:
         touching: names of the geoms that were seen to touch the ground.
         span: through how much a joint moved [rad or m], by its name.
         bases: names of bodies whose own motion is compared, though no joint that is moves them.
+        feels: whether it is an IMU that says how a floating base turns.
 
     Attributes:
         actuators: names, in the model's order.
@@ -77,8 +78,10 @@ class RobotScale:
         touching: Sequence[str] = (),
         span: Callable[[str], float] = any_span,
         bases: Sequence[str] = (),
+        feels: bool = False,
     ) -> None:
         self.model, self.voltage, self.touching = model, voltage, tuple(touching)
+        self.feels = feels
         every = [j for j in range(model.njnt) if model.jnt_type[j] in SCALAR]
         self.joints = [model.joint(j).name for j in every] if joints is None else list(joints)
         self.speeds, self.heat, self.commands, self.span = speeds, heat, commands, span

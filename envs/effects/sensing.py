@@ -84,7 +84,7 @@ class _Offset(_JointSensor, CommandRule):
     def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
         qpos[:, :, self.q] += self.value[:, None]
 
-    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray) -> None:
+    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
         qpos[:, self.q] -= self.value[ids]
 
 

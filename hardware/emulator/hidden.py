@@ -64,9 +64,17 @@ ROBOT_EFFECTS = (
     "packet_loss",
 )
 BODY_EFFECTS = ("link_mass", "center_of_mass", "payload")
+IMU_EFFECTS: dict[str, tuple[float, ...]] = {  # and their neutral values
+    "imu_mounting": (0.0, 0.0, 0.0),
+    "imu_delay": (0.0,),
+    "gyro_bias": (0.0, 0.0, 0.0),
+    "gyro_scale": (1.0,),
+}
 CONTACT_EFFECTS = ("ground_friction", "contact_stiffness")
 NEGATIVE = ("encoder_offset", "link_mass", "center_of_mass", "phase", "gravity_tilt")
+NEGATIVE += ("imu_mounting", "gyro_bias")
 EFFECTS = (*SERVO_EFFECTS, *ROBOT_EFFECTS, *BODY_EFFECTS, *CONTACT_EFFECTS, "gravity_tilt")
+EFFECTS += tuple(IMU_EFFECTS)
 
 
 @dataclass
@@ -81,6 +89,7 @@ class Hidden:
         body: (effect, body, value) of each body effect.
         contact: (effect, geom or None, value) of each contact effect.
         tilt: the tilt of the base about its x, then its new y axis [rad].
+        imu: imu_mounting (a rotation vector [rad]), imu_delay [s], gyro_bias [rad/s], gyro_scale.
     """
 
     servo: dict[str, np.ndarray]
@@ -91,6 +100,7 @@ class Hidden:
     body: list[tuple[str, str, float]] = field(default_factory=list)
     contact: list[tuple[str, str | None, float]] = field(default_factory=list)
     tilt: tuple[float, float] = (0.0, 0.0)
+    imu: dict[str, tuple[float, ...]] = field(default_factory=lambda: dict(IMU_EFFECTS))
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.servo[name]
@@ -173,7 +183,11 @@ def _add(
         raise RobotError(f"{place}: unknown effect{hint}; there are {listed(EFFECTS)}")
     extra = dict(entry.get("extra") or {})
     if effect == "gravity_tilt":
-        hidden.tilt = _pair(entry.get("value"), place)
+        x, y = _numbers(entry.get("value"), 2, place, "two angles [rad]")
+        hidden.tilt = x, y
+        return
+    if effect in IMU_EFFECTS:
+        _add_imu(hidden, effect, where, entry.get("value"), place)
         return
     value = _number(entry.get("value"), place, effect in NEGATIVE)
     if effect in SERVO_EFFECTS:
@@ -184,10 +198,10 @@ def _add(
             raise RobotError(f"{place}: it acts on the whole robot; leave out where: {where!r}")
         hidden.robot[effect] = value
     elif effect in BODY_EFFECTS:
-        hidden.body.append((effect, _one_of(where, names["body"], "body", place), value))
+        hidden.body.append((str(effect), _one_of(where, names["body"], "body", place), value))
     else:
         geom = None if where is None else _one_of(where, names["geom"], "geom", place)
-        hidden.contact.append((effect, geom, value))
+        hidden.contact.append((str(effect), geom, value))
 
 
 def _add_servo(
@@ -238,8 +252,17 @@ def _number(value: Any, place: str, negative: bool) -> float:
     return float(value)
 
 
-def _pair(value: Any, place: str) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise RobotError(f"{place}: the value {value!r} is not a list of two angles [rad]")
-    x, y = (_number(part, place, True) for part in value)
-    return x, y
+def _add_imu(hidden: Hidden, effect: str, where: str | None, value: Any, place: str) -> None:
+    if where is not None:
+        raise RobotError(f"{place}: it acts on the robot's IMU; leave out where: {where!r}")
+    count = len(IMU_EFFECTS[effect])
+    if count > 1:
+        hidden.imu[effect] = _numbers(value, count, place, f"{count} numbers")
+    else:
+        hidden.imu[effect] = (_number(value, place, False),)
+
+
+def _numbers(value: Any, count: int, place: str, what: str) -> tuple[float, ...]:
+    if not isinstance(value, list) or len(value) != count:
+        raise RobotError(f"{place}: the value {value!r} is not a list of {what}")
+    return tuple(_number(part, place, True) for part in value)

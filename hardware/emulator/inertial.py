@@ -4,17 +4,20 @@
     inertial.remember()                     # after each tick of the robot
     inertial.measure()["acceleration"]      # m/s^2 along the site's axes; at rest 9.81 upwards
 
-Errors are those of the robot's file (`imu.emulated`); without them the truth is told. Noise is
+Errors are those of the robot's file (`imu.emulated`), and what the robot hides (`Hidden.imu`): a
+part that is askew, later still, or whose gyro is off; without them the truth is told. Noise is
 white: each reading draws its own, so that a value that is read twice differs.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
 
+from hardware.emulator.hidden import IMU_EFFECTS
 from hardware.emulator.mechanics import TICK, Mechanics
 from hardware.emulator.model import IMU_SENSORS
 from hardware.parts import Imu
@@ -27,12 +30,22 @@ class Inertial:
         imu: the part and its errors.
         mechanics: the robot.
         rng: the random generator of its noise.
+        hidden: values of each of `IMU_EFFECTS`.
     """
 
-    def __init__(self, imu: Imu, mechanics: Mechanics, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        imu: Imu,
+        mechanics: Mechanics,
+        rng: np.random.Generator,
+        hidden: Mapping[str, tuple[float, ...]] = IMU_EFFECTS,
+    ) -> None:
         self.errors, self._mechanics, self._rng = imu.emulated, mechanics, rng
         self._site = mechanics.model.site(imu.site).id
-        ticks = round(self.errors.latency / TICK)
+        (delay,), (self._scale,) = hidden["imu_delay"], hidden["gyro_scale"]
+        self._bias, askew = np.array(hidden["gyro_bias"]), np.array(hidden["imu_mounting"])
+        self._askew = askew if askew.any() else None
+        ticks = round((self.errors.latency + delay) / TICK)
         self._past: deque[dict[str, np.ndarray]] | None = deque(maxlen=ticks + 1) if ticks else None
 
     def remember(self) -> None:
@@ -49,9 +62,11 @@ class Inertial:
             acceleration: gravity in it [m/s^2], (3,).
         """
         truth, errors = self._past[0] if self._past else self._truth(), self.errors
+        truth = truth if self._askew is None else _askew(truth, self._askew)
+        gyro = self._scale * truth["gyro"] + self._bias
         return {
             "orientation": self._turned(truth["orientation"]),
-            "gyro": self._off(truth["gyro"], errors.gyro_bias, errors.gyro_noise),
+            "gyro": self._off(gyro, errors.gyro_bias, errors.gyro_noise),
             "acceleration": self._off(
                 truth["acceleration"], errors.acceleration_bias, errors.acceleration_noise
             ),
@@ -81,3 +96,17 @@ class Inertial:
         turned = orientation.copy()
         mujoco.mju_quatIntegrate(turned, noise * self._rng.normal(size=3), 1.0)
         return turned
+
+
+def _askew(truth: Mapping[str, np.ndarray], mount: np.ndarray) -> dict[str, np.ndarray]:
+    """Return what a part feels that is turned by a rotation vector in the site's axes."""
+    axes, back = np.zeros(4), np.zeros(4)
+    angle = float(np.linalg.norm(mount))
+    mujoco.mju_axisAngle2Quat(axes, mount / angle, angle)
+    mujoco.mju_negQuat(back, axes)
+    found = {"orientation": np.zeros(4)}
+    mujoco.mju_mulQuat(found["orientation"], truth["orientation"], axes)
+    for name in ("gyro", "acceleration"):
+        found[name] = np.zeros(3)
+        mujoco.mju_rotVecQuat(found[name], truth[name], back)
+    return found

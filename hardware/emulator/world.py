@@ -18,11 +18,12 @@ from hardware.config import Robot
 from hardware.emulator.faults import Fault, Faults
 from hardware.emulator.feetech_inner import inner
 from hardware.emulator.firmware import Firmware
-from hardware.emulator.hidden import Hidden, read_hidden
+from hardware.emulator.hidden import IMU_EFFECTS, Hidden, read_hidden
 from hardware.emulator.inertial import Inertial
 from hardware.emulator.mechanics import Mechanics
 from hardware.emulator.memory import Memory
 from hardware.emulator.servo import REBOOT_SILENCE, Servo
+from hardware.errors import RobotError, listed
 
 WATCH = 5  # ticks between looks at the bus watchdogs
 
@@ -64,7 +65,14 @@ class World:
         self._delays = self.hidden.robot["command_delay"] > 0
         self.wire_rng = streams[2]  # the randomness of the wire before it
         imu = robot.imu
-        self.inertial = None if imu is None else Inertial(imu, self.mechanics, streams[3])
+        self.inertial = (
+            None if imu is None else Inertial(imu, self.mechanics, streams[3], self.hidden.imu)
+        )
+        if imu is None and self.hidden.imu != IMU_EFFECTS:
+            raise RobotError(
+                f"{robot.name}: its file names no IMU whose faults could be hidden; leave out "
+                f"{listed(IMU_EFFECTS)}"
+            )
         self._held = np.zeros(len(self.servos), bool)
 
     @property

@@ -44,6 +44,7 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
         touching=touching(data.models[0], _poses(data)),
         span=lambda joint: _span(data, joint),
         bases=_bases(data),
+        feels=_feels(data),
     )
 
 
@@ -58,6 +59,13 @@ def _bases(data: Data) -> list[str]:
     model, compared = data.models[0], {joint.name.rpartition(".")[0] for joint in data.joints}
     free = [j for j in range(model.njnt) if model.joint(j).name in compared]
     return [model.body(int(model.jnt_bodyid[j])).name for j in free]
+
+
+def _feels(data: Data) -> bool:
+    """Return whether an IMU said how the base is turned: its turn is compared, not its place."""
+    compared = {joint.name for joint in data.joints}
+    free = [name.rpartition(".")[0] for name in compared if "." in name]
+    return bool(free) and not any(f"{name}.0" in compared for name in free)
 
 
 def _span(data: Data, joint: str) -> float:

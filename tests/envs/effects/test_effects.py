@@ -120,6 +120,8 @@ def variants() -> list:
     for name, kind in EFFECTS.items():
         if name == "goal":
             continue  # no robot has it: tests/envs/tasks/test_goals.py
+        if name in ("imu_mounting", "imu_delay", "gyro_bias", "gyro_scale"):
+            continue  # no arm has an IMU: test_imu.py
         places = {PLACES[kind.place], None} - ({None} if kind.place == "body" else set())
         for where in sorted(places, key=str):
             found += [(name, where, how, None) for how in kind.hows]

@@ -11,7 +11,7 @@ import pytest
 from hardware.config import load_robot
 from hardware.emulator.bus import Bus
 from hardware.emulator.faults import Fault
-from hardware.emulator.hidden import EFFECTS, make_hidden, read_hidden
+from hardware.emulator.hidden import EFFECTS, IMU_EFFECTS, make_hidden, read_hidden
 from hardware.emulator.world import World
 from hardware.errors import RobotError
 from hardware.protocol import READ, WRITE, Parser, instruction_packet
@@ -339,6 +339,7 @@ def test_nothing_hidden_is_neutral():
 
     plain = track()
     skipped = ("ground_friction", "contact_stiffness", "torque_limit", "gravity_tilt")
+    skipped += tuple(IMU_EFFECTS)  # test_hidden_imu.py
     for name in EFFECTS:
         if name in skipped or name.startswith("profile"):
             continue

@@ -1,0 +1,291 @@
+"""Effects on what the IMU of a floating base says. The robot itself moves as before.
+
+The IMU reports the orientation and the angular velocity of the base's free joint. It says what was
+true when it sampled (`imu_delay`), times the gyro's scale, plus its bias, in axes that are turned
+against those that the model gives it (`imu_mounting`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from envs.effects.base import PLAIN, Effect, Measurement
+from envs.effects.contact import soles
+from envs.effects.plant_view import PlantView
+from envs.effects.sampling import ObservationDelay, SamplingDelay
+from envs.effects.scale import RobotScale
+from envs.effects.sensing import READ
+from envs.errors import EffectError
+from envs.params import Parameter
+
+FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+AXES = ("x", "y", "z")
+HALF = 0.5
+
+
+def base_of(model: mujoco.MjModel) -> int:
+    """Return the free joint that carries the robot; raises EffectError where there is none."""
+    found = np.flatnonzero(model.jnt_type == FREE)
+    if not found.size:
+        raise EffectError("the model has no free joint, so that no IMU says how its base turns")
+    return int(found[0])
+
+
+def _places(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the base's turn (4,) is in qpos, and its angular velocity (3,) in qvel."""
+    joint = base_of(model)
+    turn = int(model.jnt_qposadr[joint]) + 3 + np.arange(4)
+    return turn, int(model.jnt_dofadr[joint]) + 3 + np.arange(3)
+
+
+class _Imu(Measurement):
+    """Knows where the base's turn and angular velocity are, and keeps an effect's values."""
+
+    order = 30
+
+    def __init__(self, plant: PlantView, count: int) -> None:
+        self.turn, self.spin = _places(plant.nominal)
+        self.value = np.zeros((plant.num_rows, count))
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        self.value[ids] = values
+
+    def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Leave positions as they are."""
+
+
+class _Mounting(_Imu):
+    """See `ImuMounting`."""
+
+    def __init__(self, plant: PlantView) -> None:
+        super().__init__(plant, len(AXES))
+        self._model, self._soles = plant.nominal, soles(plant.nominal)
+        self._data = mujoco.MjData(self._model)
+        self._up = int(self.turn[0]) - 1  # the base's height
+
+    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        mount = turn_by(self.value[ids])
+        qpos[:, self.turn] = product(qpos[:, self.turn], mount)
+        qvel[:, self.spin] = rotated(inverse(mount), qvel[:, self.spin])
+
+    def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        mount = turn_by(self.value)[:, None]
+        qpos[..., self.turn] = product(qpos[..., self.turn], mount)
+
+    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Turn the base back, with its lowest sole as high as before."""
+        mount, turned = turn_by(self.value[ids]), np.flatnonzero(self.value[ids].any(axis=1))
+        low = [self._lowest(qpos[row]) for row in turned]
+        qpos[:, self.turn] = product(qpos[:, self.turn], inverse(mount))
+        qvel[:, self.spin] = rotated(mount, qvel[:, self.spin])
+        for row, before in zip(turned, low, strict=True):
+            qpos[row, self._up] += before - self._lowest(qpos[row])
+
+    def _lowest(self, qpos: np.ndarray) -> float:
+        """Return how high the lowest geom is that can touch the ground; 0 without any."""
+        if not self._soles.size:
+            return 0.0
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        size = self._model.geom_size[self._soles, 0]
+        return float((self._data.geom_xpos[self._soles, 2] - size).min())
+
+
+class _Delay(SamplingDelay):
+    """See `ImuDelay`."""
+
+    def __init__(self, plant: PlantView, longest: float) -> None:
+        super().__init__(plant, longest)
+        self.turn, self.spin = _places(plant.nominal)
+
+    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        late, slow = qpos.copy(), qvel.copy()
+        super().measure(ids, late, slow)
+        qpos[:, self.turn], qvel[:, self.spin] = late[:, self.turn], slow[:, self.spin]
+
+    def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        late, slow = qpos.copy(), qvel.copy()
+        super().measure_path(dt, late, slow)
+        qpos[..., self.turn] = late[..., self.turn]
+
+    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Turn the base on, as fast as it turns."""
+        ahead = turn_by(qvel[:, self.spin] * self.value[ids][:, None])
+        qpos[:, self.turn] = product(qpos[:, self.turn], ahead)
+
+
+class _Bias(_Imu):
+    """See `GyroBias`."""
+
+    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        qvel[:, self.spin] += self.value[ids]
+
+    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        qvel[:, self.spin] -= self.value[ids]
+
+
+class _Scale(_Imu):
+    """See `GyroScale`."""
+
+    order = 25
+
+    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        qvel[:, self.spin] *= self.value[ids]
+
+    def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        qvel[:, self.spin] /= self.value[ids]
+
+
+class _ImuEffect(Effect):
+    """An effect on the IMU of a floating base."""
+
+    place = "robot"
+    no_mjcf = READ
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return one value for each axis."""
+        base_of(model)
+        return tuple(self.parameter(axis) for axis in AXES)
+
+    @classmethod
+    def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
+        """Return one way to try it, where an IMU says how the base turns."""
+        return [{}] if scale.feels else []
+
+    def batch(self) -> str:
+        """Return the group of effects without rules."""
+        return PLAIN
+
+
+class ImuMounting(_ImuEffect):
+    """An IMU that is turned on the robot, against the axes that the model gives it.
+
+    The value is a rotation vector in the model's axes of the base. Where a recording starts from
+    what the IMU said, the base is turned back and put on the ground again.
+    """
+
+    name = "imu_mounting"
+    unit = "rad"
+    words = "mounting of the IMU"
+    typical = (-0.1, 0.1)
+    comparable = True
+    symptom = "the base is never level, whatever the feet say, and its tilt turns with the robot"
+    source = "measured orientation = true orientation times the mounting's rotation"
+    experiment = "stand on level ground, then turn the robot round on the spot and stand again"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the rotation about each axis."""
+        base_of(model)
+        return tuple(self.parameter(axis, low=-np.pi, high=np.pi) for axis in AXES)
+
+    def bind(self, plant: PlantView) -> Measurement:
+        """Turn what is measured."""
+        return _Mounting(plant)
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return three degrees about each axis, both ways."""
+        return np.concatenate([0.05 * np.eye(len(AXES)), -0.05 * np.eye(len(AXES))])
+
+
+class ImuDelay(_ImuEffect):
+    """How old orientation and angular velocity of the base are, beside what the encoders say.
+
+    `longest` sizes the memory.
+    """
+
+    name = "imu_delay"
+    unit = "s"
+    words = "delay of the IMU"
+    extras = ObservationDelay.extras
+    typical = (0.0, 0.04)
+    comparable = True
+    symptom = "the base turns later than its legs make it turn"
+    source = "y(t) = q(t - d): filters of the part, its rate, and the serial line"
+    experiment = "rock the standing robot with its legs at two frequencies"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the delay."""
+        base_of(model)
+        return (self.parameter(low=0.0, high=self.extra["longest"]),)
+
+    def bind(self, plant: PlantView) -> Measurement:
+        """Report how the base was turned some time ago."""
+        return _Delay(plant, self.extra["longest"])
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return delays from a fast part to a slow filter."""
+        return np.array([0.005, 0.015, 0.04])
+
+
+class GyroBias(_ImuEffect):
+    """What a gyro says at rest, about the base's axes: measured = true + value."""
+
+    name = "gyro_bias"
+    unit = "rad/s"
+    words = "bias of the gyro"
+    typical = (-0.1, 0.1)
+    comparable = True
+    symptom = "the gyro says that the base turns while the orientation stays"
+    source = "w + b; MEMS gyros: up to 0.05 rad/s before calibration, and more with temperature"
+    experiment = "log the robot at rest"
+
+    def bind(self, plant: PlantView) -> Measurement:
+        """Add to the measured angular velocity."""
+        return _Bias(plant, len(AXES))
+
+    def probes(self, scale: RobotScale) -> np.ndarray:
+        """Return a large bias about each axis, both ways."""
+        return np.concatenate([0.1 * np.eye(len(AXES)), -0.1 * np.eye(len(AXES))])
+
+
+class GyroScale(_ImuEffect):
+    """A gyro whose scale is wrong: measured = true times value."""
+
+    name = "gyro_scale"
+    unit = ""
+    words = "scale of the gyro"
+    hows = ("scale",)
+    typical = (0.8, 1.2)
+    comparable = True
+    symptom = "the gyro says that the base turns faster or more slowly than its orientation does"
+    source = "s w; a range setting that was mistaken is a factor of 2 or 4, deg/s for rad/s 57"
+    experiment = "turn the robot by hand through a known angle"
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the factor."""
+        base_of(model)
+        return (self.parameter(low=1e-3),)
+
+    def bind(self, plant: PlantView) -> Measurement:
+        """Scale the measured angular velocity."""
+        return _Scale(plant, 1)
+
+
+def turn_by(vectors: np.ndarray) -> np.ndarray:
+    """Return the quaternions (..., 4) of rotation vectors [rad], (..., 3)."""
+    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    axis = HALF * vectors * np.sinc(HALF * angle / np.pi)
+    return np.concatenate([np.cos(HALF * angle), axis], axis=-1)
+
+
+def inverse(turn: np.ndarray) -> np.ndarray:
+    """Return the quaternions (..., 4) that undo unit quaternions."""
+    return turn * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return products of quaternions (..., 4): the second turn in the axes of the first."""
+    w, v = first[..., :1], first[..., 1:]
+    other, axis = second[..., :1], second[..., 1:]
+    real = w * other - (v * axis).sum(axis=-1, keepdims=True)
+    return np.concatenate([real, w * axis + other * v + np.cross(v, axis)], axis=-1)
+
+
+def rotated(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return vectors (..., 3) turned by unit quaternions (..., 4)."""
+    axis = turn[..., 1:]
+    side = 2.0 * np.cross(axis, vectors)
+    return vectors + turn[..., :1] * side + np.cross(axis, side)
