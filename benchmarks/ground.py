@@ -4,10 +4,12 @@
     python -m benchmarks.ground --cases 40 --seed 8 --robot quad12
     python -m benchmarks.ground --development           # the walks that it was developed on
 
-The emulated robot (servo emulator, bus, another time step than the model's) trots with drawn
-offsets and hides one effect, or none. Its logs hold encoders and the IMU, never the base's
-position; half of the episodes begin in mid-gait. The diagnosis gets logs and model; the key is
-opened afterwards. A row a case in `ground.csv`; a case that is there is not run again.
+The emulated robot (servo emulator, bus, another time step than the model's) walks with drawn
+offsets and hides one effect, or none. Its logs hold encoders and the IMU where it has one, never
+the base's position; half of the episodes begin in mid-gait. The diagnosis gets logs and model; the
+key is opened afterwards. Then a policy of linear feedback walks on the same robot, and in the
+simulator with what was found (`benchmarks.ground_loop`). A row a case in `ground.csv`; a case that
+is there is not run again.
 """
 
 from __future__ import annotations
@@ -18,12 +20,13 @@ import io
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.ground_loop import loop
 from envs.tasks import Hopper2, Quad8, Quad12
 from envs.tasks.servo import ServoTask
 from hardware.backends import ServoBackend
@@ -32,8 +35,9 @@ from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import World
 from hardware.log import Log
 from hardware.rows import RobotRows
-from sim2real.diagnosis.diagnose import diagnose
-from sim2real.diagnosis.schema import Cause, Report
+from sim2real.diagnosis.closed_loop.check import Drawn
+from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
+from sim2real.diagnosis.schema import Cause, ClosedLoop, Estimate, Report
 from sim2real.runs.files import write_text
 
 RESULTS = Path(__file__).parent / "results"
@@ -42,29 +46,76 @@ SECONDS, EPISODES = 3.0, 6  # of a walk, and how many
 BEGUN = 1.0  # s that every other episode lacks at its start
 OFFSET = 0.12  # rad, of the drawn offsets to the gait
 Entry = dict[str, Any]
-TASKS: dict[str, Callable[..., ServoTask]] = {
-    "quad8": Quad8,
-    "quad12": Quad12,
-    "hopper2": Hopper2,
+Ends = tuple[float, float]
+FIELDS: tuple[str, ...] = (
+    "case",
+    "robot",
+    "hidden",
+    "where",
+    "value",
+    "verdict",
+    "named",
+    "place",
+    "right",
+)
+FIELDS += ("explained_wrong", "superfluous", "found", "closed", "seconds", "cpu_seconds")
+FIELDS += ("loop", "floor", "nominal", "corrected", "return", "return_nominal", "return_corrected")
+
+
+@dataclass(frozen=True)
+class Walker:
+    """A robot of the sealed cases.
+
+    Args:
+        task: makes it walk.
+        torso: the body that carries a payload.
+        loads: masses of it [kg], least and largest.
+        dry: dry friction [N·m].
+        wet: viscous friction [N·m·s/rad].
+        feels: whether its logs hold an IMU.
+    """
+
+    task: Callable[..., ServoTask]
+    torso: str = "torso"
+    loads: Ends = (0.15, 0.4)
+    dry: Ends = (0.08, 0.25)
+    wet: Ends = (0.05, 0.2)
+    feels: bool = True
+
+
+WALKERS = {
+    "quad8": Walker(Quad8),
+    "quad12": Walker(Quad12),
+    "hopper2": Walker(Hopper2, "body", (0.02, 0.06), (0.015, 0.04), (0.002, 0.01), False),
 }
-FIELDS: tuple[str, ...] = ("case", "robot", "hidden", "where", "value", "verdict", "named", "place")
-FIELDS += ("right", "explained_wrong", "superfluous", "found", "closed", "seconds", "cpu_seconds")
 
 
 def drawn(robot: Robot, rng: np.random.Generator) -> list[Entry]:
     """Draw what a case hides: one effect at a place, or nothing."""
-    joints = list(robot.names)
+    joints, walker = list(robot.names), WALKERS[robot.name]
     place = str(rng.choice(joints))
     menu: list[list[Entry]] = [
         [],
-        [{"effect": "coulomb_friction", "where": place, "value": rng.uniform(0.08, 0.25)}],
+        [{"effect": "coulomb_friction", "where": place, "value": rng.uniform(*walker.dry)}],
         [{"effect": "motor_strength", "where": place, "value": rng.uniform(0.5, 0.8)}],
         [{"effect": "command_delay", "where": None, "value": rng.uniform(0.01, 0.03)}],
         [{"effect": "ground_friction", "where": None, "value": rng.uniform(0.15, 0.35)}],
-        [{"effect": "payload", "where": "torso", "value": rng.uniform(0.15, 0.4)}],
-        [{"effect": "viscous_friction", "where": place, "value": rng.uniform(0.05, 0.2)}],
+        [{"effect": "payload", "where": walker.torso, "value": rng.uniform(*walker.loads)}],
+        [{"effect": "viscous_friction", "where": place, "value": rng.uniform(*walker.wet)}],
     ]
+    if walker.feels:
+        menu += [[entry] for entry in _of_the_imu(rng)]
     return menu[int(rng.integers(len(menu)))]
+
+
+def _of_the_imu(rng: np.random.Generator) -> list[Entry]:
+    """Draw a fault of each kind of an IMU: its mounting [rad], delay [s], and gyro [rad/s]."""
+    side = rng.uniform(0, 2 * np.pi)
+    askew = rng.uniform(0.05, 0.1) * np.array([np.cos(side), np.sin(side), 0.0])
+    bias = rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.4) * np.eye(3)[rng.integers(3)]
+    values = {"imu_mounting": askew.tolist(), "imu_delay": rng.uniform(0.01, 0.03)}
+    values["gyro_bias"] = bias.tolist()
+    return [{"effect": name, "where": None, "value": value} for name, value in values.items()]
 
 
 def walks(
@@ -77,7 +128,7 @@ def walks(
     """Return logs of an emulated robot's walks, one an episode.
 
     Args:
-        name: of the robot: quad8, quad12 or hopper2.
+        name: of the robot, one of `WALKERS`.
         hidden: entries of an effects file.
         seed: of the offsets and of the emulator.
         episodes: their number; every other one begins in mid-gait.
@@ -85,7 +136,9 @@ def walks(
     """
     robot, rng = load_robot(name), np.random.default_rng(seed)
     world = World(robot, hidden=make_hidden(list(hidden), robot), seed=seed)
-    rows = RobotRows(TASKS[name](seconds=SECONDS), ServoBackend(robot, 0.5, world, seed=seed))
+    rows = RobotRows(
+        WALKERS[name].task(seconds=SECONDS), ServoBackend(robot, 0.5, world, seed=seed)
+    )
     found = []
     for number in range(episodes):
         actor = _offsets(rows.action_size, rng)
@@ -125,14 +178,33 @@ def _seen(log: Log, number: int, pose: bool) -> Log:
 def case(seed: int, number: int, name: str = "quad8") -> dict[str, Any]:
     """Make a case of a robot, diagnose it, then open its key; return its row."""
     rng = np.random.default_rng([seed, number])
-    robot = load_robot(name)
-    logs = walks(name, key := drawn(robot, rng), int(rng.integers(1 << 31)))
+    key, own = drawn(load_robot(name), rng), int(rng.integers(1 << 31))
+    logs = walks(name, key, own)
     start, before = time.monotonic(), sum(os.times()[:4])
-    report = diagnose(logs)
-    row = {"case": f"{seed}-{number}", "robot": name, **scored(report, key)}
+    found = run_diagnosis(logs, None, None, (), 0, None)
+    row = {"case": f"{seed}-{number}", "robot": name, **scored(found.report, key)}
     row["seconds"] = f"{time.monotonic() - start:.0f}"
     row["cpu_seconds"] = f"{sum(os.times()[:4]) - before:.0f}"
+    drawn_ = zip(found.found, found.intervals, strict=True)
+    effects = [Drawn(effect, tuple(values), ci) for (effect, values), ci in drawn_]
+    task = WALKERS[name].task(seconds=SECONDS)
+    return row | _told_loop(loop(name, task, key, effects, own))
+
+
+def _told_loop(one: ClosedLoop) -> dict[str, Any]:
+    """Return what of a row is told from the policy in the corrected simulator."""
+    first, paid = one.distances[0], one.returns
+    row: dict[str, Any] = {"loop": one.verdict}
+    row |= {n: _number(getattr(first, n)) for n in ("floor", "nominal", "corrected")}
+    if paid is not None:
+        row["return"] = _number(paid.robot)
+        row["return_nominal"] = _number(paid.nominal)
+        row["return_corrected"] = _number(paid.corrected or paid.nominal)
     return row
+
+
+def _number(one: Estimate | None) -> str:
+    return "" if one is None else f"{one.value:.3g}"
 
 
 def scored(report: Report, key: Sequence[Entry]) -> dict[str, Any]:
@@ -140,12 +212,15 @@ def scored(report: Report, key: Sequence[Entry]) -> dict[str, Any]:
     hidden = key[0] if key else {"effect": "nothing", "where": None, "value": 0.0}
     told = [_matches(cause, hidden) for cause in report.causes]
     right = any(effect and place for effect, place in told[:1])
+    if hidden["effect"].startswith("gyro"):  # named before the search, against the orientation
+        gyro = [f for f in report.preflight if f.check == "imu" and "gyro" in str(f.where)]
+        right = right or bool(gyro and not report.causes)
     if not key:
         right = report.verdict == "no_gap"
     return {
         "hidden": hidden["effect"],
         "where": hidden["where"] or "robot",
-        "value": f"{hidden['value']:.3g}",
+        "value": " ".join(f"{value:.3g}" for value in np.atleast_1d(hidden["value"])),
         "verdict": report.verdict,
         "named": int(bool(told) and told[0][0]),
         "place": int(bool(told) and told[0][1]),
@@ -209,7 +284,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--cases", type=int, default=12, help="cases in all (default: 12)")
-    parser.add_argument("--robot", choices=("quad8", "quad12"), default="quad8", help="that walks")
+    parser.add_argument("--robot", choices=tuple(WALKERS), default="quad8", help="that walks")
     parser.add_argument("--seed", type=int, default=5, help="of their draw (default: %(default)s)")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
     parser.add_argument("--development", action="store_true", help="eight walks that are known")
@@ -245,6 +320,9 @@ def told(rows: Sequence[Mapping[str, str]]) -> str:
         return sum(int(row[field]) for row in which)
 
     seconds = sorted(float(row["seconds"]) for row in rows)
+    pairs = [(float(r["return_corrected"]), float(r["return"])) for r in rows if r.get("return")]
+    off = sorted(abs(predicted / paid - 1) for predicted, paid in pairs if paid)
+    predicted = f"; predicted returns off by {off[len(off) // 2]:.0%} in the median" if off else ""
     cpu = sorted(float(row["cpu_seconds"]) for row in rows)
     return (
         f"{count(hidden, 'right')} of {len(hidden)} hidden effects first, at their place "
@@ -253,14 +331,14 @@ def told(rows: Sequence[Mapping[str, str]]) -> str:
         f"{count(rows, 'explained_wrong')} wrongly explained; "
         f"{count(rows, 'superfluous')} superfluous causes; "
         f"{seconds[len(seconds) // 2]:.0f} s and {cpu[len(cpu) // 2]:.0f} s of processor time "
-        "in the median"
+        f"in the median{predicted}"
     )
 
 
 def _text(rows: Sequence[Mapping[str, str]]) -> str:
     """Return rows as CSV."""
     made = io.StringIO()
-    writer = csv.DictWriter(made, FIELDS, lineterminator="\n")
+    writer = csv.DictWriter(made, FIELDS, restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return made.getvalue()
