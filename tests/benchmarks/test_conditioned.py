@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,9 @@ def test_claims_are_decided_by_intervals_of_paired_seeds() -> None:
     assert good[2].endswith("not run.")
     poor = verdicts(found((950.0, 850.0), (1000.0, 1000.0), (900.0, 900.0)))
     assert "not shown; 0.9 [0.85, 0.95]" in poor[0] and "not shown" in poor[1]
+    more = found((950.0, 990.0), (1000.0, 1000.0), (900.0, 900.0))
+    more["esmaml"] = {s: replace(one, frames=(7_000_000,)) for s, one in more["esmaml"].items()}
+    assert "not decided, 3e+06 steps of training against 7e+06" in verdicts(more)[1]
     assert "undecided" in verdicts(found((950.0,), (1000.0,), (900.0,)))[0]
 
 
