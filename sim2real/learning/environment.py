@@ -99,8 +99,9 @@ class Environment:
         """
         for one in self.transforms.values():
             if _tells(one):
-                given = one.keywords.get("told") if isinstance(one, partial) else None
-                return given or Told.of(self.tasks, self.base_rows(1, threads=1).space)
+                return _keywords(one).get("told") or Told.of(
+                    self.tasks, self.base_rows(1, threads=1).space
+                )
         return None
 
     @property
@@ -334,16 +335,24 @@ def _argument(base: partial[EnvBase], name: str) -> Any:
 
 
 def _randomizes(one: Callable[..., Transform]) -> bool:
-    return (one.func if isinstance(one, partial) else one) is RandomizeParams
+    return _made(one) is RandomizeParams
 
 
 def _tells(one: Callable[..., Transform]) -> bool:
-    made = one.func if isinstance(one, partial) else one
+    made = _made(one)
     return isinstance(made, type) and issubclass(made, WithParams)
 
 
+def _made(one: Callable[..., Transform]) -> Callable[..., Transform]:
+    """Return what is called in the end, behind all arguments that were given already."""
+    while isinstance(one, partial):
+        one = one.func
+    return one
+
+
 def _keywords(one: Callable[..., Transform]) -> dict[str, Any]:
-    return dict(one.keywords) if isinstance(one, partial) else {}
+    """Return the arguments that were given already by name."""
+    return {**_keywords(one.func), **one.keywords} if isinstance(one, partial) else {}
 
 
 def _word(key: Any) -> str:

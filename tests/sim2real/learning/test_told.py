@@ -65,6 +65,18 @@ def test_parameters_stand_behind_the_observation_over_their_range() -> None:
     np.testing.assert_allclose(wide[3, 11:], [1.5, -2.0])
 
 
+def test_another_base_is_told_the_same() -> None:
+    """A robot that says nothing of itself is told the middle, of the same parameters."""
+    env = hopper("transforms.with_params.limit=2.0")
+    other = env.over(env.base)
+    assert other.told is env.told and not hopper("transforms.with_params.truth=false").knows
+    assert other.over(other.base).told is env.told and other.knows
+    seen = other.make(3, threads=1).reset()["observation"]
+    assert seen.shape == (3, 13) and (seen[:, 11:] == 0).all()
+    untold = hopper("transforms.with_params.truth=false").rows(4)
+    assert (untold.reset(np.arange(4), ROBOTS, SEEDS)[:, 11:] == 0).all()
+
+
 @pytest.mark.parametrize("products", ["false", "true"])
 def test_rows_and_environment_tell_the_same(products: str) -> None:
     """Populations and TorchRL's collectors see the same numbers, products among them."""
