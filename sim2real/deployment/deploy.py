@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from envs.errors import did_you_mean
+from envs.models import FREE
 from envs.simulation import Simulation
 from envs.tasks.servo import ServoTask
 from hardware.calibration import apply_calibration, read_calibration
@@ -91,6 +92,18 @@ def check_reward(rows: RobotRows, adapt: Adaptation) -> None:
             f"the reward of {type(rows.task).__name__} needs {', '.join(sorted(lacking))}, which "
             f"{rows.backend.robot.name} does not measure, so its returns cannot guide an "
             "adaptation; give adapt=none, or a tracker (hardware/body.py)"
+        )
+
+
+def check_base(task: ServoTask, adapt: Adaptation) -> None:
+    """Refuse to identify a robot whose logs do not say where its base is."""
+    model = task.spec().compile()
+    if adapt.needs_log and FREE in model.jnt_type:
+        base = model.joint(int(np.flatnonzero(model.jnt_type == FREE)[0])).name
+        raise Sim2RealError(
+            f"adapt=identify replays a robot's logs, and no servo of {task.machine.name} measures "
+            f"its free base {base!r}; choose another adapt, such as adapt=batch, or identify the "
+            "robot while its base is held (run=identify)"
         )
 
 

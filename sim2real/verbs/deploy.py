@@ -27,6 +27,7 @@ from typing import Any
 from hardware.backends import ServoBackend
 from hardware.rows import RobotRows
 from sim2real.deployment.deploy import (
+    check_base,
     check_reward,
     draw,
     drive,
@@ -104,6 +105,7 @@ def run(
     rows = RobotRows(task, backend, out / "logs")
     adapt = NoAdaptation() if dry_run else parts.adapt
     check_reward(rows, adapt)
+    check_base(task, adapt)
     trained = load_trained(checkpoint, parts, algorithm)
     adapt = adapt.of(trained.actor(trained.theta)).within(trained.environment)
     deployment = Deployment(trained.theta, adapt, trials, seed)

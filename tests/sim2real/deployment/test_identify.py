@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from envs.tasks import Bench1, Quad8
 from hardware.exported import ExportedPolicy, PolicyError
 from sim2real.config.compose import compose, prepare
+from sim2real.deployment.deploy import check_base
 from sim2real.deployment.trained import load_policy
+from sim2real.learning.adapt import Identify, NoAdaptation
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, train
 
@@ -57,6 +60,15 @@ def test_a_policy_that_is_told_nothing_cannot_identify(tmp_path: Path) -> None:
     plain = train(tmp_path / "run", SMALL_ES)
     with pytest.raises(Sim2RealError, match="transforms=with_params"):
         deployed(plain, tmp_path / "out", "adapt=identify")
+
+
+def test_a_robot_whose_base_nobody_measures_is_refused() -> None:
+    """Servos do not say where a walking robot's base is; a pendulum has none."""
+    operator = Identify(episodes=1, last=1, find=lambda environment, logs, seed: np.zeros(1))
+    check_base(Bench1(), operator)
+    check_base(Quad8(), NoAdaptation())
+    with pytest.raises(Sim2RealError, match="no servo of quad8 measures its free base"):
+        check_base(Quad8(), operator)
 
 
 def test_an_export_says_which_parameters_it_needs(run: Path, tmp_path: Path) -> None:
