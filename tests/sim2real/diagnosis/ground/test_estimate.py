@@ -123,6 +123,19 @@ def _gaps(walk: Walk) -> np.ndarray:
     return np.array(found)
 
 
+def test_a_base_is_the_less_sure_the_longer_no_sole_stands() -> None:
+    """In the middle of a flight more than at its ends, and least in stance."""
+    walk = hops()
+    found = estimated(walk.log, walk.model, DEFAULT.ground)
+    assert found is not None
+    unsure = found.walk.unsure[:, -1]
+    stands = found.walk.touch.max(axis=1) > 0.9
+    rows = np.arange(len(stands))
+    away = np.abs(rows[:, None] - rows[stands]).min(axis=1)  # rows from the nearest stance
+    assert away.max() >= 4
+    assert unsure[away >= 4].mean() > unsure[away == 2].mean() > unsure[away == 0].mean()
+
+
 def test_a_sole_that_slips_is_told() -> None:
     """More of the time on ice than on a ground that grips."""
     slid = []

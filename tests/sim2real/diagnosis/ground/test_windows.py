@@ -92,6 +92,32 @@ def test_a_push_is_told_and_left_out() -> None:
     assert all(1.6 < moment < 2.1 for moment in moments)
 
 
+def test_a_light_push_makes_its_window_count_for_less() -> None:
+    """No window goes; those about the push weigh less, and the report tells when."""
+    log = without(trot(seconds=4.0, push=0.3).log, "accelerometer")
+    estimates = estimate_all([log], None, DEFAULT.ground)
+    data = grounded(Data.of([one.log for one in estimates]), estimates)
+    assert data.nuisance is not None
+    light = [w for w, k in zip(data.windows, data.nuisance.weight, strict=True) if k < 1]
+    assert 0 < len(light) < 3
+    assert all(1.6 < estimates[0].log.time[w.start] < 2.1 for w in light)
+    (finding,) = check_pushes(data, estimates, DEFAULT.ground)
+    assert finding.check == "odd"
+
+
+def test_a_window_that_counts_for_less_has_smaller_errors(cut: Cut) -> None:
+    """By its weight, whatever is simulated; the others stay."""
+    _, data, _ = cut
+    assert data.nuisance is not None
+    weight = np.ones(len(data.windows))
+    weight[1] = 0.5
+    every, rng = np.arange(len(weight)), np.random.default_rng(0)
+    error = rng.normal(size=(len(weight), *data.measured.shape[1:]))
+    plain = data.nuisance.clear(every, error)
+    less = data.nuisance.weighed(weight).clear(every, error)
+    np.testing.assert_allclose(less, weight[:, None, None] * plain)
+
+
 def test_the_gap_of_a_turn_lies_where_its_windows_say(cut: Cut) -> None:
     """Measured and simulated turns have one heading: their difference is the error."""
     _, data, _ = cut
