@@ -248,6 +248,8 @@ DEVELOPMENT: list[tuple[list[Entry], tuple[str, ...]]] = [  # what is hidden, an
     ([{"effect": "payload", "where": "torso", "value": 0.25}], ()),
     ([ICE], ()),
     ([ICE], ("ground_friction",)),
+    ([{"effect": "imu_mounting", "where": None, "value": [0.05, -0.04, 0.0]}], ()),
+    ([{"effect": "imu_delay", "where": None, "value": 0.02}], ()),
     ([KNEE], NO_FRICTION),
 ]
 
@@ -287,7 +289,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--robot", choices=tuple(WALKERS), default="quad8", help="that walks")
     parser.add_argument("--seed", type=int, default=5, help="of their draw (default: %(default)s)")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
-    parser.add_argument("--development", action="store_true", help="eight walks that are known")
+    parser.add_argument("--development", action="store_true", help="walks that are known")
     chosen = parser.parse_args(arguments)
     if chosen.development:
         develop(chosen.robot)

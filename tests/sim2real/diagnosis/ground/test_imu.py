@@ -56,7 +56,7 @@ def late(log: Log) -> Log:
     """Return the log of an IMU that is one row late."""
     turn, spin = said(log)
     before = np.maximum(np.arange(len(spin)) - 1, 0)
-    return with_imu(log, turn[before], spin[before])
+    return with_imu(log, Rotation.from_quat(turn.as_quat()[before]), spin[before])
 
 
 def left(log: Log, name: str | None, values: list[float]) -> float:
