@@ -220,7 +220,7 @@ def scored(report: Report, key: Sequence[Entry]) -> dict[str, Any]:
     return {
         "hidden": hidden["effect"],
         "where": hidden["where"] or "robot",
-        "value": " ".join(f"{value:.3g}" for value in np.atleast_1d(hidden["value"])),
+        "value": " ".join(f"{x:.3g}" for x in np.atleast_1d(hidden["value"]) + 0.0),
         "verdict": report.verdict,
         "named": int(bool(told) and told[0][0]),
         "place": int(bool(told) and told[0][1]),
