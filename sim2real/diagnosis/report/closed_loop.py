@@ -12,6 +12,7 @@ from typing import Any
 
 from sim2real.diagnosis.report import axes, svg
 from sim2real.diagnosis.schema import ClosedLoop, Distance, Estimate, Report, Returns
+from sim2real.diagnosis.settings import TINY
 
 MEASURES = {
     "sliced_wasserstein": "Sliced Wasserstein distance",
@@ -60,30 +61,34 @@ def words(loop: ClosedLoop) -> str:
 
 def _distances(one: Distance) -> dict[str, Any]:
     estimates = [one.floor, one.nominal, one.corrected]
-    return _table(MEASURES.get(one.measure, one.measure), estimates, one.floor.ci[1])
+    ends = [end for own in estimates if own is not None for end in own.ci]
+    scale = axes.Linear(0.0, max(ends) * axes.SPARE)
+    return _table(MEASURES.get(one.measure, one.measure), estimates, scale, one.floor.ci[1])
 
 
 def _returns(paid: Returns) -> dict[str, Any]:
     estimates = [paid.robot, paid.nominal, paid.corrected]
-    table = _table("Return of an episode", estimates, 0.0)
+    ends = [end for own in estimates if own is not None for end in own.ci]
+    room = (axes.SPARE - 1) * max(max(ends) - min(ends), TINY)
+    scale = axes.Linear(min(ends) - room, max(ends) + room)
+    table = _table("Return of an episode", estimates, scale)
     table["rows"][0]["label"] = "robot"
     return table
 
 
-def _table(title: str, estimates: list[Estimate | None], floor: float) -> dict[str, Any]:
-    """Return the rows of a measure, on one scale that holds zero."""
-    known = [one for one in estimates if one is not None]
-    ends = [end for one in known for end in one.ci]
-    scale = axes.Linear(min(0.0, *ends), max(0.0, *ends) * axes.SPARE)
+def _table(
+    title: str, estimates: list[Estimate | None], scale: axes.Linear, floor: float | None = None
+) -> dict[str, Any]:
+    """Return the rows of a measure on one scale; up to `floor` it is shaded."""
+    shade = 0.0 if floor is None else float(scale(floor))
     ticks = [(float(scale(value)), text) for value, text in scale.ticks(NUMBERS)]
     rows = []
     for label, kind, one in zip(WORLDS, KINDS, estimates, strict=True):
         if one is None:
             continue
         low, high, at = (float(scale(value)) for value in (*one.ci, one.value))
-        picture = svg.track(
-            low, high, [(at, kind)], floor=float(scale(floor)), ticks=[place for place, _ in ticks]
-        )
+        places = [place for place, _ in ticks]
+        picture = svg.track(low, high, [(at, kind)], floor=shade, ticks=places)
         number = f"{one.value:.3g}".replace("-", "−")
         ci = f"{one.ci[0]:.3g} to {one.ci[1]:.3g}".replace("-", "−")
         rows.append({"label": label, "kind": kind, "picture": picture, "value": number, "ci": ci})
