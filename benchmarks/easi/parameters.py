@@ -50,14 +50,12 @@ def run(plan: Plan) -> int:
 
 def report(plan: Plan) -> None:
     """Write easi_parameters.csv and .md of all runs that are complete."""
-    lines, found = [], dict[str, list[Distribution]]()
+    lines, found = [], dict[str, dict[int, Distribution]]()
     for method in METHODS:
-        for seed in plan.seeds:
-            file = plan.folder(seed, f"six_{method}", "distribution.yaml")
-            if file.is_file():
-                one = read(file)
-                found.setdefault(method, []).append(one)
-                lines += rows(method, seed, one)
+        for file in sorted((plan.out / plan.name).glob(f"seed*/six_{method}/distribution.yaml")):
+            seed, one = int(file.parts[-3].removeprefix("seed")), read(file)
+            found.setdefault(method, {})[seed] = one
+            lines += rows(method, seed, one)
     if not lines:
         return
     table = Table(("method", "seed", "parameter", "mean", "std", "target", "common scale is flat"))
@@ -94,25 +92,27 @@ def scale_is_flat(one: Distribution) -> str:
     return "yes" if max(np.abs([*near, 0.0])) >= FLAT else "no"
 
 
-def markdown(found: dict[str, list[Distribution]]) -> str:
+def markdown(found: dict[str, dict[int, Distribution]]) -> str:
     """Return the table for people."""
     columns = ("parameter", "method", "seeds", "median", "least", "largest", "within")
     table = Table(columns)
     for method, every in found.items():
-        lines = [rows(method, seed, one) for seed, one in enumerate(every)]
+        lines = [rows(method, seed, one) for seed, one in every.items()]
         for number, first in enumerate(lines[0]):
             values = np.array([line[number][3] for line in lines])
             share = SHARES[method]
             count = f"{within(values, 1.0, share)} of {len(values)} within {share:.0%}"
             numbers = (float(np.median(values)), float(values.min()), float(values.max()))
             table.add(first[2], method, len(values), *numbers, count)
-    flats = [scale_is_flat(one) for one in found.get("one_step", [])]
+    flats = [scale_is_flat(one) for one in found.get("one_step", {}).values()]
     text = [
         "# Which parameters motion tells",
         "",
         "Estimates over the target's values on a cart-pole whose masses, gains and dampings scale "
         "together without a trace (`conf/shift/cartpole_bare.yaml`), from a third to three times "
-        "the target. `python -m benchmarks.easi --parameters --seeds 0 1 2 3 4 5 6 7 8 9`",
+        "the target: three demonstrations for one_step, fifty for critic_gp, of which a population "
+        "of 100 goes through 50 generations. "
+        "`python -m benchmarks.easi --parameters --seeds 0 1 2 3 4 5 6 7 8 9`",
         "",
         table.markdown(),
         f"The common scale stands under `flat` in {flats.count('yes')} of {len(flats)} answers of "

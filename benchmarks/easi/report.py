@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from benchmarks.easi.parameters import histories, read_csv
 from benchmarks.easi.plan import ROUNDS, ROWS, Plan, truth
@@ -21,6 +22,10 @@ from sim2real.runs.tables import Table
 
 COLUMNS = ("task", "row", "seed", "value", "steps", "cpu_minutes", "settings")
 DRAWS, ORACLE, COLLAPSE = 5000, 0.95, 5.0  # resamples; share of the oracle's; ratio of deviations
+TOLD = (  # keys that the study gives its runs
+    *("experiment", "seed", "video", "keep_checkpoints", "hydra.run.dir", "resume", "frames"),
+    *("params", "params.path", "effects", "run", "log", "model", "checkpoint", "identify"),
+)
 ACROSS, WIDE, HIGH = 4, 2.6, 1.9  # panels in a row; inches of one
 Figures = dict[str, dict[int, float]]  # return on the target by row and seed
 KINDS = (("easi_200", "easi", COLOURS[0]), ("paper_200", "easi_paper", COLOURS[1]))
@@ -41,8 +46,10 @@ def report(plan: Plan) -> None:
     for (task, row, seed), line in kept.items():
         if task == plan.name:
             figures.setdefault(row, {})[seed] = float(line["value"])
-    settings = sorted({line["settings"] for key, line in kept.items() if key[0] == plan.name})
-    write_text(plan.results / f"easi_{plan.name}.md", page(plan, figures, settings))
+    own = [line for key, line in kept.items() if key[0] == plan.name]
+    told = sorted({f"{line['row']}: {line['settings'] or 'none'}" for line in own})
+    steps = sorted({int(line["steps"]) for line in own})
+    write_text(plan.results / f"easi_{plan.name}.md", page(plan, figures, steps, told))
     draw(plan, plan.results / f"easi_{plan.name}.png")
 
 
@@ -55,41 +62,66 @@ def lines(plan: Plan) -> list[dict[str, str]]:
             if files:
                 (one,) = read(files[-1])
                 seed = folder.parent.name.removeprefix("seed")
-                words = (*plan.training, *plan.study.identify, *plan.identify)
                 line = dict.fromkeys(COLUMNS, "") | {"task": plan.name, "row": name, "seed": seed}
                 line |= {"value": f"{one.returns['target'].mean():.6g}", "steps": f"{one.frames}"}
                 line |= {"cpu_minutes": f"{spent(plan, name, int(seed)):.1f}"}
+                every = folders(plan, name, int(seed))
+                words = [word for place in every for word in settings(place)]
                 found.append(line | {"settings": " ".join(words)})
     return found
 
 
+def settings(folder: Path) -> list[str]:
+    """Return what a run was told beside what the study tells every run."""
+    file = folder / ".hydra" / "overrides.yaml"
+    if not file.is_file():
+        return []
+    words = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return [word for word in words if word.split("=")[0].lstrip("+") not in TOLD]
+
+
 def spent(plan: Plan, name: str, seed: int) -> float:
     """Return the processor time of a row's training, and of its identification [min]."""
+    return sum(cpu_minutes(folder) for folder in folders(plan, name, seed))
+
+
+def folders(plan: Plan, name: str, seed: int) -> list[Path]:
+    """Return the folder of a row's training, and that of its identification if it has one."""
     row = ROWS[name]
-    both = [plan.folder(seed, name)]
+    found = [plan.folder(seed, name)]
     if row.identify:
-        both.append(plan.folder(seed, f"identify_{row.identify}_{row.budget}"))
-    return sum(cpu_minutes(folder) for folder in both)
+        found.append(plan.folder(seed, f"identify_{row.identify}_{row.budget}"))
+    return found
 
 
-def page(plan: Plan, figures: Figures, settings: list[str]) -> str:
-    """Return the page of a task."""
+def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str:
+    """Return the page of a task.
+
+    Args:
+        plan: the study.
+        figures: of the runs that are complete.
+        steps: of the trainings, each number once.
+        told: settings beside the study's, by row.
+    """
     table = Table(("robots of the training", "the seed", "ours", "seeds"))
     for rows in ROUNDS:
         for row in rows:
             own = plan.study.published.get(row.name)
-            told = "–" if own is None else f"{own[0]:g} ± {own[1]:g}"
+            theirs = "–" if own is None else f"{own[0]:g} ± {own[1]:g}"
             values = list(figures.get(row.name, {}).values())
             shown = interval(values) if values else None
-            table.add(f"{row.name}: {row.words}", told, shown, len(values))
+            table.add(f"{row.name}: {row.words}", theirs, shown, len(values))
     table.notes.append(
         "Return on the target, mean over training seeds with 95 % bootstrap intervals."
     )
     parts = [
         f"# EASI on {plan.name}",
         "",
-        f"`python -m benchmarks.easi --task {plan.name}`. Settings that differ from the "
-        f"experiment's: {'; '.join(s or 'none' for s in settings)}.",
+        f"`python -m benchmarks.easi --task {plan.name}`, {spanned(steps)} environment steps a "
+        "training. Fine-tuning and GARAT, further baselines of the seed, are not built. Settings "
+        "beside the study's:",
+        "",
+        *[f"* {line}" for line in told],
         "",
         table.markdown(),
         "## Claims",
@@ -97,6 +129,11 @@ def page(plan: Plan, figures: Figures, settings: list[str]) -> str:
         *claims(plan, figures),
     ]
     return "\n".join(parts) + "\n"
+
+
+def spanned(steps: list[int]) -> str:
+    """Return the least and the largest number of steps, or the one that there is."""
+    return " to ".join(f"{number:,}" for number in sorted({steps[0], steps[-1]})) if steps else "no"
 
 
 def interval(values: list[float]) -> Interval | float:
