@@ -64,9 +64,9 @@ def lines(plan: Plan) -> list[dict[str, str]]:
                 seed = folder.parent.name.removeprefix("seed")
                 line = dict.fromkeys(COLUMNS, "") | {"task": plan.name, "row": name, "seed": seed}
                 line |= {"value": f"{one.returns['target'].mean():.6g}", "steps": f"{one.frames}"}
-                line |= {"cpu_minutes": f"{spent(plan, name, int(seed)):.1f}"}
+                line |= {"cpu_minutes": spent(plan, name, int(seed))}
                 every = folders(plan, name, int(seed))
-                words = [word for place in every for word in settings(place)]
+                words = dict.fromkeys(word for place in every for word in settings(place))
                 found.append(line | {"settings": " ".join(words)})
     return found
 
@@ -80,9 +80,10 @@ def settings(folder: Path) -> list[str]:
     return [word for word in words if word.split("=")[0].lstrip("+") not in TOLD]
 
 
-def spent(plan: Plan, name: str, seed: int) -> float:
-    """Return the processor time of a row's training, and of its identification [min]."""
-    return sum(cpu_minutes(folder) for folder in folders(plan, name, seed))
+def spent(plan: Plan, name: str, seed: int) -> str:
+    """Return the processor time of a row's training and identification [min]; "": not known."""
+    minutes = [cpu_minutes(folder) for folder in folders(plan, name, seed)]
+    return f"{sum(minutes):.1f}" if all(minutes) else ""
 
 
 def folders(plan: Plan, name: str, seed: int) -> list[Path]:
