@@ -46,6 +46,9 @@ def test_draws_are_sealed_by_their_seed() -> None:
         "ground_friction",
         "payload",
         "viscous_friction",
+        "imu_mounting",
+        "imu_delay",
+        "gyro_bias",
     }
     assert [] in keys
 

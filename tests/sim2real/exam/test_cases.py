@@ -67,6 +67,7 @@ def test_an_exam_without_cases_is_refused(wrong: dict) -> None:
         Exam(**given)
 
 
+@pytest.mark.slow
 def test_a_case_keeps_its_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a diagnosis is given names no effect; the key has a gap of the wanted size."""
     monkeypatch.setattr(logs_module, "SECONDS", 4.0)

@@ -58,6 +58,7 @@ def test_a_budget_below_one_recording_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_it_records_what_parts_two_laws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two laws of friction are open after slow ramps; a faster motion is recorded, and ends it."""
     pair = tuple(

@@ -78,6 +78,7 @@ def test_who_knows_the_truth_passes(exam) -> None:
     assert [one.alarm for one in marks if one.kind == "none"] == [False]
 
 
+@pytest.mark.slow
 def test_the_tables_are_written(exam) -> None:
     """For people and for programs."""
     out, marks = exam
@@ -89,6 +90,7 @@ def test_the_tables_are_written(exam) -> None:
     assert len((out / "cases.csv").read_text().splitlines()) == 4
 
 
+@pytest.mark.slow
 def test_an_exam_goes_on_where_it_stopped(exam, tmp_path: Path) -> None:
     """Cases and answers that are there are not made again."""
     out, marks = exam
@@ -99,6 +101,7 @@ def test_an_exam_goes_on_where_it_stopped(exam, tmp_path: Path) -> None:
     assert asked[before:] == ["case_001"]
 
 
+@pytest.mark.slow
 def test_what_is_answered_is_scored_and_called_a_part(
     exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,6 +158,7 @@ def test_a_block_is_sealed_before_its_first_question(
     assert told[3:] == ["asked case_001", "made case_002", "asked case_002"]
 
 
+@pytest.mark.slow
 def test_after_ctrl_c_what_is_answered_is_scored(
     exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,6 +197,7 @@ def test_two_programs_share_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert {who for who, _ in finished} == {0, 1}
 
 
+@pytest.mark.slow
 def test_several_versions_of_the_diagnosis_are_told(exam, tmp_path: Path) -> None:
     """An exam whose answers are of different code says so."""
     out, _ = exam
@@ -204,6 +209,7 @@ def test_several_versions_of_the_diagnosis_are_told(exam, tmp_path: Path) -> Non
     assert "2 by abc, 1 by def" in (part / "table.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_key_that_was_changed_is_refused(exam, tmp_path: Path) -> None:
     """Whoever changes the key after the logs are out gets no score."""
     out, _ = exam
@@ -215,6 +221,7 @@ def test_a_key_that_was_changed_is_refused(exam, tmp_path: Path) -> None:
     key.write_text(text)
 
 
+@pytest.mark.slow
 def test_no_answer_folder_and_no_key_is_given_to_a_diagnosis(exam) -> None:
     """Nothing in the folders that it is given names an effect or a key."""
     out, _ = exam

@@ -256,6 +256,7 @@ def test_a_log_tells_what_it_is_of(run, tmp_path):
     assert meta["jitter"]["max"] < 1e-6
 
 
+@pytest.mark.slow
 def test_a_policy_adapts_by_its_gradient_on_the_robot(tmp_path, monkeypatch):
     """Three episodes with drawn actions, then one step; what was interrupted ends alike."""
     run = train(tmp_path / "run", SMALL_PPO)

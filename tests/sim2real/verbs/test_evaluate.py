@@ -282,7 +282,7 @@ def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) ->
     assert scores.steps[0] == 6 * 2 * 3 * 100
 
 
-@pytest.mark.parametrize("trainer", ["ppo", "sac"])
+@pytest.mark.parametrize("trainer", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_every_operator_adapts_every_policy(trainer: str, tmp_path: Path) -> None:
     """The actor of PPO and of SAC is a vector, too; the same seed adapts it alike."""
     words = ["env=nav2d", "env.max_steps=20", "params=goals", f"algorithm={trainer}"]

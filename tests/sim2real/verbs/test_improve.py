@@ -112,7 +112,8 @@ def test_a_round_finds_retrains_and_deploys(
     assert read_metadata(place / "policy")["iteration"] == 2  # one more than the policy had
 
 
-@pytest.mark.parametrize("rounds", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("rounds", [1, 2])
 def test_a_loop_that_was_killed_ends_alike(
     rounds: int,
     run: Path,

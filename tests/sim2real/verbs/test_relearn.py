@@ -75,6 +75,7 @@ def test_the_loop_is_closed_and_goes_on_where_it_stopped(
     assert len(seen["diagnosed"]) == 1
 
 
+@pytest.mark.slow
 def test_what_the_robot_hides_is_in_its_logs_and_not_in_its_model(
     tmp_path: Path, seen: dict[str, list[Any]]
 ) -> None:

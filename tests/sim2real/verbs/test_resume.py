@@ -120,6 +120,7 @@ def test_nav2d_survives_three_kills(tmp_path: Path) -> None:
     check(NAV2D, tmp_path, 40, 0.05)
 
 
+@pytest.mark.slow
 def test_ppo_survives_three_kills(tmp_path: Path) -> None:
     """The same for PPO, whose episodes in progress are part of its state."""
     check(PPO, tmp_path, 40, 0.05)
