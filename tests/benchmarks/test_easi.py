@@ -24,6 +24,8 @@ from envs.tasks import CartPole
 from hardware.log import Log
 from sim2real.identification.outcome import FILE
 
+pytestmark = pytest.mark.slow  # trainings and walks: a minute together
+
 LEVELS = {"udr": 160.0, "oracle": 185.0, "easi_200": 180.0, "narrow": 150.0, "point": 179.0}
 PRIOR = Distribution(
     (Entry(make("position_gain", where="slider"), (Law("uniform", 1.6, 0.7, 0.33, 3.0),)),)

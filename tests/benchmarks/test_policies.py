@@ -12,6 +12,8 @@ from benchmarks.policies.rows import Rows
 from benchmarks.policies.tasks import POLICIES, down
 from sim2real.diagnosis.contract.description import History
 
+pytestmark = pytest.mark.slow  # trainings and walks: a minute together
+
 
 @pytest.mark.parametrize("library", POLICIES)
 def test_policy_description_and_task_fit(library: str) -> None:

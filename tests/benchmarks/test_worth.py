@@ -11,6 +11,8 @@ from benchmarks import worth as bench
 from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
 
+pytestmark = pytest.mark.slow  # trainings and walks: a minute together
+
 
 def cost(case: str, predicted: float, measured: float, spread: float = 0.01) -> dict[str, str]:
     """Return a row of the table."""

@@ -233,7 +233,7 @@ class Causes:
     )
     open_doubt: float = setting(0.8, "1", "confidence lost where nothing is closed", CALIBRATED)
     calibration: tuple[float, float] = setting(
-        (0.49, 2.06),
+        (0.26, 1.66),
         "1",
         "intercept and slope of the log odds that a cause is right, over those of what the "
         "races say",

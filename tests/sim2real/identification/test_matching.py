@@ -178,6 +178,7 @@ def test_a_mean_at_the_border_is_said(tmp_path: Path) -> None:
     assert "link_mass.cart" in words and "upper end" in words and "widen the prior" in words
 
 
+@pytest.mark.slow
 def test_hidden_friction_and_load_of_an_emulated_robot(tmp_path: Path) -> None:
     """Both are within their 90 % intervals, which are narrow beside the prior."""
     hidden = tmp_path / "hidden.yaml"

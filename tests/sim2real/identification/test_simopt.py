@@ -25,6 +25,8 @@ from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.identification.linear import PRIOR, Linear, maker
 from tests.sim2real.identification.test_dropo import Carts, masses
 
+pytestmark = pytest.mark.slow  # trainings and walks: a minute together
+
 TRUTH, SPREAD = np.array([1.3, 0.8]), np.array([0.1, 0.05])
 GENERATIONS = 20
 WIDE = masses("a", "b", low=0.1, high=10.0)

@@ -57,6 +57,7 @@ def test_a_hidden_effect_is_a_gap_that_closes_once_it_is_known(tmp_path: Path) -
     assert rmse(rough, tmp_path / "c", hidden) < 0.015
 
 
+@pytest.mark.slow
 def test_a_seed_decides_the_motion(tmp_path: Path) -> None:
     """One seed gives one log, byte for byte; another seed another."""
     first, again, other = (
