@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -153,7 +154,8 @@ class _Watch:
 
     def __call__(self, env: EnvBase, alive: np.ndarray) -> None:
         """Take one row of all robots."""
-        rows = env.base_env.rows
+        base: Any = env.base_env
+        rows = base.rows
         assert isinstance(rows, Simulation)
         state = rows.measured()
         row = {name: state.qpos[:, place].copy() for name, place in self._joints.items()}

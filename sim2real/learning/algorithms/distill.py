@@ -124,7 +124,8 @@ class Distill(Algorithm):
         env = self.trained().world(count)
         chain: Any = env.transform
         (guess,) = [one for one in chain if isinstance(one, GuessParams)]
-        tasks, rows = teacher.environment.tasks, env.base_env.rows
+        base: Any = env.base_env
+        tasks, rows = teacher.environment.tasks, base.rows
         tasks.check(rows.space)
         values, seeds = tasks.sample(self._rng, count), draw_seeds(self._rng, count)
         truth = torch.from_numpy(told.said(values, guess.limit)).float()
