@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sim2real.diagnosis.comparison.answer import Alike, Change
-from sim2real.diagnosis.comparison.permuted import Permuted, Tests
+from sim2real.diagnosis.comparison.permuted import Permuted, Prior, Tests
 from sim2real.diagnosis.comparison.pieces import Pieces
 from sim2real.diagnosis.comparison.response import Column
 from sim2real.diagnosis.settings import Compared
@@ -46,6 +46,7 @@ def find_changes(
     least: np.ndarray,
     rng: np.random.Generator,
     limits: Compared,
+    prior: Prior | None = None,
     simulated: float = 0.0,
 ) -> Changes:
     """Name what changed.
@@ -59,21 +60,22 @@ def find_changes(
         least: of each column, the size that a change must have, (P,).
         rng: for the permutations.
         limits: when a change is named.
+        prior: what is known of the columns of the pieces.
         simulated: RMS of what is put down to other things, in units of the noise.
     """
     permuted = Permuted(pieces, rng, limits.draws)
-    beside = [*excused, *known, pieces.clock]
+    beside = [*excused, *known, *pieces.clocks]
     free = [k for k in range(len(columns)) if k not in (*beside, *ruled_out)]
     named: list[Named] = []
-    first = permuted.of(free, beside, limits.alpha)
+    first = permuted.of(free, beside, limits.alpha, prior)
     untold = [k for k, told in zip(first.columns, first.told, strict=True) if told < limits.apart]
     left = [k for k in free if k not in untold]
     while left and len(named) < limits.changes_max:
-        tests = permuted.of(left, beside, limits.alpha)
+        tests = permuted.of(left, beside, limits.alpha, prior)
         best = _clearest(tests, least, limits, simulated)
         if best is None:
             break
-        near = (tests.fall[best] - tests.fall) / tests.inflation[best] < limits.alike
+        near = tests.fall[best] - tests.fall < limits.alike
         near &= tests.told >= limits.apart
         alike = [k for k, n in zip(tests.columns, near, strict=True) if n]
         best = _plainest(tests, columns, best, alike)
@@ -84,7 +86,7 @@ def find_changes(
         named.append(Named(column, float(tests.p[best]), tuple(order)))
         beside.append(column)
         left.remove(column)
-    every = permuted.of([*free, *known], beside, limits.alpha)
+    every = permuted.of([*free, *known], beside, limits.alpha, prior)
     return Changes(tuple(named), every, tuple(untold))
 
 

@@ -26,9 +26,10 @@ from hardware.log import Log, read_logs
 from sim2real.diagnosis.comparison.alike import friction, in_proportion
 from sim2real.diagnosis.comparison.answer import Change, Comparison, Fleet, Value, Verdict
 from sim2real.diagnosis.comparison.changes import as_alike, as_change, find_changes
-from sim2real.diagnosis.comparison.confounders import SUPPLY, confounders
+from sim2real.diagnosis.comparison.confounders import SUPPLY, Found, confounders
 from sim2real.diagnosis.comparison.excused import excuse
 from sim2real.diagnosis.comparison.motions import Motions, aligned, pair
+from sim2real.diagnosis.comparison.permuted import Prior
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
 from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond, watched
 from sim2real.diagnosis.comparison.shared import share
@@ -206,10 +207,11 @@ def _compared(
         return contrasts(data, *own)
 
     later = np.array([i for i, w in enumerate(data.windows) if w.log in after], int)
-    aside = [*beside.excused, *known]
+    aside = [*beside.excused, *known, *beside.little]
     first = contrast(made.error)
-    own = (made.simulator, made.watch, made.response, made.error, later, aside, contrast)
-    pieces, moved, made_by_others = excuse(first, *own)
+    ends = _ends(beside, aside, settings.little)
+    own = (made.simulator, made.watch, made.response, made.error, later, aside, ends, contrast)
+    pieces, moved, simulated = excuse(first, *own)
     numbers = {
         "pieces": len(pieces.curve),
         "pieces_are_logs": pieces.logs,
@@ -242,7 +244,8 @@ def _compared(
     rng = np.random.default_rng(seed)
     shared = replace(settings, alpha=settings.alpha / tests)
     asides = (beside.excused, known, beside.ruled_out)
-    found = find_changes(pieces, columns, *asides, beside.least, rng, shared, made_by_others)
+    prior = _left_of(beside.prior, moved, len(pieces.clocks))
+    found = find_changes(pieces, columns, *asides, beside.least, rng, shared, prior, simulated)
 
     def change(column: int) -> Change:
         limit = limits.get(columns[column].option.name)
@@ -274,6 +277,23 @@ def _compared(
         numbers,
         inputs,
     )
+
+
+def _ends(beside: Found, columns: Sequence[int], little: float) -> np.ndarray:
+    """Return the least and the largest change of columns that is put down to others, (2, n)."""
+    ends = np.tile([[-np.inf], [np.inf]], len(columns))
+    for place, k in enumerate(columns):
+        if k in beside.little:
+            reach = little * beside.prior.spread[k]
+            ends[:, place] = beside.prior.mean[k] - reach, beside.prior.mean[k] + reach
+    return ends
+
+
+def _left_of(prior: Prior, moved: Mapping[int, float], clocks: int) -> Prior:
+    """Return a prior of what is left once columns are moved, and of clocks that may be anything."""
+    mean = np.concatenate([prior.mean, np.zeros(clocks)])
+    mean[list(moved)] -= list(moved.values())
+    return Prior(mean, np.concatenate([prior.spread, np.full(clocks, np.inf)]))
 
 
 def _verdict(

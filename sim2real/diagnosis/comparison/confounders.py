@@ -16,9 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sim2real.diagnosis.comparison.alike import FIELDS
 from sim2real.diagnosis.comparison.answer import Confounder
+from sim2real.diagnosis.comparison.permuted import Prior
 from sim2real.diagnosis.comparison.response import Column
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.settings import TINY, Compared
 
 DRIVES = ("motor_strength", "position_gain")  # what a motor's copper and magnets are seen as
 MOUNTING, SUPPLY = "gravity_tilt", "supply_voltage"
@@ -29,8 +32,10 @@ class Found(NamedTuple):
 
     told: tuple[Confounder, ...]
     excused: tuple[int, ...]  # columns
+    little: tuple[int, ...]  # columns that temperature may have changed a little
     ruled_out: tuple[int, ...]  # columns that a sensor says are as before
     least: np.ndarray  # (P,) size of a change of each column below which it may be temperature
+    prior: Prior  # (P,) of what temperature and mounting do
     supply: float | None  # relative change of the measured voltage; None: none, or not logged
 
 
@@ -56,20 +61,27 @@ def confounders(
     warm = _medians(data, "temperature", before, after)
     volts = _medians(data, "voltage", before, after)
     told, excused, least = [], [], np.zeros(len(columns))
+    prior = Prior(np.zeros(len(columns)), np.full(len(columns), np.inf))
     was, now = warm
     known = None not in warm
     warmer = limits.unknown_warmer if was is None or now is None else abs(now - was)
     alike = known and warmer <= limits.same_temperature
+    thermal = [
+        k for k, c in enumerate(columns) if c.option.shared and c.option.name in limits.thermal
+    ]
+    rise = 0.0 if was is None or now is None else now - was
+    for k in thermal:
+        size = _per_kelvin(columns, k, friction, limits)
+        spread = max(warmer, limits.same_temperature) * size
+        prior.mean[k], prior.spread[k] = -rise * size, max(spread, TINY)
     if alike:
-        text = "close enough to explain nothing"
+        text = "close enough: next to nothing is put down to it"
     else:
         for k, column in enumerate(columns):
             least[k] = limits.unequal_friction * warmer * friction.get(k, 0.0)
             if column.option.name in DRIVES:
                 least[k] = limits.unequal_strength * warmer
-        excused += [
-            k for k, c in enumerate(columns) if c.option.shared and c.option.name in limits.thermal
-        ]
+        excused += thermal
         text = (
             "differ: what all joints have in common is put down to temperature"
             if known
@@ -93,11 +105,29 @@ def confounders(
     tilts = [k for k, c in enumerate(columns) if c.option.name == MOUNTING]
     if tilts and remounted:
         excused += tilts
+        prior.spread[tilts] = limits.mounting
         text = "may be another (remounted=false if not): a small tilt is put down to it"
     else:
         text = "is the same" if tilts else "cannot show: gravity does not act on what moves"
     told.append(Confounder("mounting", None, None, "", text))
-    return Found(tuple(told), tuple(excused), tuple(same), least, change)
+    little = tuple(thermal) if alike else ()
+    return Found(tuple(told), tuple(excused), little, tuple(same), least, prior, change)
+
+
+def _per_kelvin(
+    columns: Sequence[Column], column: int, friction: Mapping[int, float], limits: Compared
+) -> float:
+    """Return how much of what all joints share goes with a kelvin, in the column's unit.
+
+    What of the friction is dry and what is viscous, few motions tell: either may lose a share of
+    both, as if they were equal at 1 rad/s (or 1 m/s).
+    """
+    if columns[column].option.name not in FIELDS:
+        return limits.warm_strength
+    every = [
+        [size for k, size in friction.items() if columns[k].option.name == name] for name in FIELDS
+    ]
+    return limits.warm_friction * sum(float(np.mean(own)) for own in every if own)
 
 
 def _medians(

@@ -38,6 +38,7 @@ def excuse(
     error: np.ndarray,
     later: np.ndarray,
     columns: Sequence[int],
+    ends: np.ndarray,
     contrast: Callable[[np.ndarray], Pieces],
 ) -> Excused:
     """Return what is left once the side after is simulated with what is put down to other things.
@@ -49,7 +50,8 @@ def excuse(
         response: the columns.
         error: of all windows with what both sides have, (W, T, M).
         later: the windows of the side after, (n,).
-        columns: those that something else may have changed.
+        columns: those that something else may have changed, n of them.
+        ends: the least and the largest change of each, (2, n).
         contrast: makes pieces of errors (W, T, M).
     """
     best, moved = first, dict.fromkeys(columns, 0.0)
@@ -58,8 +60,10 @@ def excuse(
     options = [response.columns[k] for k in columns]
     typical = [float(one.option.step[one.place]) for one in options]
     for _ in range(simulator.data.settings.compared.excused_rounds):
-        more = _fitted(best, [*columns, best.clock], np.array([*typical, np.inf]))[:-1]
-        tried = {k: moved[k] + float(m) for k, m in zip(columns, more, strict=True)}
+        sizes = np.array([*typical, *[np.inf] * len(best.clocks)])
+        more = _fitted(best, [*columns, *best.clocks], sizes)[: len(columns)]
+        whole = np.clip(np.array(list(moved.values())) + more, *ends)
+        tried = dict(zip(columns, whole.tolist(), strict=True))
         shifted = error.copy()
         shifted[later] = errors(simulator, _with(watch, response, tried), later)
         pieces = contrast(shifted)

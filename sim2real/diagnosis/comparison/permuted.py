@@ -7,6 +7,10 @@ Each column is fitted beside the same few others; its t uses the spread over pie
 The null distribution is that of the largest |t| over all columns, with the signs of the pieces
 drawn (differences), or their sides exchanged: the chance of any false alarm is controlled, however
 much the columns resemble each other (Westfall and Young, 1993).
+
+Whether anything changed is tested with the others free. What it was is told with what is known of
+the others (`Prior`): a little warmer, all joints may have lost some per cent of their friction, and
+not a fifth of it while one gained as much.
 """
 
 from __future__ import annotations
@@ -22,20 +26,42 @@ from sim2real.diagnosis.settings import TINY_SQUARE
 RIDGE = 1e-9  # of the diagonal: keeps the equations solvable, far below anything measured
 
 
+class Prior(NamedTuple):
+    """What is known of the change of each of K columns beside those that are tested."""
+
+    mean: np.ndarray  # (K,)
+    spread: np.ndarray  # (K,) standard deviation; inf where nothing is known
+
+
 class Tests(NamedTuple):
     """What was found of n columns."""
 
     columns: tuple[int, ...]
     value: np.ndarray  # (n,) the change
     spread: np.ndarray  # (n,) its standard error over pieces
-    t: np.ndarray  # (n,)
+    t: np.ndarray  # (n,) with the others free
     p: np.ndarray  # (n,) adjusted for all columns
-    fall: np.ndarray  # (n,) of the weighted square of what is off
-    inflation: np.ndarray  # (n,) of the value's variance, over that of independent numbers
+    fall: np.ndarray  # (n,) of -2 log likelihood
     response: np.ndarray  # (n,) RMS of what the change makes, in units of the noise
-    others: np.ndarray  # (n,) RMS of what the others make beside it
+    others: np.ndarray  # (n,) RMS of what the others make beside it, clocks left out
     told: np.ndarray  # (n,) share of the column's response that the others cannot make
     critical: float  # |t| beyond which one of all columns lies by chance with probability alpha
+
+
+class _Fit(NamedTuple):
+    """One column beside others, of size 1 each; the column is the first."""
+
+    t: np.ndarray  # (1 + D,)
+    error: float  # standard error of the column's value
+    fitted: np.ndarray  # (k,)
+    inverse: np.ndarray  # (k, k) covariance of the values if numbers were independent
+    whole: np.ndarray  # (k, k) X'X of all pieces
+    size: np.ndarray  # (k,)
+
+    @property
+    def inflation(self) -> float:
+        """Of the value's variance, over that of independent numbers."""
+        return max(self.error**2 / float(self.inverse[0, 0]), 1.0)
 
 
 class Permuted:
@@ -56,40 +82,70 @@ class Permuted:
             sides = np.array([rng.permutation(pieces.after) for _ in range(draws)])
             self.drawn = np.concatenate([pieces.after[None], sides]).astype(float)
 
-    def of(self, columns: Sequence[int], beside: Sequence[int], alpha: float) -> Tests:
+    def of(
+        self,
+        columns: Sequence[int],
+        beside: Sequence[int],
+        alpha: float,
+        prior: Prior | None = None,
+    ) -> Tests:
         """Test columns, each beside the same others.
 
         Args:
             columns: n numbers.
             beside: those of the others.
             alpha: probability of any false alarm.
+            prior: what is known of the others; None: nothing.
         """
-        fits = [self._one(column, [b for b in beside if b != column]) for column in columns]
-        t = np.array([fit[0] for fit in fits])  # (n, 1 + D)
-        response, others, told = (np.array([fit[k] for fit in fits]) for k in (5, 6, 7))
-        largest = np.abs(np.where(told[:, None] > 0, t, 0.0)).max(axis=0)[1:]  # (D,)
+        every = [[column, *(b for b in beside if b != column)] for column in columns]
+        fits = [self._one(use) for use in every]
+        t = np.array([fit.t for fit in fits])  # (n, 1 + D)
+        free = np.array([1 / fit.inverse[0, 0] for fit in fits])
+        largest = np.abs(np.where(free[:, None] > 0, t, 0.0)).max(axis=0)[1:]  # (D,)
         p = (1 + (largest >= np.abs(t[:, :1]) - RIDGE).sum(axis=1)) / (1 + len(largest))
-        value, spread, fall, inflation = (np.array([fit[k] for fit in fits]) for k in range(1, 5))
         critical = float(np.quantile(largest, 1 - alpha))
-        own = (value, spread, t[:, 0], p, fall, inflation, response, others, told)
-        return Tests(tuple(columns), *own, critical)
+        count = self.pieces.curve.shape[1]
+        known = prior or Prior(np.zeros(count), np.full(count, np.inf))
+        noise = float(np.median([fit.inflation for fit in fits]))
+        told = np.array([self._told(f, u, noise, known) for f, u in zip(fits, every, strict=True)])
+        value, spread, fall, response, others, share = told.T
+        return Tests(
+            tuple(columns), value, spread, t[:, 0], p, fall, response, others, share, critical
+        )
 
-    def _one(self, column: int, beside: list[int]) -> tuple[np.ndarray, *tuple[float, ...]]:
-        """Return t (1 + D,), and the numbers of `Tests` of one column, in their order."""
-        curve, down, size = _scaled(self.pieces, [column, *beside])
+    def _one(self, use: Sequence[int]) -> _Fit:
+        """Return the fit of the first column beside the others."""
+        curve, down, size = _scaled(self.pieces, use)
         solve = _signed if self.pieces.after is None else _sided
-        value, error, free, fitted = solve(curve, down, self.drawn)
-        t = value / np.maximum(error, TINY_SQUARE)
-        naive = 1 / free  # variance of the value if numbers were independent, of unit noise
-        inflation = max(float(error[0] ** 2) / naive, 1.0)
-        fall = float(value[0] ** 2) / naive
-        told = free / (1.0 if self.pieces.after is None else 0.25)
-        scaled = float(value[0] / size[0]), float(error[0] / size[0])
-        whole = curve.sum(axis=0)
-        response = abs(fitted[0]) * np.sqrt(whole[0, 0] / self.pieces.rows)
-        rest = fitted[1:] @ whole[1:, 1:] @ fitted[1:]
-        others = np.sqrt(max(float(rest), 0.0) / self.pieces.rows)
-        return t, *scaled, fall, inflation, float(response), float(others), float(told)
+        fitted, error, inverse, first = solve(curve, down, self.drawn)
+        t = fitted / np.maximum(error, TINY_SQUARE)
+        return _Fit(t, float(error[0]), first, inverse, curve.sum(axis=0), size)
+
+    def _told(self, fit: _Fit, use: Sequence[int], noise: float, prior: Prior) -> tuple[float, ...]:
+        """Return value, spread, fall, response, others and told of `Tests`.
+
+        The fit and the prior are normal, so the posterior is; `noise` is what the independent
+        numbers' variance is multiplied by.
+        """
+        spread, mean = prior.spread[list(use)] * fit.size, prior.mean[list(use)] * fit.size
+        sure = np.diag(np.where(np.arange(len(use)) > 0, spread**-2.0, 0.0))
+        exact = np.linalg.inv(fit.inverse * noise)
+        after = np.linalg.inv(exact + sure)
+        values = after @ (exact @ fit.fitted + sure @ mean)
+        share = float(np.sqrt(after[0, 0] / (fit.inverse[0, 0] * noise)))
+        rest = np.where(np.isin(use, self.pieces.clocks), 0.0, values)[1:]
+        response = abs(values[0]) * np.sqrt(fit.whole[0, 0] / self.pieces.rows)
+        others = np.sqrt(max(float(rest @ fit.whole[1:, 1:] @ rest), 0.0) / self.pieces.rows)
+        own = 1.0 if self.pieces.after is None else 0.25
+        size = float(fit.size[0])
+        return (
+            float(values[0]) / size,
+            fit.error * share / size,
+            float(values[0] ** 2 / after[0, 0]),
+            float(response),
+            float(others),
+            float(noise / after[0, 0] / own),
+        )
 
 
 def _scaled(pieces: Pieces, columns: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -102,20 +158,20 @@ def _scaled(pieces: Pieces, columns: Sequence[int]) -> tuple[np.ndarray, np.ndar
 
 def _signed(
     curve: np.ndarray, down: np.ndarray, signs: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
-    """Return the first column's value and error in each draw, its free share, and all values."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the first column's value and error in each draw, X'X inverted, and all values."""
     inverse = _inverse(curve.sum(axis=0))
     fitted = (signs @ down) @ inverse  # (D, k)
     own = down @ inverse[0]  # (B,)
     left = signs * own - fitted @ (curve @ inverse[0]).T
-    return fitted[:, 0], _error(left, curve.shape[1]), 1 / inverse[0, 0], fitted[0]
+    return fitted[:, 0], _error(left, curve.shape[1]), inverse, fitted[0]
 
 
 def _sided(
     curve: np.ndarray, down: np.ndarray, sides: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the same of the columns' differences between the sides."""
-    values, errors, free = [], [], []
+    values, errors, inverses = [], [], []
     for side in (sides, 1 - sides):
         inverse = _inverse(np.einsum("db,bkl->dkl", side, curve))  # (D, k, k)
         fitted = np.einsum("db,bk,dkl->dl", side, down, inverse, optimize=True)
@@ -123,10 +179,9 @@ def _sided(
         left = side * (first @ down.T - np.einsum("bkl,dl,dk->db", curve, first, fitted))
         values.append(fitted)
         errors.append(_error(left, curve.shape[1], side.sum(axis=1)))
-        free.append(1 / inverse[0, 0, 0])
-    total = free[0] * free[1] / (free[0] + free[1])
+        inverses.append(inverse[0])
     apart = values[0] - values[1]  # (D, k)
-    return apart[:, 0], np.hypot(*errors), total, apart[0]
+    return apart[:, 0], np.hypot(*errors), inverses[0] + inverses[1], apart[0]
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:

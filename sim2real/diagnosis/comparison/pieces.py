@@ -24,7 +24,7 @@ from sim2real.diagnosis.settings import TINY, TINY_SQUARE
 
 
 class Pieces(NamedTuple):
-    """B pieces, and K columns: those of the response, then the clock.
+    """B pieces, and K columns: those of the response, then the clock of each joint.
 
     Attributes:
         curve: X'X of each, weighted by its noise, (B, K, K).
@@ -43,9 +43,10 @@ class Pieces(NamedTuple):
     before_rms: np.ndarray
 
     @property
-    def clock(self) -> int:
-        """The column of the clock."""
-        return self.curve.shape[1] - 1
+    def clocks(self) -> tuple[int, ...]:
+        """The columns of the joints' clocks."""
+        count = self.curve.shape[1]
+        return tuple(range(count - len(self.before_rms), count))
 
 
 class _Stretch(NamedTuple):
@@ -167,7 +168,14 @@ def _errors(
 
 
 def _columns(response: Response, window: int) -> np.ndarray:
-    return np.concatenate([response.change[:, window], response.slope[None, window]])
+    """Return the columns of a window, then a clock for each joint, (K, T, M).
+
+    Each servo measures and obeys at ticks of its own. Where a tick lies between two messages of
+    the bus may differ from one session to the next by up to a tick, at each joint for itself.
+    """
+    slope = response.slope[window]
+    clocks = np.eye(slope.shape[1])[:, None, :] * slope
+    return np.concatenate([response.change[:, window], clocks])
 
 
 def _summed(

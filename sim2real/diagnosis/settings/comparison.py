@@ -57,10 +57,10 @@ class Compared:
         0.5, "1", "least noise of a piece, of the median piece's, that its weight counts", JUDGED
     )
     apart: float = setting(
-        0.2,
+        0.05,
         "1",
         "share of its response that an effect has to itself, beside those it is compared with",
-        "judgement: less would name what a straight line is wrong by",
+        "measured: of 15 % more friction at one of two joints that became warmer, 0.07 to 0.7",
     )
     step: float = setting(
         0.2,
@@ -76,17 +76,17 @@ class Compared:
     )
     changes_max: int = setting(4, "1", "changes that are named at most", JUDGED)
     worth: float = setting(
-        0.3,
+        0.2,
         "1",
         "least response of a change that is named, of a reading's noise (both RMS)",
-        "judgement: sessions differ by more than is modelled, in amounts below that",
+        "measured: what 26 unchanged pairs of an emulated arm2 showed beyond chance had less",
     )
     doubt: float = setting(
-        0.5,
+        0.2,
         "1",
         "least response of a change, of what is put down to other things and changes",
-        "measured: of two unchanged pairs of an emulated arm2 one had 0.4, and of 15 % more "
-        "friction 0.8",
+        "measured: of 26 unchanged pairs of an emulated arm2 the largest had 0.04, and of 12 with "
+        "15 % more friction the smallest 0.37",
     )
     excused_rounds: int = setting(
         2, "1", "times that what is put down to other things is simulated", COST
@@ -97,11 +97,32 @@ class Compared:
     )
     shared_windows: int = setting(4, "1", "windows that they are fitted to", COST)
     shared_rounds: int = setting(6, "1", "steps of its fit", COST)
+    little: float = setting(
+        2.0,
+        "1",
+        "standard deviations that temperature may do at the same temperature",
+        "derived: odds of 20",
+    )
     same_temperature: float = setting(
         1.0,
         "K",
         "difference of the medians up to which temperature explains nothing",
         "derived: copper resists 0.4 % more a kelvin, and half a per cent is seen",
+    )
+    warm_friction: float = setting(
+        0.01,
+        "1/K",
+        "share of all friction that temperature changes (standard deviation)",
+        "judgement: grease thins by about 1 % a kelvin",
+    )
+    warm_strength: float = setting(
+        0.004,
+        "1/K",
+        "share of a motor's strength, likewise",
+        "derived: copper resists 0.4 % more a kelvin",
+    )
+    mounting: float = setting(
+        0.02, "rad", "tilt of a robot that was mounted anew (standard deviation)", JUDGED
     )
     unequal_friction: float = setting(
         0.005,

@@ -42,7 +42,9 @@ def excused(model: str, rounds: int) -> tuple[Pieces, Excused, Prepared]:
     columns = made.response.columns
     beside = confounders(made.data, columns, BEFORE, AFTER, True, made.friction)
     later = np.array([i for i, w in enumerate(made.data.windows) if w.log in AFTER], int)
-    own = (made.simulator, made.watch, made.response, made.error, later, beside.excused, contrast)
+    ends = np.tile([[-np.inf], [np.inf]], len(beside.excused))
+    own = (made.simulator, made.watch, made.response, made.error, later, beside.excused)
+    own = (*own, ends, contrast)
     return first, excuse(first, *own), made
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.comparison.changes import find_changes
-from sim2real.diagnosis.comparison.permuted import Permuted
+from sim2real.diagnosis.comparison.permuted import Permuted, Prior
 from sim2real.diagnosis.comparison.pieces import Pieces
 from sim2real.diagnosis.settings import Compared
 
@@ -70,6 +70,26 @@ def test_what_others_make_as_well_is_not_told() -> None:
     found = find_changes(made, columns, [1, 2], [], [], np.zeros(4), rng, Compared(draws=200))
     assert found.untold == (0,)
     assert found.named == ()
+
+
+def test_what_is_known_of_the_others_tells_two_apart() -> None:
+    """More of one, or less of the other and more of both: the second needs more of both."""
+    rng = np.random.default_rng(6)
+    made = pieces(rng, np.array([1.5, 0.0, 0.0, 0, 0]), 24)
+    turn = np.eye(COLUMNS)
+    turn[2] = [1, 1, 0, 0, 0]  # the third column is both
+    curve = np.einsum("ij,bjk,lk->bil", turn, made.curve, turn)
+    made = made._replace(curve=curve, down=made.down @ turn.T)
+    permuted, free = Permuted(made, rng, 200), np.full(COLUMNS, np.inf)
+    alike = permuted.of([0, 1], [2, 4], 0.05)
+    assert alike.fall[0] == pytest.approx(alike.fall[1], rel=1e-6)
+    assert alike.value == pytest.approx([1.5, -1.5], rel=0.2)
+    little = Prior(np.zeros(COLUMNS), np.where(np.arange(COLUMNS) == 2, 0.05, free))
+    known = permuted.of([0, 1], [2, 4], 0.05, little)
+    assert known.fall[0] > known.fall[1] + 6
+    assert known.value[0] == pytest.approx(1.5, rel=0.2)
+    assert known.told[0] > alike.told[0]
+    assert known.p == pytest.approx(alike.p)  # whether anything changed is asked without it
 
 
 def test_the_clearest_is_named_and_its_likeness_beside_it() -> None:
