@@ -3,8 +3,8 @@
     python -m benchmarks.diagnosis                  # about nine minutes on two cores
     python -m benchmarks.diagnosis --repeats 3
 
-The rows `fit_sysid`, `fit`, `diagnose_3_joints` and `diagnose_6_joints` of the speed comparison, by
-themselves; what they come to is kept among the results.
+The rows of a fit, of a diagnosis on a stand and of walks, and of `worth`, of the speed comparison,
+by themselves; what they come to is kept among the results.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 import benchmarks.__main__ as speed
 
 RESULTS = Path(__file__).parent / "results"
-ROWS = "fit_sysid,fit,diagnose_3_joints,diagnose_6_joints"
+ROWS = "fit_sysid,fit,diagnose_3_joints,diagnose_6_joints,diagnose_quad8_walks,worth_quad8"
 KEPT = {"table.md": "diagnosis_speed.md", "bench.json": "diagnosis_speed.json"}
 
 

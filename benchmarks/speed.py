@@ -146,6 +146,7 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     from benchmarks.rows.physics import RawPhysics
     from benchmarks.rows.pixels import BatchedPixels, Pixels
     from benchmarks.rows.population import ESPopulation, Evaluation, TwoProcesses
+    from benchmarks.rows.walks import DiagnoseWalks, PriceCauses
     from benchmarks.world import THREADS, Gait, make_simulation
     from sim2real.learning.collectors.fast import FastCollector
 
@@ -280,4 +281,6 @@ def default_rows(scale: float = 1.0) -> list[Row]:
         Diagnose("diagnose_6_joints", 6, max(6.0, 120 * scale), 3, long=True),
         CheckContract("contract", False, max(3.0, 60 * scale)),
         CheckContract("contract_fault", True, max(3.0, 60 * scale)),
+        DiagnoseWalks("diagnose_quad8_walks", max(2, of(6))),
+        PriceCauses("worth_quad8", max(4, of(64))),
     ]

@@ -10,6 +10,7 @@ import pytest
 from mujoco import sysid
 
 from benchmarks import diagnosis
+from benchmarks.ground import KNEE
 from benchmarks.report import document, table
 from benchmarks.rows.base import Timing
 from benchmarks.rows.diagnosis import (
@@ -21,6 +22,7 @@ from benchmarks.rows.diagnosis import (
     fitted_by_sysid,
     record,
 )
+from benchmarks.rows.walks import CAUSES, DiagnoseWalks, PriceCauses
 from benchmarks.speed import Measured, default_rows
 
 SYSID = hasattr(sysid, "optimize")  # without its extra the package is empty
@@ -74,6 +76,32 @@ def test_the_table_tells_the_memory_and_its_limit(memory: float, holds: str) -> 
     text = table(document([one], [], machine))
     assert "| diagnose_6_joints | 30.0 | 100 | 45 | yes, and the goal |" in text
     assert f"| diagnose_6_joints | {memory:.2f} | 2 | {holds} |" in text
+
+
+def test_a_row_prices_causes() -> None:
+    """Every subset of the causes has its episodes, and each cause a price."""
+    row = PriceCauses("worth_quad8", 2)
+    row.build()
+    assert row.run().steps == 2 * 2 ** len(CAUSES)
+    assert row.worth
+    assert len(row.worth.last["return"]) == len(CAUSES)
+    one = Measured(row, [Timing(1024, 60.0, 1024)], [0.0], None)
+    machine = {"cpu": "c", "cores": 2, "torch_threads": 1, "omp_num_threads": "1"}
+    assert "| worth_quad8 | 60.0 | 120 |  | yes |" in table(document([one], [], machine))
+
+
+@pytest.mark.slow
+def test_a_row_diagnoses_walks() -> None:
+    """The knee's friction is found in walks whose base nobody logged."""
+    row = DiagnoseWalks("diagnose_quad8_walks", 4)
+    row.build()
+    try:
+        timing = row.run()
+    finally:
+        row.close()
+    assert timing.steps == pytest.approx(4 * 3.0 - 2 * 1.0, abs=0.2)
+    assert row.found
+    assert row.found.values[0] == pytest.approx(KNEE["value"], abs=0.03)
 
 
 @pytest.mark.slow
