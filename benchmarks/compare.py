@@ -1,7 +1,7 @@
 """Does `run=compare` see a robot change, and keep quiet where it did not?
 
     python -m benchmarks.compare --pairs 100             # half unchanged; goes on where it stopped
-    python -m benchmarks.compare --pairs 24 --seed 15
+    python -m benchmarks.compare --pairs 24 --seed 61 --kinds zero --seconds 120
 
 An emulated arm2 with friction of its own is recorded twice along the same motion, as a cron job
 would. The noise is other, and it is up to 10 K warmer or colder: friction falls by 1 % a kelvin,
@@ -42,6 +42,7 @@ from sim2real.runs.tables import Table
 log_ = logging.getLogger(__name__)
 RESULTS = Path(__file__).parent / "results"
 ROBOT, SIZE = "arm2", 0.5
+SECONDS = 24.0  # of a recording
 KINDS = ("friction", "zero", "supply")
 FRICTION = (0.03, 0.07)  # of the stall torque, before
 TILT = np.radians(0.3)  # rad, standard deviation
@@ -89,7 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--pairs", type=int, default=24, help="half of them unchanged")
     parser.add_argument("--seed", type=int, default=14)
-    parser.add_argument("--seconds", type=float, default=24.0, help="of a recording")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of change")
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="of a recording")
     parser.add_argument("--out", type=Path, default=RESULTS, help="where the tables go")
     given = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
@@ -101,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         known = {row.pair for row in rows}
         for number in range(given.pairs):
             if f"{given.seed}-{number}" not in known:
-                rows.append(judge(number, robot, given.seed, given.seconds))
+                rows.append(judge(number, robot, given.seed, given.seconds, given.kinds))
                 keep(rows, given)
         keep(rows, given)
     return 0
@@ -118,9 +120,11 @@ def read(path: Path) -> list[Row]:
         ]
 
 
-def judge(number: int, robot: Robot, seed: int, seconds: float) -> Row:
+def judge(
+    number: int, robot: Robot, seed: int, seconds: float, kinds: Sequence[str] = KINDS
+) -> Row:
     """Make a pair and compare it."""
-    kind = KINDS[number // 2 % len(KINDS)] if number % 2 else "unchanged"
+    kind = kinds[number // 2 % len(kinds)] if number % 2 else "unchanged"
     bolted = kind == "zero" or number % 4 == 2
     pair = make(kind, robot, np.random.default_rng([seed, number]), seconds, bolted)
     start = sum(os.times()[:4])
@@ -199,8 +203,10 @@ def keep(rows: Sequence[Row], given: argparse.Namespace) -> None:
         _add(table, kind, some)
     _add(table, "all unchanged", [row for row in own if row.kind == "unchanged"])
     _add(table, "all changed", [row for row in own if row.kind != "unchanged"])
+    more = "" if list(given.kinds) == list(KINDS) else f" --kinds {' '.join(given.kinds)}"
+    more += "" if given.seconds == SECONDS else f" --seconds {given.seconds:g}"
     table.notes.append(
-        f"`python -m benchmarks.compare --pairs {len(own)} --seed {given.seed}`: an emulated "
+        f"`python -m benchmarks.compare --pairs {len(own)} --seed {given.seed}{more}`: an emulated "
         f"{ROBOT}, recorded twice for {given.seconds:g} s along one motion; in between it became "
         "warmer or colder, and was mounted anew unless bolted. Right: an unchanged pair is not "
         "called changed; of a changed one the change is named first, or as an equivalent of what "

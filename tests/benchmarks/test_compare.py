@@ -87,11 +87,11 @@ def test_the_table_counts_each_kind(tmp_path: Path) -> None:
         bench.Row("1-1", "zero", "elbow", 1, "changed", "x", 0, 1, "3.0"),
         bench.Row("2-0", "unchanged", "", 0, "changed", "x", 0, 1, "1.0"),
     ]
-    given = argparse.Namespace(pairs=2, seed=1, seconds=24.0, out=tmp_path)
+    given = argparse.Namespace(pairs=2, seed=1, seconds=120.0, kinds=["zero"], out=tmp_path)
     bench.keep(rows, given)
     text = (tmp_path / "compare.md").read_text()
     assert text.index("unchanged") < text.index("zero of the elbow, bolted")
-    assert "1.00 [0.03, 1.00]" in text and "--pairs 2 --seed 1" in text
+    assert "1.00 [0.03, 1.00]" in text and "--pairs 2 --seed 1 --kinds zero --seconds 120" in text
     assert "all unchanged | 1 |" in text and "1 further changes" in text
     assert bench.read(tmp_path / "compare.csv") == rows
 
@@ -102,7 +102,7 @@ def test_a_pair_that_is_there_is_not_made_again(
     """The second run adds what the first one lacks."""
     made: list[int] = []
 
-    def judge(number: int, robot, seed: int, seconds: float) -> bench.Row:
+    def judge(number: int, robot, seed: int, seconds: float, kinds: list[str]) -> bench.Row:
         made.append(number)
         return bench.Row(f"{seed}-{number}", "unchanged", "", 0, "unchanged", "", 1, 0, "1.0")
 
