@@ -24,7 +24,7 @@ COLUMNS = ("task", "row", "seed", "value", "steps", "cpu_minutes", "settings")
 DRAWS, ORACLE, COLLAPSE = 5000, 0.95, 5.0  # resamples; share of the oracle's; ratio of deviations
 TOLD = (  # keys that the study gives its runs
     *("experiment", "seed", "video", "keep_checkpoints", "hydra.run.dir", "resume", "frames"),
-    *("params", "params.path", "effects", "run", "log", "model", "checkpoint", "identify"),
+    *("params", "params.path", "effects", "start", "run", "log", "model", "checkpoint", "identify"),
 )
 ACROSS, WIDE, HIGH = 4, 2.6, 1.9  # panels in a row; inches of one
 Figures = dict[str, dict[int, float]]  # return on the target by row and seed
@@ -119,7 +119,7 @@ def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str
         f"# EASI on {plan.name}",
         "",
         f"`python -m benchmarks.easi --task {plan.name}`, {spanned(steps)} environment steps a "
-        "training. Fine-tuning and GARAT, further baselines of the seed, are not built. Settings "
+        "training. GARAT, a further baseline of the seed, is not built. Settings "
         "beside the study's:",
         "",
         *[f"* {line}" for line in told],

@@ -62,8 +62,13 @@ def follow(plan: Plan, row: Row, seed: int) -> bool:
 
 def evaluated(folder: Path, frames: int | None) -> bool:
     """Return whether a training was evaluated after at least that many steps."""
-    steps = [int(file.stem.rpartition("-")[2]) for file in folder.glob("transfer-*.json")]
-    return bool(steps) and (frames is None or max(steps) >= frames)
+    steps = evaluated_at(folder)
+    return steps > 0 and (frames is None or steps >= frames)
+
+
+def evaluated_at(folder: Path) -> int:
+    """Return the steps after which a training was evaluated last; 0: it was not."""
+    return max((int(f.stem.rpartition("-")[2]) for f in folder.glob("transfer-*.json")), default=0)
 
 
 def found(plan: Plan, row: Row, seed: int) -> list[str] | None:
@@ -72,6 +77,8 @@ def found(plan: Plan, row: Row, seed: int) -> list[str] | None:
         return []
     if row.name == "oracle":
         return ["params=none"]
+    if row.name == "tuned":
+        return tuned(plan, row, seed)
     source = ROWS[row.source] if row.source else row
     distribution = identified(plan, source, seed)
     if distribution is None:
@@ -83,6 +90,15 @@ def found(plan: Plan, row: Row, seed: int) -> list[str] | None:
         write(narrow, narrowed(prior(plan), read(distribution)))
         distribution = narrow
     return ["params=distribution", f"params.path={distribution}"]
+
+
+def tuned(plan: Plan, row: Row, seed: int) -> list[str] | None:
+    """Return the settings of a training that goes on from uniform randomization's policy."""
+    policy = plan.folder(seed, "udr")
+    if not (behind := evaluated_at(policy)):
+        return None
+    steps = behind + row.budget * plan.study.task().max_steps
+    return ["params=none", f"start={policy}", f"frames={steps}"]
 
 
 def identified(plan: Plan, row: Row, seed: int) -> Path | None:

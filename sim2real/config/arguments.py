@@ -25,6 +25,7 @@ PATHS = (
     "model",
     "effects",
     "checkpoint",
+    "start",
     "resume",
     "runs",
     "calibration",

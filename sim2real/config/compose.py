@@ -123,6 +123,7 @@ class Config:
     runs: str | list[str] | None
     baseline: str | None
     expect: dict[str, Any] | None
+    start: str | None
     resume: str | None
 
 
@@ -212,14 +213,15 @@ def _alone(value: Any, key: str, overrides: list[str]) -> Any:
 
 
 def with_checkpoint(overrides: list[str]) -> list[str]:
-    """Put before the overrides what the run that `checkpoint=` points at was started with.
+    """Put before the overrides what the run that `checkpoint=` or `start=` points at was given.
 
     So a checkpoint says itself what its experiment, robot, tasks and policy are. What the user sets
     counts more: `adapt=batch` replaces the run's own choice, `algorithm.shards=1` its value, and an
     experiment all of it. With several checkpoints the first one counts.
     """
     given = {_key(line): line.partition("=")[2] for line in overrides}
-    path = given.get("checkpoint", "").strip("[]\"'").split(",")[0]
+    named = next((given[key] for key in ("checkpoint", "start") if key in given), "")
+    path = named.strip("[]\"'").split(",")[0]
     folder = run_folder(Path(path)) if path and EXPERIMENT not in given else None
     if folder is None:
         return overrides

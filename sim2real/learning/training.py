@@ -63,6 +63,15 @@ class Budget:
         enough = self.iterations is not None and algorithm.iteration >= self.iterations
         return enough or (self.frames is not None and algorithm.frames >= self.frames)
 
+    def refuse_spent(self, algorithm: Algorithm, start: str | Path) -> None:
+        """Raise Sim2RealError if a policy that a run starts from has spent the budget already."""
+        if self.done(algorithm):
+            raise Sim2RealError(
+                f"start={start} has {algorithm.iteration} iterations and {algorithm.frames} steps "
+                f"behind it, which count; iterations={self.iterations} and frames={self.frames} "
+                f"leave none: give, say, iterations={2 * algorithm.iteration} frames=null"
+            )
+
     def progress(self, algorithm: Algorithm) -> Progress:
         """Return the bar of a run that is here."""
         if self.iterations is not None:
@@ -157,6 +166,7 @@ def train(
         check(learner)
     if source is None and start is not None:
         restore(find(start), learner, learner.identity, generators=False)
+        budget.refuse_spent(learner, start)
     files = RunFiles(Path(out), learner.identity, checkpoint_every, keep_checkpoints)
     files.begin(learner, source)
     with cluster.attached(learner) if cluster else nullcontext():

@@ -2,6 +2,9 @@
 
     python -m sim2real +experiment=esmaml
     python -m sim2real +experiment=esmaml resume=outputs/train/esmaml/2026-11-21_10-00-00
+    python -m sim2real start=outputs/train/esmaml/RUN effects=effects.yaml iterations=150
+
+`start` takes over a policy, and nothing else, into a new run of the same task, on other robots.
 
 A resumed run computes, to the last bit, what an uninterrupted one would have: it starts from the
 newest checkpoint of the run that it continues (or the one that is named), takes over its rows of
@@ -40,6 +43,7 @@ def run(
     frames: int | None,
     checkpoint_every: int,
     keep_checkpoints: int,
+    start: str | Path | None,
     resume: str | Path | None,
     video: Video | None,
     cluster: Cluster | None,
@@ -59,6 +63,9 @@ def run(
         frames: environment steps after which no further iteration starts; None for no limit.
         checkpoint_every: iterations between checkpoints.
         keep_checkpoints: how many of the newest stay; the best stays too.
+        start: a run folder or a checkpoint whose policy a new run goes on from, as one tunes it to
+            another robot; what that run was given holds unless something else is said. None starts
+            with a new policy.
         resume: a run folder or a checkpoint to continue; None starts a new run.
         video: the film of the trained policy; None for none.
         cluster: where a population's episodes run; None for this machine.
@@ -84,6 +91,7 @@ def run(
         frames=frames,
         checkpoint_every=checkpoint_every,
         keep_checkpoints=keep_checkpoints,
+        start=start,
         resume=resume,
         cluster=cluster,
         out=out,

@@ -27,6 +27,7 @@ from sim2real.identification.outcome import FILE
 pytestmark = pytest.mark.slow  # trainings and walks: a minute together
 
 LEVELS = {"udr": 160.0, "oracle": 185.0, "easi_200": 180.0, "narrow": 150.0, "point": 179.0}
+LEVELS |= {"tuned": 170.0}
 PRIOR = Distribution(
     (Entry(make("position_gain", where="slider"), (Law("uniform", 1.6, 0.7, 0.33, 3.0),)),)
 )
@@ -104,6 +105,16 @@ def test_each_step_is_done_once_and_in_order(tmp_path, monkeypatch) -> None:
     assert "holds, few seeds: EASI at least 0.95 of the oracle, by 4.3" in page
     assert "holds, few seeds: EASI above its own width elsewhere, by 30.0" in page
     assert (tmp_path / "results" / "easi_cartpole.png").stat().st_size > 1000
+
+
+def test_fine_tuning_goes_on_from_uniform_randomization(tmp_path, monkeypatch) -> None:
+    """On the target, for the steps of 200 trajectories; not without a policy."""
+    shell = Shell(monkeypatch)
+    assert go(tmp_path, "--rows", "tuned", "--seeds", "0") == 1
+    assert go(tmp_path, "--rows", "udr", "tuned", "--seeds", "0") == 0
+    job = shell.jobs[-1]
+    assert (job["params"], job["frames"]) == ("none", str(1000 + 200 * CartPole().max_steps))
+    assert Path(job["start"]).name == "udr"
 
 
 def test_what_failed_is_tried_again(tmp_path, monkeypatch) -> None:

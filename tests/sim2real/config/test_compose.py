@@ -161,6 +161,9 @@ def test_a_checkpoint_says_what_it_was_trained_with(tmp_path: Path) -> None:
     own = compose(["run=deploy", f"checkpoint={tmp_path}", "robot=quad8"])["adapt"]
     assert (own["mode"], own["queries"], own["sigma"]) == ("sequential", 3, 0.1)
     assert with_checkpoint([*given, "+experiment=nav2d"]) == [*given, "+experiment=nav2d"]
+    tuned = compose([f"start={tmp_path}", "effects=effects.yaml"])
+    assert tuned["env"] == compose(["+experiment=quad8_esmaml"])["env"]
+    assert (tuned["adapt"]["queries"], tuned["effects"]) == (3, "effects.yaml")
 
 
 def test_the_run_of_a_checkpoint_is_found(tmp_path: Path) -> None:

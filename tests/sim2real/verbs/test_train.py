@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from envs.errors import RenderError
-from envs.toys import Nav2D, NavGoals, ToyEnv
+from envs.toys import FourCorners, Nav2D, NavGoals, ToyEnv
 from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.environment import Environment
 from sim2real.learning.trained import Trained
@@ -79,6 +79,7 @@ def go(out: Path, events: dict[int, Any] | None = None, **changes: Any) -> Walk:
         "frames": None,
         "checkpoint_every": 4,
         "keep_checkpoints": 5,
+        "start": None,
         "resume": None,
         "video": None,
         "cluster": None,
@@ -123,6 +124,20 @@ def test_resume_equals_never_stopped(tmp_path: Path) -> None:
     resumed = go(tmp_path / "second", resume=tmp_path / "first")
     assert resumed.value == whole.value and same(tmp_path / "whole", tmp_path / "second")
     assert saved(tmp_path / "second") == [4, 6, 10]
+
+
+def test_a_run_goes_on_from_the_policy_of_another(tmp_path: Path) -> None:
+    """In a folder of its own; what was spent before counts."""
+    first = go(tmp_path / "first", iterations=6)
+    tuned = go(tmp_path / "tuned", iterations=8, start=tmp_path / "first")
+    rows = list(csv.DictReader((tmp_path / "tuned" / "metrics.csv").open()))
+    assert (tuned.iteration, tuned.frames, len(rows)) == (8, 80, 2)
+    assert abs(tuned.value - first.value) < 10 and tuned.value != first.value
+    with pytest.raises(CheckpointError, match="has task Nav2D, this run has task FourCorners"):
+        go(tmp_path / "other", start=tmp_path / "first", parts=world(FourCorners))
+    with pytest.raises(Sim2RealError, match=r"has 6 iterations and 60 steps.*iterations=12"):
+        go(tmp_path / "spent", iterations=6, start=tmp_path / "first")
+    assert not (tmp_path / "spent" / "checkpoints").exists()
 
 
 def test_resume_in_place_forgets_what_came_after_the_checkpoint(tmp_path: Path) -> None:
