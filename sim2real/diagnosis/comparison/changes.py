@@ -47,7 +47,6 @@ def find_changes(
     rng: np.random.Generator,
     limits: Compared,
     prior: Prior | None = None,
-    simulated: float = 0.0,
 ) -> Changes:
     """Name what changed.
 
@@ -61,7 +60,6 @@ def find_changes(
         rng: for the permutations.
         limits: when a change is named.
         prior: what is known of the columns of the pieces.
-        simulated: RMS of what is put down to other things, in units of the noise.
     """
     permuted = Permuted(pieces, rng, limits.draws)
     beside = [*excused, *known, *pieces.clocks]
@@ -72,7 +70,7 @@ def find_changes(
     left = [k for k in free if k not in untold]
     while left and len(named) < limits.changes_max:
         tests = permuted.of(left, beside, limits.alpha, prior)
-        best = _clearest(tests, least, limits, simulated)
+        best = _clearest(tests, least, limits, len(pieces.curve))
         if best is None:
             break
         near = tests.fall[best] - tests.fall < limits.alike
@@ -90,9 +88,13 @@ def find_changes(
     return Changes(tuple(named), every, tuple(untold))
 
 
-def _clearest(tests: Tests, least: np.ndarray, limits: Compared, simulated: float) -> int | None:
-    """Return the place of the column that explains most, of those that chance does not."""
-    large = np.maximum(limits.worth, limits.doubt * np.maximum(tests.others, simulated))
+def _clearest(tests: Tests, least: np.ndarray, limits: Compared, pieces: int) -> int | None:
+    """Return the place of the column that explains most, of those that chance does not.
+
+    What is not modelled differs from piece to piece: noise as large as readings' that lasts a whole
+    piece makes responses of about 1 / sqrt(pieces).
+    """
+    large = np.maximum(limits.worth / np.sqrt(pieces), limits.doubt * tests.others)
     sure = (tests.p <= limits.alpha) & (tests.response >= large)
     sure &= tests.told >= limits.apart  # the rest is what the named ones make as well
     sure &= np.abs(tests.value) > least[list(tests.columns)]

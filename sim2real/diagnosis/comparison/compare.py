@@ -29,7 +29,6 @@ from sim2real.diagnosis.comparison.changes import as_alike, as_change, find_chan
 from sim2real.diagnosis.comparison.confounders import SUPPLY, Found, confounders
 from sim2real.diagnosis.comparison.excused import excuse
 from sim2real.diagnosis.comparison.motions import Motions, aligned, pair
-from sim2real.diagnosis.comparison.permuted import Prior
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
 from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond, watched
 from sim2real.diagnosis.comparison.shared import share
@@ -210,8 +209,8 @@ def _compared(
     aside = [*beside.excused, *known, *beside.little]
     first = contrast(made.error)
     ends = _ends(beside, aside, settings.little)
-    own = (made.simulator, made.watch, made.response, made.error, later, aside, ends, contrast)
-    pieces, moved, simulated = excuse(first, *own)
+    own = (made.simulator, made.watch, made.response, made.error, later, aside, ends)
+    pieces, moved = excuse(first, *own, beside.prior, contrast)
     numbers = {
         "pieces": len(pieces.curve),
         "pieces_are_logs": pieces.logs,
@@ -244,8 +243,8 @@ def _compared(
     rng = np.random.default_rng(seed)
     shared = replace(settings, alpha=settings.alpha / tests)
     asides = (beside.excused, known, beside.ruled_out)
-    prior = _left_of(beside.prior, moved, len(pieces.clocks))
-    found = find_changes(pieces, columns, *asides, beside.least, rng, shared, prior, simulated)
+    prior = beside.prior.after(moved)
+    found = find_changes(pieces, columns, *asides, beside.least, rng, shared, prior)
 
     def change(column: int) -> Change:
         limit = limits.get(columns[column].option.name)
@@ -287,13 +286,6 @@ def _ends(beside: Found, columns: Sequence[int], little: float) -> np.ndarray:
             reach = little * beside.prior.spread[k]
             ends[:, place] = beside.prior.mean[k] - reach, beside.prior.mean[k] + reach
     return ends
-
-
-def _left_of(prior: Prior, moved: Mapping[int, float], clocks: int) -> Prior:
-    """Return a prior of what is left once columns are moved, and of clocks that may be anything."""
-    mean = np.concatenate([prior.mean, np.zeros(clocks)])
-    mean[list(moved)] -= list(moved.values())
-    return Prior(mean, np.concatenate([prior.spread, np.full(clocks, np.inf)]))
 
 
 def _verdict(

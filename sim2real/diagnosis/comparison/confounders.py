@@ -35,7 +35,7 @@ class Found(NamedTuple):
     little: tuple[int, ...]  # columns that temperature may have changed a little
     ruled_out: tuple[int, ...]  # columns that a sensor says are as before
     least: np.ndarray  # (P,) size of a change of each column below which it may be temperature
-    prior: Prior  # (P,) of what temperature and mounting do
+    prior: Prior  # (P + M,) of what temperature and mounting do, and of the joints' clocks
     supply: float | None  # relative change of the measured voltage; None: none, or not logged
 
 
@@ -61,7 +61,8 @@ def confounders(
     warm = _medians(data, "temperature", before, after)
     volts = _medians(data, "voltage", before, after)
     told, excused, least = [], [], np.zeros(len(columns))
-    prior = Prior(np.zeros(len(columns)), np.full(len(columns), np.inf))
+    free, clocks = np.full(len(columns), np.inf), np.full(len(data.joints), limits.clock)
+    prior = Prior(np.zeros(len(free) + len(clocks)), np.concatenate([free, clocks]))
     was, now = warm
     known = None not in warm
     warmer = limits.unknown_warmer if was is None or now is None else abs(now - was)

@@ -1,7 +1,7 @@
 """What is put down to temperature, mounting and supply, simulated rather than drawn as a line.
 
     left = excuse(pieces, simulator, watch, response, error, later, columns, contrast)
-    left.pieces, left.moved, left.response
+    left.pieces, left.moved
 
 A tenth less friction in all joints moves a robot by more than a few per cent of it in one, and its
 straight line is wrong by as much as what is looked for. So the side after is simulated once more
@@ -15,11 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim2real.diagnosis.comparison.permuted import RIDGE
+from sim2real.diagnosis.comparison.permuted import RIDGE, Prior
 from sim2real.diagnosis.comparison.pieces import Pieces
 from sim2real.diagnosis.comparison.response import Response, Watch, errors
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.settings import TINY_SQUARE
+
+WORSE = 0.1  # of the squares: clocks take some of what a change mends, and are not in them
 
 
 class Excused(NamedTuple):
@@ -27,7 +29,6 @@ class Excused(NamedTuple):
 
     pieces: Pieces
     moved: dict[int, float]  # of each column
-    response: float  # RMS of what that makes, in units of the noise
 
 
 def excuse(
@@ -39,6 +40,7 @@ def excuse(
     later: np.ndarray,
     columns: Sequence[int],
     ends: np.ndarray,
+    prior: Prior,
     contrast: Callable[[np.ndarray], Pieces],
 ) -> Excused:
     """Return what is left once the side after is simulated with what is put down to other things.
@@ -52,44 +54,62 @@ def excuse(
         later: the windows of the side after, (n,).
         columns: those that something else may have changed, n of them.
         ends: the least and the largest change of each, (2, n).
+        prior: what is known of all columns and of the clocks.
         contrast: makes pieces of errors (W, T, M).
     """
     best, moved = first, dict.fromkeys(columns, 0.0)
     if not columns:
-        return Excused(best, moved, 0.0)
-    options = [response.columns[k] for k in columns]
-    typical = [float(one.option.step[one.place]) for one in options]
+        return Excused(best, moved)
+    use = [*columns, *best.clocks]
+    typical = [float(response.columns[k].option.step[response.columns[k].place]) for k in columns]
+    spread = prior.spread[use]
+    spread[: len(columns)] = np.minimum(spread[: len(columns)], typical)
     for _ in range(simulator.data.settings.compared.excused_rounds):
-        sizes = np.array([*typical, *[np.inf] * len(best.clocks)])
-        more = _fitted(best, [*columns, *best.clocks], sizes)[: len(columns)]
+        left = Prior(prior.after(moved).mean[use], spread)
+        more = _fitted(best, use, left)[: len(columns)]
         whole = np.clip(np.array(list(moved.values())) + more, *ends)
         tried = dict(zip(columns, whole.tolist(), strict=True))
         shifted = error.copy()
         shifted[later] = errors(simulator, _with(watch, response, tried), later)
         pieces = contrast(shifted)
-        if _left(pieces, simulator) >= _left(best, simulator):
+        if _left(pieces, simulator) > (1 + WORSE) * _left(best, simulator):
             break
         best, moved = pieces, tried
-    use, change = np.array(columns), np.array(list(moved.values()))
-    curve = best.curve[:, use[:, None], use].sum(axis=0)
-    return Excused(best, moved, float(np.sqrt(max(change @ curve @ change, 0.0) / best.rows)))
+    return Excused(best, moved)
 
 
-def _fitted(pieces: Pieces, columns: Sequence[int], typical: np.ndarray) -> np.ndarray:
+def _fitted(pieces: Pieces, columns: Sequence[int], prior: Prior) -> np.ndarray:
     """Return the changes of columns that explain the pieces best, all together, (n,).
 
-    A change has a prior of its typical size (n,): what the motion does not show stays as it was.
+    What the motion does not show is as their prior (n,) has it. How much the pieces count beside it
+    is told from how their slopes scatter at the best fit without it: rows in a row say the same.
     """
     use = np.array(columns)
     curve, down = pieces.curve[:, use[:, None], use], pieces.down[:, use]
-    prior = np.diag(typical**-2.0)
+    known = np.diag(prior.spread**-2.0)
     if pieces.after is None:
-        return np.linalg.solve(curve.sum(axis=0) + prior, down.sum(axis=0))
-    own, whole = curve[pieces.after].sum(axis=0), curve.sum(axis=0)
-    tiny = RIDGE * np.diag(np.diag(whole)) + TINY_SQUARE * np.eye(len(use))
-    matrix = np.block([[whole + tiny, own], [own, own + prior + tiny]])  # of both, of the change
-    right = np.concatenate([down.sum(axis=0), down[pieces.after].sum(axis=0)])
-    return np.linalg.solve(matrix, right)[len(use) :]
+        free = np.linalg.solve(_firm(curve.sum(axis=0)), down.sum(axis=0))
+        noise = _scatter(curve, down, free)
+        right = down.sum(axis=0) + noise * known @ prior.mean
+        return np.linalg.solve(curve.sum(axis=0) + noise * known, right)
+    own, whole = curve[pieces.after].sum(axis=0), _firm(curve.sum(axis=0))
+    shared = np.linalg.solve(whole, down.sum(axis=0))
+    noise = _scatter(curve, down, shared)
+    matrix = np.block([[whole, own], [own, _firm(own) + noise * known]])  # of both, of the change
+    mine = down[pieces.after].sum(axis=0) + noise * known @ prior.mean
+    return np.linalg.solve(matrix, np.concatenate([down.sum(axis=0), mine]))[len(use) :]
+
+
+def _firm(matrix: np.ndarray) -> np.ndarray:
+    """Return a matrix (n, n) that can be inverted."""
+    return matrix + RIDGE * np.diag(np.diag(matrix)) + TINY_SQUARE * np.eye(len(matrix))
+
+
+def _scatter(curve: np.ndarray, down: np.ndarray, change: np.ndarray) -> float:
+    """Return the variance of the pieces' slopes over that of independent numbers, at least 1."""
+    slopes = down - curve @ change  # (B, n)
+    size = np.einsum("bnn->n", curve)
+    return max(float(np.median((slopes**2).sum(axis=0) / np.maximum(size, TINY_SQUARE))), 1.0)
 
 
 def _with(watch: Watch, response: Response, changes: dict[int, float]) -> Watch:

@@ -15,7 +15,7 @@ not a fifth of it while one gained as much.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +31,12 @@ class Prior(NamedTuple):
 
     mean: np.ndarray  # (K,)
     spread: np.ndarray  # (K,) standard deviation; inf where nothing is known
+
+    def after(self, moved: Mapping[int, float]) -> Prior:
+        """Return the prior of what is left once columns are moved."""
+        mean = self.mean.copy()
+        mean[list(moved)] -= list(moved.values())
+        return Prior(mean, self.spread)
 
 
 class Tests(NamedTuple):

@@ -76,17 +76,18 @@ class Compared:
     )
     changes_max: int = setting(4, "1", "changes that are named at most", JUDGED)
     worth: float = setting(
-        0.2,
+        1.1,
         "1",
-        "least response of a change that is named, of a reading's noise (both RMS)",
-        "measured: what 26 unchanged pairs of an emulated arm2 showed beyond chance had less",
+        "least response of a change that is named, of a reading's noise (both RMS) over the root "
+        "of the number of pieces",
+        "derived: noise that lasts a piece makes about 1; measured: of 16 unchanged pairs of an "
+        "emulated arm2 the largest that chance did not explain had 0.96",
     )
     doubt: float = setting(
-        0.2,
+        0.5,
         "1",
-        "least response of a change, of what is put down to other things and changes",
-        "measured: of 26 unchanged pairs of an emulated arm2 the largest had 0.04, and of 12 with "
-        "15 % more friction the smallest 0.37",
+        "least response of a change, of what straight lines put down to other things and changes",
+        "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
     )
     excused_rounds: int = setting(
         2, "1", "times that what is put down to other things is simulated", COST
@@ -95,7 +96,12 @@ class Compared:
     shared_worth: float = setting(
         0.1, "1", "share of the gap that a further shared effect closes at least", JUDGED
     )
-    shared_windows: int = setting(4, "1", "windows that they are fitted to", COST)
+    shared_windows: int = setting(
+        12,
+        "1",
+        "windows that they are fitted to",
+        "measured: the four worst of an arm are free swings, in which friction has other optima",
+    )
     shared_rounds: int = setting(6, "1", "steps of its fit", COST)
     little: float = setting(
         2.0,
@@ -108,6 +114,12 @@ class Compared:
         "K",
         "difference of the medians up to which temperature explains nothing",
         "derived: copper resists 0.4 % more a kelvin, and half a per cent is seen",
+    )
+    clock: float = setting(
+        5e-4,
+        "s",
+        "what a joint's readings come earlier or later in another session (standard deviation)",
+        "derived: a servo's ticks are about a millisecond apart",
     )
     warm_friction: float = setting(
         0.01,

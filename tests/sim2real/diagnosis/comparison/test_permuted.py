@@ -114,6 +114,18 @@ def _named(number: int) -> Any:
     )
 
 
+@pytest.mark.parametrize(("count", "named"), [(16, 0), (160, 1)])
+def test_a_small_change_takes_a_long_recording(count: int, named: int) -> None:
+    """It is sure in both; in the short one it is no larger than what lasts a piece."""
+    rng = np.random.default_rng(7)
+    made = pieces(rng, np.array([0.2, 0.0, 0.0, 0, 0]), count)
+    tests = Permuted(made, rng, 400).of([0], [4], 0.05)
+    assert tests.p[0] <= 0.05
+    columns = [_named(k) for k in range(COLUMNS - 1)]
+    found = find_changes(made, columns, [], [], [], np.zeros(4), rng, Compared(draws=400))
+    assert [one.column for one in found.named] == [0] * named
+
+
 def test_what_temperature_may_do_is_not_named() -> None:
     """A change below the size that a column must have is left out, however sure it is."""
     rng = np.random.default_rng(5)
