@@ -2,6 +2,7 @@
 
     python -m benchmarks.ground --cases 12              # sealed draws of seed 5, resumable
     python -m benchmarks.ground --cases 40 --seed 8 --robot quad12
+    python -m benchmarks.ground --cases 12 --seed 40 --engine drake
     python -m benchmarks.ground --development           # the walks that it was developed on
 
 The emulated robot (servo emulator, bus, another time step than the model's) walks with drawn
@@ -38,6 +39,7 @@ from hardware.rows import RobotRows
 from sim2real.diagnosis.closed_loop.check import Drawn
 from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
 from sim2real.diagnosis.schema import Cause, ClosedLoop, Estimate, Report
+from sim2real.exam.thirdparty.walk import hide, make_walk
 from sim2real.runs.files import write_text
 
 RESULTS = Path(__file__).parent / "results"
@@ -60,6 +62,8 @@ FIELDS: tuple[str, ...] = (
 )
 FIELDS += ("explained_wrong", "superfluous", "found", "closed", "seconds", "cpu_seconds")
 FIELDS += ("loop", "floor", "nominal", "corrected", "return", "return_nominal", "return_corrected")
+FIELDS += ("engine",)
+EMULATOR = "emulator"
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,12 @@ def walks(
         episodes: their number; every other one begins in mid-gait.
         pose: whether the base's position is logged, too.
     """
+    every = walked(name, hidden, seed, episodes)
+    return [seen(log, number, pose) for number, log in enumerate(every) if log.time[-1] > 2 * BEGUN]
+
+
+def walked(name: str, hidden: Sequence[Entry], seed: int, episodes: int) -> list[Log]:
+    """Return whole logs of an emulated robot's walks; arguments are those of `walks`."""
     robot, rng = load_robot(name), np.random.default_rng(seed)
     world = World(robot, hidden=make_hidden(list(hidden), robot), seed=seed)
     rows = RobotRows(
@@ -147,9 +157,8 @@ def walks(
         while not rows.over:
             rows.step(None, actor(steps / robot.rate)[None])
             steps += 1
-        log = rows.log.last
-        if log is not None and log.time[-1] > 2 * BEGUN:
-            found.append(_seen(log, number, pose))
+        if rows.log.last is not None:
+            found.append(rows.log.last)
     rows.close()
     return found
 
@@ -165,7 +174,7 @@ def _offsets(size: int, rng: np.random.Generator) -> Any:
     return actor
 
 
-def _seen(log: Log, number: int, pose: bool) -> Log:
+def seen(log: Log, number: int, pose: bool = False) -> Log:
     """Return what a robot without a tracker logs; every other episode begins in mid-gait."""
     first = int(np.searchsorted(log.time, BEGUN)) if number % 2 else 0
     dropped = ("obs.", "reward") if pose else ("obs.", "reward", "sensor.position")
@@ -175,16 +184,22 @@ def _seen(log: Log, number: int, pose: bool) -> Log:
     return replace(log, columns={**columns, **moved}, path=Path(f"walk{number}.csv"))
 
 
-def case(seed: int, number: int, name: str = "quad8") -> dict[str, Any]:
-    """Make a case of a robot, diagnose it, then open its key; return its row."""
+def case(seed: int, number: int, name: str = "quad8", engine: str = EMULATOR) -> dict[str, Any]:
+    """Make a case of a robot, diagnose it, then open its key; return its row.
+
+    In another engine no policy walks: what its row tells of a loop is empty.
+    """
     rng = np.random.default_rng([seed, number])
     key, own = drawn(load_robot(name), rng), int(rng.integers(1 << 31))
-    logs = walks(name, key, own)
+    logs = (walks if engine == EMULATOR else walks_elsewhere)(name, key, own)
     start, before = time.monotonic(), sum(os.times()[:4])
     found = run_diagnosis(logs, None, None, (), 0, None)
-    row = {"case": f"{seed}-{number}", "robot": name, **scored(found.report, key)}
+    row = {"case": f"{seed}-{number}", "robot": name, "engine": engine}
+    row |= scored(found.report, key)
     row["seconds"] = f"{time.monotonic() - start:.0f}"
     row["cpu_seconds"] = f"{sum(os.times()[:4]) - before:.0f}"
+    if engine != EMULATOR:
+        return row
     drawn_ = zip(found.found, found.intervals, strict=True)
     effects = [Drawn(effect, tuple(values), ci) for (effect, values), ci in drawn_]
     task = WALKERS[name].task(seconds=SECONDS)
@@ -287,6 +302,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--cases", type=int, default=12, help="cases in all (default: 12)")
     parser.add_argument("--robot", choices=tuple(WALKERS), default="quad8", help="that walks")
+    parser.add_argument(
+        "--engine", choices=(EMULATOR, "drake"), default=EMULATOR, help="what moves the robot"
+    )
     parser.add_argument("--seed", type=int, default=5, help="of their draw (default: %(default)s)")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
     parser.add_argument("--development", action="store_true", help="walks that are known")
@@ -300,17 +318,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
     path = chosen.results / "ground.csv"
     rows = list(csv.DictReader(path.open())) if path.exists() else []
     for number in range(chosen.cases):
-        there = {(row["case"], row["robot"]) for row in rows}
-        if (f"{chosen.seed}-{number}", chosen.robot) in there:
+        there = {(row["case"], row["robot"], engine_of(row)) for row in rows}
+        if (f"{chosen.seed}-{number}", chosen.robot, chosen.engine) in there:
             continue
-        made = case(chosen.seed, number, chosen.robot)
+        made = case(chosen.seed, number, chosen.robot, chosen.engine)
         rows.append({k: str(v) for k, v in made.items()})
         write_text(path, _text(rows))
         print(rows[-1], flush=True)
-    mine = [row for row in rows if row["robot"] == chosen.robot]
+    mine = [row for row in rows if (row["robot"], engine_of(row)) == (chosen.robot, chosen.engine)]
     own = [row for row in mine if row["case"].startswith(f"{chosen.seed}-")]
     print(told(own))
     return 0
+
+
+def engine_of(row: Mapping[str, str]) -> str:
+    """Return what moved the robot of a row."""
+    return row.get("engine") or EMULATOR
+
+
+def walks_elsewhere(name: str, hidden: Sequence[Entry], seed: int) -> list[Log]:
+    """Return logs of the same commands' walks on a robot that Drake moves.
+
+    What is logged, and from when on, is as in `walks`; the servos' firmware, friction and bus are
+    those of `sim2real.exam.thirdparty`.
+    """
+    walk = make_walk(load_robot(name))
+    for entry in hidden:
+        walk = hide(walk, entry)
+    found = []
+    for number, log in enumerate(walked(name, [], seed, EPISODES)):
+        ctrl = np.column_stack([log.column(f"ctrl.{joint}") for joint in walk.rig.driven])
+        made = walk.go(ctrl, log.time - log.time[0], seed + number)
+        if made.time[-1] > 2 * BEGUN:
+            found.append(seen(made, number))
+    return found
 
 
 def told(rows: Sequence[Mapping[str, str]]) -> str:

@@ -72,7 +72,7 @@ def _shape(link: Link) -> tuple[Any, ...]:
     return (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
 
 
-def _drake() -> Any:
+def load_drake() -> Any:
     """Return what is needed of Drake; its stubs ask for arrays that NumPy's types cannot be."""
     from pydrake import math
     from pydrake.multibody import plant, tree
@@ -85,7 +85,7 @@ class Drake:
     """Drake's MultibodyPlant with discrete steps (https://drake.mit.edu)."""
 
     def __init__(self, tree: Tree, armature: Mapping[str, float], step: float) -> None:
-        drake = _drake()
+        drake = load_drake()
         self._step, self._count = step, 0
         self._plant = plant = drake.MultibodyPlant(step)
         bodies: list[Any] = []
@@ -101,7 +101,7 @@ class Drake:
         self._torque = port.FixValue(self._context, np.zeros(len(joints)))
 
     def _add(self, link: Link, bodies: list[Any], armature: Mapping[str, float]) -> Any:
-        drake = _drake()
+        drake = load_drake()
         plant, spread = self._plant, drake.RotationalInertia(*_shape(link))
         whole = drake.SpatialInertia.MakeFromCentralInertia(link.mass, link.centre, spread)
         body = plant.AddRigidBody(link.body, whole)

@@ -141,7 +141,7 @@ class Rig:
         v = np.zeros_like(q)
         engine.place(q, v)
         moving = [
-            _Moving(self.joints[name], self, angle, start.get(name, 0.0))
+            Moving(self.joints[name], self, angle, start.get(name, 0.0))
             for name, angle in zip(names, q, strict=True)
         ]
         shown = [i for i, name in enumerate(names) if self.joints[name].servo]
@@ -162,7 +162,7 @@ class Rig:
         return times, path
 
 
-class _Moving:
+class Moving:
     """One joint while it moves: its firmware, motor, bristles and rotor."""
 
     def __init__(self, joint: Joint, rig: Rig, angle: float, goal: float) -> None:

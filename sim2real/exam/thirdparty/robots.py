@@ -79,7 +79,7 @@ def make_rig(robot: Robot, engine: EngineName = "drake", step: float = 0.0005) -
     """
     model = nominal(robot).compile()
     tree = read_tree(model)
-    joints = {name: _joint(model, name) for name in tree.names}
+    joints = {name: joint_of(model, name) for name in tree.names}
     bus = Bus(robot.latency, robot.age, robot.jitter, robot.counts)
     sites = {
         model.body(int(model.site_bodyid[i])).name: model.site_pos[i] for i in range(model.nsite)
@@ -111,7 +111,8 @@ def plan(robot: Robot, seconds: float, rng: np.random.Generator) -> np.ndarray:
     return np.clip(kp * (angles - seen) - kd * speed, low, high)
 
 
-def _joint(model: mujoco.MjModel, name: str) -> Joint:
+def joint_of(model: mujoco.MjModel, name: str) -> Joint:
+    """Return what a model says of a joint and of the actuator of its name."""
     dof, actuator = int(model.joint(name).dofadr[0]), model.actuator(name).id
     gain, bias = model.actuator_gainprm[actuator], model.actuator_biasprm[actuator]
     servo = Servo(
