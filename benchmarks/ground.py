@@ -20,35 +20,22 @@ import csv
 import io
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.ground_loop import loop
-from envs.tasks import Hopper2, Quad8, Quad12
-from envs.tasks.servo import ServoTask
-from hardware.backends import ServoBackend
+from benchmarks.ground_walks import SECONDS, WALKERS, Entry, walks, walks_elsewhere
 from hardware.config import Robot, load_robot
-from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
-from hardware.log import Log
-from hardware.rows import RobotRows
 from sim2real.diagnosis.closed_loop.check import Drawn
 from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
 from sim2real.diagnosis.schema import Cause, ClosedLoop, Estimate, Report
-from sim2real.exam.thirdparty.walk import hide, make_walk
 from sim2real.runs.files import write_text
 
 RESULTS = Path(__file__).parent / "results"
 DEVELOPED = 11  # seed of the walks that it was developed on
-SECONDS, EPISODES = 3.0, 6  # of a walk, and how many
-BEGUN = 1.0  # s that every other episode lacks at its start
-OFFSET = 0.12  # rad, of the drawn offsets to the gait
-Entry = dict[str, Any]
-Ends = tuple[float, float]
 FIELDS: tuple[str, ...] = (
     "case",
     "robot",
@@ -66,34 +53,6 @@ FIELDS += ("engine",)
 EMULATOR = "emulator"
 
 
-@dataclass(frozen=True)
-class Walker:
-    """A robot of the sealed cases.
-
-    Args:
-        task: makes it walk.
-        torso: the body that carries a payload.
-        loads: masses of it [kg], least and largest.
-        dry: dry friction [N·m].
-        wet: viscous friction [N·m·s/rad].
-        feels: whether its logs hold an IMU.
-    """
-
-    task: Callable[..., ServoTask]
-    torso: str = "torso"
-    loads: Ends = (0.15, 0.4)
-    dry: Ends = (0.08, 0.25)
-    wet: Ends = (0.05, 0.2)
-    feels: bool = True
-
-
-WALKERS = {
-    "quad8": Walker(Quad8),
-    "quad12": Walker(Quad12),
-    "hopper2": Walker(Hopper2, "body", (0.02, 0.06), (0.015, 0.04), (0.002, 0.01), False),
-}
-
-
 def drawn(robot: Robot, rng: np.random.Generator) -> list[Entry]:
     """Draw what a case hides: one effect at a place, or nothing."""
     joints, walker = list(robot.names), WALKERS[robot.name]
@@ -104,7 +63,7 @@ def drawn(robot: Robot, rng: np.random.Generator) -> list[Entry]:
         [{"effect": "motor_strength", "where": place, "value": rng.uniform(0.5, 0.8)}],
         [{"effect": "command_delay", "where": None, "value": rng.uniform(0.01, 0.03)}],
         [{"effect": "ground_friction", "where": None, "value": rng.uniform(0.15, 0.35)}],
-        [{"effect": "payload", "where": walker.torso, "value": rng.uniform(*walker.loads)}],
+        [{"effect": walker.load, "where": walker.torso, "value": rng.uniform(*walker.loads)}],
         [{"effect": "viscous_friction", "where": place, "value": rng.uniform(*walker.wet)}],
     ]
     if walker.feels:
@@ -120,68 +79,6 @@ def _of_the_imu(rng: np.random.Generator) -> list[Entry]:
     values = {"imu_mounting": askew.tolist(), "imu_delay": rng.uniform(0.01, 0.03)}
     values["gyro_bias"] = bias.tolist()
     return [{"effect": name, "where": None, "value": value} for name, value in values.items()]
-
-
-def walks(
-    name: str,
-    hidden: Sequence[Entry],
-    seed: int,
-    episodes: int = EPISODES,
-    pose: bool = False,
-) -> list[Log]:
-    """Return logs of an emulated robot's walks, one an episode.
-
-    Args:
-        name: of the robot, one of `WALKERS`.
-        hidden: entries of an effects file.
-        seed: of the offsets and of the emulator.
-        episodes: their number; every other one begins in mid-gait.
-        pose: whether the base's position is logged, too.
-    """
-    every = walked(name, hidden, seed, episodes)
-    return [seen(log, number, pose) for number, log in enumerate(every) if log.time[-1] > 2 * BEGUN]
-
-
-def walked(name: str, hidden: Sequence[Entry], seed: int, episodes: int) -> list[Log]:
-    """Return whole logs of an emulated robot's walks; arguments are those of `walks`."""
-    robot, rng = load_robot(name), np.random.default_rng(seed)
-    world = World(robot, hidden=make_hidden(list(hidden), robot), seed=seed)
-    rows = RobotRows(
-        WALKERS[name].task(seconds=SECONDS), ServoBackend(robot, 0.5, world, seed=seed)
-    )
-    found = []
-    for number in range(episodes):
-        actor = _offsets(rows.action_size, rng)
-        rows.reset(np.arange(1), np.zeros((1, 0)), np.array([seed * 1000 + number], np.uint64))
-        steps = 0
-        while not rows.over:
-            rows.step(None, actor(steps / robot.rate)[None])
-            steps += 1
-        if rows.log.last is not None:
-            found.append(rows.log.last)
-    rows.close()
-    return found
-
-
-def _offsets(size: int, rng: np.random.Generator) -> Any:
-    """Return offsets to the gait that change smoothly, a function of time."""
-    rate, phase = rng.uniform(0.4, 2.0, (3, size)), rng.uniform(0, 2 * np.pi, (3, size))
-    weight = OFFSET * rng.normal(size=(3, size)) / np.sqrt(3)
-
-    def actor(moment: float) -> np.ndarray:
-        return (weight * np.sin(2 * np.pi * rate * moment + phase)).sum(axis=0)
-
-    return actor
-
-
-def seen(log: Log, number: int, pose: bool = False) -> Log:
-    """Return what a robot without a tracker logs; every other episode begins in mid-gait."""
-    first = int(np.searchsorted(log.time, BEGUN)) if number % 2 else 0
-    dropped = ("obs.", "reward") if pose else ("obs.", "reward", "sensor.position")
-    columns = {n: c[first:] for n, c in log.columns.items() if not n.startswith(dropped)}
-    shift = columns["time"][0]
-    moved = {n: c - shift for n, c in columns.items() if n == "time" or n.startswith("stamp.")}
-    return replace(log, columns={**columns, **moved}, path=Path(f"walk{number}.csv"))
 
 
 def case(seed: int, number: int, name: str = "quad8", engine: str = EMULATOR) -> dict[str, Any]:
@@ -334,24 +231,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def engine_of(row: Mapping[str, str]) -> str:
     """Return what moved the robot of a row."""
     return row.get("engine") or EMULATOR
-
-
-def walks_elsewhere(name: str, hidden: Sequence[Entry], seed: int) -> list[Log]:
-    """Return logs of the same commands' walks on a robot that Drake moves.
-
-    What is logged, and from when on, is as in `walks`; the servos' firmware, friction and bus are
-    those of `sim2real.exam.thirdparty`.
-    """
-    walk = make_walk(load_robot(name))
-    for entry in hidden:
-        walk = hide(walk, entry)
-    found = []
-    for number, log in enumerate(walked(name, [], seed, EPISODES)):
-        ctrl = np.column_stack([log.column(f"ctrl.{joint}") for joint in walk.rig.driven])
-        made = walk.go(ctrl, log.time - log.time[0], seed + number)
-        if made.time[-1] > 2 * BEGUN:
-            found.append(seen(made, number))
-    return found
 
 
 def told(rows: Sequence[Mapping[str, str]]) -> str:

@@ -13,8 +13,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks.ground import DEVELOPED, EPISODES, KNEE, SECONDS, walks
+from benchmarks.ground import DEVELOPED, KNEE
 from benchmarks.ground_loop import feedback
+from benchmarks.ground_walks import EPISODES, SECONDS, walks
 from benchmarks.rows.base import Row, Timing
 from benchmarks.rows.diagnosis import Recorded, Worker, diagnosed, imported
 from envs.effects import make

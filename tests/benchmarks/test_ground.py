@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks import ground
-from benchmarks.ground import drawn, scored, walks
+from benchmarks.ground import drawn, scored
+from benchmarks.ground_walks import WALKERS, walks
 from hardware.config import load_robot
+from hardware.emulator.hidden import make_hidden
+from hardware.emulator.world import World
 from sim2real.diagnosis.diagnose import diagnose
 from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained
 
@@ -51,6 +54,15 @@ def test_draws_are_sealed_by_their_seed() -> None:
         "gyro_bias",
     }
     assert [] in keys
+
+
+@pytest.mark.parametrize("name", WALKERS)
+def test_each_robot_can_hide_what_is_drawn(name: str) -> None:
+    """The emulator takes every key."""
+    robot = load_robot(name)
+    for number in range(20):
+        key = drawn(robot, np.random.default_rng([5, number]))
+        World(robot, hidden=make_hidden(key, robot))
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.ground import walked
+from benchmarks.ground_walks import walked
 from hardware.config import load_robot
 from hardware.log import Log
 from sim2real.exam.thirdparty.walk import Walk, hide, make_walk
