@@ -87,8 +87,10 @@ def case(seed: int, number: int, name: str = "quad8", engine: str = EMULATOR) ->
     In another engine no policy walks: what its row tells of a loop is empty.
     """
     rng = np.random.default_rng([seed, number])
-    key, own = drawn(load_robot(name), rng), int(rng.integers(1 << 31))
-    logs = (walks if engine == EMULATOR else walks_elsewhere)(name, key, own)
+    key, own, logs = [], 0, []
+    while not logs:  # a robot that cannot stand up is drawn again
+        key, own = drawn(load_robot(name), rng), int(rng.integers(1 << 31))
+        logs = (walks if engine == EMULATOR else walks_elsewhere)(name, key, own)
     start, before = time.monotonic(), sum(os.times()[:4])
     found = run_diagnosis(logs, None, None, (), 0, None)
     row = {"case": f"{seed}-{number}", "robot": name, "engine": engine}

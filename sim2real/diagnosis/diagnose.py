@@ -142,6 +142,8 @@ def run_diagnosis(
     """
     start, on_progress = time.monotonic(), Moving(progress or (lambda text, share: None))
     check_names(exclude)
+    if not logs:
+        raise Sim2RealError("there are no logs to diagnose; give at least one")
     fixed = [] if effects is None else load_effects(effects)
     rng = np.random.default_rng(seed)
     on_progress("looking at the logs", 0.0)

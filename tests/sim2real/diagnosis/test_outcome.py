@@ -18,6 +18,7 @@ from sim2real.diagnosis.outcome import Diagnosis, last_words, write
 from sim2real.diagnosis.report.words import sentence
 from sim2real.diagnosis.schema import Cause, Finding, GapNumbers, Report, Unexplained
 from sim2real.diagnosis.settings import DEFAULT
+from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
 
 
@@ -122,3 +123,9 @@ def test_in_degrees_no_cause_is_looked_for(tmp_path: Path) -> None:
     assert sentence(found.report).startswith("The log is in another unit")
     write(found, tmp_path / "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.json", "report.html"}
+
+
+def test_no_logs_are_nothing_to_diagnose() -> None:
+    """A folder whose logs were all thrown away says so."""
+    with pytest.raises(Sim2RealError, match="no logs to diagnose"):
+        run_diagnosis([], None, None, (), 0, None)
