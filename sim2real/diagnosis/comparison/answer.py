@@ -45,7 +45,7 @@ class Change:
         where: its place; None for the whole robot.
         side: of the servo's encoder, for play and springs.
         change: after less before, in `unit`; of a factor by what share it is larger.
-        interval: of the change; all intervals of an answer hold together with 95 %.
+        interval: of the change; all intervals of an answer hold together with 98 %.
         unit: SI; "" for a factor.
         p: probability of so large a change of any effect by chance.
         alike: effects whose change the logs cannot tell from this one.

@@ -31,7 +31,11 @@ class Compared:
         JUDGED,
     )
     alpha: float = setting(
-        0.05, "1", "probability of any false alarm, over all effects at all places", JUDGED
+        0.02,
+        "1",
+        "probability of any false alarm by chance, over all effects at all places",
+        "judgement: a nightly guard may err once in two months; sessions differ by more than "
+        "chance, which must fit into 0.05 too",
     )
     draws: int = setting(2000, "1", "permutations of before and after", COST)
     blocks_min: int = setting(
