@@ -35,7 +35,7 @@ class Found(NamedTuple):
     little: tuple[int, ...]  # columns that temperature may have changed a little
     ruled_out: tuple[int, ...]  # columns that a sensor says are as before
     least: np.ndarray  # (P,) size of a change of each column below which it may be temperature
-    prior: Prior  # (P + M,) of what temperature and mounting do, and of the joints' clocks
+    prior: Prior  # (P + M,) of what temperature does, and of the joints' clocks
     supply: float | None  # relative change of the measured voltage; None: none, or not logged
 
 
@@ -106,7 +106,6 @@ def confounders(
     tilts = [k for k, c in enumerate(columns) if c.option.name == MOUNTING]
     if tilts and remounted:
         excused += tilts
-        prior.spread[tilts] = limits.mounting
         text = "may be another (remounted=false if not): a small tilt is put down to it"
     else:
         text = "is the same" if tilts else "cannot show: gravity does not act on what moves"

@@ -137,9 +137,6 @@ class Compared:
         "share of a motor's strength, likewise",
         "derived: copper resists 0.4 % more a kelvin",
     )
-    mounting: float = setting(
-        0.02, "rad", "tilt of a robot that was mounted anew (standard deviation)", JUDGED
-    )
     unequal_friction: float = setting(
         0.005,
         "1/K",
