@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from sim2real.diagnosis.comparison.answer import Alike, Change
 from sim2real.diagnosis.comparison.permuted import Permuted, Prior, Tests
@@ -91,11 +92,14 @@ def find_changes(
 def _clearest(tests: Tests, least: np.ndarray, limits: Compared, pieces: int) -> int | None:
     """Return the place of the column that explains most, of those that chance does not.
 
-    What is not modelled differs from piece to piece: noise as large as readings' that lasts a whole
-    piece makes responses of about 1 / sqrt(pieces).
+    Chance is asked twice: of the scatter over pieces (p), which few pieces may make too small, and
+    of the likelihood (Wilks), for as many columns as there are. What is not modelled differs from
+    piece to piece: noise as large as readings' that lasts a whole piece makes responses of about
+    1 / sqrt(pieces).
     """
+    likely = float(chi2.isf(limits.alpha / len(tests.columns), 1))
     large = np.maximum(limits.worth / np.sqrt(pieces), limits.doubt * tests.others)
-    sure = (tests.p <= limits.alpha) & (tests.response >= large)
+    sure = (tests.p <= limits.alpha) & (tests.fall >= likely) & (tests.response >= large)
     sure &= tests.told >= limits.apart  # the rest is what the named ones make as well
     sure &= np.abs(tests.value) > least[list(tests.columns)]
     if not sure.any():
