@@ -151,7 +151,9 @@ def test_training_goes_on_from_a_policy_in_another_simulator(
     name: str, tmp_path: Path, made: Callable[..., dict]
 ) -> None:
     """The first policy of the new run is the last of the old one; robots are drawn as found."""
+    from sim2real.learning.algorithms.base import build
     from sim2real.learning.training import train
+    from sim2real.runs.checkpoint import find, restore
 
     given = made(name)
     settings = {"logger": given["logger"], "algorithm": given["algorithm"], "frames": None}
@@ -159,8 +161,12 @@ def test_training_goes_on_from_a_policy_in_another_simulator(
     first = train(parts=given["parts"], iterations=1, out=tmp_path / "a", **settings)
     found = [Cause(make("coulomb_friction", where="hinge"), (0.02,), std=0.005)]
     parts = corrected(given["parts"], found, tmp_path)
-    same = train(parts=parts, iterations=1, start=tmp_path / "a", out=tmp_path / "b", **settings)
+    same = build(given["algorithm"], parts)
+    restore(find(tmp_path / "a"), same, same.identity, generators=False)
     np.testing.assert_array_equal(same.trained().theta, first.trained().theta)
+    with pytest.raises(Sim2RealError, match=r"has 1 iterations and \d+ steps behind it"):
+        train(parts=parts, iterations=1, start=tmp_path / "a", out=tmp_path / "b", **settings)
+    assert not (tmp_path / "b").exists()
     more = train(parts=parts, iterations=2, start=tmp_path / "a", out=tmp_path / "c", **settings)
     assert more.iteration == 2 and not np.array_equal(more.trained().theta, first.trained().theta)
     drawn = parts.environment.tasks.sample(np.random.default_rng(0), 500)
