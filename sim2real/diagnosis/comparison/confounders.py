@@ -60,7 +60,7 @@ def confounders(
     limits = data.settings.compared
     warm = _medians(data, "temperature", before, after)
     volts = _medians(data, "voltage", before, after)
-    told, excused, least = [], [], np.zeros(len(columns))
+    told, excused = [], []
     free, clocks = np.full(len(columns), np.inf), np.full(len(data.joints), limits.clock)
     prior = Prior(np.zeros(len(free) + len(clocks)), np.concatenate([free, clocks]))
     was, now = warm
@@ -75,13 +75,10 @@ def confounders(
         size = _per_kelvin(columns, k, friction, limits)
         spread = max(warmer, limits.same_temperature) * size
         prior.mean[k], prior.spread[k] = -rise * size, max(spread, TINY)
+    least = _least(columns, max(warmer, limits.same_temperature), friction, limits)
     if alike:
         text = "close enough: next to nothing is put down to it"
     else:
-        for k, column in enumerate(columns):
-            least[k] = limits.unequal_friction * warmer * friction.get(k, 0.0)
-            if column.option.name in DRIVES:
-                least[k] = limits.unequal_strength * warmer
         excused += thermal
         text = (
             "differ: what all joints have in common is put down to temperature"
@@ -112,6 +109,29 @@ def confounders(
     told.append(Confounder("mounting", None, None, "", text))
     little = tuple(thermal) if alike else ()
     return Found(tuple(told), tuple(excused), little, tuple(same), least, prior, change)
+
+
+def _least(
+    columns: Sequence[Column], warmer: float, friction: Mapping[int, float], limits: Compared
+) -> np.ndarray:
+    """Return the size below which a change of each column may be temperature, (P,).
+
+    What of a joint's friction is dry and what is viscous, few motions tell: a share of both may
+    show as either, as if they were equal at 1 rad/s (or 1 m/s).
+    """
+    least = np.zeros(len(columns))
+    whole: dict[str | None, float] = {}
+    for k, size in friction.items():
+        place = columns[k].option.place
+        whole[place] = whole.get(place, 0.0) + size
+    mean = float(np.mean(list(whole.values()))) if whole else 0.0
+    for k, column in enumerate(columns):
+        if column.option.name in FIELDS:
+            own = mean if column.option.shared else whole.get(column.option.place, 0.0)
+            least[k] = limits.unequal_friction * warmer * own
+        elif column.option.name in DRIVES:
+            least[k] = limits.unequal_strength * warmer
+    return least
 
 
 def _per_kelvin(

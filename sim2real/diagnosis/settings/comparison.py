@@ -140,7 +140,8 @@ class Compared:
     unequal_friction: float = setting(
         0.005,
         "1/K",
-        "share of a joint's friction that temperature may change beyond what it does to all",
+        "share of a joint's friction, dry and viscous, that temperature may change beyond what it "
+        "does to all; at the same temperature, of a kelvin",
         "judgement: half of what it does to all joints (grease thins by about 1 % a kelvin)",
     )
     unequal_strength: float = setting(

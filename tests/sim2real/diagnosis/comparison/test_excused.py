@@ -68,3 +68,29 @@ def test_without_rounds_everything_is_left(model) -> None:
     first, found, _ = excused(model, 0)
     assert found.pieces is first
     assert set(found.moved.values()) == {0.0}
+
+
+@pytest.mark.parametrize(("warm", "kelvins"), [(40.0, 10.0), (30.2, 1.0)])
+def test_what_may_be_a_kelvins_is_no_change(model, warm: float, kelvins: float) -> None:
+    """Half a per cent a kelvin: of a joint's friction, seen as either kind; of its strength."""
+    logs = [
+        noisy(arm.make_log((*FRICTION, 0.08), seconds=6.0, seed=3), n, temperature=t, voltage=12.0)
+        for n, t in enumerate([30.0, warm])
+    ]
+    names = ("coulomb_friction", "viscous_friction", "motor_strength", "encoder_offset")
+    made = prepare(logs, model, [], names, DEFAULT)
+    columns = made.response.columns
+    least = confounders(made.data, columns, BEFORE, AFTER, True, made.friction).least
+    joints = [j.name for j in made.data.joints]
+    own = dict.fromkeys(joints, 0.0)
+    for k, size in made.friction.items():
+        own[str(columns[k].option.place)] += size
+    for k, column in enumerate(columns):
+        name, place = column.option.name, column.option.place
+        if name == "encoder_offset":
+            assert least[k] == 0
+        elif name == "motor_strength":
+            assert least[k] == pytest.approx(0.005 * kelvins)
+        else:
+            size = np.mean(list(own.values())) if place is None else own[place]
+            assert size > 0.05 and least[k] == pytest.approx(0.005 * kelvins * size)
