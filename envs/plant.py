@@ -33,7 +33,7 @@ from mujoco.batch import Batch, SimulationError
 from envs.effects.base import BoundEffect, CommandRule, Effect, Measurement, SubstepRule
 from envs.effects.goal import Goal
 from envs.effects.history import CommandHistory
-from envs.effects.layout import Layout, compile_structure
+from envs.effects.layout import Layout, edited
 from envs.errors import EffectError, TaskError
 from envs.memory import refuse_larger, row_bytes
 from envs.params import ParamSpace
@@ -56,6 +56,7 @@ class Plant:
             compute.
         fixed: effects that all rows have, each with its values, as `load_effects` returns them.
         goal: whether a task gives the rows a goal; without one the effect `goal` is refused.
+        nominal: the spec compiled, where that has been done; it is kept, not changed.
 
     Attributes:
         qpos: true positions [m, rad], (N, nq) of the model as given; read only where effects added
@@ -82,6 +83,7 @@ class Plant:
         persistent: bool = False,
         fixed: Sequence[Fixed] = (),
         goal: bool = False,
+        nominal: mujoco.MjModel | None = None,
     ) -> None:
         if num_rows < 1:
             raise TaskError(f"num_rows={num_rows} must be at least 1")
@@ -93,11 +95,8 @@ class Plant:
                 "recording or diagnosis has it; leave it out, or use a task that has a goal, such "
                 "as env=halfcheetah_direction"
             )
-        self.nominal = spec.copy().compile()
-        spec = spec.copy()
-        for effect in every:
-            effect.edit(spec)
-        self.model, keep = compile_structure(spec, self.nominal)
+        self.nominal = spec.copy().compile() if nominal is None else nominal
+        self.model, keep = edited(spec, self.nominal, every)
         self.effects = tuple(effects)
         own = [effect.parameters(self.model) for effect in every]
         drawn = own[len(fixed) :]

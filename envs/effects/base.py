@@ -272,6 +272,11 @@ class Effect(ABC):
     def edit(self, spec: mujoco.MjSpec) -> None:  # noqa: B027 - most effects need no structure
         """Add to the model's structure what the effect needs."""
 
+    @property
+    def edits(self) -> bool:
+        """Whether the effect adds to the model's structure, so that it has to be compiled anew."""
+        return type(self).edit is not Effect.edit
+
     @abstractmethod
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the parameters on this model; raises EffectError if it cannot have the effect."""

@@ -7,6 +7,8 @@ sum of both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from typing import Protocol
 
 import mujoco
@@ -30,6 +32,35 @@ class SeriesJoint(Protocol):
     def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Return where it rests under the load (n,) [N·m] that the motor carries, (n,) [rad]."""
         ...
+
+
+class Editing(Protocol):
+    """What an effect does to a spec."""
+
+    @property
+    def edits(self) -> bool:
+        """Whether it does anything."""
+        ...
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Do it."""
+        ...
+
+
+def edited(
+    spec: mujoco.MjSpec, nominal: mujoco.MjModel, effects: Sequence[Editing]
+) -> tuple[mujoco.MjModel, np.ndarray | None]:
+    """Return the model of a spec (it stays as it is) with effects; see `compile_structure`.
+
+    Compiling takes longer than all else that makes a plant: what no effect edits is copied.
+    """
+    editing = [effect for effect in effects if effect.edits]
+    if not editing:
+        return copy(nominal), None
+    spec = spec.copy()
+    for effect in editing:
+        effect.edit(spec)
+    return compile_structure(spec, nominal)
 
 
 def compile_structure(

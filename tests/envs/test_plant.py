@@ -48,6 +48,29 @@ def test_the_given_spec_is_left_alone() -> None:
     assert (made.nominal.njnt, made.model.njnt) == (1, 2)
 
 
+def test_a_compiled_model_is_kept_and_not_changed() -> None:
+    """Given or compiled, edited by an effect or not, plants step alike to the bit."""
+    spec = Hopper().spec()
+    given = spec.copy().compile()
+    before = np.concatenate([given.body_mass, given.dof_damping, given.actuator_gear[:, 0]])
+    some = [make("link_mass", where="torso", how="scale")]
+    for effects, edited in ((some, False), ([*some, make("backlash", where="foot_joint")], True)):
+        assert any(effect.edits for effect in effects) is edited
+        paths = []
+        for nominal in (None, given):
+            one = Plant(spec, effects, nominal=nominal)
+            values = np.concatenate([[[1.4]], one.space.neutral[None, 1:]], axis=1)
+            one.set_params(np.array([0]), values)
+            one.reset(np.array([0]), given.qpos0[None], np.zeros((1, given.nv)), np.array([0]))
+            for _ in range(20):
+                one.step(None, np.full((1, given.nu), 0.3), 4)
+            paths.append(one.qpos.copy())
+        np.testing.assert_array_equal(*paths)
+        assert abs(paths[0] - given.qpos0).max() > 0.01
+    after = np.concatenate([given.body_mass, given.dof_damping, given.actuator_gear[:, 0]])
+    np.testing.assert_array_equal(before, after)
+
+
 def test_values_are_written_from_the_models_own() -> None:
     """A second draw replaces the first, whatever the way; neutral values restore the model."""
     for how, value in (("add", 0.2), ("scale", 1.5), ("set", 0.9)):

@@ -161,7 +161,7 @@ def candidate_of(
         effect = make(name, **arguments)
         edited = spec.copy()
         effect.edit(edited)
-        parameters = effect.parameters(edited.compile() if _edits(effect) else scale.model)
+        parameters = effect.parameters(edited.compile() if effect.edits else scale.model)
     except EnvsError:
         return None
     neutral = np.array([p.neutral for p in parameters])
@@ -179,10 +179,6 @@ def candidate_of(
     if effect.place == "body":
         shown = scale.carriers(str(effect.where))
     return Candidate(effect, joint, probes, neutral, low, high, effect.batch(), shown)
-
-
-def _edits(effect: Effect) -> bool:
-    return type(effect).edit is not Effect.edit
 
 
 def _joint(effect: Effect, scale: RobotScale) -> str | None:

@@ -96,6 +96,7 @@ class Simulator:
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
         self._parents: OrderedDict[tuple[Any, ...], Plant] | None = None  # in a helping process
         self._specs = [lean(spec) for spec in data.specs]
+        self._models = [spec.copy().compile() for spec in self._specs]
         self._stepped: dict[tuple[Any, ...], bool] = {}  # by structure: whether Python steps it
         self._length = data.mask.shape[1]
         self._plans = [self._plan(window) for window in data.windows]
@@ -201,7 +202,7 @@ class Simulator:
             own = () if effect is None else (effect,)
             key = (model, *map(key_of, own))
             if key not in self._stepped:
-                plant = Plant(self._specs[model], own, 1, 1, fixed=self.fixed)
+                plant = self._make(model, own, 1, 1)
                 self._stepped[key] = bool(plant.substep_rules)
             if self._stepped[key]:
                 return True
@@ -223,11 +224,15 @@ class Simulator:
             return self._plants[key]
         alone = is_helper() or self._is_stepped(effects, model)
         threads = 1 if alone else self.threads
-        plant = Plant(self._specs[model], effects, rows, threads, fixed=self.fixed)
+        plant = self._make(model, effects, rows, threads)
         self._plants[key] = plant
         if len(self._plants) > self.settings.plants:
             self._plants.popitem(last=False)
         return plant
+
+    def _make(self, model: int, effects: Sequence[Effect], rows: int, threads: int) -> Plant:
+        spec, own = self._specs[model], self._models[model]
+        return Plant(spec, effects, rows, threads, fixed=self.fixed, nominal=own)
 
     def _paths(
         self, number: int, weak: int | None, strength: float
@@ -237,9 +242,8 @@ class Simulator:
         model = self.data.windows[windows[0]].model
         name = None if weak is None else self.data.models[model].actuator(weak).name
         effects = () if name is None else (make("motor_strength", where=name),)
-        spec, count = self._specs[model], len(windows)
-        threads = 1 if is_helper() else self.threads
-        plant = Plant(spec, effects, count, threads, fixed=self.fixed)  # none that is in use
+        count, threads = len(windows), 1 if is_helper() else self.threads
+        plant = self._make(model, effects, count, threads)  # none that is in use
         _set(plant, np.full((count, len(effects)), strength))
         plans = [self._plans[i].schedule for i in windows]
         motion, simulated = simulate(plant, plans), actuated(plant)
