@@ -60,7 +60,8 @@ def table(outcome: Outcome) -> Table:
         made.add(*cells, *([outcome.truth.get(name)] if known else []))
     made.notes.append(
         "mean: with the 90 % interval of the estimate. spread: standard deviation between "
-        "episodes (–: one episode cannot tell). std: of a draw, both together."
+        "episodes (–: one episode cannot tell). std: of a draw, both together, and wider where few "
+        "episodes tell the spread."
     )
     made.notes += list(notes(outcome))
     return made

@@ -2,6 +2,7 @@
 
     split = random_effects(estimates, covariances)       # (E, P), (E, P, P)
     split.mean, split.spread, split.uncertainty          # (P,), (P, P), (P, P)
+    shrunk(split.spread, len(estimates))                 # less of what few episodes have by chance
 
 The model of a meta-analysis: an episode's true value is N(mean, spread), its estimate is
 N(true value, covariance). Spread by restricted maximum likelihood, by an EM algorithm (Laird and
@@ -14,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim2real.diagnosis.settings import TINY
+from sim2real.diagnosis.settings import TINY, TINY_SQUARE
 from sim2real.identification.settings import DEFAULT, Settings
 
 
@@ -53,6 +54,25 @@ def random_effects(
             break
     mean, _, uncertainty = _mean(estimates, covariances, spread)
     return Split(mean, spread, uncertainty)
+
+
+def shrunk(covariance: np.ndarray, count: int) -> np.ndarray:
+    """Return a covariance of few episodes with smaller correlations, (P, P).
+
+    Correlations r of n episodes have variances of about (1 - r^2)^2 / (n - 1). All are multiplied
+    by 1 - w, where w is the sum of these over that of r^2, at most 1 (Schäfer and Strimmer,
+    Statistical Applications in Genetics and Molecular Biology 4, 2005).
+
+    Args:
+        covariance: of the episodes' values, (P, P).
+        count: of episodes, at least two.
+    """
+    deviations = np.sqrt(np.maximum(np.diag(covariance), TINY_SQUARE))
+    squares = (covariance / np.outer(deviations, deviations))[np.triu_indices_from(covariance, 1)]
+    squares = np.clip(squares**2, 0.0, 1.0)
+    chance = float(np.sum((1 - squares) ** 2)) / (count - 1)
+    weight = min(chance / max(float(np.sum(squares)), TINY), 1.0)
+    return (1 - weight) * covariance + weight * np.diag(np.diag(covariance))
 
 
 def _mean(

@@ -25,7 +25,7 @@ from sim2real.identification.local import Local, doubt, explore, per_episode
 from sim2real.identification.methods.base import Run, gaussian, refuse_kind
 from sim2real.identification.providers.base import Aligned, MakeProvider
 from sim2real.identification.providers.replay import replay
-from sim2real.identification.random_effects import Split, random_effects
+from sim2real.identification.random_effects import Split, random_effects, shrunk
 from sim2real.identification.scores.base import Score
 from sim2real.identification.searches import Search
 from sim2real.identification.settings import DEFAULT, Settings
@@ -109,20 +109,28 @@ class Matching:
 
 
 def _spelled(prior: Distribution, local: Local, estimates: Estimates) -> Distribution:
-    """Return laws of the parameters from what is known along directions."""
+    """Return laws of the parameters from what is known along directions.
+
+    Draws are robots that were not seen yet. Few episodes tell badly how much robots differ, and
+    worse which of their parameters go together: draws are as wide as Student's law asks for, and
+    correlations smaller than those of the episodes.
+    """
     turn = local.known * local.scale[:, None]  # (P, K)
     rest = local.flat * local.scale[:, None]  # (P, F)
     split, several = estimates.split, len(estimates.shifts) > 1
+    count = len(estimates.shifts)
     spread, sure = turn @ split.spread @ turn.T, turn @ split.uncertainty @ turn.T
+    draws = spread
     if several:
         factor = _few_episodes(estimates, turn)
         sure = sure * np.outer(factor, factor)
+        draws = shrunk(spread, count) * (student.ppf(UPPER, count - 1) / NINETY) ** 2
     sure = sure + turn @ estimates.shared @ turn.T
     unknown = rest @ rest.T
     return gaussian(
         prior,
         local.values(split.mean),
-        spread + sure + unknown,
+        draws + sure + unknown,
         np.sqrt(np.maximum(np.diag(spread), 0.0)) if several else None,
         np.sqrt(np.maximum(np.diag(sure + unknown), 0.0)),
     )

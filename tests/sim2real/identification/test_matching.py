@@ -26,7 +26,7 @@ from sim2real.identification.methods.base import Run
 from sim2real.identification.methods.matching import Matching
 from sim2real.identification.outcome import warnings
 from sim2real.identification.providers.replay import replay
-from sim2real.identification.random_effects import random_effects
+from sim2real.identification.random_effects import random_effects, shrunk
 from sim2real.identification.scores.aligned import KStep, Likelihood, OneStep
 from sim2real.identification.searches import Cma
 from sim2real.verbs import record
@@ -82,6 +82,21 @@ def test_intervals_of_a_linear_system_hold_the_truth_nine_times_in_ten() -> None
     assert np.sqrt(np.mean(spreads, axis=0)) == pytest.approx(spread, rel=0.2)
 
 
+def test_draws_of_six_robots_hold_a_seventh_nine_times_in_ten() -> None:
+    """150 systems: few robots tell their spread badly, and draws are wider for it."""
+    rng, held = np.random.default_rng(2), []
+    spread = np.array([0.5, 0.2])
+    for _ in range(150):
+        values = np.array([1.0, -2.0]) + spread * rng.normal(size=(7, 2))
+        provider = Linear(values[:6], 0.1, rng)
+        found = Matching(KStep(), Cma(generations=2)).found(provider, PRIOR, Run())
+        draws = found.sample(rng, 1000)
+        low, high = np.quantile(draws, [0.05, 0.95], axis=0)
+        held.append((low <= values[6]) & (values[6] <= high))
+        assert (found.std >= 1.2 * found.columns("spread")).all()
+    assert np.mean(held, axis=0) == pytest.approx([0.9, 0.9], abs=0.06)
+
+
 def test_one_robot_has_no_spread() -> None:
     """Where all episodes have the same values, the spread found is far below the uncertainty."""
     rng = np.random.default_rng(1)
@@ -98,6 +113,31 @@ def test_one_episode_says_so() -> None:
     )
     assert found.entries[0].spread is None
     assert np.isfinite(found.columns("uncertainty")).all()
+
+
+def test_few_episodes_hang_together_by_chance() -> None:
+    """Correlations of six independent robots go down, those of 600 that are there stay."""
+    rng = np.random.default_rng(0)
+    before, after = [], []
+    for _ in range(100):
+        own = np.cov(rng.normal(size=(6, 4)).T)
+        small = shrunk(own, 6)
+        np.testing.assert_allclose(np.diag(small), np.diag(own))
+        assert np.linalg.eigvalsh(small)[0] > 0
+        before.append(_most(own))
+        after.append(_most(small))
+    assert np.mean(before) > 0.65 and np.mean(after) < 0.35
+    true = np.cov(rng.multivariate_normal([0, 0], [[1e-10, 0.8e-5], [0.8e-5, 1.0]], 600).T)
+    assert _most(true) == pytest.approx(0.8, abs=0.05)
+    np.testing.assert_allclose(shrunk(true, 600), true, rtol=0.005)
+
+
+def _most(covariance: np.ndarray) -> float:
+    """Return the largest correlation, either way."""
+    deviations = np.sqrt(np.diag(covariance))
+    return float(
+        np.abs(covariance / np.outer(deviations, deviations) - np.eye(len(deviations))).max()
+    )
 
 
 def test_the_split_of_a_meta_analysis() -> None:
