@@ -1,16 +1,19 @@
 """What a distribution makes of recordings that nothing was fitted to.
 
+    found = widened(fitted, found, np.random.default_rng(0))
     judged = judge(held, found, np.random.default_rng(0))
     judged.before, judged.after, judged.coverage
 
 Held-out recordings are replayed under draws of the distribution, each with what was left of the gap
 added as noise: a band that holds nine tenths of the draws should hold about nine tenths of the
-readings. CRPS is the continuous ranked probability score of these draws (Gneiting and Raftery 2007,
-the ensemble's form); an estimate without a width scores its absolute error.
+readings. How much noise that takes is told by the recordings that were fitted. CRPS is the
+continuous ranked probability score of these draws (Gneiting and Raftery 2007, the ensemble's form);
+an estimate without a width scores its absolute error.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +21,8 @@ import numpy as np
 from envs.distribution import Distribution
 from sim2real.identification.providers.base import Aligned
 from sim2real.identification.settings import DEFAULT, Settings
+
+HALVINGS = 16  # of the interval in which enough noise is looked for
 
 
 class Judged(NamedTuple):
@@ -29,6 +34,52 @@ class Judged(NamedTuple):
     band: float  # share of the draws that the band holds
     crps: float  # of the draws
     absolute: float  # mean absolute error of the distribution's mean
+
+
+def widened(
+    fitted: Aligned, found: Distribution, rng: np.random.Generator, settings: Settings = DEFAULT
+) -> Distribution:
+    """Return the distribution with the noise that its draws lack to hold the fitted readings.
+
+    What no parameter says shows where parameters change little, too. Each joint's noise grows until
+    the band of noisy draws holds as many of its readings as it should; it never shrinks.
+
+    Args:
+        fitted: what the distribution was fitted to.
+        found: the distribution, its noise a lower bound.
+        rng: for draws, noise and the readings that are looked at.
+        settings: `draws`, `band` and `compared` are used.
+    """
+    few = max(1, int(settings.compared // max(fitted.real[0].size, 1)))
+    pieces = np.sort(rng.permutation(len(fitted.real))[:few])
+    some = fitted.only(pieces)
+    drawn = some.errors(found.sample(rng, settings.draws))  # (D, W, T, M)
+    noise = {}
+    for place, name in enumerate(some.names):
+        own = drawn[:, np.isfinite(some.real[..., place]), place]  # (D, n)
+        least = found.noise[name] / some.scale[place]
+        noise[name] = _enough(own, least, rng, settings.band) * float(some.scale[place])
+    return replace(found, noise=noise)
+
+
+def _enough(errors: np.ndarray, least: float, rng: np.random.Generator, band: float) -> float:
+    """Return the noise, at least `least`, with which a band of errors (D, n) holds its share."""
+    made = rng.standard_normal(errors.shape)
+    low, high = float(least), max(4 * _rms(errors), 2 * float(least))
+    if not errors.size or _share(errors + low * made, band) >= band:
+        return low
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        enough = _share(errors + middle * made, band) >= band
+        low, high = (low, middle) if enough else (middle, high)
+    return high
+
+
+def _share(errors: np.ndarray, band: float) -> float:
+    """Return the share of readings (n,) that lie within the band of errors (D, n)."""
+    tail = (1 - band) / 2
+    low, high = np.quantile(errors, [tail, 1 - tail], axis=0)
+    return float(((low <= 0) & (high >= 0)).mean())
 
 
 def judge(
@@ -51,12 +102,10 @@ def judge(
     errors = drawn[:, there]  # (D, n)
     if errors.shape[1] > settings.compared:
         errors = errors[:, rng.choice(errors.shape[1], settings.compared, replace=False)]
-    tail = (1 - settings.band) / 2
-    low, high = np.quantile(errors, [tail, 1 - tail], axis=0)
     return Judged(
         _rms(before),
         _rms(after),
-        float(((low <= 0) & (high >= 0)).mean()),
+        _share(errors, settings.band),
         settings.band,
         crps(errors),
         float(np.nanmean(np.abs(after))),

@@ -21,6 +21,7 @@ from envs.distribution import Distribution
 from envs.distribution_file import NINETY
 from sim2real.diagnosis.settings import TINY_SQUARE
 from sim2real.identification.data import Recordings
+from sim2real.identification.held_out import widened
 from sim2real.identification.local import Local, doubt, explore, per_episode
 from sim2real.identification.methods.base import Run, gaussian, refuse_kind
 from sim2real.identification.providers.base import Aligned, MakeProvider
@@ -30,6 +31,7 @@ from sim2real.identification.scores.base import Score
 from sim2real.identification.searches import Search
 from sim2real.identification.settings import DEFAULT, Settings
 
+WIDENING = 2  # the stream of randomness of the noise that draws lack
 UPPER = 0.95  # the quantile at the upper end of a 90 % interval
 
 
@@ -101,11 +103,13 @@ class Matching:
         shared, rest = doubt(provider, prior, local, left, self.settings)
         found = _spelled(prior, local, Estimates(shifts, covariances, split, shared))
         noise = rest * provider.scale
-        return replace(
+        found = replace(
             found,
             flat=local.named(prior.names, self.settings),
             noise=dict(zip(provider.names, map(float, noise), strict=True)),
         )
+        rng = np.random.default_rng([run.seed, WIDENING])
+        return widened(provider, found, rng, self.settings)
 
 
 def _spelled(prior: Distribution, local: Local, estimates: Estimates) -> Distribution:

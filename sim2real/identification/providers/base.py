@@ -20,6 +20,8 @@ from envs.effects import Effect
 from sim2real.identification.data import Recordings
 from sim2real.identification.settings import DEFAULT, Settings
 
+HELD = 0  # the stream of randomness of what is held out
+
 
 class Provider(Protocol):
     """See the module's text."""
@@ -120,9 +122,9 @@ class Aligned(ABC):
         """
         group = self.episode if self.episodes >= settings.held_episodes else self.chunk
         number = np.unique(group, return_inverse=True)[1]
-        held = number % settings.held_every == settings.held_every - 1
-        if not held.any():
-            held = number == number.max()
+        count = int(number.max()) + 1
+        order = np.random.default_rng(HELD).permutation(count)  # names in turn may mean something
+        held = np.isin(number, order[: max(count // settings.held_every, 1)])
         if held.all():
             return self, self
         return self.only(np.flatnonzero(~held)), self.only(np.flatnonzero(held))
