@@ -32,7 +32,16 @@ class _DriveRule(SubstepRule):
         self.q, self.v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
         self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
         self.range = plant.live("actuator_forcerange")  # (N, actuators, 2)
+        self.group = model.actuator_group[index]
         self.value = np.zeros((plant.num_rows, 1))
+
+    def is_on(self, ids: np.ndarray | slice) -> np.ndarray | bool:
+        """Return which of the actuators are switched on, (n, k), or True: all are.
+
+        The engine's clamp acts on one that is off, too: a range without 0 would still push.
+        """
+        mask = self.plant.batch.expanded("opt.disableactuator")
+        return mask is None or (mask.reshape(-1, 1)[ids] >> self.group & 1) == 0
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Keep the value of each row."""
@@ -161,7 +170,7 @@ class _Lag(_DriveRule):
     def before_substep(self, ids: np.ndarray | slice) -> None:
         wanted = np.clip(self.law(ids)[0], self.range[self.low], self.range[self.high])
         kept = np.where(self.running[ids][:, None], self.kept, 0.0)
-        force = wanted + (self.force[ids] - wanted) * kept
+        force = np.where(self.is_on(ids), wanted + (self.force[ids] - wanted) * kept, 0.0)
         self.force[ids], self.running[ids] = force, True
         self.range[self.at] = force[..., None]  # both ends: the engine's clamp yields this force
 
@@ -170,7 +179,8 @@ class ActuatorLag(ActuatorEffect):
     """A first-order lag between the torque that the law asks for and the motor's; a time constant.
 
     Of a current loop with the winding's inductance, or a drive train that winds up. The actuator's
-    own damping, the back-EMF, is not delayed. A command delay shifts everything; a lag rounds it.
+    own damping, the back-EMF, is not delayed, nor is its end where torque is switched off. A
+    command delay shifts everything; a lag rounds it.
     """
 
     name = "actuator_lag"
@@ -226,7 +236,7 @@ class _Integral(_DriveRule):
         force = law + rate * total
         low, high = self.range[self.low], self.range[self.high]
         winds = ((force >= high) & (error > 0)) | ((force <= low) & (error < 0))
-        total = total + np.where(winds, 0.0, error * dt)
+        total = np.where(self.is_on(ids), total + np.where(winds, 0.0, error * dt), 0.0)
         self.sum[ids] = total
         self.bias[self.low] += rate * total
 
@@ -235,7 +245,7 @@ class IntegralAction(ActuatorEffect):
     """The integral term of a position servo: force = kp (e + value ∫ e dt) - kv w.
 
     The value is the integral gain over the proportional one, 1 / reset time. The sum stands still
-    while the force is at its limit, and is 0 at the start of an episode.
+    while the force is at its limit, and is 0 at the start of an episode and while torque is off.
     """
 
     name = "integral_action"

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from envs.effects import EFFECTS as LIBRARY
 from envs.effects import make
 from envs.plant import Plant
 from envs.replay import roll, switchable
@@ -107,6 +108,41 @@ def test_a_servo_that_is_off_lets_go_and_takes_hold_again() -> None:
     assert switched[1:] == pytest.approx(plain[1:], abs=1e-12)
     assert np.abs(switched[0, 80] - plain[0, 80]).max() > 0.02
     assert not np.any(rows.batch.expanded("opt.disableactuator"))
+
+
+DRIVES = {
+    "position_gain": 0.5,
+    "derivative_gain": 3.0,
+    "motor_strength": 0.5,
+    "torque_limit": 0.5,
+    "dead_zone": 0.1,
+    "torque_speed_knee": 0.5,
+    "actuator_lag": 0.02,
+    "integral_action": 5.0,
+    "thermal_derating": 0.5,
+    "profile_velocity": 0.5,
+    "profile_acceleration": 2.0,
+    "command_delay": 0.01,
+}
+
+
+@pytest.mark.parametrize("name", sorted(DRIVES))
+def test_what_is_in_a_drive_does_nothing_while_it_is_off(name: str) -> None:
+    """The engine's clamp acts on an actuator that is off: a lagging torque once pushed on."""
+    off = np.full((ROWS, STEPS), 0b11, np.int64)
+    off[:, 120:] = 0
+    changed, free = (
+        roll(plant((name, {}, DRIVES[name])), commands(), off),
+        roll(plant(), commands(), off),
+    )
+    np.testing.assert_array_equal(changed[:, :121], free[:, :121])
+    assert np.abs(changed - free).max() > 1e-4  # and something afterwards
+
+
+def test_every_effect_of_a_drive_was_looked_at_off() -> None:
+    """A new one belongs into DRIVES."""
+    drives = {name for name, effect in LIBRARY.items() if effect.place == "actuator"}
+    assert drives <= set(DRIVES)
 
 
 def test_a_servo_that_is_off_does_not_brake_where_heat_could_weaken_it() -> None:
