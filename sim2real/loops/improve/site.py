@@ -21,6 +21,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from envs.effects.contact import ground, soles
 from envs.randomization import Randomization
 from envs.tasks.servo import ServoTask
 from hardware.backends import ServoBackend
@@ -31,6 +32,7 @@ from hardware.rows import RobotRows
 from hardware.safety import StopLimits
 from sim2real.deployment.deploy import drive, servo_task
 from sim2real.deployment.session import STATE, Deployment, Turn, load
+from sim2real.diagnosis.ground.base import FREE, SLIDE
 from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.environment import Environment
 from sim2real.learning.trained import Trained
@@ -60,7 +62,7 @@ class Site:
         seed: of starts, motions and an emulated robot's noise.
 
     Raises:
-        Sim2RealError: fewer than two trials, a base that no log of the ground holds, or a return
+        Sim2RealError: fewer than two trials, a base that no log of the ground tells of, or a return
             that neither the robot nor its operator can measure.
     """
 
@@ -94,14 +96,24 @@ class Site:
         return self.machine.port is not None
 
     def _refuse_loose(self) -> None:
-        """Refuse the ground for a robot whose base is in no log."""
-        spec = mujoco.MjSpec.from_file(str(self.machine.model))
-        driven = {actuator.target for actuator in spec.actuators}
-        loose = [joint.name for joint in spec.joints if joint.name not in driven]
-        if loose:
+        """Refuse the ground for a robot of whose base nothing tells where it is."""
+        model = mujoco.MjModel.from_xml_path(str(self.machine.model))
+        driven = {int(joint) for joint in model.actuator_trnid[:, 0]}
+        loose = {model.joint(j).name: int(model.jnt_type[j]) for j in range(model.njnt)}
+        loose = {name: kind for name, kind in loose.items() if model.joint(name).id not in driven}
+        if not loose:
+            return
+        why = ""
+        if not (ground(model).size and soles(model).size):
+            why = "its model has no ground to stand on"
+        elif not set(loose.values()) <= {FREE, SLIDE}:
+            why = "only a free base and the slides of a boom are estimated from its feet"
+        elif FREE in loose.values() and self.machine.imu is None:
+            why = "no IMU says how it is turned (imu: in the robot's file)"
+        if why:
             raise Sim2RealError(
                 f"stand=false: {self.machine.name} moves at {', '.join(loose)}, which no servo "
-                "reads, so its episodes cannot be simulated again; use stand=true"
+                f"reads, and {why}, so its episodes cannot be simulated again; use stand=true"
             )
 
     @cached_property

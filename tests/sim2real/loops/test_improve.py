@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -137,13 +139,22 @@ def the_site(environment: object, name: str, operator: Operator, stand: bool = T
     return Site(robot, environment, operator, 2, 0.1, limits, stand, ("ramp",), 1.0, 0)  # type: ignore[arg-type]
 
 
-def test_the_ground_is_refused_where_its_logs_do_not_hold_the_base(tmp_path: Path) -> None:
-    """A pendulum's episodes can be simulated again, a walking robot's cannot."""
-    _, bench = prepare(compose(["env=bench1"]), tmp_path)
-    the_site(bench["parts"].environment, "bench1", Operator(), stand=False)
-    _, quad = prepare(compose(["env=quad8"]), tmp_path)
-    with pytest.raises(Sim2RealError, match=r"stand=false: quad8 moves at .* use stand=true"):
-        the_site(quad["parts"].environment, "quad8", Operator(), stand=False)
+def test_the_ground_is_refused_where_nothing_tells_of_the_base(tmp_path: Path) -> None:
+    """A pendulum's episodes can be simulated again, a walker's with an IMU, a hopper's."""
+    made = {}
+    for name in ("bench1", "quad8", "hopper2"):
+        made[name] = prepare(compose([f"env={name}"]), tmp_path)[1]["parts"].environment
+        the_site(made[name], name, Operator(), stand=False)
+    robot, limits = load_robot("quad8"), ServoBackend(load_robot("bench1"), 0.1)._limits
+    rest: Any = (Operator(), 2, 0.1, limits, False, ("ramp",), 1.0, 0)
+    with pytest.raises(Sim2RealError, match=r"stand=false: quad8 moves at .* no IMU .* stand=true"):
+        Site(replace(robot, imu=None), made["quad8"], *rest)
+    bare = mujoco.MjSpec.from_file(str(robot.model))
+    for geom in bare.geoms:
+        geom.contype = geom.conaffinity = 0
+    (tmp_path / "bare.xml").write_text(bare.to_xml(), encoding="utf-8")
+    with pytest.raises(Sim2RealError, match="its model has no ground to stand on"):
+        Site(replace(robot, model=tmp_path / "bare.xml"), made["quad8"], *rest)
 
 
 @pytest.mark.parametrize("name", ["esmaml", "ppo"])
