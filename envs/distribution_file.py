@@ -23,7 +23,7 @@ is the mean, and the law of its values (lists where an effect has several parame
       uncertainty: 0.0012   # standard deviation of the estimate; null: not known
     joint: null             # correlation matrix in the order of the entries, or a CSV of particles
     flat: []                # directions in which the logs say nothing
-    noise: {elbow: 0.002}   # left at each joint and made by no draw, root mean square [rad or m]
+    noise: {elbow: 0.002}   # that draws lack at each joint, root mean square [rad or m]
     made_by: {method: matching}
     logs: {swing.csv: 5b1c…}    # SHA-256
 
