@@ -176,13 +176,14 @@ class Search:
             fits = self._fits(problem, jobs, PAIRING)
         if not fits:
             return
-        error = self.problem.held_out(fits[0].members, fits[0].values)
-        both = Contender(fits[0].members[1], fits[0], error)
-        if self.joins(both, found):
+        errors = self.problem.held_out_each(fits)
+        made = [Contender(f.members[1], f, e) for f, e in zip(fits, errors, strict=True)]
+        both = min(made, key=lambda one: self.blocks.rms(one.error))
+        if self.joins(both, found, made):
             self.keep(found, both.fit, both.error)
             found.rivals = {}
             self.settle(found)
-            found.steps.append((" and ".join(m.label for m in fits[0].members), found.error))
+            found.steps.append((" and ".join(m.label for m in both.fit.members), found.error))
 
     def couples(self) -> list[Pair]:
         """Return two effects at once as the first screening promises them, the best first."""

@@ -8,7 +8,7 @@ that is too soft and has friction resembles one whose friction grows with its lo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -64,12 +64,26 @@ def pairs(
     for k in np.argsort(-gains)[: limits.pairs_ranked].tolist():
         one, two = responses[int(i[k])], responses[int(j[k])]
         key = (int(numbers[i[k]]), int(numbers[j[k]]))
-        if key not in found:
+        key = (min(key), max(key))
+        if key not in found and not _has_twin(found, key, float(gains[k]), limits.pair_twins):
             mean = scales[:, :, k].mean(axis=0)
             both = zip((one, two), mean, strict=True)
             start = np.concatenate([r.candidate.towards(r.probe, float(c)) for r, c in both])
             found[key] = Pair((one.candidate, two.candidate), start, float(gains[k]))
     return list(found.values())
+
+
+def _has_twin(
+    found: Mapping[tuple[int, int], Pair], key: tuple[int, int], gain: float, apart: float
+) -> bool:
+    """Return whether a pair undoes what another one with one of its members does, to the digit.
+
+    No log may tell a supply from a motor's strength: the second one would take somebody's place.
+    """
+    return any(
+        abs(other.gain - gain) <= apart and bool(set(key) & set(known))
+        for known, other in found.items()
+    )
 
 
 def _products(

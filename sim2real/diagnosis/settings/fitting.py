@@ -75,4 +75,10 @@ class Screening:
     )
     pair_ridge: float = setting(1e-9, "1", "least determinant of a pair, relative", ROUNDING)
     pair_ridge_floor: float = setting(1e-30, "1", "least determinant of a pair", ROUNDING)
+    pair_twins: float = setting(
+        1e-6,
+        "1",
+        "difference of what pairs undo, of the squared error, below which they are one",
+        ROUNDING,
+    )
     pairs_ranked: int = setting(400, "1", "pairs of responses kept in the ranking", COST)

@@ -59,6 +59,21 @@ def test_two_effects_are_found_together(problem: Problem, options: list[Candidat
     assert found["position_gain.b"] == pytest.approx(0.7, rel=0.02)
 
 
+def test_no_pair_takes_another_one_s_place(problem: Problem, options: list[Candidate]) -> None:
+    """A pair is there once, in either order, and so is one that no log tells from another."""
+    screening = screen(problem, NOTHING, options)
+    other = next(c for c in candidates(problem.data) if c.label == "viscous_friction.b")
+    strengths = [r for r in screening.responses if r.candidate.label == "motor_strength.b"]
+    twins = [response._replace(candidate=other) for response in strengths]
+    looked = problem, screening.base, screening.drift
+    alone = pairs(*looked, screening.responses)
+    found = pairs(*looked, [*screening.responses, *twins])
+    labels = [frozenset(member.label for member in pair.members) for pair in found]
+    assert len(set(labels)) == len(labels)
+    assert [pair.gain for pair in found[: len(alone)]] == [pair.gain for pair in alone]
+    assert not any(frozenset(("coulomb_friction.a", other.label)) == label for label in labels)
+
+
 def test_a_joint_bends_about_one_spring(problem: Problem) -> None:
     """A spring in all joints is paired with no spring in one of them; frictions add up."""
     options = [
