@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from envs.errors import did_you_mean
-from envs.models import FREE
+from envs.loose import refusal
 from envs.simulation import Simulation
 from envs.tasks.servo import ServoTask
+from hardware.backends import Backend
 from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import Robot, make_robot
 from hardware.errors import SafetyError
@@ -95,16 +96,24 @@ def check_reward(rows: RobotRows, adapt: Adaptation) -> None:
         )
 
 
-def check_base(task: ServoTask, adapt: Adaptation) -> None:
-    """Refuse to identify a robot whose logs do not say where its base is."""
-    model = task.spec().compile()
-    if adapt.needs_log and FREE in model.jnt_type:
-        base = model.joint(int(np.flatnonzero(model.jnt_type == FREE)[0])).name
+def check_base(rows: RobotRows, adapt: Adaptation) -> None:
+    """Refuse to identify a robot whose logs do not tell where its base is."""
+    if not adapt.needs_log:
+        return
+    why = refusal(rows.task.spec().compile(), has_imu=is_felt(rows.backend))
+    if why:
         raise Sim2RealError(
-            f"adapt=identify replays a robot's logs, and no servo of {task.machine.name} measures "
-            f"its free base {base!r}; choose another adapt, such as adapt=batch, or identify the "
-            "robot while its base is held (run=identify)"
+            f"adapt=identify replays a robot's logs, but {rows.backend.robot.name} {why}; choose "
+            "another adapt, such as adapt=batch, or identify the robot while its base is held "
+            "(run=identify)"
         )
+
+
+def is_felt(backend: Backend) -> bool:
+    """Return whether a robot's logs say how its base is turned, by an IMU at a known site."""
+    senses = set(backend.senses)
+    enough = "orientation" in senses or {"gyro", "acceleration"} <= senses
+    return enough and backend.robot.imu is not None
 
 
 def drive(

@@ -18,6 +18,9 @@ from envs.plant import Fixed
 from envs.rows import Rows
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.windows import grounded
+from sim2real.diagnosis.settings import DEFAULT
 
 Act = Callable[[np.ndarray], np.ndarray]  # observations (n, O) to actions (n, A)
 
@@ -56,8 +59,17 @@ class Recordings:
 
     @cached_property
     def windows(self) -> Data:
-        """The logs, cut into windows as a diagnosis cuts them; raises what `Data.of` raises."""
-        return Data.of(self.logs, self.model)
+        """The logs, cut into windows as a diagnosis cuts them.
+
+        Where nobody measured the base of a robot that walks, it is estimated from encoders, IMU and
+        the feet that stand, and what is not known of a window's start is taken out of its errors.
+
+        Raises:
+            Sim2RealError: what `estimate_all` and `Data.of` refuse.
+        """
+        estimates = estimate_all(self.logs, self.model, DEFAULT.ground)
+        data = Data.of([one.log for one in estimates] or self.logs, self.model)
+        return grounded(data, estimates, self.fixed) if estimates else data
 
     def hashes(self) -> dict[str, str]:
         """Return the SHA-256 of each log's file, by name; of one in memory, of its numbers."""

@@ -43,10 +43,17 @@ class Finder:
 
     Args:
         method: how; its provider must replay logs.
+        beyond: how far beyond the ranges of training a value may be found, in their widths. A robot
+            out of one range would else be given wrong values of all others.
+
+    Raises:
+        Sim2RealError: a negative `beyond`.
     """
 
-    def __init__(self, method: Method) -> None:
-        self._method = method
+    def __init__(self, method: Method, beyond: float = 0.0) -> None:
+        if not beyond >= 0:
+            raise Sim2RealError(f"adapt.find.beyond={beyond:g} must not be below 0")
+        self._method, self._beyond = method, beyond
 
     def __call__(self, environment: Simulated, logs: Sequence[Log], seed: int) -> np.ndarray:
         """Return the means of what the method finds, (P,).
@@ -66,5 +73,5 @@ class Finder:
             model = Path(folder, "model.xml")
             model.write_text(named(task.spec()).to_xml(), encoding="utf-8")
             data = Recordings(logs, model, environment.fixed)
-            prior = of_tasks(environment.tasks, data)
+            prior = of_tasks(environment.tasks, data, self._beyond)
             return self._method.fit(self._method.provider, prior, data, Run(seed)).mean

@@ -31,12 +31,14 @@ from sim2real.runs.errors import Sim2RealError
 log_ = logging.getLogger(__name__)
 
 
-def of_tasks(tasks: Tasks, data: Recordings | None = None) -> Distribution:
+def of_tasks(tasks: Tasks, data: Recordings | None = None, beyond: float = 0.0) -> Distribution:
     """Return what a training draws from as a prior.
 
     Args:
         tasks: a `Randomization`, or a distribution, which is a prior as it is.
         data: whose model says how many parameters an effect has; None where each has one.
+        beyond: how far the prior goes on at both ends of a randomization's ranges, in their widths,
+            as far as values mean something; it needs data.
 
     Raises:
         Sim2RealError: tasks of another kind, or without a width.
@@ -50,8 +52,14 @@ def of_tasks(tasks: Tasks, data: Recordings | None = None) -> Distribution:
         )
     entries = []
     for draw in tasks.draws:
-        count = 1 if data is None else len(parameters(draw.effect, data))
-        entries.append(Entry(draw.effect, (uniform(*draw.reach),) * count))
+        low, high = draw.reach
+        if data is None:
+            entries.append(Entry(draw.effect, (uniform(low, high),)))
+            continue
+        more = beyond * (high - low)
+        own = parameters(draw.effect, data)
+        laws = tuple(uniform(max(low - more, p.low), min(high + more, p.high)) for p in own)
+        entries.append(Entry(draw.effect, laws))
     return checked(Distribution(tuple(entries)))
 
 

@@ -105,7 +105,7 @@ def run(
     rows = RobotRows(task, backend, out / "logs")
     adapt = NoAdaptation() if dry_run else parts.adapt
     check_reward(rows, adapt)
-    check_base(task, adapt)
+    check_base(rows, adapt)
     trained = load_trained(checkpoint, parts, algorithm)
     adapt = adapt.of(trained.actor(trained.theta)).within(trained.environment)
     deployment = Deployment(trained.theta, adapt, trials, seed)

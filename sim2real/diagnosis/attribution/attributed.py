@@ -26,7 +26,6 @@ from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.torque_on import refit_torque_on
 from sim2real.diagnosis.attribution.verdict import is_no_gap, stands_out
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.noise_floor import noise_floor, rounding
 from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.work import Work
@@ -80,7 +79,7 @@ def attributed(
         Sim2RealError: a model that cannot follow the logs.
     """
     data, rng = about.data, about.rng
-    floors = floors_of(data)
+    floors = data.floors()
     search = _search(about, floors)
     if wrong is not None:
         return Attributed(data, search, floors, unsearched(search, floors, rng, wrong))
@@ -141,12 +140,6 @@ def causes_of(fit: Fit) -> tuple[tuple[Effect, tuple[float, ...]], ...]:
         (member.effect, tuple(float(v) for v in fit.mean[place]))
         for member, place in zip(fit.members, places, strict=True)
     )
-
-
-def floors_of(data: Data) -> np.ndarray:
-    """Return the noise floor of each joint [rad or m], (M,)."""
-    found = noise_floor(data.logs, data.settings)
-    return np.array([max(found.get(j.name, j.floor), rounding(j.count)) for j in data.joints])
 
 
 def _refuse_lost(problem: Problem) -> None:

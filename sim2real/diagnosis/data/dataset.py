@@ -22,7 +22,7 @@ import numpy as np
 from envs.replay import switchable
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of, with_laws
-from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
 from sim2real.diagnosis.data.nuisance import Nuisance
 from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.recording import check_log, load_model, with_bus_delay
@@ -104,6 +104,11 @@ class Data:
     def scale(self) -> np.ndarray:
         """What errors are divided by, (M,)."""
         return np.array([joint.scale for joint in self.joints])
+
+    def floors(self) -> np.ndarray:
+        """Return the noise floor of each joint [rad or m], (M,)."""
+        found = noise_floor(self.logs, self.settings)
+        return np.array([max(found.get(j.name, j.floor), rounding(j.count)) for j in self.joints])
 
     @property
     def unit(self) -> str:

@@ -4,9 +4,9 @@
     found = method.fit(replay, prior, data)
 
 Gauss-Newton steps on all episodes together, of which the prior counts as a reading. Directions that
-the logs do not know stay where they were. It takes far fewer simulations than a global search, so
-that it can be asked between two episodes; where the prior is so wide that errors are no longer
-smooth in it, take `identify=cma`.
+the logs do not know stay where they were, until a smaller gap makes them known. It takes far fewer
+simulations than a global search, so that it can be asked between two episodes; where the prior is
+so wide that errors are no longer smooth in it, take `identify=cma`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from envs.distribution import Distribution
 from sim2real.identification.data import Recordings
-from sim2real.identification.local import explore, per_episode
+from sim2real.identification.local import Local, explore, per_episode
 from sim2real.identification.methods.base import Run, gaussian
 from sim2real.identification.providers.base import Aligned, MakeProvider
 from sim2real.identification.providers.replay import replay
@@ -39,6 +39,9 @@ class Nearby:
             velocities; "auto" for one row on where the logs hold the whole state in even rows, and
             else for whole windows.
         transitions: at most so many states (or windows) are compared, spread evenly.
+        steps: Gauss-Newton steps at most; it ends where no step helps.
+        difference: step of central differences, in widths of the prior. Where feet hit the ground,
+            errors bend at every contact, and a small step tells the slope of one moment alone.
         settings: see `Settings`.
 
     Raises:
@@ -52,18 +55,26 @@ class Nearby:
         provider: MakeProvider = replay,
         rows: int | Literal["auto"] | None = "auto",
         transitions: int = 100,
+        steps: int = 20,
+        difference: float = 0.05,
         settings: Settings = DEFAULT,
     ) -> None:
         counted = isinstance(rows, int)
-        if (counted and rows < 1) or not (counted or rows in (None, AUTO)) or transitions < 1:
+        if (counted and rows < 1) or not (counted or rows in (None, AUTO)):
             raise Sim2RealError(
-                f"identify: rows={rows} must be at least 1, null for whole windows, or {AUTO}, and "
-                f"transitions={transitions} at least 1"
+                f"identify: rows={rows} must be at least 1, null for whole windows, or {AUTO}"
+            )
+        if transitions < 1 or steps < 1 or not 0 < difference <= 0.5:
+            raise Sim2RealError(
+                f"identify: transitions={transitions} and steps={steps} must be at least 1, and "
+                f"difference={difference:g} above 0 and at most 0.5"
             )
         self.provider, self.transitions = provider, transitions
         self.rows, self._auto = (ONE if rows == AUTO else rows), rows == AUTO
         # batches of one size, for which the simulator is made once
-        self.settings = replace(settings, step_rows=transitions)
+        self.settings = replace(
+            settings, step_rows=transitions, rounds=steps, difference=difference
+        )
 
     def fit(
         self,
@@ -82,11 +93,10 @@ class Nearby:
             )
         few = made.only(_spread(len(made.real), self.transitions))
         few.episode = np.zeros(len(few.real), np.int64)  # one robot: all logs together
-        local = explore(few, prior, prior.mean, self.settings)
-        shifts, covariances, _ = per_episode(few, prior, local, self.settings)
+        local, shift, covariance = self._settled(few, prior)
         turn, rest = local.known * local.scale[:, None], local.flat * local.scale[:, None]
-        sure = turn @ covariances[0] @ turn.T + rest @ rest.T
-        point = np.clip(local.values(shifts[0]), prior.low, prior.high)
+        sure = turn @ covariance @ turn.T + rest @ rest.T
+        point = np.clip(local.values(shift), prior.low, prior.high)
         found = gaussian(prior, point, sure, None, np.sqrt(np.maximum(np.diag(sure), 0.0)))
         return replace(
             found,
@@ -95,6 +105,23 @@ class Nearby:
             made_by=run.made_by(self.name),
             logs=data.hashes(),
         )
+
+    def _settled(self, few: Aligned, prior: Distribution) -> tuple[Local, np.ndarray, np.ndarray]:
+        """Go from the prior's middle to where no further direction becomes known.
+
+        Far from the truth the gap hides what a parameter does; nearer to it, more of them are told.
+
+        Returns:
+            What is known around the last start, the shift (K,) from there, and its covariance.
+        """
+        local = explore(few, prior, prior.mean, self.settings)
+        while True:
+            shifts, covariances, _ = per_episode(few, prior, local, self.settings)
+            point = np.clip(local.values(shifts[0]), prior.low, prior.high)
+            nearer = explore(few, prior, point, self.settings)
+            if nearer.known.shape[1] <= local.known.shape[1]:
+                return local, shifts[0], covariances[0]
+            local = nearer
 
     def _provided(
         self, provider: MakeProvider, prior: Distribution, data: Recordings, run: Run

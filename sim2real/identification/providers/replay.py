@@ -12,7 +12,6 @@ import numpy as np
 
 from envs.effects import Effect
 from envs.plant import Plant
-from sim2real.diagnosis.data.noise_floor import noise_floor
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.identification.data import Recordings
 from sim2real.identification.providers.base import Aligned
@@ -56,9 +55,8 @@ class Windows(Aligned):
         real = np.where(own.mask[..., None], own.measured / own.scale, np.nan)
         pairs = [(window.log, window.episode) for window in own.windows]
         order = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}
-        floor = noise_floor(own.logs, own.settings)
         names = [joint.name for joint in own.joints]
-        noise = np.array([floor[name] for name in names]) / own.scale
+        noise = own.floors() / own.scale
         super().__init__(
             real, np.array([order[p] for p in pairs]), own.scale, names, noise, neutral
         )

@@ -21,7 +21,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from envs.effects.contact import ground, soles
+from envs.loose import refusal
 from envs.randomization import Randomization
 from envs.tasks.servo import ServoTask
 from hardware.backends import ServoBackend
@@ -30,9 +30,8 @@ from hardware.excite import Kind
 from hardware.log import Log, read_logs
 from hardware.rows import RobotRows
 from hardware.safety import StopLimits
-from sim2real.deployment.deploy import drive, servo_task
+from sim2real.deployment.deploy import drive, is_felt, servo_task
 from sim2real.deployment.session import STATE, Deployment, Turn, load
-from sim2real.diagnosis.ground.base import FREE, SLIDE
 from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.environment import Environment
 from sim2real.learning.trained import Trained
@@ -98,22 +97,11 @@ class Site:
     def _refuse_loose(self) -> None:
         """Refuse the ground for a robot of whose base nothing tells where it is."""
         model = mujoco.MjModel.from_xml_path(str(self.machine.model))
-        driven = {int(joint) for joint in model.actuator_trnid[:, 0]}
-        loose = {model.joint(j).name: int(model.jnt_type[j]) for j in range(model.njnt)}
-        loose = {name: kind for name, kind in loose.items() if model.joint(name).id not in driven}
-        if not loose:
-            return
-        why = ""
-        if not (ground(model).size and soles(model).size):
-            why = "its model has no ground to stand on"
-        elif not set(loose.values()) <= {FREE, SLIDE}:
-            why = "only a free base and the slides of a boom are estimated from its feet"
-        elif FREE in loose.values() and self.machine.imu is None:
-            why = "no IMU says how it is turned (imu: in the robot's file)"
+        why = refusal(model, has_imu=is_felt(self._backend()))
         if why:
             raise Sim2RealError(
-                f"stand=false: {self.machine.name} moves at {', '.join(loose)}, which no servo "
-                f"reads, and {why}, so its episodes cannot be simulated again; use stand=true"
+                f"stand=false: {self.machine.name} {why}, so its episodes cannot be simulated "
+                "again; use stand=true"
             )
 
     @cached_property

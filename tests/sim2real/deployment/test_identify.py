@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,10 @@ import numpy as np
 import pytest
 
 from envs.tasks import Bench1, Quad8
+from hardware.backends import ServoBackend
+from hardware.config import load_robot
 from hardware.exported import ExportedPolicy, PolicyError
+from hardware.rows import RobotRows
 from sim2real.config.compose import compose, prepare
 from sim2real.deployment.deploy import check_base
 from sim2real.deployment.trained import load_policy
@@ -62,13 +66,18 @@ def test_a_policy_that_is_told_nothing_cannot_identify(tmp_path: Path) -> None:
         deployed(plain, tmp_path / "out", "adapt=identify")
 
 
-def test_a_robot_whose_base_nobody_measures_is_refused() -> None:
-    """Servos do not say where a walking robot's base is; a pendulum has none."""
+def test_a_robot_whose_base_nothing_tells_is_refused() -> None:
+    """An IMU and the feet say where a walking robot's base is; servos alone do not."""
     operator = Identify(episodes=1, last=1, find=lambda environment, logs, seed: np.zeros(1))
-    check_base(Bench1(), operator)
-    check_base(Quad8(), NoAdaptation())
-    with pytest.raises(Sim2RealError, match="no servo of quad8 measures its free base"):
-        check_base(Quad8(), operator)
+    walker = RobotRows(Quad8(), ServoBackend(load_robot("quad8"), 0.1))
+    check_base(RobotRows(Bench1(), ServoBackend(load_robot("bench1"), 0.1)), operator)
+    check_base(walker, operator)
+    walker.backend.robot = replace(walker.backend.robot, imu=None)
+    check_base(walker, NoAdaptation())
+    with pytest.raises(
+        Sim2RealError, match="quad8 moves at root, which no servo reads, and no IMU"
+    ):
+        check_base(walker, operator)
 
 
 def test_an_export_says_which_parameters_it_needs(run: Path, tmp_path: Path) -> None:
