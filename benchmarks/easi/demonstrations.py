@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from envs.effects import load_effects
+from envs.models import named
 from envs.randomization import Randomization
 from envs.simulation import Simulation
 from hardware.log import Log, write_log
@@ -82,7 +83,7 @@ def _columns(rows: Simulation, episodes: list[list[np.ndarray]]) -> dict[str, np
     joints = [columns_of(model, i) for i in range(model.njnt)]
     names = [f"qpos.{name}" for names, _ in joints for name in names]
     names += [f"qvel.{name}" for _, names in joints for name in names]
-    names += [f"ctrl.{model.actuator(i).name}" for i in range(model.nactuator)]
+    names += [f"ctrl.{actuator.name}" for actuator in named(rows.task.spec()).actuators]
     names += [f"obs.{i}" for i in range(rows.observation_size)]
     names += [f"action.{i}" for i in range(rows.action_size)]
     table = np.concatenate([np.stack(episode) for episode in episodes])

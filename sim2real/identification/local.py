@@ -117,6 +117,74 @@ def per_episode(
     return shifts, _covariances(provider, change, error, settings), error
 
 
+class Likely(NamedTuple):
+    """The most likely values, and how sure they are."""
+
+    point: np.ndarray  # (P,)
+    covariance: np.ndarray  # (P, P)
+
+
+def most_likely(provider: Aligned, prior: Distribution, settings: Settings = DEFAULT) -> Likely:
+    """Go from the prior's mean to the values that the logs and the prior make most likely.
+
+    Damped Gauss-Newton steps. Each reading counts over its noise, which is what is left of the gap
+    so far. A part of what is left may act like any parameter: it is the same in all readings, so
+    that the prior counts for more against them the more of it there is. While values are looked
+    for, most of what is left is that of wrong values; so it is a smaller part then (`hold`) than
+    for how sure they are in the end (`doubt`).
+
+    Args:
+        provider: what simulates; all episodes together.
+        prior: gives the mean, the widths and the ends.
+        settings: see `Settings`; `rounds` steps at most.
+    """
+    scale, every = prior.std, np.arange(provider.episodes)
+    shift = np.zeros(len(scale))  # in deviations of the prior
+
+    def at(moves: np.ndarray) -> np.ndarray:  # (..., P)
+        return _inside(prior.mean + moves * scale, prior)
+
+    error = provider.errors(at(shift)[None])[0]
+    for turn in range(settings.rounds + 1):
+        change = sensitivities(provider, prior, at(shift)[None].repeat(len(every), 0), settings)
+        noise = np.maximum(_square(error), _floor(provider, settings))  # (M,)
+        flat = _readings(change / np.sqrt(noise)) * scale[:, None]
+        information = flat @ flat.T
+        if turn == settings.rounds:
+            break
+        weight = _weight(provider, error, noise, settings.hold, settings)
+        curve = information + weight * np.eye(len(scale))
+        down = flat @ _filled(error / np.sqrt(noise)).ravel() + weight * shift
+        steps = [_step(curve, down, damping, settings) for damping in settings.dampings]
+        trials = (at(shift + np.array(steps)) - prior.mean) / scale
+        errors = provider.errors(at(trials))
+        costs = [
+            np.nansum(one**2 / noise) + weight * (move**2).sum()
+            for one, move in zip([error, *errors], [shift, *trials], strict=True)
+        ]
+        best = int(np.argmin(costs))
+        if best == 0:
+            break
+        shift, error = trials[best - 1], errors[best - 1]
+    weight = _weight(provider, error, noise, settings.doubt, settings)
+    sure = weight * np.linalg.inv(information + weight * np.eye(len(scale)))
+    return Likely(at(shift), scale[:, None] * sure * scale)
+
+
+def _weight(
+    provider: Aligned, error: np.ndarray, noise: np.ndarray, part: float, settings: Settings
+) -> float:
+    """Return how many readings the prior counts as, 1 where all that is left is noise."""
+    beyond = np.minimum(1 - _floor(provider, settings) / noise, _lasting(error))
+    share = float(np.clip(beyond, 0.0, 1.0).max())
+    return 1 + part**2 * share * int(np.isfinite(error).sum())
+
+
+def _step(curve: np.ndarray, down: np.ndarray, damping: float, settings: Settings) -> np.ndarray:
+    step = -np.linalg.solve(curve + damping * np.diag(np.diag(curve)), down)
+    return step * min(1.0, settings.longest_step / max(np.linalg.norm(step), TINY))
+
+
 def _inside(values: np.ndarray, prior: Distribution) -> np.ndarray:
     return np.clip(values, prior.low, prior.high)
 

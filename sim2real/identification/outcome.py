@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -131,41 +131,40 @@ def write(outcome: Outcome, out: Path) -> None:
 
 def draw(outcome: Outcome, path: Path) -> None:
     """Draw prior, draws and mean of each parameter, over the width of its prior."""
+    with figure(path, 1, 1, (WIDE, 1.2 + HIGH * len(outcome.found.names))) as (_, axes):
+        panel(axes[0, 0], outcome)
+        handles = legend(bool(outcome.truth))
+        axes[0, 0].legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=4)
+
+
+def panel(ax: Any, outcome: Outcome) -> None:
+    """Draw the parameters on axes, a line each."""
     found, prior = outcome.found, outcome.prior
-    count = len(found.names)
     sure = found.columns("uncertainty")
-    with figure(path, 1, 1, (WIDE, 1.2 + HIGH * count)) as (_, axes):
-        ax = axes[0, 0]
-        for i, (name, law, before) in enumerate(
-            zip(found.names, found.laws, prior.laws, strict=True)
-        ):
-            width = before.high - before.low
+    for i, (name, law, before) in enumerate(zip(found.names, found.laws, prior.laws, strict=True)):
+        width = before.high - before.low
 
-            def place(value: float, low: float = before.low, width: float = width) -> float:
-                return (value - low) / width
+        def place(value: float, low: float = before.low, width: float = width) -> float:
+            return (value - low) / width
 
-            ax.plot([0, 1], [i + UNIFORM] * 2, color=FAINT, linewidth=5, solid_capstyle="butt")
-            ends = [
-                place(np.clip(law.mean + s * NINETY * law.std, law.low, law.high)) for s in (-1, 1)
-            ]
-            ax.plot(ends, [i + NORMAL] * 2, color=COLOURS[5], linewidth=5, solid_capstyle="butt")
-            if np.isfinite(sure[i]):
-                ends = [place(law.mean + s * NINETY * sure[i]) for s in (-1, 1)]
-                ax.plot(ends, [i + MEAN] * 2, color=COLOURS[0], linewidth=2)
-            ax.plot([place(law.mean)], [i + MEAN], "o", color=COLOURS[0], markersize=5)
-            if name in outcome.truth:
-                truth = place(outcome.truth[name])
-                ax.plot([truth] * 2, [i + 1.5 * UNIFORM, i + 1.5 * MEAN], color=INK, linewidth=1.2)
-        ax.set_yticks(range(count), list(found.names))
-        ax.invert_yaxis()
-        ax.set_xlim(-0.03, 1.03)
-        ax.set_xlabel("place in the prior (0: low, 1: high)")
-        handles = _legend(ax, bool(outcome.truth))
-        ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=4)
+        ax.plot([0, 1], [i + UNIFORM] * 2, color=FAINT, linewidth=5, solid_capstyle="butt")
+        ends = [place(np.clip(law.mean + s * NINETY * law.std, law.low, law.high)) for s in (-1, 1)]
+        ax.plot(ends, [i + NORMAL] * 2, color=COLOURS[5], linewidth=5, solid_capstyle="butt")
+        if np.isfinite(sure[i]):
+            ends = [place(law.mean + s * NINETY * sure[i]) for s in (-1, 1)]
+            ax.plot(ends, [i + MEAN] * 2, color=COLOURS[0], linewidth=2)
+        ax.plot([place(law.mean)], [i + MEAN], "o", color=COLOURS[0], markersize=5)
+        if name in outcome.truth:
+            truth = place(outcome.truth[name])
+            ax.plot([truth] * 2, [i + 1.5 * UNIFORM, i + 1.5 * MEAN], color=INK, linewidth=1.2)
+    ax.set_yticks(range(len(found.names)), list(found.names))
+    ax.invert_yaxis()
+    ax.set_xlim(-0.03, 1.03)
+    ax.set_xlabel("place in the prior (0: low, 1: high)")
 
 
-def _legend(ax: object, truth: bool) -> list:
-    """Return what the colours mean."""
+def legend(truth: bool) -> list:
+    """Return what the colours mean, and whether there is a truth among them."""
     from matplotlib.lines import Line2D
 
     kinds = [

@@ -17,7 +17,7 @@ import numpy as np
 from envs.distribution import Distribution, Entry
 from envs.effects import Effect, make
 from envs.errors import did_you_mean
-from envs.laws import uniform
+from envs.laws import Law, uniform
 from envs.params import Parameter
 from envs.plant import Plant
 from envs.randomization import Randomization, Tasks
@@ -38,7 +38,8 @@ def of_tasks(tasks: Tasks, data: Recordings | None = None, beyond: float = 0.0) 
         tasks: a `Randomization`, or a distribution, which is a prior as it is.
         data: whose model says how many parameters an effect has; None where each has one.
         beyond: how far the prior goes on at both ends of a randomization's ranges, in their widths,
-            as far as values mean something; it needs data.
+            as far as values mean something: a normal law with their mean and deviation. It needs
+            data.
 
     Raises:
         Sim2RealError: tasks of another kind, or without a width.
@@ -58,8 +59,10 @@ def of_tasks(tasks: Tasks, data: Recordings | None = None, beyond: float = 0.0) 
             continue
         more = beyond * (high - low)
         own = parameters(draw.effect, data)
-        laws = tuple(uniform(max(low - more, p.low), min(high + more, p.high)) for p in own)
-        entries.append(Entry(draw.effect, laws))
+        law = uniform(low, high)
+        ends = [(max(low - more, p.low), min(high + more, p.high)) for p in own]
+        wide = tuple(Law("normal", law.mean, law.std, a, b) for a, b in ends)
+        entries.append(Entry(draw.effect, wide if beyond else (law,) * len(own)))
     return checked(Distribution(tuple(entries)))
 
 

@@ -45,6 +45,12 @@ class Settings:
         "part of what is left of the gap, beyond noise, that may act like a parameter; a deviation",
         "set by hand: holds the hidden values of the emulated bench, tests/sim2real/identification",
     )
+    hold: float = setting(
+        0.2,
+        "1",
+        "the same while values are looked for from far away (`nearby`); a deviation",
+        "set by hand: of 0.1 to 0.8 nearest to what an emulated quad8 hides",
+    )
     em_rounds: int = setting(500, "1", "rounds of the random effects' EM at most", COST)
     em_change: float = setting(1e-6, "1", "change at which it stops", COST)
     draws: int = setting(100, "1", "draws under which held-out logs are replayed", COST)

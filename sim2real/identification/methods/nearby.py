@@ -3,10 +3,10 @@
     method = Nearby(rows="auto", transitions=100)
     found = method.fit(replay, prior, data)
 
-Gauss-Newton steps on all episodes together, of which the prior counts as a reading. Directions that
-the logs do not know stay where they were, until a smaller gap makes them known. It takes far fewer
-simulations than a global search, so that it can be asked between two episodes; where the prior is
-so wide that errors are no longer smooth in it, take `identify=cma`.
+Gauss-Newton steps on all episodes together, held by the prior: what the logs do not tell stays
+where it was. It takes far fewer simulations than a global search, so that it can be asked between
+two episodes; where the prior is so wide that errors are no longer smooth in it, take
+`identify=cma`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from envs.distribution import Distribution
 from sim2real.identification.data import Recordings
-from sim2real.identification.local import Local, explore, per_episode
+from sim2real.identification.local import explore, most_likely
 from sim2real.identification.methods.base import Run, gaussian
 from sim2real.identification.providers.base import Aligned, MakeProvider
 from sim2real.identification.providers.replay import replay
@@ -93,35 +93,14 @@ class Nearby:
             )
         few = made.only(_spread(len(made.real), self.transitions))
         few.episode = np.zeros(len(few.real), np.int64)  # one robot: all logs together
-        local, shift, covariance = self._settled(few, prior)
-        turn, rest = local.known * local.scale[:, None], local.flat * local.scale[:, None]
-        sure = turn @ covariance @ turn.T + rest @ rest.T
-        point = np.clip(local.values(shift), prior.low, prior.high)
-        found = gaussian(prior, point, sure, None, np.sqrt(np.maximum(np.diag(sure), 0.0)))
+        point, sure = most_likely(few, prior, self.settings)
         return replace(
-            found,
-            flat=local.named(prior.names, self.settings),
+            gaussian(prior, point, sure, None, np.sqrt(np.diag(sure))),
+            flat=explore(few, prior, point, self.settings).named(prior.names, self.settings),
             noise=dict.fromkeys(made.names, 0.0),
             made_by=run.made_by(self.name),
             logs=data.hashes(),
         )
-
-    def _settled(self, few: Aligned, prior: Distribution) -> tuple[Local, np.ndarray, np.ndarray]:
-        """Go from the prior's middle to where no further direction becomes known.
-
-        Far from the truth the gap hides what a parameter does; nearer to it, more of them are told.
-
-        Returns:
-            What is known around the last start, the shift (K,) from there, and its covariance.
-        """
-        local = explore(few, prior, prior.mean, self.settings)
-        while True:
-            shifts, covariances, _ = per_episode(few, prior, local, self.settings)
-            point = np.clip(local.values(shifts[0]), prior.low, prior.high)
-            nearer = explore(few, prior, point, self.settings)
-            if nearer.known.shape[1] <= local.known.shape[1]:
-                return local, shifts[0], covariances[0]
-            local = nearer
 
     def _provided(
         self, provider: MakeProvider, prior: Distribution, data: Recordings, run: Run
