@@ -96,3 +96,73 @@ class SlicedWasserstein(Memoryless):
                 sliced_wasserstein_distance(first, other, n_projections=self.projections, seed=turn)
             )
         return np.array(found, dtype=float)
+
+
+class Embedding(Memoryless):
+    """Conditional mean embedding: simulated changes beside those that real ones lead to expect.
+
+    Kernel ridge regression, by random Fourier features (Rahimi and Recht, NeurIPS 2007), learns
+    from the real transitions which change follows an observation and an action (Song, Fukumizu and
+    Gretton, IEEE Signal Processing Magazine 30, 2013). The score is the mean square by which
+    simulated changes differ from that, over the deviations of the real ones. Which observations a
+    simulation comes to does not count, as it does in distances of samples, so that few episodes
+    are enough; where the real robot never was, nothing is known.
+
+    Args:
+        features: how many.
+        width: of the kernel, in the median distance between real observations and actions.
+        ridge: of the regression, in real transitions.
+        compared: real transitions of which the median is taken.
+
+    Raises:
+        Sim2RealError: a number out of its range; called before `begin`.
+    """
+
+    aligned = False
+    rows = None
+
+    def __init__(
+        self,
+        features: int = 300,
+        width: float = 1.0,
+        ridge: float = 1e-3,
+        compared: int = 300,
+    ) -> None:
+        if features < 1 or not width > 0 or not ridge > 0 or compared < 2:
+            raise Sim2RealError(
+                f"score: features={features} must be at least 1, width={width:g} and "
+                f"ridge={ridge:g} above 0, compared={compared} at least 2"
+            )
+        self.features, self.width, self.ridge, self.compared = features, width, ridge, compared
+        self._observation: int | None = None
+
+    def begin(self, observation: int, seed: int) -> None:
+        """Say how many of a transition's columns are the observation; seed: of the features."""
+        self._observation, self._seed = observation, seed
+
+    def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:
+        """Return it for each simulation, (n,)."""
+        if self._observation is None:
+            raise Sim2RealError("score=embedding: call begin(observation_size, seed) first")
+        rng, changed = np.random.default_rng(self._seed), -self._observation
+        before = real[:, :changed]  # observation and action
+        few = standard(before, some(before, self.compared, rng))
+        apart = squares(few, few)[~np.eye(len(few), dtype=bool)]
+        turns = rng.standard_normal((before.shape[1], self.features))
+        turns /= self.width * np.sqrt(np.median(apart) + TINY)
+        seen = _features(standard(before, before), turns)  # (N, D)
+        wanted = standard(real[:, changed:], real[:, changed:])  # (N, O)
+        square = seen.T @ seen + self.ridge * np.eye(seen.shape[1])
+        weights = np.linalg.solve(square, seen.T @ wanted)
+        found = []
+        for one in simulated:
+            expected = _features(standard(before, one[:, :changed]), turns) @ weights
+            off = standard(real[:, changed:], one[:, changed:]) - expected
+            found.append((off**2).mean())
+        return np.array(found)
+
+
+def _features(values: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Return a constant, the values (N, F) themselves, and their waves along turns (F, D)."""
+    along = values @ turns
+    return np.hstack([np.ones((len(values), 1)), values, np.cos(along), np.sin(along)])

@@ -21,7 +21,7 @@ from sim2real.identification.methods.matching import Matching
 from sim2real.identification.providers.rollout import rollout, transitions
 from sim2real.identification.scores.aligned import OneStep
 from sim2real.identification.scores.critic import Critic
-from sim2real.identification.scores.samples import Mmd, SlicedWasserstein
+from sim2real.identification.scores.samples import Embedding, Mmd, SlicedWasserstein
 from sim2real.identification.searches import Cma, EasiEs
 from sim2real.runs.errors import Sim2RealError
 
@@ -175,3 +175,33 @@ def test_what_does_not_fit_is_refused() -> None:
         rollout(DATA, PRIOR.effects, steps=200)
     with pytest.raises(Sim2RealError, match="variant='wgan'"):
         Critic("wgan")  # type: ignore[arg-type]
+    with pytest.raises(Sim2RealError, match="features=0 must be at least 1"):
+        Embedding(features=0)
+
+
+def test_embeddings_ask_what_follows_and_not_where_a_robot_comes() -> None:
+    """Other starts cost nothing; another law of what follows costs its square."""
+    rng = np.random.default_rng(1)
+
+    def world(slope: float, middle: float) -> np.ndarray:
+        seen, said = rng.normal(middle, 0.5, (600, 1)), rng.normal(size=(600, 1))
+        return np.hstack([seen, said, slope * np.sin(seen) + said])
+
+    real = np.concatenate([world(1.0, 0.0), world(1.0, 1.0)])
+    score = Embedding()
+    with pytest.raises(Sim2RealError, match="call begin"):
+        score(real, real[None])
+    score.begin(1, seed=0)
+    same, shifted, other = score(
+        real, np.stack([world(1.0, 0.5), world(1.0, 1.0), world(2.0, 0.5)])
+    )
+    assert max(same, shifted) < 1e-3 < 0.05 < other
+    moved = np.stack([world(1.0, 0.5), world(1.0, 1.0)])
+    left, right = Mmd(compared=600)(real, moved)
+    assert right > 3 * left, "a distance of samples sees where the robot was"
+
+
+def test_embeddings_find_the_length() -> None:
+    """With CMA-ES, from one episode of each simulation."""
+    found = Easi(Embedding(), Cma(population=12, generations=20)).fit(rollout, PRIOR, DATA)
+    assert found.mean == pytest.approx([TRUTH], rel=0.05)
