@@ -113,9 +113,13 @@ def run(
     if resume is not None:
         load(resume, deployment)
         log_.info("continuing after %d of %d episodes", deployment.done, deployment.total)
-    drive(rows, trained, deployment, out)
-    report(deployment, trained, task, out)
-    draw(rows, deployment, out / "plots")
+    try:
+        if deployment.done < deployment.total:
+            drive(rows, trained, deployment, out)
+    finally:
+        if deployment.done == deployment.total:  # also where parking failed
+            report(deployment, trained, task, out)
+            draw(rows, deployment, out / "plots")
     return deployment
 
 

@@ -49,6 +49,7 @@ def by_family(search: Search, found: Found) -> Found:
     gain = search.blocks.rms(found.error) - search.blocks.rms(better.error)
     better_by = search.problem.data.settings.joint_groups.better
     if gain < better_by * (search.before - search.floor):
+        search.keep(found, found.fit, found.error)
         return found
     return replace(better, guesses=found.guesses, singles=found.singles)
 
@@ -193,7 +194,7 @@ class _Families:
         if fall < least or self.blocks.gain(found.error, error)[0] <= 0:
             return False
         self.leave_out({self.left[kind][0].name for kind in choice})
-        found.fit, found.error = fit, error
+        search.keep(found, fit, error)
         found.steps.append((" and ".join(choice), error))
         return self.blocks.rms(error) > search.least
 

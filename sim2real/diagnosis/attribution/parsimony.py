@@ -38,7 +38,9 @@ def simplified(search: Search, found: Found) -> Found:
     search.say("leaving out what is not needed", SIMPLIFYING)
     found = _wide(search, found)
     found = _merged(search, found)
-    return _eliminated(search, found)
+    found = _eliminated(search, found)
+    search.keep(found, found.fit, found.error)
+    return found
 
 
 def _wide(search: Search, found: Found) -> Found:

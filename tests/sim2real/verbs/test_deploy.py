@@ -19,6 +19,7 @@ from hardware.calibration import calibration_of, write_calibration
 from hardware.config import ROBOTS, load_robot
 from hardware.errors import RobotError, SafetyError, ServoError
 from hardware.log import read_logs
+from hardware.rows import RobotRows
 from sim2real.config.compose import compose, prepare, save
 from sim2real.deployment import deploy
 from sim2real.deployment.session import Deployment
@@ -239,6 +240,25 @@ def test_a_robot_that_is_stopped_says_why_and_how_to_go_on(run, tmp_path):
     assert len(done.before) == 2
     with pytest.raises(Sim2RealError, match=r"stops\.odd_volt=0\.5 \(did you mean 'odd_voltage'"):
         go(run, tmp_path / "out", "stops={odd_volt: 0.5}")
+
+
+def test_results_are_told_even_if_parking_fails(run, tmp_path, monkeypatch):
+    """All episodes are done: the table is written, the reason raised; resumed, nothing moves."""
+    close = RobotRows.close
+
+    def stuck(rows: RobotRows) -> None:
+        close(rows)
+        raise SafetyError("hinge is stuck")
+
+    monkeypatch.setattr(RobotRows, "close", stuck)
+    with pytest.raises(SafetyError, match="hinge is stuck"):
+        go(run, tmp_path)
+    table = (tmp_path / "table.md").read_text()
+    assert (tmp_path / "plots" / "returns.png").exists()
+    monkeypatch.setattr(RobotRows, "arm", lambda rows: pytest.fail("it was armed"))
+    (tmp_path / "table.md").unlink()
+    assert len(go(run, tmp_path, f"resume={tmp_path}").before) == 2
+    assert (tmp_path / "table.md").read_text() == table
 
 
 def test_a_log_tells_what_it_is_of(run, tmp_path):

@@ -111,6 +111,7 @@ def test_gains_and_frictions_of_all_joints_are_found(search: Search) -> None:
     assert is_spread(search, nothing)
     found = by_family(search, nothing)
     assert search.blocks.rms(found.error) < 0.12 * search.before
+    assert "position_gain.elbow" in search.best  # the progress tells it
     values = {m.label: v for m, v in zip(found.fit.members, found.fit.mean, strict=True)}
     for name, gain, rub in zip(JOINTS, GAINS, FRICTION, strict=True):
         assert values[f"position_gain.{name}"] * STIFF == pytest.approx(gain, rel=0.15)

@@ -64,6 +64,7 @@ def test_gains_of_all_joints_are_one_strength(tmp_path: Path) -> None:
     found = simplified(search, found_of(search, **told))
     assert [m.label for m in found.fit.members] == ["motor_strength"]
     assert found.fit.mean == pytest.approx([0.73], rel=0.02)
+    assert "best so far: motor_strength, " in search.best  # the progress tells it
 
 
 def test_a_value_that_costs_nothing_to_leave_out_is_left_out(tmp_path: Path) -> None:
