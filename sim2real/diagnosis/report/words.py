@@ -17,6 +17,7 @@ from sim2real.diagnosis.settings import DEFAULT, TINY
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
 NOISE = DEFAULT.verdict.no_gap_floors  # floors that noise accounts for
 SINGLY = 4  # causes that a sentence names with their places
+CROWD = 3  # causes at one joint that may stand for a law that is missing (docs/blindcheck.md)
 EVERYWHERE = "all joints alike"
 SUBTITLES = {
     "explained": "Explained",
@@ -139,10 +140,11 @@ def details(report: Report) -> str:
             f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
             f" {floor} are noise. No effect that was tried brings it nearer {on}."
         )
+    further = "".join(f" {text}" for text in (rest(report), crowded(report)) if text)
     return (
         f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
         f" with {_these(report)} in the model by {quantity(gap.after, gap.unit)}"
-        f"{', ' + on if on else ''}. {floor} are noise that nothing can close.{_rest(report)}"
+        f"{', ' + on if on else ''}. {floor} are noise that nothing can close.{further}"
     )
 
 
@@ -158,9 +160,16 @@ def rest(report: Report) -> str:
     )
 
 
-def _rest(report: Report) -> str:
-    text = rest(report)
-    return f" {text}" if text else ""
+def crowded(report: Report) -> str:
+    """Return a warning where several effects at one joint are named as causes; else ""."""
+    places = [cause.where for cause in report.causes if cause.where and not cause.shared]
+    joint = max(places, key=places.count, default="")
+    if places.count(joint) < CROWD:
+        return ""
+    return (
+        f"{places.count(joint)} effects are named at {joint}: so many at one joint can imitate a "
+        "law that is missing; isolate each of them before you believe it."
+    )
 
 
 def label(text: str) -> str:

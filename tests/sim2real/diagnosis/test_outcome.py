@@ -87,6 +87,19 @@ def test_a_log_that_contradicts_itself_makes_no_effects(
     assert words[-1].startswith("effects.yaml and model.xml are not written") == (files == 2)
 
 
+def test_three_causes_at_one_joint_are_doubted(found: Diagnosis) -> None:
+    """So many can imitate a missing law; two, or three at several joints or at all, cannot."""
+    cause = replace(found.report.causes[0], where="a", shared=False)
+    crowd = [replace(cause, effect=name) for name in ("armature", "cogging", "backlash")]
+    told = last_words(replace(found.report, causes=tuple(crowd)))
+    assert any(words.startswith("3 effects are named at a: so many") for words in told)
+    elsewhere = (*crowd[:2], replace(crowd[2], where="b"))
+    wide = tuple(replace(one, where=None, shared=True) for one in crowd)
+    for causes in (tuple(crowd[:2]), elsewhere, wide):
+        told = last_words(replace(found.report, causes=causes))
+        assert not any("effects are named at" in words for words in told)
+
+
 def test_a_model_of_boxes_can_carry_a_load() -> None:
     """The ball of the next experiment is a ball, whatever the model's geoms are by default."""
     from sim2real.diagnosis.attribution.experiment_menu import menu
