@@ -56,14 +56,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.list:
         for name in cheapest:
             about = trainings[name]
-            command = " ".join(["sim2real", *about["do"]])
+            command = " ".join(["sim2real", *trainings[about.get("of", name)]["do"]])
             print(f"{name}: {about['runs']} x {about['minutes']} CPU min: {command}")
         hours = sum(about["runs"] * about["minutes"] for about in trainings.values()) / 60
         print(f"all: {hours:.0f} CPU h")
         return 0
-    commands = {name: about["do"] for name, about in trainings.items()}
+    of = {name: about["of"] for name, about in trainings.items() if "of" in about}
+    commands = {name: trainings[of.get(name, name)]["do"] for name in trainings}
     then = {name: about["then"] for name, about in trainings.items() if "then" in about}
-    plan = Plan(commands, chosen.out.resolve(), chosen.results.resolve() / "seeds.csv", then)
+    plan = Plan(commands, chosen.out.resolve(), chosen.results.resolve() / "seeds.csv", then, of)
     failed = sum(
         run(name, chosen.seeds or range(trainings[name]["runs"]), plan)
         for name in (cheapest if "all" in chosen.run else chosen.run)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ class Plan:
         trainings: overrides of the command line, by name.
         then: overrides of an evaluation of the trained policy, by name, whose figures count
             instead of the training's own.
+        of: another training whose policies are evaluated, by name.
         out: folder of the runs.
         table: the CSV file of the figures.
     """
@@ -44,6 +46,11 @@ class Plan:
     out: Path
     table: Path
     then: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    of: Mapping[str, str] = field(default_factory=dict)
+
+    def trained(self, name: str, seed: int) -> Path:
+        """Return the folder of the run that trains the policy."""
+        return self.folder(self.of.get(name, name), seed)
 
     def folder(self, name: str, seed: int) -> Path:
         """Return a run's folder."""
@@ -54,29 +61,32 @@ def run(name: str, seeds: Sequence[int], plan: Plan) -> int:
     """Train and evaluate what is not yet done; return how many runs failed."""
     failed = 0
     for seed in seeds:
-        folder = plan.folder(name, seed)
-        with claimed(folder) as mine:
-            if not mine or list(figures(folder, name in plan.then)):
+        folder, policy = plan.folder(name, seed), plan.trained(name, seed)
+        with ExitStack() as stack:
+            mine = [stack.enter_context(claimed(one)) for one in dict.fromkeys((folder, policy))]
+            if not all(mine) or list(figures(folder, name in plan.then)):
                 continue
             with timed(folder):
-                done = bool(list(figures(folder))) or sim2real(
-                    *plan.trainings[name],
-                    f"seed={seed}",
-                    "video=none",
-                    "keep_checkpoints=1",
-                    f"hydra.run.dir={folder}",
-                    *([f"resume={folder}"] if trained(folder) else []),
-                )
+                done = train(policy, seed, plan.trainings[name])
                 if done and name in plan.then:
-                    done = evaluate(folder, seed, plan.then[name])
+                    done = evaluate(policy, seed, plan.then[name], folder)
             failed += not done
         collect(plan)
     return failed
 
 
-def evaluate(folder: Path, seed: int, words: Sequence[str]) -> bool:
-    """Evaluate a trained policy once more; return whether it came to its end."""
-    given = ("run=evaluate", f"checkpoint={folder}", f"seed={seed}")
+def train(folder: Path, seed: int, words: Sequence[str]) -> bool:
+    """Train a policy that is not there yet; return whether that came to its end."""
+    if list(figures(folder)):
+        return True
+    go_on = [f"resume={folder}"] if trained(folder) else []
+    rest = (f"seed={seed}", "video=none", "keep_checkpoints=1", f"hydra.run.dir={folder}")
+    return sim2real(*words, *rest, *go_on)
+
+
+def evaluate(policy: Path, seed: int, words: Sequence[str], folder: Path) -> bool:
+    """Evaluate a trained policy once more, in a folder; return whether it came to its end."""
+    given = ("run=evaluate", f"checkpoint={policy}", f"seed={seed}")
     return sim2real(*given, *words, f"hydra.run.dir={folder / THEN}")
 
 
@@ -109,7 +119,7 @@ def collect(plan: Plan) -> None:
                 "seed": seed,
                 "cpu_minutes": f"{spent:.1f}" if (spent := cpu_minutes(folder)) else "",
                 "command": " ".join(["sim2real", *overrides, f"seed={seed}"]),
-                "versions": _versions(folder),
+                "versions": _versions(plan.trained(name, int(seed))),
             }
             for figure, value, steps in figures(folder, name in plan.then):
                 row = {**about, "figure": figure, "value": f"{value:.6g}", "steps": str(steps)}

@@ -54,8 +54,12 @@ def test_every_query_of_a_finished_study_finds_runs() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", load()["trainings"])
 def test_a_training_composes(name: str) -> None:
-    """A training is a command line that runs."""
-    compose(load()["trainings"][name]["do"])
+    """A training is a command line that runs, and so is the evaluation after it."""
+    trainings = load()["trainings"]
+    about = trainings[name]
+    compose(trainings[about.get("of", name)]["do"])
+    if "then" in about:
+        compose([*trainings[about.get("of", name)]["do"], *about["then"]])
 
 
 def test_every_training_belongs_to_a_row() -> None:
@@ -229,6 +233,35 @@ def leave_scores(folder: Path, more: float = 0.0) -> None:
     scores.write(folder, seed=0, threshold=0.0, summary=[])
     manifest = {"packages": {"mujoco": "4.0.0"}, "git": None}
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+
+
+def test_a_policy_is_trained_once_for_several_evaluations(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each has figures of its own, and the policy's own stay where they are."""
+    jobs: list[tuple[str, ...]] = []
+
+    def job(*words: str) -> bool:
+        jobs.append(words)
+        folder = Path(next(w for w in words if w.startswith("hydra.run.dir=")).split("=", 1)[1])
+        leave_scores(folder, float(len(jobs)))
+        return True
+
+    monkeypatch.setattr(train, "sim2real", job)
+    do, then = ["+experiment=nav2d"], ["adapt=noisy"]
+    names, of = ("toy", "one", "other"), {"one": "toy", "other": "toy"}
+    plan = train.Plan(
+        dict.fromkeys(names, do),
+        tmp_path / "out",
+        tmp_path / "seeds.csv",
+        {"one": then, "other": then},
+        of,
+    )
+    assert train.run("one", [0], plan) + train.run("other", [0], plan) == 0
+    assert [words[0] for words in jobs] == ["+experiment=nav2d", *("run=evaluate",) * 2]
+    assert all(f"checkpoint={tmp_path / 'out' / 'toy' / 'seed0'}" in words for words in jobs[1:])
+    after = {r["training"]: r["value"] for r in train.read(plan.table) if r["figure"] == "after"}
+    assert after == {"toy": "4.5", "one": "5.5", "other": "6.5"}
 
 
 def test_a_training_that_is_not_there_is_refused(capsys: pytest.CaptureFixture) -> None:

@@ -17,6 +17,7 @@ from sim2real.learning.adapt.hillclimb import HillClimb
 from sim2real.learning.adapt.identify import Identify, IdentifySession
 from sim2real.learning.adapt.latent import LatentSearch
 from sim2real.learning.adapt.linear_gae import LinearGAE
+from sim2real.learning.adapt.noisy import Noisy
 from sim2real.learning.adapt.policy_gradient import PolicyGradient
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "LatentSearch",
     "LinearGAE",
     "NoAdaptation",
+    "Noisy",
     "PolicyGradient",
     "Session",
     "Steps",

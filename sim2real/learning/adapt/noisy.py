@@ -1,0 +1,120 @@
+"""Adapts by returns that are measured badly: how much noise an operator bears.
+
+    operator = Noisy(HillClimb(mode="batch", queries=7, parallel=7), law="one_sided", scale=0.5)
+
+The operator is told each return with an error; what scores the adapted policy is exact. The laws
+are those of ES-MAML's noise study (Song et al., "Rapidly Adaptable Legged Robots via Evolutionary
+Meta-Learning", IROS 2020).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from envs.errors import did_you_mean
+from sim2real.learning.adapt.base import Adaptation, Cohort
+from sim2real.runs.errors import Sim2RealError
+
+Law = Literal["gaussian", "one_sided"]
+WORDS = 8  # numbers of the last perturbation whose bits seed a member's errors
+
+
+class Noisy(Adaptation):
+    """Tells another operator returns with errors.
+
+    Args:
+        operator: that adapts by returns.
+        law: "gaussian" adds `scale` times a standard normal number to each return; "one_sided"
+            takes `scale` times the size of one away, in a share of the episodes: an error that
+            only ever hurts, such as a stumble over a cable.
+        scale: size of the errors, in units of the return.
+        share: probability that "one_sided" strikes an episode; of no effect for "gaussian".
+
+    Raises:
+        Sim2RealError: an unknown law, a negative scale, a share outside [0, 1], or an operator
+            that needs more of its episodes than their returns.
+    """
+
+    def __init__(
+        self, operator: Adaptation, law: Law = "one_sided", scale: float = 0.5, share: float = 0.2
+    ) -> None:
+        if law not in get_args(Law):
+            raise Sim2RealError(
+                f"adapt.law={law!r} is unknown{did_you_mean(law, get_args(Law))}; it can be: "
+                f"{', '.join(get_args(Law))}"
+            )
+        if not scale >= 0 or not 0 <= share <= 1:
+            raise Sim2RealError(
+                f"adapt.scale={scale} must be at least 0, adapt.share={share} in [0, 1]"
+            )
+        if operator.explores or operator.needs_log:
+            raise Sim2RealError(
+                f"adapt=noisy makes returns noisy, and {operator} does not adapt by returns alone; "
+                "choose adapt@adapt.operator=hillclimb, batch, average or gradient"
+            )
+        self.operator, self.law, self.scale, self.share = operator, law, scale, share
+
+    def __str__(self) -> str:
+        """Say what it does and how many episodes it spends."""
+        return f"{self.operator}; {self.law} errors of {self.scale:g} in the returns"
+
+    @property
+    def stages(self) -> tuple[int, ...]:
+        """Those of the operator."""
+        return self.operator.stages
+
+    @property
+    def queries(self) -> int:
+        """Perturbations of the operator, and one whose bits seed the errors."""
+        return self.operator.queries + 1
+
+    def check(self, policy: Any) -> None:
+        """Raise Sim2RealError for a policy that the operator cannot adapt."""
+        self.operator.check(policy)
+
+    def of(self, actor: Any) -> Noisy:
+        """Return this recipe for a policy's actor."""
+        return Noisy(self.operator.of(actor), self.law, self.scale, self.share)
+
+    def within(self, environment: Any) -> Noisy:
+        """Return this recipe for policies of an environment."""
+        return Noisy(self.operator.within(environment), self.law, self.scale, self.share)
+
+    def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
+        """Draw the operator's perturbations and one more, (queries, size) float32."""
+        own = self.operator.draw(rng, size)
+        return np.concatenate([own, rng.standard_normal((1, size), dtype=np.float32)])
+
+    def errors(self, seed: np.ndarray) -> np.ndarray:
+        """Return the errors (E,) of a member's episodes, which its last perturbation (P,) seeds."""
+        rng = np.random.default_rng(np.frombuffer(seed[:WORDS].tobytes(), np.uint32))
+        drawn = self.scale * rng.standard_normal(self.episodes)
+        if self.law == "gaussian":
+            return drawn
+        return -np.abs(drawn) * (rng.random(self.episodes) < self.share)
+
+    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> NoisyCohort:
+        """Start members with given perturbations; see the base class."""
+        return NoisyCohort(self, thetas, np.asarray(noise, np.float32))
+
+
+class NoisyCohort(Cohort):
+    """Members of another cohort, which are told wrong values; `values` are the true ones."""
+
+    def __init__(self, operator: Noisy, thetas: np.ndarray, noise: np.ndarray) -> None:
+        super().__init__(operator.stages, thetas, noise)
+        self._errors = np.array([operator.errors(one) for one in noise[:, -1]])  # (n, E)
+        self._inner = operator.operator.cohort(thetas, noise[:, :-1])
+        self.results = self._inner.results  # the same array: both change together
+
+    def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
+        """Return the parameters to try; see the base class."""
+        return self._inner.candidates(members, episodes)
+
+    def _advance(self, members: np.ndarray, stage: int) -> None:
+        episodes = np.arange(self._ends[stage], self._ends[stage + 1])
+        who, which = np.repeat(members, len(episodes)), np.tile(episodes, len(members))
+        self._inner.tell(who, which, self.values[who, which] + self._errors[who, which])
+        self.results = self._inner.results
