@@ -23,6 +23,7 @@ from envs.errors import EnvsError, did_you_mean
 from envs.plant import Fixed
 from sim2real.diagnosis.attribution.probes import probes_of, robot_scale
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.lean import untextured
 from sim2real.runs.errors import Sim2RealError
 
 FREE = 1e5  # a limit of this size is none
@@ -127,12 +128,12 @@ def candidates(
         Sim2RealError: an unknown name to exclude.
     """
     check_names(exclude)
-    scale = robot_scale(data, fixed)
+    scale, spec = robot_scale(data, fixed), untextured(data.specs[0])
     found = []
     for name, effect in EFFECTS.items():
         if effect.closes_gaps and name not in exclude:
             for place, more in itertools.product(effect.places(scale), effect.variants(scale)):
-                candidate = candidate_of(name, {"where": place, **more}, data.specs[0], scale)
+                candidate = candidate_of(name, {"where": place, **more}, spec, scale)
                 if candidate is not None and not _taken(candidate.effect, fixed):
                     found.append(candidate)
     return found

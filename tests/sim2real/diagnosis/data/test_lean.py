@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
-from sim2real.diagnosis.data.lean import NEEDLESS, lean, may_touch
+from hardware.config import load_robot
+from sim2real.diagnosis.data.lean import NEEDLESS, lean, may_touch, untextured
 from tests.sim2real.diagnosis import arm
 
 
@@ -51,3 +52,14 @@ def test_what_may_touch_is_left_alone() -> None:
     link.conaffinity, floor.contype = 0, 0
     spec.add_pair(geomname1="link", geomname2="floor")
     assert may_touch(spec.copy().compile())
+
+
+@pytest.mark.parametrize("robot", ["arm6", "quad8"])
+def test_textures_go_and_nothing_that_moves(robot: str) -> None:
+    """All numbers of the physics stay as they are, and the given spec keeps its textures."""
+    spec = mujoco.MjSpec.from_file(str(load_robot(robot).model))
+    made, given = untextured(spec).compile(), spec.copy().compile()
+    assert given.ntex and not made.ntex and made.nmat == given.nmat
+    fields = ("body_mass", "body_inertia", "geom_friction", "dof_armature", "actuator_gainprm")
+    for name in (*fields, "geom_matid", "key_qpos"):
+        assert np.array_equal(getattr(made, name), getattr(given, name)), name
