@@ -26,7 +26,7 @@ STREAM = 7  # of randomness: the episodes' starts
 
 
 def demonstrate(
-    policy: str | Path, trajectories: int, seed: int, path: Path, effects: str | None = None
+    policy: str | Path, trajectories: int, seed: int, path: Path, effects: str | Path | None = None
 ) -> Path:
     """Let a trained policy act on the target and write the log.
 

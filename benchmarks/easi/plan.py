@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from envs.effects import load_effects
 from envs.simulation import Simulation
 from envs.tasks import BallBalance, CartPole, EasiAnt, Task
 
-ASSETS = Path(__file__).parents[2] / "envs" / "assets"
+ROOT = Path(__file__).parents[2]
+ASSETS, SHIFTS = ROOT / "envs" / "assets", ROOT / "conf" / "shift"
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,7 @@ class Plan:
         frames: environment steps of a training; None for the experiment's own.
         training: further settings of every training.
         identify: further settings of every EASI run.
+        target: another target than the robot as its model says: conf/shift/<task>_<target>.yaml.
     """
 
     name: str
@@ -142,22 +145,48 @@ class Plan:
     frames: int | None = None
     training: tuple[str, ...] = ()
     identify: tuple[str, ...] = ()
+    target: str | None = None
 
     @property
     def study(self) -> Study:
         """The task."""
         return STUDIES[self.name]
 
+    @property
+    def label(self) -> str:
+        """The task and its target, as folders, tables and pages call them."""
+        return self.name if self.target is None else f"{self.name}_{self.target}"
+
+    @property
+    def effects(self) -> Path | None:
+        """What makes the target of the task's robot; None for the robot itself."""
+        return None if self.target is None else SHIFTS / f"{self.label}.yaml"
+
+    @property
+    def home(self) -> Plan:
+        """The study of the robot as its model says, where uniform randomization is trained."""
+        return replace(self, target=None)
+
     def folder(self, seed: int, *names: str) -> Path:
         """Return the folder of a run."""
-        return self.out / self.name / f"seed{seed}" / Path(*names)
+        return self.out / self.label / f"seed{seed}" / Path(*names)
 
 
-def truth(study: Study, effects: tuple) -> dict[str, float]:
-    """Return the target's values of some effects' parameters, by name."""
-    made = study.task()
+def targets(name: str) -> list[str]:
+    """Return the further targets that a task has."""
+    return sorted(f.stem.removeprefix(f"{name}_") for f in SHIFTS.glob(f"{name}_*.yaml"))
+
+
+def truth(plan: Plan, effects: tuple) -> dict[str, float]:
+    """Return the target's values of some effects' parameters, by name.
+
+    NaN where the target gives a value in another way, such as an addition to a mass that is scaled.
+    """
+    made = plan.study.task()
     space = Simulation(made, 1, effects, 1).space
-    own = {effect.label(): values[0] for effect, values in made.fixed()}
+    hows = {effect.label(): effect.how for effect in effects}
+    given = [*made.fixed(), *(load_effects(plan.effects) if plan.effects else ())]
+    own = {e.label(): v[0] if e.how == hows.get(e.label()) else np.nan for e, v in given}
     return {p.name: float(own.get(p.name, p.neutral)) for p in space.parameters}
 
 

@@ -25,6 +25,7 @@ DRAWS, ORACLE, COLLAPSE = 5000, 0.95, 5.0  # resamples; share of the oracle's; r
 TOLD = (  # keys that the study gives its runs
     *("experiment", "seed", "video", "keep_checkpoints", "hydra.run.dir", "resume", "frames"),
     *("params", "params.path", "effects", "start", "run", "log", "model", "checkpoint", "identify"),
+    *("eval", "eval.robots.target.effects"),
 )
 ACROSS, WIDE, HIGH = 4, 2.6, 1.9  # panels in a row; inches of one
 Figures = dict[str, dict[int, float]]  # return on the target by row and seed
@@ -44,25 +45,25 @@ def report(plan: Plan) -> None:
     write_text(path, table.csv())
     figures: Figures = {}
     for (task, row, seed), line in kept.items():
-        if task == plan.name:
+        if task == plan.label:
             figures.setdefault(row, {})[seed] = float(line["value"])
-    own = [line for key, line in kept.items() if key[0] == plan.name]
+    own = [line for key, line in kept.items() if key[0] == plan.label]
     told = sorted({f"{line['row']}: {line['settings'] or 'none'}" for line in own})
     steps = sorted({int(line["steps"]) for line in own})
-    write_text(plan.results / f"easi_{plan.name}.md", page(plan, figures, steps, told))
-    draw(plan, plan.results / f"easi_{plan.name}.png")
+    write_text(plan.results / f"easi_{plan.label}.md", page(plan, figures, steps, told))
+    draw(plan, plan.results / f"easi_{plan.label}.png")
 
 
 def lines(plan: Plan) -> list[dict[str, str]]:
     """Return a line for each evaluated training: its newest figure."""
     found = []
     for name in ROWS:
-        for folder in sorted((plan.out / plan.name).glob(f"seed*/{name}")):
+        for folder in sorted((plan.out / plan.label).glob(f"seed*/{name}")):
             files = sorted(folder.glob("transfer-*.json"), key=lambda f: int(f.stem[9:]))
             if files:
                 (one,) = read(files[-1])
                 seed = folder.parent.name.removeprefix("seed")
-                line = dict.fromkeys(COLUMNS, "") | {"task": plan.name, "row": name, "seed": seed}
+                line = dict.fromkeys(COLUMNS, "") | {"task": plan.label, "row": name, "seed": seed}
                 line |= {"value": f"{one.returns['target'].mean():.6g}", "steps": f"{one.frames}"}
                 line |= {"cpu_minutes": spent(plan, name, int(seed))}
                 every = folders(plan, name, int(seed))
@@ -89,7 +90,7 @@ def spent(plan: Plan, name: str, seed: int) -> str:
 def folders(plan: Plan, name: str, seed: int) -> list[Path]:
     """Return the folder of a row's training, and that of its identification if it has one."""
     row = ROWS[name]
-    found = [plan.folder(seed, name)]
+    found = [(plan.home if name == "udr" else plan).folder(seed, name)]
     if row.identify:
         found.append(plan.folder(seed, f"identify_{row.identify}_{row.budget}"))
     return found
@@ -107,7 +108,7 @@ def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str
     table = Table(("robots of the training", "the seed", "ours", "seeds"))
     for rows in ROUNDS:
         for row in rows:
-            own = plan.study.published.get(row.name)
+            own = plan.study.published.get(row.name) if plan.target is None else None
             theirs = "–" if own is None else f"{own[0]:g} ± {own[1]:g}"
             values = list(figures.get(row.name, {}).values())
             shown = interval(values) if values else None
@@ -115,11 +116,12 @@ def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str
     table.notes.append(
         "Return on the target, mean over training seeds with 95 % bootstrap intervals."
     )
+    words = "" if plan.target is None else f" --target {plan.target}"
     parts = [
-        f"# EASI on {plan.name}",
+        f"# EASI on {plan.label}",
         "",
-        f"`python -m benchmarks.easi --task {plan.name}`, {spanned(steps)} environment steps a "
-        "training. GARAT, a further baseline of the seed, is not built. Settings "
+        f"`python -m benchmarks.easi --task {plan.name}{words}`, {spanned(steps)} environment "
+        "steps a training. GARAT, a further baseline of the seed, is not built. Settings "
         "beside the study's:",
         "",
         *[f"* {line}" for line in told],
@@ -191,21 +193,21 @@ def collapse(plan: Plan) -> str:
 
 def answers(plan: Plan, name: str) -> list[Distribution]:
     """Return the distributions of that name, of all seeds."""
-    files = sorted((plan.out / plan.name).glob(f"seed*/{name}/{FILE}"))
+    files = sorted((plan.out / plan.label).glob(f"seed*/{name}/{FILE}"))
     return [read_distribution(file) for file in files]
 
 
 def draw(plan: Plan, path: Path) -> None:
     """Draw each parameter over the generations: means and widths of every seed, and the target."""
     before = prior(plan)
-    target = truth(plan.study, before.effects)
+    target = truth(plan, before.effects)
     down = -(-(len(before.names) + 1) // ACROSS)
     with figure(path, down, ACROSS, (WIDE * ACROSS, HIGH * down)) as (_, axes):
         panels = list(np.ravel(axes))
         for i, name in enumerate(before.names):
             ax = panels[i]
             for row, kind, colour in KINDS:
-                for folder in sorted((plan.out / plan.name).glob(f"seed*/identify_{kind}_200")):
+                for folder in sorted((plan.out / plan.label).glob(f"seed*/identify_{kind}_200")):
                     told = histories(folder)
                     if told is not None:
                         middle, width = told[:, 0, i], told[:, 1, i]

@@ -11,7 +11,8 @@ from benchmarks.robots import timed
 from benchmarks.study import sim2real, trained
 from envs.distribution import Distribution, Entry
 from envs.distribution_file import read, write
-from envs.laws import Law
+from envs.laws import Law, uniform
+from envs.simulation import Simulation
 from sim2real.config.compose import compose
 from sim2real.config.targets import build
 from sim2real.identification.outcome import FILE
@@ -19,6 +20,7 @@ from sim2real.identification.prior import of_tasks
 from sim2real.runs.files import claimed
 
 LOG = "demonstrations.csv"
+BEYOND = 2.0  # a further target's prior goes so many times as far: from a sixth to six times
 
 
 def run(plan: Plan) -> int:
@@ -42,6 +44,8 @@ def follow(plan: Plan, row: Row, seed: int) -> bool:
     with claimed(folder) as mine:
         if not mine or evaluated(folder, plan.frames):
             return True
+        if row.name == "udr" and plan.target is not None:
+            return elsewhere(plan, row, seed)
         robots = found(plan, row, seed)
         if robots is None:
             return False
@@ -56,8 +60,24 @@ def follow(plan: Plan, row: Row, seed: int) -> bool:
                 *([f"resume={folder}"] if trained(folder) else []),
                 *frames,
                 *robots,
+                *judged(plan),
                 *plan.training,
             )
+
+
+def elsewhere(plan: Plan, row: Row, seed: int) -> bool:
+    """Evaluate uniform randomization's policy, which knows no target, on another target."""
+    policy = plan.home.folder(seed, row.name)
+    if not follow(plan.home, row, seed) or not evaluated(policy, plan.frames):
+        return False
+    folder = plan.folder(seed, row.name)
+    words = (f"checkpoint={policy}", f"seed={seed}", "eval=target", *judged(plan))
+    return sim2real("run=evaluate", f"hydra.run.dir={folder}", *words)
+
+
+def judged(plan: Plan) -> list[str]:
+    """Return the settings that make the target what a policy is evaluated on."""
+    return [] if plan.effects is None else [f"+eval.robots.target.effects={plan.effects}"]
 
 
 def evaluated(folder: Path, frames: int | None) -> bool:
@@ -76,7 +96,7 @@ def found(plan: Plan, row: Row, seed: int) -> list[str] | None:
     if row.name == "udr":
         return []
     if row.name == "oracle":
-        return ["params=none"]
+        return target(plan)
     if row.name == "tuned":
         return tuned(plan, row, seed)
     source = ROWS[row.source] if row.source else row
@@ -92,24 +112,41 @@ def found(plan: Plan, row: Row, seed: int) -> list[str] | None:
     return ["params=distribution", f"params.path={distribution}"]
 
 
+def target(plan: Plan) -> list[str]:
+    """Return the settings of a training on the target itself."""
+    return ["params=none", *([] if plan.effects is None else [f"effects={plan.effects}"])]
+
+
 def tuned(plan: Plan, row: Row, seed: int) -> list[str] | None:
     """Return the settings of a training that goes on from uniform randomization's policy."""
-    policy = plan.folder(seed, "udr")
+    policy = plan.home.folder(seed, "udr")
     if not (behind := evaluated_at(policy)):
         return None
     steps = behind + row.budget * plan.study.task().max_steps
-    return ["params=none", f"start={policy}", f"frames={steps}"]
+    return [*target(plan), f"start={policy}", f"frames={steps}"]
 
 
 def identified(plan: Plan, row: Row, seed: int) -> Path | None:
     """Let EASI find a row's distribution; return its file, None where that failed."""
-    policy = plan.folder(seed, "udr")
+    policy = plan.home.folder(seed, "udr")
     if row.identify is None or not evaluated(policy, None):
         return None
-    log = demonstrated(plan.folder(seed, f"demonstrations_{row.budget}"), policy, row.budget, seed)
+    place = plan.folder(seed, f"demonstrations_{row.budget}")
+    log = demonstrated(place, policy, row.budget, seed, plan.effects)
     folder = plan.folder(seed, f"identify_{row.identify}_{row.budget}")
-    words = (f"identify={row.identify}", f"params={plan.study.params}", f"checkpoint={policy}")
+    words = (f"identify={row.identify}", *looked_for(plan), f"checkpoint={policy}")
     return identify(plan, folder, log, seed, (*words, *plan.study.identify, *plan.identify))
+
+
+def looked_for(plan: Plan) -> list[str]:
+    """Return the settings of EASI's prior: what is randomized, and for another target beyond it."""
+    if plan.target is None:
+        return [f"params={plan.study.params}"]
+    path = plan.out / plan.label / "prior.yaml"
+    if not path.is_file():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, prior(plan))
+    return ["params=distribution", f"params.path={path}"]
 
 
 def identify(plan: Plan, folder: Path, log: Path, seed: int, words: tuple[str, ...]) -> Path | None:
@@ -138,7 +175,7 @@ def identify(plan: Plan, folder: Path, log: Path, seed: int, words: tuple[str, .
 
 
 def demonstrated(
-    folder: Path, policy: Path, budget: int, seed: int, effects: str | None = None
+    folder: Path, policy: Path, budget: int, seed: int, effects: str | Path | None = None
 ) -> Path:
     """Return the log of so many trajectories of a policy on the target; make it if need be."""
     path = folder / LOG
@@ -149,9 +186,16 @@ def demonstrated(
 
 
 def prior(plan: Plan) -> Distribution:
-    """Return what uniform randomization draws from, as a prior."""
-    tasks = build(compose([f"params={plan.study.params}"])["params"], "params")
-    return of_tasks(tasks)
+    """Return EASI's prior: what uniform randomization draws, for another target BEYOND as far."""
+    before = of_tasks(build(compose([f"params={plan.study.params}"])["params"], "params"))
+    if plan.target is None:
+        return before
+    space = Simulation(plan.study.task(), 1, before.effects, 1).space
+    entries = tuple(
+        replace(e, laws=(uniform(max(law.low / BEYOND, p.low), min(law.high * BEYOND, p.high)),))
+        for e, law, p in zip(before.entries, before.laws, space.parameters, strict=True)
+    )
+    return replace(before, entries=entries)
 
 
 def narrowed(before: Distribution, after: Distribution) -> Distribution:

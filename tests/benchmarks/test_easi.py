@@ -13,7 +13,7 @@ from benchmarks.easi import parameters, steps
 from benchmarks.easi.__main__ import main
 from benchmarks.easi.demonstrations import record
 from benchmarks.easi.parameters import read_csv, scale_is_flat
-from benchmarks.easi.plan import STUDIES, truth
+from benchmarks.easi.plan import SHIFTS, STUDIES, Plan, targets, truth
 from benchmarks.easi.steps import LOG, prior
 from envs.distribution import Distribution, Entry, Flat
 from envs.distribution_file import read, write
@@ -42,6 +42,7 @@ class Shell:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.jobs: list[dict[str, str]] = []
         self.fails: set[str] = set()
+        self.targets: list[str] = []
         monkeypatch.setattr(steps, "sim2real", self.run)
         monkeypatch.setattr(steps, "trained", lambda folder: 0)
         monkeypatch.setattr(steps, "demonstrate", self.demonstrate)
@@ -50,6 +51,7 @@ class Shell:
 
     def demonstrate(self, policy: Path, count: int, seed: int, path: Path, effects: Any) -> Path:
         """Leave an empty log."""
+        self.targets += [str(effects)] if effects else []
         path.write_text("")
         return path
 
@@ -117,6 +119,37 @@ def test_fine_tuning_goes_on_from_uniform_randomization(tmp_path, monkeypatch) -
     assert Path(job["start"]).name == "udr"
 
 
+def test_another_target_is_identified_anew(tmp_path, monkeypatch) -> None:
+    """One training of UDR for all targets; the rest is of, and judged on, the target's effects."""
+    shell = Shell(monkeypatch)
+    words = ("--target", "far", "--rows", "udr", "oracle", "easi_200", "--seeds", "0")
+    assert go(tmp_path, *words) == 0
+    udr, there, oracle, easi, last = shell.jobs
+    far = str(SHIFTS / "cartpole_far.yaml")
+    assert "cartpole/seed0/udr" in udr["hydra.run.dir"] and "+eval.robots.target.effects" not in udr
+    assert (there["run"], there["checkpoint"]) == ("evaluate", udr["hydra.run.dir"])
+    assert "cartpole_far/seed0/udr" in there["hydra.run.dir"]
+    assert (oracle["params"], oracle["effects"]) == ("none", far)
+    assert shell.targets == [far]
+    before = read(easi["params.path"])
+    assert (before.low[0], before.high[0]) == (pytest.approx(0.33), 3.0)
+    assert "effects" not in easi and "effects" not in last
+    assert all(j["+eval.robots.target.effects"] == far for j in (there, oracle, last))
+    assert go(tmp_path, *words) == 0
+    assert len(shell.jobs) == 5
+    tasks = {line["task"] for line in read_csv(tmp_path / "results" / "easi.csv")}
+    assert tasks == {"cartpole_far"}
+    page = (tmp_path / "results" / "easi_cartpole_far.md").read_text()
+    assert "--target far" in page and "182.9" not in page  # the seed's figures are of its own
+
+
+def test_a_target_that_is_not_there_is_refused(tmp_path, capsys) -> None:
+    """With those that are."""
+    with pytest.raises(SystemExit):
+        go(tmp_path, "--target", "fat")
+    assert "cartpole has no such target; it has: bare, far, soft" in capsys.readouterr().err
+
+
 def test_what_failed_is_tried_again(tmp_path, monkeypatch) -> None:
     """Without UDR's policy nothing is identified; the next call makes up for it."""
     shell = Shell(monkeypatch)
@@ -181,14 +214,21 @@ def test_demonstrations_are_whole_episodes_of_the_target() -> None:
 
 def test_the_target_is_the_robot_as_its_model_says() -> None:
     """Factors of 1, and the task's own limit on the speed."""
-    study = STUDIES["cartpole"]
-
-    class Plan:
-        """Stands for a plan."""
-
-        study = STUDIES["cartpole"]
-
-    target = truth(study, prior(Plan()).effects)  # type: ignore[arg-type]
+    plan = Plan("cartpole", (), (), Path(), Path())
+    target = truth(plan, prior(plan).effects)
     assert target.pop("torque_speed_knee.slider") == 0.48
     assert set(target.values()) == {1.0}
     assert len(target) == 10
+
+
+@pytest.mark.parametrize(("task", "name"), [(t, n) for t in STUDIES for n in targets(t)])
+def test_a_target_lies_in_the_prior_that_easi_is_given(task: str, name: str) -> None:
+    """Also where randomization does not reach; its values are those of its file."""
+    plan = Plan(task, (), (), Path(), Path(), target=name)
+    before = prior(plan)
+    values = np.array([truth(plan, before.effects)[n] for n in before.names])
+    inside = (values >= before.low) & (values <= before.high) | np.isnan(values)
+    if name != "bare":  # a target without friction and without limits
+        assert inside.all()
+        home = prior(plan.home)
+        assert ((values < home.low) | (values > home.high)).any()
