@@ -31,6 +31,7 @@ from scipy import stats
 
 from benchmarks.study import claimed, sim2real, trained
 from sim2real.evaluation.scores import GridScores
+from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
@@ -174,6 +175,16 @@ def returns(table: Table, found: dict[tuple[str, str], dict[int, GridScores]]) -
         table.add(BRANCHES[branch][0], TESTS[test].text, len(runs), steps, *cells)
 
 
+def each_run(found: dict[tuple[str, str], dict[int, GridScores]]) -> Table:
+    """Return a line for each branch, test and seed."""
+    table = Table(("branch", "tested_with", "seed", "training_steps", "before", "after"))
+    for (test, branch), runs in found.items():
+        for seed, one in runs.items():
+            means = (float(values.mean()) for values in (one.before, one.after))
+            table.add(branch, test, seed, one.frames[0], *means)
+    return table
+
+
 def contrast(
     found: dict[tuple[str, str], dict[int, GridScores]], test: str, branch: str, other: str
 ) -> tuple[int, Interval | float, str] | None:
@@ -232,6 +243,7 @@ def report(plan: Plan) -> bool:
     )
     table.notes.append(f"Made by `{command(plan)}`.")
     table.write(plan.results / NAME, title="Branches of one trunk: training for adaptation")
+    write_text(plan.results / f"{NAME}_runs.csv", each_run(found).csv())
     return True
 
 

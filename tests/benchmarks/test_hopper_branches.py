@@ -80,6 +80,8 @@ def test_branches_start_from_the_trunk_and_nothing_is_run_twice(
     assert all(f"start={trunk}" in job and "frames=155" in job for job in trainings[1:])
     assert "adapt.queries=9" in trainings[3] and "adapt.queries=9" in jobs[-1]
     assert "Primary contrast" in (tmp_path / "results" / "hopper_branches.md").read_text()
+    runs = (tmp_path / "results" / "hopper_branches_runs.csv").read_text().splitlines()
+    assert len(runs) == 4 and runs[3] == "esmaml_10,10,0,3000000,900.0,1000.0"
     done = len(jobs)
     assert main(given) == 0 and len(jobs) == done
     steps[trunk.parent / "esmaml_3"] = 120  # it was stopped
