@@ -95,6 +95,7 @@ class Config:
     log: str | list[str] | None
     candidates: str | list[str] | None
     identify: dict[str, Any]
+    bayrn: dict[str, Any]
     model: str | None
     joints: list[str]
     columns: str | None

@@ -3,9 +3,9 @@
     found = Bayesian(first=16, generations=20).minimize(evaluate, prior, seed=0)
 
 A Gaussian process (Matérn kernel, its scales fitted) tells what a number at another point may be;
-each generation asks where it is likely to be below the least one so far (logarithmic expected
-improvement: Ament et al., NeurIPS 2023; Balandat et al., "BoTorch", NeurIPS 2020). Numbers that are
-all above 0, as sums of squares are, are looked at by their logarithm.
+each generation asks where it is likely to be below the least one that is expected at a point so far
+(logarithmic expected improvement: Ament et al., NeurIPS 2023; Balandat et al., "BoTorch", NeurIPS
+2020). Numbers that are all above 0, as sums of squares are, are looked at by their logarithm.
 """
 
 from __future__ import annotations
@@ -35,10 +35,7 @@ class Bayesian:
     """
 
     def __init__(self, first: int = 16, population: int = 4, generations: int = 25) -> None:
-        if find_spec("botorch") is None:
-            raise Sim2RealError(
-                "search=bayesian needs the package botorch: pip install 'sim2real[botorch]'"
-            )
+        require("search=bayesian")
         if first < 2 or population < 1 or generations < 1:
             raise Sim2RealError(
                 f"search: first={first} must be at least 2, population={population} and "
@@ -55,13 +52,12 @@ class Bayesian:
     ) -> Found:
         """Search within the prior's ends; see `Search`."""
         low, width = prior.low, prior.high - prior.low
-        sobol = Sobol(len(low), rng=np.random.default_rng(seed))
-        asked = sobol.random(self.first)  # (n, P) in the unit cube
+        asked = spread(len(low), self.first, seed)  # (n, P) in the unit cube
         shares, numbers = np.zeros((0, len(low))), np.zeros(0)
         history = []
         for turn in range(self.generations):
             if turn:
-                asked = _next(shares, numbers, self.population, seed + turn)
+                asked = promising(shares, _values(numbers), self.population, seed + turn)
             told = evaluate(low + width * asked, turn)
             shares, numbers = np.concatenate([shares, asked]), np.concatenate([numbers, told])
             best = low + width * shares[numbers.argmin()]
@@ -72,31 +68,74 @@ class Bayesian:
         return Found(best, best, std, np.array(history))
 
 
-def _next(shares: np.ndarray, numbers: np.ndarray, count: int, seed: int) -> np.ndarray:
-    """Return the points (count, P) that promise most, given numbers (n,) at points (n, P)."""
+def require(what: str) -> None:
+    """Raise Sim2RealError where the library is not installed; `what` needs it."""
+    if find_spec("botorch") is None:
+        raise Sim2RealError(f"{what} needs the package botorch: pip install 'sim2real[botorch]'")
+
+
+def spread(size: int, count: int, seed: int) -> np.ndarray:
+    """Return points (count, size) of the unit cube, spread evenly (a Sobol sequence)."""
+    return Sobol(size, rng=np.random.default_rng(seed)).random(count)
+
+
+def promising(points: np.ndarray, values: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Return where the largest values may be (logarithmic expected improvement).
+
+    Args:
+        points: that were tried, (n, P) in the unit cube.
+        values: what they got, (n,); the larger the better, and noise is allowed for.
+        count: how many to ask next.
+        seed: of the search for them.
+
+    Returns:
+        (count, P).
+    """
     import torch
     from botorch.acquisition import qLogExpectedImprovement
     from botorch.optim import optimize_acqf
 
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        model, best = _model(shares, numbers)
+        model = _model(points, values)
+        best = float(_expected(model, points).max())
         wanted = qLogExpectedImprovement(model, best_f=best)
-        ends = torch.tensor([[0.0], [1.0]], dtype=torch.double).repeat(1, shares.shape[1])
-        points, _ = optimize_acqf(wanted, ends, count, RESTARTS, RAW, options={"seed": seed})
-    return np.clip(points.numpy(), 0.0, 1.0)
+        ends = torch.tensor([[0.0], [1.0]], dtype=torch.double).repeat(1, points.shape[1])
+        found, _ = optimize_acqf(wanted, ends, count, RESTARTS, RAW, options={"seed": seed})
+    return np.clip(found.numpy(), 0.0, 1.0)
 
 
-def _model(shares: np.ndarray, numbers: np.ndarray) -> tuple[Any, float]:
-    """Return a process of what is to be maximized, and the largest of it so far."""
+def expected(points: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return what the process, given values (n,) at points (n, P), expects at these, (n,)."""
+    return values.mean() + _scale(values) * _expected(_model(points, values), points)
+
+
+def _model(points: np.ndarray, values: np.ndarray) -> Any:
+    """Return a process of standardized values (n,) at points (n, P)."""
     import torch
     from botorch.fit import fit_gpytorch_mll
     from botorch.models import SingleTaskGP
     from gpytorch.mlls import ExactMarginalLogLikelihood
 
-    value = -np.log(numbers) if numbers.min() > 0 else -numbers
-    spread = value.std()
-    value = (value - value.mean()) / (spread if spread > 0 else 1.0)
-    model = SingleTaskGP(torch.tensor(shares), torch.tensor(value[:, None]))
+    value = (values - values.mean()) / _scale(values)
+    model = SingleTaskGP(torch.tensor(points), torch.tensor(value[:, None]))
     fit_gpytorch_mll(ExactMarginalLogLikelihood(model.likelihood, model))
-    return model, float(value.max())
+    return model
+
+
+def _expected(model: Any, points: np.ndarray) -> np.ndarray:
+    """Return a process's mean at points (n, P), (n,)."""
+    import torch
+
+    with torch.no_grad():
+        return model.posterior(torch.tensor(points)).mean[:, 0].numpy()
+
+
+def _scale(values: np.ndarray) -> float:
+    """Return the standard deviation of values, 1 where they are all the same."""
+    return float(values.std()) or 1.0
+
+
+def _values(numbers: np.ndarray) -> np.ndarray:
+    """Return what is to be maximized in the place of numbers that are to be small."""
+    return -np.log(numbers) if numbers.min() > 0 else -numbers
