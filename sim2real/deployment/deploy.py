@@ -201,7 +201,11 @@ def explore(rows: RobotRows | Simulation, pilot: Pilot, seed: int) -> tuple[floa
         paid.append(float(step.reward[0]))
         observation = step.observation
         if step.terminated[0] or step.truncated[0]:
-            return sum(paid), Steps(np.stack(seen), np.stack(drawn), np.array(paid))
+            end = None
+            if not step.terminated[0]:
+                pilot(observation)  # to see it as the policy does
+                end = pilot.acted.get("observation")[0].numpy().astype(np.float32)
+            return sum(paid), Steps(np.stack(seen), np.stack(drawn), np.array(paid), end)
 
 
 def list_returns(deployment: Deployment) -> Table:

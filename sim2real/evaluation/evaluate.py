@@ -252,9 +252,11 @@ class _Cells:
             return self._act(values, seeds)
         if isinstance(self._adapt, PolicyGradient):
             return score_adaptation(self._trained, self._adapt, values, seeds, self._episodes)
+        adapt = self._adapt.of(self._trained.actor(self._trained.theta), self._trained.critic)
         if self._made is None:
-            self._made = population_of(self._trained, min(ROWS, len(values)))
-        theta, adapt = self._trained.theta, self._adapt
+            rows = min(ROWS, len(values))
+            self._made = population_of(self._trained, rows, critic=adapt.needs_critic)
+        theta = self._made.policy.initial(np.random.default_rng(0))  # a trained actor's are its own
         return evaluate_adaptation(self._made, theta, None, adapt, values, seeds, self._episodes)
 
     def _act(self, values: np.ndarray, seeds: np.ndarray) -> AdaptationScores:

@@ -36,6 +36,7 @@ from envs.torch_env import RowsEnv
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.acting import Acting, Actor
 from sim2real.learning.modules.randomness import Randomness
+from sim2real.learning.modules.value import Critic
 from sim2real.learning.population.rollout import Played, Watch, play
 from sim2real.learning.told import Told, believe
 
@@ -59,6 +60,7 @@ class Trained:
         frames: environment steps of its training.
         dtype: the dtype of the observations that a robot returns.
         source: the checkpoint that it is from, if any.
+        critic: what says how much it will earn in training; None where nothing does.
         cut: whether it was trained on actions that are cut at their limits, as `RowsEnv` cuts them;
             the rows of a population take them as they are.
     """
@@ -72,6 +74,7 @@ class Trained:
     program: Callable[[np.ndarray], nn.Module] | None = None
     dtype: torch.dtype = torch.float32
     source: Path | None = None
+    critic: Critic | None = None
     cut: bool = True
 
     @property
@@ -177,6 +180,7 @@ def of_actor(
     statistics: Mapping[str, Any],
     frames: int,
     affine: tuple[np.ndarray, np.ndarray] | None,
+    unit: float = 1.0,
 ) -> Trained:
     """Return the actor of a policy of tensordict modules as a trained policy.
 
@@ -187,8 +191,10 @@ def of_actor(
         frames: environment steps of its training.
         affine: what the transforms subtract from an observation and divide it by, (O,) each; None
             if they do something else to it.
+        unit: what they divide rewards by.
     """
     kept = deepcopy(policy).cpu().eval()
+    critic = getattr(kept, "critic", None)
     state = {name: deepcopy(value) for name, value in of_all_rows(statistics).items()}
     return Trained(
         flat(kept.actor),
@@ -198,6 +204,7 @@ def of_actor(
         frames,
         primers=kept.primers,
         program=None if affine is None else _program(kept, environment, affine),
+        critic=None if critic is None else Critic(critic, unit),
     )
 
 

@@ -116,6 +116,15 @@ def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
     return mean, std
 
 
+def reward_unit(env: TransformedEnv) -> float:
+    """Return what transforms divide rewards by in training; 1 where none does."""
+    unit, chain = 1.0, env.transform
+    for one in getattr(chain, "transforms", ()):
+        if isinstance(one, RewardScaling):
+            unit *= float(one.moments.std)
+    return unit
+
+
 class RunningNorm(Transform):
     """Takes the running mean and deviation out of an entry, and cuts what is far off.
 

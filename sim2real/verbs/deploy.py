@@ -107,7 +107,7 @@ def run(
     check_reward(rows, adapt)
     check_base(rows, adapt)
     trained = load_trained(checkpoint, parts, algorithm)
-    adapt = adapt.of(trained.actor(trained.theta)).within(trained.environment)
+    adapt = adapt.of(trained.actor(trained.theta), trained.critic).within(trained.environment)
     deployment = Deployment(trained.theta, adapt, trials, seed)
     tell(deployment, trained_for(checkpoint))
     if resume is not None:

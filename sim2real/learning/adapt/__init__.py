@@ -19,6 +19,7 @@ from sim2real.learning.adapt.latent import LatentSearch
 from sim2real.learning.adapt.linear_gae import LinearGAE
 from sim2real.learning.adapt.noisy import Noisy
 from sim2real.learning.adapt.policy_gradient import PolicyGradient
+from sim2real.learning.adapt.ppo import PPOAdaptation
 
 __all__ = [
     "Adaptation",
@@ -31,6 +32,7 @@ __all__ = [
     "LinearGAE",
     "NoAdaptation",
     "Noisy",
+    "PPOAdaptation",
     "PolicyGradient",
     "Session",
     "Steps",

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from hardware.log import Log
+from sim2real.learning.modules.value import Critic
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -24,6 +25,7 @@ class Steps(NamedTuple):
     observation: np.ndarray  # (T, O) float32, as the policy saw it
     action: np.ndarray  # (T, A) float32, as drawn, before anything cuts it
     reward: np.ndarray  # (T,)
+    end: np.ndarray | None = None  # (O,) float32, what it saw last; None where the task ended it
 
 
 class Adaptation(ABC):
@@ -33,10 +35,12 @@ class Adaptation(ABC):
         explores: whether it needs episodes whose actions are drawn, and their steps beside their
             returns.
         needs_log: whether it needs the logs of its episodes, and their returns decide nothing.
+        needs_critic: whether it needs the policy's critic and changes that, too.
     """
 
     explores: ClassVar[bool] = False
     needs_log: ClassVar[bool] = False
+    needs_critic: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -69,8 +73,11 @@ class Adaptation(ABC):
     def check(self, policy: Any) -> None:  # noqa: B027 - most adapt any policy
         """Raise Sim2RealError for a policy that cannot adapt so; None is one that is not known."""
 
-    def of(self, actor: Any) -> Adaptation:
-        """Return this recipe for a policy's actor, a tensordict module; most serve any policy."""
+    def of(self, actor: Any, critic: Critic | None = None) -> Adaptation:
+        """Return this recipe for a policy's actor, a tensordict module, and its critic, if any.
+
+        Most serve any policy.
+        """
         return self
 
     def within(self, environment: Any) -> Adaptation:

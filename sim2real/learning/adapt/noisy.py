@@ -15,6 +15,7 @@ import numpy as np
 
 from envs.errors import did_you_mean
 from sim2real.learning.adapt.base import Adaptation, Cohort
+from sim2real.learning.modules.value import Critic
 from sim2real.runs.errors import Sim2RealError
 
 Law = Literal["gaussian", "one_sided"]
@@ -54,7 +55,8 @@ class Noisy(Adaptation):
                 f"adapt=noisy makes returns noisy, and {operator} does not adapt by returns alone; "
                 "choose adapt@adapt.operator=hillclimb, batch, average or gradient"
             )
-        self.operator, self.law, self.scale, self.share = operator, law, scale, share
+        self.operator, self.scale, self.share = operator, scale, share
+        self.law: Law = law
 
     def __str__(self) -> str:
         """Say what it does and how many episodes it spends."""
@@ -74,9 +76,9 @@ class Noisy(Adaptation):
         """Raise Sim2RealError for a policy that the operator cannot adapt."""
         self.operator.check(policy)
 
-    def of(self, actor: Any) -> Noisy:
+    def of(self, actor: Any, critic: Critic | None = None) -> Noisy:
         """Return this recipe for a policy's actor."""
-        return Noisy(self.operator.of(actor), self.law, self.scale, self.share)
+        return Noisy(self.operator.of(actor, critic), self.law, self.scale, self.share)
 
     def within(self, environment: Any) -> Noisy:
         """Return this recipe for policies of an environment."""

@@ -20,10 +20,11 @@ import numpy as np
 import torch
 from torch.func import grad
 
-from hardware.log import Log
-from sim2real.learning.adapt.base import Adaptation, Cohort, Session, Steps
+from sim2real.learning.adapt.base import Adaptation, Cohort
 from sim2real.learning.adapt.linear_gae import LinearGAE
+from sim2real.learning.adapt.steps import COLUMNS, StepsSession
 from sim2real.learning.modules.law import Law, log_prob
+from sim2real.learning.modules.value import Critic
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -96,7 +97,7 @@ class PolicyGradient(Adaptation):
             "their returns; use adapt=gradient or adapt=hillclimb, or algorithm=pg_maml"
         )
 
-    def of(self, actor: Any) -> PolicyGradient:
+    def of(self, actor: Any, critic: Critic | None = None) -> PolicyGradient:
         """Return this operator for a policy; raises Sim2RealError for one without a normal law."""
         return replace(self, law=Law(actor))
 
@@ -146,8 +147,8 @@ class PolicyGradient(Adaptation):
         )
 
 
-class PolicyGradientSession(Session):
-    """One robot's adaptation by a policy gradient; see `Session`.
+class PolicyGradientSession(StepsSession):
+    """One robot's adaptation by a policy gradient, whose result is as before until it is done.
 
     Args:
         operator: the recipe.
@@ -157,45 +158,9 @@ class PolicyGradientSession(Session):
 
     def __init__(self, operator: PolicyGradient, law: Law, theta: np.ndarray) -> None:
         self._recipe, self._law = operator, law
-        self._restart(theta)
+        super().__init__(operator, theta)
 
-    def _restart(self, theta: np.ndarray) -> None:
-        self._theta = np.array(theta, np.float32)
-        self._values: list[float] = []
-        self._steps: list[Steps] = []
-        self._result = self._theta
-
-    @property
-    def episodes_left(self) -> int:
-        """Episodes still to be run."""
-        return self._recipe.episodes - len(self._values)
-
-    @property
-    def result(self) -> np.ndarray:
-        """The parameters adapted so far, (P,) float32: as they were until `ask` returns None."""
-        return self._result.copy()
-
-    def ask(self) -> np.ndarray | None:
-        """Return the parameters to run for one episode, (P,) float32, or None when done."""
-        return self._theta.copy() if self.episodes_left else None
-
-    def tell(self, value: float, steps: Steps | None = None, log: Log | None = None) -> None:
-        """Report an episode whose actions were drawn: its return and its steps.
-
-        Raises:
-            Sim2RealError: when the adaptation is done, without steps, or for values that are not
-                finite.
-        """
-        if self.episodes_left == 0:
-            raise Sim2RealError(f"adaptation: all {self._recipe.episodes} episodes have been told")
-        if steps is None:
-            raise Sim2RealError(
-                "adaptation: adapt=policy_gradient needs each episode's steps beside its return"
-            )
-        if not all(np.isfinite(x).all() for x in (value, *steps)):
-            raise Sim2RealError("adaptation: returns and steps must be finite numbers")
-        self._values.append(float(value))
-        self._steps.append(steps)
+    def _digest(self) -> None:
         if self.episodes_left == 0:
             self._adapt()
 
@@ -207,7 +172,7 @@ class PolicyGradientSession(Session):
             filled = [np.pad(x, [(0, longest - len(x))] + [(0, 0)] * (x.ndim - 1)) for x in parts]
             return torch.from_numpy(np.stack(filled).astype(np.float32))
 
-        seen, action, reward = (padded(name) for name in Steps._fields)  # (K, T, ...)
+        seen, action, reward = (padded(name) for name in COLUMNS)  # (K, T, ...)
         lengths = torch.tensor([len(one.reward) for one in self._steps])
         alive = torch.arange(longest) < lengths[:, None]
         theta = torch.from_numpy(self._theta)
@@ -215,29 +180,3 @@ class PolicyGradientSession(Session):
             drawn = log_prob(self._law(theta, seen), action)
         one = self._recipe.experience([seen], action, drawn, reward, alive)
         self._result = self._recipe.step(self._law, theta, one).detach().numpy()
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the start, and the episodes so far one after the other, as tensors."""
-        parts = {
-            f"steps.{name}": torch.from_numpy(
-                np.concatenate([getattr(one, name) for one in self._steps])
-                if self._steps
-                else np.zeros(0, np.float32)
-            )
-            for name in Steps._fields
-        }
-        return {
-            "theta": torch.from_numpy(self._theta.copy()),
-            "noise": torch.zeros(0, len(self._theta)),
-            "values": torch.tensor(self._values, dtype=torch.float64),
-            "lengths": torch.tensor([len(one.reward) for one in self._steps], dtype=torch.int64),
-            **parts,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go back to where `state_dict` was taken, by telling the same episodes again."""
-        self._restart(state["theta"].numpy())
-        ends = np.cumsum(state["lengths"].numpy())[:-1]
-        columns = [np.split(state[f"steps.{name}"].numpy(), ends) for name in Steps._fields]
-        for value, *steps in zip(state["values"].tolist(), *columns, strict=False):
-            self.tell(value, Steps(*steps))

@@ -18,7 +18,7 @@ from envs.torch_env import RowsEnv
 from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.algorithms.returns import Returns
 from sim2real.learning.trained import Trained, of_actor, of_all_rows
-from sim2real.learning.transforms import affine
+from sim2real.learning.transforms import affine, reward_unit
 from sim2real.runs.errors import CheckpointError
 
 log = logging.getLogger(__name__)
@@ -59,7 +59,8 @@ class Collecting:
     def trained(self, policy: Any, frames: int) -> Trained:
         """Return a policy as it acts behind the transforms of now; see `of_actor`."""
         statistics = self.env.transform.state_dict()
-        return of_actor(policy, self._environment, statistics, frames, affine(self.env))
+        shown, unit = affine(self.env), reward_unit(self.env)
+        return of_actor(policy, self._environment, statistics, frames, shown, unit)
 
     def state_dict(self) -> dict[str, Any]:
         """Return all that the next batches depend on besides the policy."""

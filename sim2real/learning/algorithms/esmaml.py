@@ -29,7 +29,8 @@ from sim2real.learning.algorithms.base import Algorithm, Parts
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.modules.randomness import Randomness
-from sim2real.learning.population.actors import flat_policy
+from sim2real.learning.modules.value import Critic
+from sim2real.learning.population.actors import ActorPolicy, flat_policy
 from sim2real.learning.population.es import EvolutionStrategy, StrategySettings
 from sim2real.learning.population.population import (
     AdaptationScores,
@@ -122,6 +123,8 @@ class ESMAMLSettings(StrategySettings, FitnessSettings, RowsSettings):
         warm_up: environment steps at the start during which candidates are scored as they are: an
             unadapted candidate costs one episode, and what adapts well later begins with what
             works at all.
+        critic: whether the policy's critic is searched beside its actor, for an adaptation that
+            learns by it.
 
     Raises:
         Sim2RealError: for values out of range.
@@ -131,6 +134,7 @@ class ESMAMLSettings(StrategySettings, FitnessSettings, RowsSettings):
     meta_estimator: Literal["zeroth_order", "first_order"]
     first_order_queries: int
     warm_up: int = 0
+    critic: bool = False
 
     def __post_init__(self) -> None:
         StrategySettings.__post_init__(self)
@@ -168,7 +172,7 @@ class ESMAML(Algorithm):
         rows = make_shards(parts.environment, settings.num_rows, settings.shards)
         with Randomness(parts.seed, "cpu"):
             env = parts.environment.make(1, threads=1)
-            self.policy = flat_policy(parts.policy(env), env)
+            self.policy = flat_policy(parts.policy(env), env, settings.critic)
         self._raw = affine(env)  # (O,) each: of what the base shows; None: the policy sees others
         self.population: Population = Population(rows, self.policy, settings.refill)
         space = self.population.space
@@ -184,6 +188,7 @@ class ESMAML(Algorithm):
         )
         size = self.policy.observation_size
         self.normalizer = Normalizer(size) if settings.normalize_observations else None
+        self._paid = Normalizer(1)  # discounted returns, whose deviation is the critic's unit
         self.frames = self.iteration = 0
 
     @property
@@ -206,7 +211,7 @@ class ESMAML(Algorithm):
             return policy.module(theta, raw[0] + raw[1] * mean, raw[1] * std)
 
         return Trained(
-            self.theta,
+            self.theta[: getattr(policy, "actor_parameters", None)],
             lambda theta: policy.acting(theta, mean, std),
             self.parts.environment,
             {},
@@ -214,13 +219,27 @@ class ESMAML(Algorithm):
             primers=policy.primers,
             program=program if policy.is_function and raw is not None else None,
             dtype=torch.float64,
+            critic=self._critic(),
             cut=policy.cut,
         )
+
+    def _critic(self) -> Critic | None:
+        """Return the critic of the meta-parameters; None where it is not searched."""
+        if not self._settings.critic:
+            return None
+        assert isinstance(self.policy, ActorPolicy)
+        return self.policy.valuing(self.theta, float(self._paid.std[0]))
+
+    def _operator(self) -> Adaptation:
+        """Return the adaptation for the present critic."""
+        if not self.adapt.needs_critic:
+            return self.adapt
+        return self.adapt.of(getattr(self.policy, "actor", None), self._critic())
 
     def scores(self, values: np.ndarray, seeds: np.ndarray, episodes: int) -> AdaptationScores:
         """Return the returns before and after adaptation; see `evaluate_adaptation`."""
         return evaluate_adaptation(
-            self.population, self.theta, self.normalizer, self.adapt, values, seeds, episodes
+            self.population, self.theta, self.normalizer, self._operator(), values, seeds, episodes
         )
 
     def adapted(self, values: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
@@ -228,20 +247,22 @@ class ESMAML(Algorithm):
         if isinstance(self.adapt, NoAdaptation):
             return None
         (rows,) = make_shards(self.parts.environment, 1, 1)
-        cohort = self.adapt.start_many(self.theta[None], [rng])
+        cohort = self._operator().start_many(self.theta[None], [rng])
         seeds = draw_seeds(rng, (1, self.adapt.episodes))
         members = Members(cohort, values[None], values[None], seeds)
-        return Population([rows], self.policy).run(members, self.normalizer).thetas[0]
+        found = Population([rows], self.policy).run(members, self.normalizer).thetas[0]
+        return found[: len(self.trained().theta)]
 
     def iterate(self) -> dict[str, float]:
         """Evaluate one generation of candidates and move the meta-parameters."""
         warm = self.frames < self._settings.warm_up
         if warm or self._first_order is None:
-            results, moved = self._zeroth_order(NoAdaptation() if warm else self.adapt)
+            results, moved = self._zeroth_order(NoAdaptation() if warm else self._operator())
         else:
             results, moved = self._first_order_step()
         if self.normalizer is not None:
             self.normalizer.update(results.frames, results.sums, results.squares)
+        self._note_paid(results)
         self.frames += results.frames
         self.iteration += 1
         adapts = results.adaptation_episodes > 0
@@ -254,6 +275,15 @@ class ESMAML(Algorithm):
             "train/gradient_norm": moved["gradient_norm"],
             "train/frames": float(self.frames),
         }
+
+    def _note_paid(self, results: Results) -> None:
+        """Take the discounted returns of members that learned from their steps into account."""
+        if not self._settings.critic:
+            return
+        steps = int(results.lengths[:, : results.adaptation_episodes].sum())
+        mean, (total, squares) = self._paid.mean, results.paid
+        off = squares - 2 * mean * total + steps * mean**2
+        self._paid.update(steps, total - steps * mean, off)
 
     def _zeroth_order(self, adapt: Adaptation) -> tuple[Results, dict[str, float]]:
         candidates = self.strategy.ask().astype(np.float32)  # (J, P)
@@ -309,6 +339,7 @@ class ESMAML(Algorithm):
             "policy": self.policy.shape,
             "strategy": self.strategy.state_dict(),
             "normalizer": None if self.normalizer is None else self.normalizer.state_dict(),
+            "paid": self._paid.state_dict(),
             "rng": self._rng.bit_generator.state,
             "frames": self.frames,
             "iteration": self.iteration,
@@ -333,5 +364,7 @@ class ESMAML(Algorithm):
         self.strategy.load_state_dict(state["strategy"])
         if self.normalizer is not None:
             self.normalizer.load_state_dict(state["normalizer"])
+        if "paid" in state:
+            self._paid.load_state_dict(state["paid"])
         self._rng.bit_generator.state = state["rng"]
         self.frames, self.iteration = int(state["frames"]), int(state["iteration"])

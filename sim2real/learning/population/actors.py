@@ -37,6 +37,7 @@ from torchrl.modules import GRUModule, IndependentNormal, LSTMModule
 from sim2real.learning.modules.acting import Actor
 from sim2real.learning.modules.dense import Dense, read_dense
 from sim2real.learning.modules.policy import MLPPolicy, Slots, action_limits, observation_size
+from sim2real.learning.modules.value import Critic, Value
 from sim2real.learning.population.flat_policy import FlatPolicy
 from sim2real.runs.errors import Sim2RealError
 
@@ -60,24 +61,30 @@ class Acts(Protocol):
         ...
 
 
-def flat_policy(made: Any, env: EnvBase) -> FlatPolicy:
+def flat_policy(made: Any, env: EnvBase, critic: bool = False) -> FlatPolicy:
     """Return a policy as one whose parameters are a vector; of tensordict modules its actor counts.
 
     Args:
         made: an `MLPPolicy`, or a policy with an actor.
         env: what it was made for.
+        critic: whether its critic's parameters stand behind the actor's.
 
     Raises:
-        Sim2RealError: for anything else, or an actor that a population cannot have.
+        Sim2RealError: for anything else, an actor that a population cannot have, or a critic that
+            is not there.
     """
-    if isinstance(made, MLPPolicy):
+    if critic:
+        Value(getattr(made, "critic", None))
+    elif isinstance(made, MLPPolicy):
         return made
     if not isinstance(made, Acts) or not isinstance(made.actor, TensorDictModuleBase):
         raise Sim2RealError(
             f"algorithm=esmaml searches the parameters of an actor, {type(made).__name__} has no "
             "tensordict module of that name; use policy=linear, policy=mlp or policy=actor_critic"
         )
-    return ActorPolicy(made.actor, env, made.network, made.primers)
+    return ActorPolicy(
+        made.actor, env, made.network, made.primers, getattr(made, "critic", None), critic
+    )
 
 
 class ActorPolicy:
@@ -88,6 +95,9 @@ class ActorPolicy:
         env: its specs say what is seen and the actions' limits.
         network: see `Acts`; the default is that of an actor that is no function.
         primers: see `Acts`.
+        critic: the policy's critic, if any.
+        searched: whether the critic's parameters stand behind the actor's; what acts leaves them
+            out.
 
     Raises:
         Sim2RealError: for an actor that reads other entries, or that many rows cannot call at once.
@@ -101,6 +111,8 @@ class ActorPolicy:
         env: EnvBase,
         network: Callable[[Any], nn.Module | None] = lambda actor: None,
         primers: Callable[[], Sequence[Transform]] = tuple,
+        critic: TensorDictModuleBase | None = None,
+        searched: bool = False,
     ) -> None:
         self.actor = deepcopy(actor).requires_grad_(False)
         for module in self.actor.modules():
@@ -117,7 +129,11 @@ class ActorPolicy:
             names = ", ".join(map(str, sorted(others, key=str)))
             raise Sim2RealError(f"policy: members of a population see no {names}; leave it out")
         self._perceptron = _perceptron(self)
-        self.num_parameters = sum(p.numel() for p in self.actor.parameters())
+        self.critic = None
+        if searched and critic is not None:
+            self.critic = deepcopy(critic).requires_grad_(False)
+        self.actor_parameters = sum(p.numel() for p in self.actor.parameters())
+        self.num_parameters = sum(p.numel() for _, p in self._named())
         if self._perceptron is None:
             self._try()
 
@@ -135,11 +151,29 @@ class ActorPolicy:
     @property
     def shape(self) -> dict[str, Any]:
         """What a parameter vector must fit: the shape of each parameter."""
-        return {name: list(p.shape) for name, p in self.actor.named_parameters()}
+        return {name: list(p.shape) for name, p in self._named()}
+
+    def _named(self) -> list[tuple[str, nn.Parameter]]:
+        critic = [] if self.critic is None else self.critic.named_parameters()
+        return [*self.actor.named_parameters(), *((f"critic.{name}", p) for name, p in critic)]
 
     def initial(self, rng: np.random.Generator) -> np.ndarray:
-        """Return the actor's own first parameters, (num_parameters,) float32."""
-        return parameters_to_vector(self.actor.parameters()).numpy().astype(np.float32)
+        """Return its own first parameters, (num_parameters,) float32."""
+        return parameters_to_vector(p for _, p in self._named()).numpy().astype(np.float32)
+
+    def valuing(self, theta: np.ndarray, unit: float) -> Critic | None:
+        """Return the critic of parameters (num_parameters,); None where it is not searched.
+
+        Args:
+            theta: the parameters.
+            unit: what rewards are divided by before it values them.
+        """
+        if self.critic is None:
+            return None
+        critic = deepcopy(self.critic)
+        own = torch.from_numpy(np.array(theta[self.actor_parameters :], np.float32))
+        vector_to_parameters(own, critic.parameters())
+        return Critic(critic, unit)
 
     def slots(self, num_rows: int) -> ActorSlots | PerceptronSlots:
         """Make room for `num_rows` parameter vectors that act side by side."""

@@ -16,17 +16,19 @@ from sim2real.learning.population.population import Population
 from sim2real.learning.trained import Trained
 
 
-def population_of(trained: Trained, num_rows: int) -> Population:
+def population_of(trained: Trained, num_rows: int, critic: bool = False) -> Population:
     """Make a population of a trained policy's actor.
 
     Args:
         trained: the policy.
         num_rows: episodes that run side by side.
+        critic: whether the critic's parameters stand behind the actor's.
 
     Raises:
         Sim2RealError: a policy that sees more than one vector, such as images, or a world whose
             episodes depend on more than robot, seed and actions; see `ActorPolicy` and `EnvRows`.
     """
     env = trained.world(num_rows)
-    policy = ActorPolicy(trained.actor(trained.theta), env)
+    module = None if trained.critic is None else trained.critic.module
+    policy = ActorPolicy(trained.actor(trained.theta), env, critic=module, searched=critic)
     return Population([EnvRows(env)], policy)

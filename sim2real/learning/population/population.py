@@ -16,14 +16,16 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from envs.rows import Rows
 from sim2real.learning.adapt import Adaptation, Cohort, NoAdaptation
+from sim2real.learning.adapt.ppo import LearnerCohort
 from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.population.flat_policy import FlatPolicy
+from sim2real.learning.population.learners import learn
 from sim2real.learning.population.shard import Shard
 from sim2real.runs.errors import Sim2RealError
 
@@ -73,6 +75,8 @@ class Results:
         adaptation_episodes: A.
         sums: sum of (observation - frozen mean) over all steps, (O,).
         squares: sum of (observation - frozen mean)^2, (O,).
+        paid: sums of the discounted returns before each step's end and of their squares, of members
+            that learn from steps.
     """
 
     returns: np.ndarray
@@ -82,6 +86,7 @@ class Results:
     adaptation_episodes: int
     sums: np.ndarray
     squares: np.ndarray
+    paid: tuple[float, float] = (0.0, 0.0)
 
     @property
     def final(self) -> np.ndarray:
@@ -129,6 +134,8 @@ class Population:
             members: what to run. Its cohort is used up.
             normalizer: mean and std of the observations, frozen meanwhile; None feeds them raw.
         """
+        if isinstance(members.cohort, LearnerCohort):
+            return self._learn(members, members.cohort, normalizer)
         job = Job(members, self.policy.observation_size, len(self._shards))
         job.normalize(normalizer)
         threads = [
@@ -146,6 +153,37 @@ class Population:
         if job.error is not None:
             raise job.error
         return job.results()
+
+    def _learn(
+        self, members: Members, cohort: LearnerCohort, normalizer: Normalizer | None
+    ) -> Results:
+        """Let members learn from their steps, and run the final episodes of what they came to."""
+        rounds, shards = members.adaptation_episodes, [shard.rows for shard in self._shards]
+        learned = learn(shards, cohort, members.values, members.seeds[:, :rounds], normalizer)
+        total, squares = learned.paid.sum(axis=0).tolist()
+        found = Results(
+            learned.returns,
+            learned.lengths,
+            learned.failed,
+            cohort.results,
+            rounds,
+            learned.sums.sum(axis=0),
+            learned.squares.sum(axis=0),
+            (total, squares),
+        )
+        if members.seeds.shape[1] == rounds:
+            return found
+        own = members.final_values
+        scored = Members(_unchanged(cohort.results), own, own, members.seeds[:, rounds:])
+        final = self.run(scored, normalizer)
+        return replace(
+            found,
+            returns=np.concatenate([found.returns, final.returns], axis=1),
+            lengths=np.concatenate([found.lengths, final.lengths], axis=1),
+            failed=np.concatenate([found.failed, final.failed], axis=1),
+            sums=found.sums + final.sums,
+            squares=found.squares + final.squares,
+        )
 
 
 def _guard(shard: Shard, job: Job) -> None:

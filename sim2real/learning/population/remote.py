@@ -23,8 +23,10 @@ import numpy as np
 
 from envs.params import ParamSpace
 from envs.rows import Rows
+from sim2real.learning.adapt.ppo import LearnerCohort
+from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.population.flat_policy import FlatPolicy
-from sim2real.learning.population.population import Job, Population
+from sim2real.learning.population.population import Job, Members, Population, Results
 from sim2real.learning.population.shard import Shard
 from sim2real.runs.errors import Sim2RealError
 
@@ -278,3 +280,10 @@ class RemotePopulation(Population):
         self._shards = list(shards)  # type: ignore[assignment]
         for shard in shards:
             shard.fleet = shards
+
+    def _learn(
+        self, members: Members, cohort: LearnerCohort, normalizer: Normalizer | None
+    ) -> Results:
+        raise ClusterError(
+            f"{cohort.operator} needs every step, and a cluster tells returns; use cluster=none"
+        )

@@ -70,7 +70,7 @@ class Shard:
     def __init__(self, rows: Rows, policy: FlatPolicy, refill: int) -> None:
         count, size = rows.num_rows, policy.observation_size
         self.num_rows, self._refill = count, refill
-        self._rows, self._slots = rows, policy.slots(count)
+        self.rows, self._slots = rows, policy.slots(count)
         self._observation = np.zeros((count, size))
         self._sums, self._squares = np.zeros((count, size)), np.zeros((count, size))
         self._returns, self._lengths = np.zeros(count), np.zeros(count, np.int64)
@@ -110,7 +110,7 @@ class Shard:
         self._member[ids], self._episode[ids] = members, episodes
         thetas, values, seeds = job.inputs(members, episodes)
         self._slots.load(ids, thetas)
-        self._observation[ids] = self._rows.reset(ids, values, seeds)
+        self._observation[ids] = self.rows.reset(ids, values, seeds)
         for book in (self._sums, self._squares, self._returns, self._lengths):
             book[ids] = 0
         self._active[ids] = True
@@ -126,7 +126,7 @@ class Shard:
             self._sums[view] += observation
             self._squares[view] += observation**2
             observation = observation * job.scale
-        step = self._rows.step(ids, self._slots.act(ids, observation))
+        step = self.rows.step(ids, self._slots.act(ids, observation))
         self._observation[view] = step.observation
         self._returns[view] += step.reward
         self._lengths[view] += 1

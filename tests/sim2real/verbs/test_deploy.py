@@ -277,10 +277,12 @@ def test_a_log_tells_what_it_is_of(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_policy_adapts_by_its_gradient_on_the_robot(tmp_path, monkeypatch):
-    """Three episodes with drawn actions, then one step; what was interrupted ends alike."""
+@pytest.mark.parametrize(
+    "words", [["adapt=policy_gradient", "adapt.trajectories=3"], ["adapt=ppo", "adapt.rounds=3"]]
+)
+def test_a_policy_adapts_by_its_steps_on_the_robot(tmp_path, monkeypatch, words):
+    """Three episodes with drawn actions change it; what was interrupted ends alike."""
     run = train(tmp_path / "run", SMALL_PPO)
-    words = ["adapt=policy_gradient", "adapt.trajectories=3"]
     whole = go(run, tmp_path / "whole", *words)
     assert (len(whole.before), len(whole.adapting), len(whole.after)) == (2, 3, 2)
     assert len(set(whole.adapting)) == 3 and not np.array_equal(whole.session.result, whole.theta)

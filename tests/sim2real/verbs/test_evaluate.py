@@ -320,3 +320,21 @@ def test_a_policy_in_a_population_gets_what_it_gets_alone(tmp_path: Path) -> Non
     alone = trained.play(seeds.ravel(), values=np.repeat(values, 2, axis=0))
     np.testing.assert_allclose(found.returns.ravel(), alone.returns, rtol=1e-4)
     np.testing.assert_array_equal(found.lengths.ravel(), alone.lengths)
+
+
+def test_ppo_adapts_what_ppo_trained_by_its_critic(tmp_path: Path) -> None:
+    """Every robot's actor changes; rewards count as the critic learned them; the same seed again.
+
+    The training's rewards were scaled, and those of the evaluation are not.
+    """
+    words = ["env=nav2d", "env.max_steps=20", "params=goals", "algorithm=ppo"]
+    words += ["policy.actor.num_cells=[16]", "adapt.rounds=2", "adapt.steps=30", "adapt=ppo"]
+    _, arguments = prepare(compose([*words, "run=evaluate", "checkpoint=none"]), tmp_path)
+    learner = build(arguments["algorithm"], arguments["parts"], adapts=False)
+    learner.iterate()
+    critic = learner.trained().critic
+    assert critic is not None and critic.unit != 1.0
+    asked = evaluation(episodes=1, adaptations=1)
+    first, again = (run_cells(learner, asked, 0, "run") for _ in range(2))
+    assert first.adaptation_episodes == 2 and (first.after != first.before).mean() > 0.9
+    np.testing.assert_array_equal(first.after, again.after)

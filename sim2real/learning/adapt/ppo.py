@@ -1,0 +1,186 @@
+"""Adaptation by PPO: a few rounds of clipped updates of actor and critic (Schulman et al. 2017).
+
+    operator = PPOAdaptation(rounds=6, steps=512, epochs=4, minibatch_size=64, ...)
+    session = operator.of(trained.actor(theta), trained.critic).start(theta, rng)
+    while (candidate := session.ask()) is not None:
+        session.tell(value, steps)                  # of an episode whose actions were drawn
+    adapted = session.result                        # the actor's parameters
+
+On a robot a round is an episode, and the policy learns after each. In a population, where
+evolution strategies train the parameters that this leads far from, a round is a number of steps,
+and all members learn side by side (`adapt.clipped`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+
+from sim2real.learning.adapt.base import Adaptation, Cohort, Steps
+from sim2real.learning.adapt.clipped import ClippedSettings, Learner, Learners, Round
+from sim2real.learning.adapt.steps import StepsSession
+from sim2real.learning.modules.law import Law
+from sim2real.learning.modules.value import Critic, Value
+from sim2real.runs.errors import Sim2RealError
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOAdaptation(ClippedSettings, Adaptation):
+    """R rounds of PPO with an Adam of its own, which starts anew in each adaptation.
+
+    Args:
+        rounds: R; on a robot as many episodes.
+        steps: S, control steps of a round in a population, where episodes that end begin again.
+        law: of the policy that adapts; see `of`.
+        value: of its critic.
+        critic: the critic's parameters, (C,).
+        unit: what rewards are divided by before they are valued.
+
+    Raises:
+        Sim2RealError: for values out of range.
+    """
+
+    explores: ClassVar[bool] = True
+    needs_critic: ClassVar[bool] = True
+    rounds: int
+    steps: int
+    law: Law | None = None
+    value: Value | None = None
+    critic: torch.Tensor | None = None
+    unit: float = 1.0
+
+    def __post_init__(self) -> None:
+        ClippedSettings.__post_init__(self)
+        for name in ("rounds", "steps"):
+            if getattr(self, name) < 1:
+                raise Sim2RealError(f"adapt.{name}={getattr(self, name)} must be at least 1")
+
+    def __str__(self) -> str:
+        """Say what it does and how many episodes it spends."""
+        return f"PPO, {self.rounds} rounds (on a robot an episode each) with drawn actions"
+
+    @property
+    def stages(self) -> tuple[int, ...]:
+        """A round each."""
+        return (1,) * self.rounds
+
+    @property
+    def queries(self) -> int:
+        """None: the actions vary, not the parameters."""
+        return 0
+
+    def check(self, policy: Any) -> None:
+        """Raise Sim2RealError for a policy without a critic of its own."""
+        if policy is not None:
+            Value(getattr(policy, "critic", None))
+
+    def of(self, actor: Any, critic: Critic | None = None) -> PPOAdaptation:
+        """Return this operator for a policy.
+
+        Raises:
+            Sim2RealError: an actor without a normal law, or no critic with networks of its own.
+        """
+        value = Value(None if critic is None else critic.module)
+        unit = 1.0 if critic is None else critic.unit
+        return replace(self, law=Law(actor), value=value, critic=value.vector(), unit=unit)
+
+    def known(self) -> tuple[Law, Value, torch.Tensor]:
+        """Return law, value and the critic's parameters; raises Sim2RealError before `of`."""
+        if self.law is None or self.value is None or self.critic is None:
+            raise Sim2RealError("adapt=ppo: say which policy adapts, by operator.of(actor, critic)")
+        return self.law, self.value, self.critic
+
+    def start(self, theta: np.ndarray, rng: np.random.Generator) -> PPOSession:
+        """Start one adaptation of an actor's parameters (P,); see `Adaptation`."""
+        return PPOSession(self, theta, int(rng.integers(2**31)))
+
+    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> LearnerCohort:
+        """Start members whose parameters (n, P + C) are the actor's and the critic's."""
+        return LearnerCohort(self, thetas, noise)
+
+    def orders(self, rng: np.random.Generator, steps: int) -> np.ndarray:
+        """Draw in which order each pass takes a round's steps, (epochs, steps) int64."""
+        return np.stack([rng.permutation(steps) for _ in range(self.epochs)])
+
+
+class PPOSession(StepsSession):
+    """One robot's adaptation by PPO, which learns after each episode; see `Session`.
+
+    Args:
+        operator: the recipe, of a policy (`PPOAdaptation.of`).
+        theta: the actor's parameters before adaptation, (P,).
+        seed: of the order in which steps are taken.
+    """
+
+    def __init__(self, operator: PPOAdaptation, theta: np.ndarray, seed: int) -> None:
+        self._recipe, self._seed = operator, seed
+        super().__init__(operator, theta)
+
+    def _restart(self, theta: np.ndarray) -> None:
+        super()._restart(theta)
+        law, value, critic = self._recipe.known()
+        both = torch.cat([torch.from_numpy(self._theta), critic])
+        self._learner = Learner(self._recipe, law, value, both[None])
+
+    def _digest(self) -> None:
+        steps, rng = self._steps[-1], np.random.default_rng([self._seed, len(self._steps)])
+        orders = torch.from_numpy(self._recipe.orders(rng, len(steps.reward)))
+        self._learner.learn(_round(steps, self._recipe.unit), orders[None])
+        self._result = self._learner.thetas[0, : len(self._theta)].numpy().copy()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the start, the episodes so far and the seed, as tensors."""
+        return {**super().state_dict(), "seed": torch.tensor(self._seed)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go back to where `state_dict` was taken, by learning from the same episodes again."""
+        self._seed = int(state["seed"])
+        super().load_state_dict(state)
+
+
+def _round(steps: Steps, unit: float) -> Round:
+    """Return a whole episode as the round of one member."""
+    seen = np.asarray(steps.observation, np.float32)  # (T, O)
+    last = seen[-1] if steps.end is None else steps.end
+    done = np.zeros(len(seen), bool)
+    done[-1] = True
+    reward = np.asarray(steps.reward / unit, np.float32)
+    after = np.concatenate([seen[1:], np.asarray(last, np.float32)[None]])
+    ended = done & (steps.end is None)
+    columns = (seen, np.asarray(steps.action, np.float32), reward, after, done, ended)
+    return Round(*(torch.from_numpy(x)[None] for x in columns))
+
+
+class LearnerCohort(Cohort):
+    """Members that learn from steps; a population runs them by `population.learners`.
+
+    Args:
+        operator: the recipe, of a policy.
+        thetas: parameters of actor and critic, (n, P + C).
+        noise: none.
+    """
+
+    def __init__(self, operator: PPOAdaptation, thetas: np.ndarray, noise: np.ndarray) -> None:
+        super().__init__(operator.stages, thetas, noise)
+        law, value, _ = operator.known()
+        self.operator, self._networks = operator, (law, value)
+        size = sum(p.numel() for one in self._networks for p in one.parameters)
+        if self.results.shape[1] != size:
+            raise Sim2RealError(
+                f"adapt=ppo: members have {self.results.shape[1]} parameters, actor and critic "
+                f"together {size}; search the critic, too, by algorithm.critic=true"
+            )
+
+    def learners(self, members: np.ndarray) -> Learners:
+        """Return what acts and learns for some members, (k,)."""
+        return Learners(self.operator, *self._networks, self.results[members])
+
+    def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
+        """Return the parameters as they are; see the base class."""
+        return self.results[members]
+
+    def _advance(self, members: np.ndarray, stage: int) -> None:
+        raise Sim2RealError("adapt=ppo: members learn from steps, and were told returns alone")
