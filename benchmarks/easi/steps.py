@@ -17,6 +17,7 @@ from sim2real.config.compose import compose
 from sim2real.config.targets import build
 from sim2real.identification.outcome import FILE
 from sim2real.identification.prior import of_tasks
+from sim2real.learning.grounding import FILE as GROUNDING
 from sim2real.runs.files import claimed
 
 LOG = "demonstrations.csv"
@@ -99,6 +100,8 @@ def found(plan: Plan, row: Row, seed: int) -> list[str] | None:
         return target(plan)
     if row.name == "tuned":
         return tuned(plan, row, seed)
+    if row.name == "garat":
+        return grounded(plan, row, seed)
     source = ROWS[row.source] if row.source else row
     distribution = identified(plan, source, seed)
     if distribution is None:
@@ -126,27 +129,64 @@ def tuned(plan: Plan, row: Row, seed: int) -> list[str] | None:
     return [*target(plan), f"start={policy}", f"frames={steps}"]
 
 
+def grounded(plan: Plan, row: Row, seed: int) -> list[str] | None:
+    """Let GARAT change actions in the middle of the randomization; return a training's settings.
+
+    None where that failed.
+    """
+    policy, log = demonstrations(plan, row, seed)
+    if log is None:
+        return None
+    folder, middle = plan.folder(seed, f"ground_{row.budget}"), prior_file(plan.home)
+    if not (folder / GROUNDING).is_file():
+        with timed(folder):
+            sim2real(
+                "+experiment=garat",
+                f"log={log}",
+                f"checkpoint={policy}",
+                f"effects={middle}",
+                f"seed={seed}",
+                f"hydra.run.dir={folder}",
+            )
+    if not (folder / GROUNDING).is_file():
+        return None
+    found = f"transforms.ground.path={folder / GROUNDING}"
+    return ["params=none", f"effects={middle}", "transforms=grounded", found]
+
+
 def identified(plan: Plan, row: Row, seed: int) -> Path | None:
     """Let EASI find a row's distribution; return its file, None where that failed."""
-    policy = plan.home.folder(seed, "udr")
-    if row.identify is None or not evaluated(policy, None):
+    policy, log = demonstrations(plan, row, seed)
+    if row.identify is None or log is None:
         return None
-    place = plan.folder(seed, f"demonstrations_{row.budget}")
-    log = demonstrated(place, policy, row.budget, seed, plan.effects)
     folder = plan.folder(seed, f"identify_{row.identify}_{row.budget}")
     words = (f"identify={row.identify}", *looked_for(plan), f"checkpoint={policy}")
     return identify(plan, folder, log, seed, (*words, *plan.study.identify, *plan.identify))
+
+
+def demonstrations(plan: Plan, row: Row, seed: int) -> tuple[Path, Path | None]:
+    """Return uniform randomization's policy and what it did on the target; None without one."""
+    policy = plan.home.folder(seed, "udr")
+    if not evaluated(policy, None):
+        return policy, None
+    place = plan.folder(seed, f"demonstrations_{row.budget}")
+    return policy, demonstrated(place, policy, row.budget, seed, plan.effects)
 
 
 def looked_for(plan: Plan) -> list[str]:
     """Return the settings of EASI's prior: what is randomized, and for another target beyond it."""
     if plan.target is None:
         return [f"params={plan.study.params}"]
+    return ["params=distribution", f"params.path={prior_file(plan)}"]
+
+
+def prior_file(plan: Plan) -> Path:
+    """Return a file of the prior; as effects it is the prior's mean."""
     path = plan.out / plan.label / "prior.yaml"
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
         write(path, prior(plan))
-    return ["params=distribution", f"params.path={path}"]
+    return path
 
 
 def identify(plan: Plan, folder: Path, log: Path, seed: int, words: tuple[str, ...]) -> Path | None:

@@ -82,6 +82,13 @@ class Critic:
         with torch.no_grad():
             return -net(second)[..., 0].mean(dim=1).double().numpy()
 
+    def judged(self, real: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Return how real transitions (..., 2 O + A) seem, (...): the larger, the more."""
+        seen = self._inputs(real, values)
+        net, _ = self._made(seen.shape[-1])
+        with torch.no_grad():
+            return net(seen)[..., 0].double().numpy()
+
     def _inputs(self, real: np.ndarray, values: np.ndarray) -> torch.Tensor:
         """Return what the network sees of transitions (..., 2 O + A)."""
         if self.variant == "gp":
