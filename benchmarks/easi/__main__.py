@@ -3,6 +3,7 @@
     python -m benchmarks.easi                                    # cartpole, 5 seeds
     python -m benchmarks.easi --rows udr oracle easi_200 --seeds 0 1 2
     python -m benchmarks.easi --target far --rows udr oracle easi_200
+    python -m benchmarks.easi --task quad8 --rows udr oracle easi_200
     python -m benchmarks.easi --parameters --seeds 0 1 2 3 4 5 6 7 8 9
     python -m benchmarks.easi --report                           # the tables of what there is
 
@@ -21,7 +22,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.easi import parameters, steps
+from benchmarks.easi import parameters, quad8, quad8_report, steps
 from benchmarks.easi.plan import ROWS, STUDIES, Plan, targets
 from benchmarks.easi.report import report
 
@@ -40,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--target", help="another target of the task: NAME of conf/shift/TASK_NAME.yaml")
     add("--rows", nargs="+", default=list(ROWS), choices=ROWS, metavar="ROW", help=", ".join(ROWS))
     add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
-    add("--frames", type=int, help="environment steps of every training; default: the seed's")
+    add("--frames", type=int, help="environment steps of every training; default: the task's")
     add("--parameters", action="store_true", help="find parameters of the cart-pole, train nothing")
     add("--report", action="store_true", help="run nothing, write the tables")
     add("--out", type=Path, default=Path("outputs/bench_long/easi"), help="folder of the runs")
@@ -55,6 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.target is not None and chosen.target not in (known := targets(chosen.task)):
         there = ", ".join(known) or "none"
         parser.error(f"--target {chosen.target}: {chosen.task} has no such target; it has: {there}")
+    if chosen.task == "quad8":
+        chosen.target = chosen.target or quad8.TARGET
     plan = Plan(
         chosen.task,
         tuple(dict.fromkeys(chosen.rows)),
@@ -71,6 +74,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parameters.report(plan)
             return 0
         return int(parameters.run(plan) > 0)
+    if chosen.task == "quad8":
+        failed = 0 if chosen.report else quad8.run(plan)
+        quad8_report.report(plan)
+        return int(failed > 0)
     failed = 0 if chosen.report else steps.run(plan)
     report(plan)
     return int(failed > 0)

@@ -33,25 +33,35 @@ KINDS = (("easi_200", "easi", COLOURS[0]), ("paper_200", "easi_paper", COLOURS[1
 
 
 def report(plan: Plan) -> None:
-    """Write what is complete; figures of other tasks, and of seeds that are not here, stay."""
-    path = plan.results / "easi.csv"
-    kept = {(r["task"], r["row"], int(r["seed"])): r for r in read_csv(path)}
-    kept |= {(r["task"], r["row"], int(r["seed"])): r for r in lines(plan)}
-    if not kept:
+    """Write what is complete: easi.csv, a page and a picture."""
+    if not (own := merged(plan, lines(plan))):
         return
-    table = Table(COLUMNS)
-    for key in sorted(kept):
-        table.add(*(kept[key][column] for column in COLUMNS))
-    write_text(path, table.csv())
-    figures: Figures = {}
-    for (task, row, seed), line in kept.items():
-        if task == plan.label:
-            figures.setdefault(row, {})[seed] = float(line["value"])
-    own = [line for key, line in kept.items() if key[0] == plan.label]
+    figures = figures_of(own)
     told = sorted({f"{line['row']}: {line['settings'] or 'none'}" for line in own})
     steps = sorted({int(line["steps"]) for line in own})
     write_text(plan.results / f"easi_{plan.label}.md", page(plan, figures, steps, told))
     draw(plan, plan.results / f"easi_{plan.label}.png")
+
+
+def merged(plan: Plan, found: list[dict[str, str]]) -> list[dict[str, str]]:
+    """Put lines into easi.csv and return the task's; others, and seeds that are not here, stay."""
+    path = plan.results / "easi.csv"
+    every = [*read_csv(path), *found]
+    kept = {(one["task"], one["row"], int(one["seed"])): one for one in every}
+    if kept:
+        table = Table(COLUMNS)
+        for key in sorted(kept):
+            table.add(*(kept[key][column] for column in COLUMNS))
+        write_text(path, table.csv())
+    return [line for key, line in sorted(kept.items()) if key[0] == plan.label]
+
+
+def figures_of(own: list[dict[str, str]]) -> Figures:
+    """Return the values of a task's lines by row and seed."""
+    figures: Figures = {}
+    for line in own:
+        figures.setdefault(line["row"], {})[int(line["seed"])] = float(line["value"])
+    return figures
 
 
 def lines(plan: Plan) -> list[dict[str, str]]:
@@ -169,13 +179,18 @@ def compared(claim: str, figures: Figures, left: str, right: str, times: float) 
     apart = [figures[left][seed] - times * figures[right][seed] for seed in pairs]
     found = interval(apart)
     if not isinstance(found, Interval):
-        return f"undecided: {claim}, by {found:.1f} with one seed"
+        return f"undecided: {claim}, by {short(found)} with one seed"
     answer = "undecided"
     if found.excludes(0.0):
         answer = "holds" if found.value > 0 else "contradicted"
     few = ", few seeds" if len(pairs) < FEW else ""
-    span = f"{found.value:.1f} [{found.low:.1f}, {found.high:.1f}]"
+    span = f"{short(found.value)} [{short(found.low)}, {short(found.high)}]"
     return f"{answer}{few}: {claim}, by {span}, {len(pairs)} seeds"
+
+
+def short(value: float) -> str:
+    """Return a difference of returns with one decimal, of small returns with two."""
+    return f"{value:.1f}" if abs(value) >= 1 else f"{value:.2f}"
 
 
 def collapse(plan: Plan) -> str:

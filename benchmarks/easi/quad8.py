@@ -1,0 +1,141 @@
+"""EASI on quad8, whose real robot is the emulated one: another simulator, behind the servos' bus.
+
+    python -m benchmarks.easi --task quad8 --rows udr oracle easi_200 --seeds 0 1 2
+
+Evolution strategies train under uniform randomization; the policy walks on the robot, which hides
+softer servos, friction and a late bus (conf/shift/quad8_servos.yaml; `--target` names another);
+EASI finds their parameters from what it saw and said there, and a policy is trained under what it
+found. All policies walk on the robot. On a stand, the robot's joints are driven along a chirp and
+many sines, and simulations of that are compared with them: angles, and frequency responses.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from benchmarks.easi.plan import ROUNDS, Plan, Row
+from benchmarks.easi.response import record
+from benchmarks.easi.steps import identify, looked_for
+from benchmarks.robots import mean, phases, timed
+from benchmarks.study import sim2real, trained
+from hardware.config import Robot
+from hardware.errors import HardwareError
+from sim2real.config.compose import compose, prepare
+from sim2real.deployment.deploy import make_machine
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import claimed, write_text
+
+TARGET, ROBOT, TRIALS = "servos", "quad8", 10
+ROWS = ("udr", "oracle", "easi_1", "easi_50", "easi_100", "easi_200")
+TRAINING = ("+experiment=quad8_es", "eval=none", "video=none", "keep_checkpoints=1")
+STOPS = "stops={odd_voltage: 0.4, stray: 2.0}"  # legs that give are no fault
+FRESH = 1000  # added to a seed: demonstrations start otherwise than what is judged
+
+
+def run(plan: Plan) -> int:
+    """Do all that is not yet done, the most telling rows of all seeds first.
+
+    Returns:
+        How many jobs failed; the others went on.
+    """
+    record(robot(plan), stand(plan), 0)
+    failed = 0
+    for rows in ROUNDS:
+        for seed in plan.seeds:
+            for row in rows:
+                if row.name in plan.rows and row.name in ROWS:
+                    failed += not follow(plan, row, seed)
+    return failed
+
+
+def robot(plan: Plan) -> Robot:
+    """Return the emulated robot and what it hides."""
+    words = ["run=record", f"robot={ROBOT}", f"robot.hidden={plan.effects}"]
+    return make_machine(compose(words)["robot"], None, None)
+
+
+def stand(plan: Plan) -> Path:
+    """Return the folder of the recordings on the stand."""
+    return plan.out / plan.label / "stand"
+
+
+def follow(plan: Plan, row: Row, seed: int) -> bool:
+    """Train a row's policy and let it walk on the robot; return whether it came to its end."""
+    with claimed(plan.folder(seed, row.name)) as mine:
+        if not mine:
+            return True
+        robots = found(plan, row, seed)
+        if robots is None:
+            return False
+        policy = learned(plan, row.name, seed, robots)
+        return policy is not None and walked(plan, policy, bus(plan, row.name, seed), TRIALS, seed)
+
+
+def bus(plan: Plan, name: str, seed: int) -> Path:
+    """Return the folder of a policy's walks on the robot."""
+    return plan.folder(seed, name, "bus")
+
+
+def learned(plan: Plan, name: str, seed: int, robots: list[str]) -> Path | None:
+    """Return a trained policy's run; None where it failed."""
+    folder = (plan.home if name == "udr" else plan).folder(seed, name, "policy")
+    if not (folder / "done").is_file():
+        go_on = [f"resume={folder}"] if trained(folder) else []
+        with timed(folder):
+            if not sim2real(
+                *TRAINING,
+                f"seed={seed}",
+                f"hydra.run.dir={folder}",
+                *go_on,
+                *robots,
+                *plan.training,
+            ):
+                return None
+        write_text(folder / "done", "")
+    return folder
+
+
+def walked(plan: Plan, policy: Path, folder: Path, episodes: int, seed: int) -> bool:
+    """Let a policy walk on the robot, unless it did; return whether it came to its end."""
+    if phases(folder) is not None:
+        return True
+    begun = [f"resume={folder}"] if (folder / "state.npz").is_file() else []
+    words = ["run=deploy", f"checkpoint={policy}", f"robot={ROBOT}", f"trials={episodes}"]
+    words += [f"robot.hidden={plan.effects}", f"seed={seed}", STOPS, *begun]
+    try:
+        verb, arguments = prepare(compose(words), folder)
+        verb(**arguments)
+    except (Sim2RealError, HardwareError) as error:
+        print(f"{folder}: {error}", file=sys.stderr)
+        return False
+    return True
+
+
+def found(plan: Plan, row: Row, seed: int) -> list[str] | None:
+    """Return the settings that give a row its robots; None where what it needs is missing."""
+    if row.name == "udr":
+        return [f"params={plan.study.params}"]
+    if row.name == "oracle":
+        return ["params=none", f"effects={plan.effects}"]
+    distribution = identified(plan, row, seed)
+    return distribution and ["params=distribution", f"params.path={distribution}"]
+
+
+def identified(plan: Plan, row: Row, seed: int) -> Path | None:
+    """Let EASI find a row's distribution from walks of the randomized policy."""
+    policy = learned(plan, "udr", seed, [f"params={plan.study.params}"])
+    if policy is None:
+        return None
+    folder = plan.folder(seed, f"demonstrations_{row.budget}")
+    if not walked(plan, policy, folder, row.budget, seed + FRESH):
+        return None
+    words = (f"identify={row.identify}", *looked_for(plan.home), f"checkpoint={policy}")
+    place = plan.folder(seed, f"identify_{row.identify}_{row.budget}")
+    return identify(plan, place, folder / "logs", seed, (*words, *plan.identify))
+
+
+def returned(plan: Plan, name: str, seed: int) -> float | None:
+    """Return what a row's policy earned on the robot; None: it has not walked."""
+    told = phases(bus(plan, name, seed))
+    return None if told is None else mean(next(iter(told.values())))
