@@ -52,6 +52,7 @@ THRESHOLDS = (
     Threshold("ppo_fast_loss", "ppo_sb3", 1.5, 2.3),
     Threshold("ppo_same_schedule", "ppo_sb3", 3.0, 4.5),
     Threshold("ppo_tuned", "ppo_sb3", 3.0, 7.5),
+    Threshold("ppo_members", "ppo_members_torchrl", 5.0, 8.0),
     Threshold("sac", "sac_sb3", 1.2, 1.5),
     Threshold("pixels_gl", "pixels_gymenv", 15.0, 25.0),
     Threshold("pixels_rays", "pixels_gymenv", 100.0, 150.0),

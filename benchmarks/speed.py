@@ -142,6 +142,7 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     from benchmarks.rows.contract import CheckContract
     from benchmarks.rows.diagnosis import Diagnose, Fit
     from benchmarks.rows.learning import Ours, StableBaselines3, TorchRLPPO
+    from benchmarks.rows.members import Members, MembersTorchRL
     from benchmarks.rows.others import TASK, EnvPool, GymnasiumTorch, TorchRLParallel, Vectorized
     from benchmarks.rows.physics import RawPhysics
     from benchmarks.rows.pixels import BatchedPixels, Pixels
@@ -270,6 +271,8 @@ def default_rows(scale: float = 1.0) -> list[Row]:
             "env steps",
             "16 rows, 2048 steps, sb3-contrib's settings",
         ),
+        MembersTorchRL(of(24)),
+        Members(max(32, of(128))),
         StableBaselines3("sac_sb3", "SAC", of(300)),
         Ours("sac", "sac", "sac_sb3", of(400), "updates", "8 rows, 1 update a step"),
         Pixels("pixels_gymenv", 1, of(60), "GymEnv(from_pixels=True), 84 x 84"),

@@ -48,11 +48,11 @@ class Value:
     def __init__(self, critic: Any) -> None:
         one = isinstance(critic, TensorDictModule) and not isinstance(critic, TensorDictSequential)
         if not one or list(critic.in_keys) != ["observation"]:
+            found = "none" if critic is None else type(critic).__name__
             raise Sim2RealError(
                 "policy: adapt=ppo and algorithm.critic=true take a critic of the observation with "
-                "networks of its own, and this policy has "
-                f"{'none' if critic is None else type(critic).__name__}; train one with "
-                "policy=actor_critic (by algorithm=esmaml with algorithm.critic=true)"
+                f"networks of its own, here is {found}; train with policy=actor_critic, and "
+                "algorithm=esmaml with algorithm.critic=true"
             )
         self._module: Any = critic.module
         named = list(self._module.named_parameters())
