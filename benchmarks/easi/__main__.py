@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add("--task", default="cartpole", choices=STUDIES, help="default: cartpole")
     add("--target", help="another target of the task: NAME of conf/shift/TASK_NAME.yaml")
-    add("--rows", nargs="+", default=list(ROWS), choices=ROWS, metavar="ROW", help=", ".join(ROWS))
+    add("--rows", nargs="+", choices=ROWS, metavar="ROW", help=f"default: all of {', '.join(ROWS)}")
     add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
     add("--frames", type=int, help="environment steps of every training; default: the task's")
     add("--parameters", action="store_true", help="find parameters of the cart-pole, train nothing")
@@ -49,26 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every training")
     add("--identify", nargs="*", default=[], metavar="KEY=VALUE", help="and of every EASI run")
     chosen = parser.parse_args(arguments)
-    if min(chosen.seeds) < 0 or (chosen.frames or 1) < 1:
-        parser.error("--seeds must not be negative and --frames at least 1")
-    if chosen.parameters and (chosen.task, chosen.target) != ("cartpole", None):
-        parser.error("--parameters is a study of the cart-pole; leave --task and --target out")
-    if chosen.target is not None and chosen.target not in (known := targets(chosen.task)):
-        there = ", ".join(known) or "none"
-        parser.error(f"--target {chosen.target}: {chosen.task} has no such target; it has: {there}")
-    if chosen.task == "quad8":
-        chosen.target = chosen.target or quad8.TARGET
-    plan = Plan(
-        chosen.task,
-        tuple(dict.fromkeys(chosen.rows)),
-        tuple(dict.fromkeys(chosen.seeds)),
-        chosen.out.resolve(),
-        chosen.results.resolve(),
-        chosen.frames,
-        tuple(chosen.set),
-        tuple(chosen.identify),
-        chosen.target,
-    )
+    plan = plan_of(parser, chosen)
     if chosen.parameters:
         if chosen.report:
             parameters.report(plan)
@@ -81,6 +62,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     failed = 0 if chosen.report else steps.run(plan)
     report(plan)
     return int(failed > 0)
+
+
+def plan_of(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> Plan:
+    """Return what was asked for; what cannot be ends the program with a sentence."""
+    if min(chosen.seeds) < 0 or (chosen.frames or 1) < 1:
+        parser.error("--seeds must not be negative and --frames at least 1")
+    if chosen.parameters and (chosen.task, chosen.target) != ("cartpole", None):
+        parser.error("--parameters is a study of the cart-pole; leave --task and --target out")
+    if chosen.target is not None and chosen.target not in (known := targets(chosen.task)):
+        there = ", ".join(known) or "none"
+        parser.error(f"--target {chosen.target}: {chosen.task} has no such target; it has: {there}")
+    rows: Sequence[str] = quad8.ROWS if chosen.task == "quad8" else list(ROWS)
+    if foreign := [name for name in chosen.rows or () if name not in rows]:
+        parser.error(f"--rows {foreign[0]}: {chosen.task} has: {', '.join(rows)}")
+    if chosen.task == "quad8":
+        chosen.target = chosen.target or quad8.TARGET
+    return Plan(
+        chosen.task,
+        tuple(dict.fromkeys(chosen.rows or rows)),
+        tuple(dict.fromkeys(chosen.seeds)),
+        chosen.out.resolve(),
+        chosen.results.resolve(),
+        chosen.frames,
+        tuple(chosen.set),
+        tuple(chosen.identify),
+        chosen.target,
+    )
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ def run(plan: Plan) -> int:
     for rows in ROUNDS:
         for seed in plan.seeds:
             for row in rows:
-                if row.name in plan.rows and row.name in ROWS:
+                if row.name in plan.rows:
                     failed += not follow(plan, row, seed)
     return failed
 

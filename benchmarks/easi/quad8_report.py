@@ -30,6 +30,8 @@ def report(plan: Plan) -> None:
     """Write what is complete; figures of other tasks, and of seeds that are not here, stay."""
     own = merged(plan, lines(plan))
     shown, found = answers(plan), identified(plan)
+    if not own and not shown:
+        return
     parts = [
         f"# EASI on {plan.name}, the emulated robot",
         "",

@@ -119,8 +119,11 @@ def test_the_stand_tells_the_robot_from_its_model(tmp_path: Path) -> None:
     assert off["given"] > 0.05 and gaps["given"] > 0.3
 
 
-def test_a_task_of_another_robot_keeps_its_target(capsys: pytest.CaptureFixture) -> None:
-    """A target of quad8 is a file of conf/shift; others are refused with those that are there."""
+def test_what_quad8_has_not_is_refused(capsys: pytest.CaptureFixture) -> None:
+    """Targets that are no file of conf/shift, and rows that are of simulated targets alone."""
+    with pytest.raises(SystemExit):
+        main(["--task", "quad8", "--rows", "garat"])
+    assert "--rows garat: quad8 has: udr, oracle, easi_1" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["--task", "quad8", "--target", "iced"])
     assert "quad8 has no such target; it has: low_friction, servos" in capsys.readouterr().err
