@@ -6,8 +6,9 @@
 A pendulum of 0.49 kg was driven with P gains of 100, 200 and 800. Its models say what the manual
 says: a gain whose divisor is 128, and no friction. All three gains are diagnosed together; then
 each is left out, and what was found from the other two is replayed against it: whole logs, from
-their first positions. The PWM that the servo reported is looked at by no diagnosis; it tells the
-divisor, and so checks one of the answers.
+their first positions. The PWM that the servo reported is fitted by no diagnosis. It tells the
+divisor, and so checks one of the values; that the gain is not the model's, a diagnosis knows from
+it, and names the gain where other effects follow the motion as well.
 
 docs/logs.md says where the logs are from; they are no part of this project. Each diagnosis has a
 folder; what is there is not repeated.
@@ -112,7 +113,7 @@ def report(logs: Sequence[Log], out: Path, results: Path) -> Table:
         "# XL330: a real servo, diagnosed\n",
         *(_causes(out, name, words).markdown() for name, words in _fits()),
         f"The PWM that the servo reported says {np.mean(pwm):.3f} of the manual's gain "
-        f"({min(pwm):.3f} to {max(pwm):.3f} in {len(pwm)} logs); no diagnosis looked at it.\n",
+        f"({min(pwm):.3f} to {max(pwm):.3f} in {len(pwm)} logs); no value was fitted to it.\n",
         "## Each gain left out\n",
         table.markdown(),
         files.markdown(),

@@ -36,6 +36,7 @@ from sim2real.diagnosis.attribution.conclude import Conclusion
 from sim2real.diagnosis.attribution.fit import columns
 from sim2real.diagnosis.attribution.grip import check_grip
 from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics, null_test
+from sim2real.diagnosis.attribution.ties import witnesses
 from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_of
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
@@ -166,7 +167,7 @@ def run_diagnosis(
     findings += check_ground(estimates, models, settings.ground)
     findings += check_pushes(data, estimates, settings.ground)
     wrong = [finding.finding for finding in findings if finding.check in UNITS]
-    about = About(data, exclude, fixed, rng, on_progress, Work())
+    about = About(data, exclude, fixed, rng, on_progress, Work(), witnesses(findings, fixed))
     restart = partial(grounded, given, estimates) if estimates else None
     found = attributed(about, wrong[0] if wrong else None, restart)
     if estimates:

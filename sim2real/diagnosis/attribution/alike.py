@@ -12,6 +12,7 @@ import numpy as np
 
 from sim2real.diagnosis.attribution.attribute import Contender, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.ties import as_good
 from sim2real.diagnosis.settings import TINY_SQUARE, Causes
 
 
@@ -34,20 +35,15 @@ def equals(
         rest: held-out errors without it, (W, T, M).
         full: with it, in the end.
     """
-    blocks, limits = search.blocks, search.problem.data.settings.causes
     raced = (c.error for c in rivals if c.candidate.label == member.label and not c.settled)
     own = {True: full, False: next(raced, full)}
-    floors = search.settings.worth_floors * search.floor
     found: dict[str, tuple[float, Contender]] = {}
     for contender in rivals:
         label, reference = contender.candidate.label, own[contender.settled]
         if label == member.label:
             continue
-        worth = max(blocks.rms(rest) - blocks.rms(reference), 0.0)
-        near = max(limits.equal_share * worth, min(floors, limits.equal_worth * worth))
-        low, _ = blocks.gain(contender.error, reference)
-        behind = blocks.rms(contender.error) - blocks.rms(reference)
-        if behind < near or (low <= 0 and behind < limits.equal_unsure * worth):
+        behind = as_good(search, contender.error, reference, rest)
+        if behind is not None:
             found.setdefault(label, (behind, contender))
     return [contender for _, contender in sorted(found.values(), key=lambda pair: pair[0])]
 

@@ -28,6 +28,7 @@ from sim2real.diagnosis.attribution.promise import Guess
 from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.attribution.screen import Response, Screening, screen
 from sim2real.diagnosis.attribution.suspects import meets, suspects
+from sim2real.diagnosis.attribution.ties import Witnessed, measured
 from sim2real.diagnosis.data.score import Blocks, coherence
 from sim2real.diagnosis.settings import TINY_SQUARE
 
@@ -46,6 +47,7 @@ class Search:
         rng: for the bootstrap.
         on_progress: called with what is tried, and the share of the work done.
         floors: of each joint, (M,); None: all alike.
+        witnessed: effects that channels measured; of equals they go first.
     """
 
     def __init__(
@@ -56,8 +58,9 @@ class Search:
         rng: np.random.Generator,
         on_progress: OnProgress,
         floors: np.ndarray | None = None,
+        witnessed: Witnessed = frozenset(),
     ) -> None:
-        self.problem, self.floor = problem, floor
+        self.problem, self.floor, self.witnessed = problem, floor, witnessed
         self.options: Sequence[Candidate] = list(options)
         self.work = problem.simulator.work
         self.floors = np.full(len(problem.data.joints), floor) if floors is None else floors
@@ -315,12 +318,12 @@ class Search:
             others = [c for c in raced if c.candidate.label != member.label]
             contenders = [own, *others]
             contenders.sort(key=lambda c: self.blocks.rms(c.error))
-            best = contenders[0]
-            dropped = Found(rest, error)
+            best, dropped = contenders[0], Found(rest, error)
             if not self.joins(best, dropped, contenders):
                 self.keep(found, rest, error)
                 found.rivals.pop(member.label, None)
                 continue
+            best = measured(self, own, raced, error) or best
             if best.candidate is not member:
                 best = self.polish(best)
             self.keep(found, best.fit, best.error)

@@ -23,6 +23,7 @@ from sim2real.diagnosis.attribution.fit import Fit, columns
 from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
 from sim2real.diagnosis.attribution.parsimony import simplified
 from sim2real.diagnosis.attribution.problem import Problem
+from sim2real.diagnosis.attribution.ties import Witnessed
 from sim2real.diagnosis.attribution.torque_on import refit_torque_on
 from sim2real.diagnosis.attribution.verdict import is_no_gap, stands_out
 from sim2real.diagnosis.data.dataset import Data
@@ -45,6 +46,7 @@ class About(NamedTuple):
         rng: for all intervals.
         on_progress: told what is being tried.
         work: counts what is simulated, by stage.
+        witnessed: effects that channels measured.
     """
 
     data: Data
@@ -53,6 +55,7 @@ class About(NamedTuple):
     rng: np.random.Generator
     on_progress: Moving
     work: Work
+    witnessed: Witnessed = frozenset()
 
 
 class Attributed(NamedTuple):
@@ -111,7 +114,15 @@ def _search(about: About, floors: np.ndarray, only: Sequence[str] | None = None)
         _refuse_lost(problem)
         options = candidates(data, about.exclude, about.fixed)
         options = [option for option in options if only is None or option.label in only]
-        return Search(problem, options, floor, about.rng, about.on_progress, floors / data.scale)
+        return Search(
+            problem,
+            options,
+            floor,
+            about.rng,
+            about.on_progress,
+            floors / data.scale,
+            about.witnessed,
+        )
 
 
 def _restarted(

@@ -35,7 +35,7 @@ from sim2real.diagnosis.attribution.quantify import (
 from sim2real.diagnosis.attribution.residual import describe
 from sim2real.diagnosis.attribution.singles import singles
 from sim2real.diagnosis.attribution.usual import Usual
-from sim2real.diagnosis.attribution.verdict import Rest, is_open, stands_out, verdict_of
+from sim2real.diagnosis.attribution.verdict import Rest, crowd_of, is_open, stands_out, verdict_of
 from sim2real.diagnosis.evidence import Band, Rung, SingleFit
 from sim2real.diagnosis.schema import (
     Cause,
@@ -131,8 +131,9 @@ def conclude(
     text = describe(data, found.error, floor)
     alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
     unsaid = is_open(found.error, data, floors)
+    counts = len(order), crowd_of(fit.members)
     verdict = verdict_of(
-        Rest(search.before, after, floor, closed, ci[0], alone, unsaid, len(order)), data
+        Rest(search.before, after, floor, closed, ci[0], alone, unsaid, *counts), data
     )
     usual = Usual(search) if order and verdict != "explained" else None
     causes, findings, sets = [], [], []

@@ -86,7 +86,15 @@ def _search(search: Search, on: np.ndarray, chosen: np.ndarray) -> Search:
     simulator = search.problem.simulator.of(part)
     rng = search.rng.spawn(1)[0]
     problem = Problem(part, simulator)
-    return Search(problem, search.options, search.floor, rng, search.on_progress, search.floors)
+    return Search(
+        problem,
+        search.options,
+        search.floor,
+        rng,
+        search.on_progress,
+        search.floors,
+        search.witnessed,
+    )
 
 
 def _placed(error: np.ndarray, data: Data, chosen: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@
 left is within twice the floor, or nothing lasting is left at any joint and nine tenths are closed;
 `partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
 than four effects are needed for the former two, it is `fitted`: then there are values, and no
-causes.
+causes. Three effects at one joint bend into many a law that is missing: they are never `explained`.
 
 What is left on held-out windows is noise, which differs from row to row, and what the causes do not
 say, which lasts: a wrong law, a missing effect, a wrong value. The mean product of errors a moment
@@ -16,10 +16,12 @@ one wrong joint is not averaged away by others.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.schema import Verdict
 
@@ -91,6 +93,7 @@ class Rest(NamedTuple):
         alone: whether one joint stands out, before and after.
         unsaid: whether something lasting is left; see `is_open`.
         values: number of effects that were needed; a shared one counts once.
+        crowd: number of them at the joint that has most; a shared one counts nowhere.
     """
 
     before: float
@@ -101,6 +104,7 @@ class Rest(NamedTuple):
     alone: tuple[bool, bool] = (False, False)
     unsaid: bool = False
     values: int = 1
+    crowd: int = 1
 
 
 def verdict_of(rest: Rest, data: Data) -> Verdict:
@@ -114,4 +118,11 @@ def verdict_of(rest: Rest, data: Data) -> Verdict:
         return "unexplained"
     if rest.values > limits.causes_max:
         return "fitted"
-    return "explained" if near or most else "partly_explained"
+    separate = rest.crowd <= limits.joint_causes_max
+    return "explained" if (near or most) and separate else "partly_explained"
+
+
+def crowd_of(members: Sequence[Candidate]) -> int:
+    """Return how many effects are at the joint that has most of them, shared ones left out."""
+    places = [member.joint for member in members if member.joint is not None]
+    return max(map(places.count, places), default=0)

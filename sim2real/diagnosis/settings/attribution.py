@@ -197,6 +197,13 @@ class Verdict:
     causes_max: int = setting(
         4, "1", "causes of an explanation; more are a fit", "convention: of the report's schema"
     )
+    joint_causes_max: int = setting(
+        2,
+        "1",
+        "causes at one joint of an explanation; more explain a part at best",
+        "measured: two answers of all exams explained a gap by three at one joint, both in the "
+        "place of an effect that was withheld (docs/blindcheck.md)",
+    )
 
 
 @dataclass(frozen=True)

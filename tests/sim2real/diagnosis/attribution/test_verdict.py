@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.verdict import (
     Rest,
+    crowd_of,
     is_no_gap,
     is_open,
     lasting,
@@ -49,6 +51,29 @@ def test_verdicts_follow_what_is_left(
     assert verdict_of(rest, data) == verdict
     if verdict == "explained" and closed >= 0.9:  # whatever lasts is still to be explained
         assert verdict_of(rest._replace(unsaid=True), data) == "partly_explained"
+
+
+def test_three_effects_at_one_joint_explain_a_part_at_best(tmp_path: Path) -> None:
+    """Together they imitate a law that is missing; shared ones, and other joints', do not count."""
+    log = arm.make_log(seconds=4.0)
+    data = arm.data_of(log, tmp_path)
+    options = {option.label: option for option in candidates(data)}
+    friction, gain, inertia, other, whole = (
+        options[label]
+        for label in (
+            "coulomb_friction.a",
+            "position_gain.a",
+            "armature.a",
+            "coulomb_friction.b",
+            "command_delay",
+        )
+    )
+    assert crowd_of([friction, gain, other, whole]) == 2
+    assert crowd_of([friction, gain, inertia]) == 3
+    assert crowd_of([whole]) == crowd_of([]) == 0
+    rest = Rest(0.3, 0.015, 0.01, 0.98, 0.9, values=3)
+    assert verdict_of(rest._replace(crowd=2), data) == "explained"
+    assert verdict_of(rest._replace(crowd=3), data) == "partly_explained"
 
 
 def test_what_a_count_hides_needs_no_less_to_be_closed(tmp_path: Path) -> None:
