@@ -131,18 +131,18 @@ def conclude(
     text = describe(data, found.error, floor)
     alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
     unsaid = is_open(found.error, data, floors)
+    form = len(order) != 1 or not _wrong(search, found, subsets[frozenset()])
+    numbers = search.before, after, floor, closed, ci[0]
     counts = len(order), crowd_of(fit.members)
-    verdict = verdict_of(
-        Rest(search.before, after, floor, closed, ci[0], alone, unsaid, *counts), data
-    )
+    verdict = verdict_of(Rest(*numbers, alone, unsaid, *counts, form), data)
     usual = Usual(search) if order and verdict != "explained" else None
     causes, findings, sets = [], [], []
     for place, number in enumerate(order):
         member = found.fit.members[number]
-        rest = subsets[every - {number}]
-        cause, crowd = _cause(search, found, member, rest, float(shares[number]), closed)
+        less = subsets[every - {number}]
+        cause, crowd = _cause(search, found, member, less, float(shares[number]), closed)
         if usual is not None:
-            doubt = limits.usual_doubt * (1 - usual.clear(rest, found.error))
+            doubt = limits.usual_doubt * (1 - usual.clear(less, found.error))
             cause = replace(cause, confidence=cause.confidence * (1 - doubt))
         cause = replace(cause, confidence=calibrated(cause.confidence, limits))
         own = columns(fit.members)[place]
@@ -217,9 +217,7 @@ def _cause(
     seen = found.on(rest)
     crowd = equals(search, member, rivals, seen, found.on(found.error))
     named, crowd = _named(search, found, member, rivals, crowd)
-    wrong = found.seen is not None  # it was named although it fails elsewhere
-    wrong = wrong or contradicted(search.problem.data, search.blocks, rest, found.error)
-    form = "contradicted" if wrong else "holds"
+    form = "contradicted" if _wrong(search, found, rest) else "holds"
     sure = confidence(search, member, crowd, rivals, seen, closed)
     extra = {**member.effect.extra, **member.effect.options()}
     if member.effect.place == "body":
@@ -239,6 +237,13 @@ def _cause(
         member.shared,
     )
     return cause, crowd
+
+
+def _wrong(search: Search, found: Found, rest: np.ndarray) -> bool:
+    """Return whether a cause's law fails somewhere; `rest`: errors without it, (W, T, M)."""
+    if found.seen is not None:  # it was named although it fails elsewhere
+        return True
+    return contradicted(search.problem.data, search.blocks, rest, found.error)
 
 
 def _named(

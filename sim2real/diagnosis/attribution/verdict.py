@@ -3,15 +3,18 @@
     verdict_of(Rest(before, after, floor, closed, low), data)
 
 `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if what is
-left is within twice the floor, or nothing lasting is left at any joint and nine tenths are closed;
-`partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
-than four effects are needed for the former two, it is `fitted`: then there are values, and no
-causes. Three effects at one joint bend into many a law that is missing: they are never `explained`.
+left is within twice the floor, or nothing lasting is left at any joint and nine tenths are closed,
+or one cause alone closes nineteen twentieths; `partly_explained` from three tenths with a lower
+bound above zero; else `unexplained`. Where more than four effects are needed for the former two, it
+is `fitted`: then there are values, and no causes. Three effects at one joint bend into many a law
+that is missing: they are never `explained`.
 
 What is left on held-out windows is noise, which differs from row to row, and what the causes do not
 say, which lasts: a wrong law, a missing effect, a wrong value. The mean product of errors a moment
 apart is the square of the latter alone, so that a floor which is told too low excuses no law, and
-one wrong joint is not averaged away by others.
+one wrong joint is not averaged away by others. A single right cause may leave something lasting
+too, since no simulator is exact; several wrong ones can follow almost anything, a single wrong one
+cannot.
 """
 
 from __future__ import annotations
@@ -94,6 +97,7 @@ class Rest(NamedTuple):
         unsaid: whether something lasting is left; see `is_open`.
         values: number of effects that were needed; a shared one counts once.
         crowd: number of them at the joint that has most; a shared one counts nowhere.
+        form: whether the effects' laws hold wherever they were tried; see `contradicted`.
     """
 
     before: float
@@ -105,6 +109,7 @@ class Rest(NamedTuple):
     unsaid: bool = False
     values: int = 1
     crowd: int = 1
+    form: bool = True
 
 
 def verdict_of(rest: Rest, data: Data) -> Verdict:
@@ -113,7 +118,9 @@ def verdict_of(rest: Rest, data: Data) -> Verdict:
         return "no_gap"
     limits = data.settings.verdict
     near = rest.after <= limits.no_gap_floors * rest.floor and not rest.alone[1]
+    sole = rest.values == 1 and rest.form and rest.low >= limits.explained
     most = rest.closed >= limits.explained and not rest.unsaid
+    most |= sole and rest.closed >= limits.sole
     if not (near or most) and not (rest.closed >= limits.partly and rest.low > 0):
         return "unexplained"
     if rest.values > limits.causes_max:
