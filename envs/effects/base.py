@@ -149,6 +149,7 @@ class Effect(ABC):
     extras: ClassVar[tuple[Extra, ...]] = ()
     # What real robots show, in the first way; a fit starts inside.
     typical: ClassVar[tuple[float, float]] = (0.0, 1.0)
+    factors: ClassVar[tuple[float, ...]] = (0.5, 0.75, 1.3, 1.8)  # where a search looks first
 
     # For people. Sentences without a full stop.
     words: ClassVar[str] = ""  # the name in words; "": the standard name without underscores
@@ -329,7 +330,7 @@ class Effect(ABC):
             (K,), or (K, k) for its first k parameters; the others stay neutral.
         """
         if self.how == "scale":
-            return np.array([0.5, 0.75, 1.3, 1.8])
+            return np.array(self.factors)
         low, high = self.typical
         values = low + (high - low) * np.array([0.08, 0.25, 0.7])
         return np.concatenate([values, -values]) if low < 0 else values

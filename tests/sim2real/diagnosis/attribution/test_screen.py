@@ -16,7 +16,7 @@ from sim2real.diagnosis.attribution.screen import screen
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.settings import DEFAULT, Screening
-from tests.sim2real.diagnosis import arm, motors
+from tests.sim2real.diagnosis import arm, motors, pendulum
 
 TRUTH = (("position_gain", {"where": "b"}, 0.5), ("coulomb_friction", {"where": "a"}, 0.15))
 
@@ -116,3 +116,16 @@ def test_no_glance_where_longer_steps_lose_the_motion(tmp_path: Path) -> None:
     full = screen(problem, nothing, options)
     assert [g.gain for g in fast.guesses] == [g.gain for g in full.guesses]
     assert wild.steps == once  # looked at without any probe, which is remembered, and never again
+
+
+@pytest.mark.parametrize("variant", [{}, {"braking": "kept"}])
+def test_a_few_per_cent_of_a_voltage_are_seen(tmp_path: Path, variant: dict[str, Any]) -> None:
+    """A motor that is 3 % strong swings its load elsewhere; a quarter more is no straight line."""
+    where = {"where": "pivot", **variant}
+    data = Data.of([pendulum.make_log(("motor_strength", where, 1.03))], pendulum.model(tmp_path))
+    problem = Problem(data, Simulator(data, threads=1))
+    nothing = Fit((), np.zeros((2, 0)), np.zeros(2))
+    options = [c for c in candidates(data) if c.name in ("motor_strength", "link_mass")]
+    best = screen(problem, nothing, options).guesses[0]
+    assert best.candidate.name == "motor_strength" and best.gain > 0.8
+    assert best.start[0] == pytest.approx(1.03, abs=0.01)
