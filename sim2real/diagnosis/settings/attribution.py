@@ -183,7 +183,8 @@ class Verdict:
         "1",
         "closed share from which one cause explains, lower bound `explained`, whatever is left",
         "tuned: on the third-party calibration half right single causes that leave something "
-        "close 0.96 and more; of 44 withheld effects a wrong single one closed at most 0.85",
+        "close 0.96 and more of the scorer's log; of 44 withheld effects a wrong single one closed "
+        "at most 0.85",
     )
     explained_floors: float = setting(
         3.0,
