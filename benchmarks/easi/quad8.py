@@ -14,9 +14,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from benchmarks.easi.plan import ROUNDS, Plan, Row
+from benchmarks.easi.plan import Plan, Row
 from benchmarks.easi.response import record
-from benchmarks.easi.steps import identify, looked_for
+from benchmarks.easi.steps import identify, in_rounds, looked_for
 from benchmarks.robots import mean, phases, timed
 from benchmarks.study import sim2real, trained
 from hardware.config import Robot
@@ -34,19 +34,9 @@ FRESH = 1000  # added to a seed: demonstrations start otherwise than what is jud
 
 
 def run(plan: Plan) -> int:
-    """Do all that is not yet done, the most telling rows of all seeds first.
-
-    Returns:
-        How many jobs failed; the others went on.
-    """
+    """Do all that is not yet done; return how many jobs failed, the others went on."""
     record(robot(plan), stand(plan), 0)
-    failed = 0
-    for rows in ROUNDS:
-        for seed in plan.seeds:
-            for row in rows:
-                if row.name in plan.rows:
-                    failed += not follow(plan, row, seed)
-    return failed
+    return in_rounds(plan, follow)
 
 
 def robot(plan: Plan) -> Robot:

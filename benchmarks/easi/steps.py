@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +26,16 @@ BEYOND = 2.0  # a further target's prior goes so many times as far: from a sixth
 
 
 def run(plan: Plan) -> int:
-    """Do all that is not yet done, the most telling rows of all seeds first.
+    """Do all that is not yet done; return how many jobs failed, the others went on."""
+    return in_rounds(plan, follow)
+
+
+def in_rounds(plan: Plan, follow: Callable[[Plan, Row, int], bool]) -> int:
+    """Follow the wanted rows, the most telling ones of all seeds first.
+
+    Args:
+        plan: the study.
+        follow: does what is not yet done of a row with a seed; returns whether it is there.
 
     Returns:
         How many jobs failed; the others went on.

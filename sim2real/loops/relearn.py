@@ -43,15 +43,26 @@ class Tried:
     robot: list[float]
 
 
-def emulated(robot: dict[str, Any]) -> Robot:
-    """Return the robot of a configuration; raises Sim2RealError for one at a port."""
+ONE_BY_ONE = (
+    "would be deployed, hung up and deployed again at once; run=improve asks before each motion; "
+    "or do these steps one by one: run=deploy, run=record on a stand, run=diagnose, training with "
+    "effects=, run=deploy"
+)
+
+
+def emulated(robot: dict[str, Any], why: str = ONE_BY_ONE) -> Robot:
+    """Return the emulated robot of a configuration.
+
+    Args:
+        robot: the content of conf/robot/NAME.yaml.
+        why: a robot at a port is refused, and what to do instead; follows its name.
+
+    Raises:
+        Sim2RealError: it is at a port.
+    """
     machine = deploy.make_machine(robot, None, None)
     if machine.port is not None:
-        raise Sim2RealError(
-            f"{machine.name} at {machine.port} would be deployed, hung up and deployed again at "
-            "once; run=improve asks before each motion; or do these steps one by one: run=deploy, "
-            "run=record on a stand, run=diagnose, training with effects=, run=deploy"
-        )
+        raise Sim2RealError(f"{machine.name} at {machine.port} {why}")
     return machine
 
 

@@ -27,7 +27,6 @@ from torchrl.envs import EnvBase
 
 from envs.distribution import Distribution
 from hardware.backends import ServoBackend
-from hardware.config import Robot
 from hardware.rows import RobotRows
 from sim2real.deployment import deploy
 from sim2real.deployment.session import Deployment
@@ -38,10 +37,16 @@ from sim2real.learning.population.population import draw_seeds
 from sim2real.learning.trained import Trained
 from sim2real.loops.bayrn import BayRn, Session, search, table
 from sim2real.loops.improve.steps import learn
+from sim2real.loops.relearn import emulated
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.loggers import Loggers
 
 log_ = logging.getLogger(__name__)
+BETWEEN = (
+    "would stand still for hours: a training lies between any two of its turns, so run=bayrn takes "
+    "emulated robots and targets alone; leave the port out, or ask sim2real.loops.bayrn.BayRn for "
+    "distributions and tell it what run=deploy returns"
+)
 TRYING = 1  # stream of randomness: the episodes on the target, the same for all policies
 
 
@@ -104,7 +109,7 @@ def run(
     }
     training |= {"checkpoint_every": checkpoint_every, "keep_checkpoints": keep_checkpoints}
     if target is None:
-        machine, guard = emulated(robot), deploy.guarding(stops)
+        machine, guard = emulated(robot, BETWEEN), deploy.guarding(stops)
 
         def returned(trained: Trained, place: Path) -> list[float]:
             backend = ServoBackend(machine, settle, limits=guard, seed=seed)
@@ -126,18 +131,6 @@ def run(
     log_.info("%s", table(session).markdown())
     log_.info("the best policy is in %s", folder / f"{session.best + 1:02d}")
     return session
-
-
-def emulated(robot: dict[str, Any]) -> Robot:
-    """Return the robot of a configuration; raises Sim2RealError for one at a port."""
-    machine = deploy.make_machine(robot, None, None)
-    if machine.port is not None:
-        raise Sim2RealError(
-            f"{machine.name} at {machine.port}: a training lies between any two of its turns, so "
-            "run=bayrn takes emulated robots and targets alone; leave the port out, or ask "
-            "sim2real.loops.bayrn.BayRn for distributions and tell it what run=deploy returns"
-        )
-    return machine
 
 
 def on_servos(
