@@ -264,24 +264,40 @@ class _OneWay(_FrictionRule):
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect.where, effect)
-        self.applied = plant.applied
+        self.applied, self.rise = plant.applied, np.full((plant.num_rows, 1), 0.5)
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        self.rise[ids, 0] = self.effect.scalar("rise", values)
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        self.add(np.abs(self.own / 2))
+        self.add(np.abs(self.own) * self.rise[ids])
         self.applied[self.at] -= self.own / 2
 
 
 class AsymmetricFriction(Effect):
-    """Dry friction in one direction of motion only: against positive speeds where it is positive.
+    """More dry friction in one direction of motion: against positive speeds where it is positive.
 
     Friction K + value one way and K the other is friction K + value / 2 both ways and a constant
     torque -value / 2, at rest as in motion; so it is applied, and so a preloaded spring or a cable
-    that pulls looks the same.
+    that pulls looks the same. `rise` says how much of the value the mean of both ways gains: half
+    of it in this case, nothing where the other way loses what the first one gains.
     """
 
     name = "asymmetric_friction"
     place = "joint"
     unit = "N·m"
+    extras = (
+        Extra(
+            "rise",
+            "",
+            0.5,
+            0.0,
+            0.5,
+            "the part of the value by which the mean of both directions is higher",
+            fit=(0.0, 0.5),
+        ),
+    )
     typical = (-0.1, 0.1)
     words = "asymmetric Coulomb friction"
     no_mjcf = "MJCF has no friction that depends on the direction"
@@ -294,14 +310,14 @@ class AsymmetricFriction(Effect):
         stiffen(spec, self.where)
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the difference between the directions."""
+        """Return the difference between the directions, and the free extras."""
         joints(model, self.where)
-        return (self.parameter(),)
+        return (self.parameter(), *self.free_parameters())
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return parts of the motor's torque, for either direction."""
+        """Return parts of the motor's torque, for either direction, with and without a rise."""
         sizes = PARTS[1:] * scale.torque_at(self.where)
-        return np.concatenate([sizes, -sizes])
+        return np.array(list(itertools.product((*sizes, *-sizes), (0.5, 0.0))))
 
     def batch(self) -> str:
         """Return the group of rules that are stepped from Python."""

@@ -6,12 +6,13 @@ A *servo* here is an actuator of the affine kind, force = g u + b0 + b1 length +
 
 from __future__ import annotations
 
+import itertools
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Sizes, SubstepRule
+from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
 from envs.effects.field import FieldBound, FieldEffect, Several
 from envs.effects.history import Arrivals
 from envs.effects.places import members
@@ -248,44 +249,65 @@ class _DeadZone(SubstepRule):
 
     order = 30
 
-    def __init__(self, plant: PlantView, index: np.ndarray) -> None:
+    def __init__(self, plant: PlantView, index: np.ndarray, effect: Effect) -> None:
         self.plant, self.index, self.arrivals = plant, index, Arrivals.of(plant)
         self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
-        self.value = np.zeros(plant.num_rows)
+        self.effect = effect
+        self.value, self.punch = np.zeros(plant.num_rows), np.ones(plant.num_rows)
         self.gear = plant.model.actuator_gear[index, 0]
         joint = plant.model.actuator_trnid[index, 0]
         self.q = plant.model.jnt_qposadr[joint]
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self.value[ids] = values[:, 0]
+        self.punch[ids] = self.effect.scalar("punch", values)
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         rows = np.arange(self.plant.num_rows)[ids][:, None]
         self.at, self.places, self.width = (rows, self.index), (rows, self.q), self.value[ids, None]
+        self.missing = (1.0 - self.punch[ids, None]) * self.width * np.abs(self.gear)  # (n, k)
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         gain, held, stiff = self.gain[(*self.at, 0)], *(self.bias[(*self.at, c)] for c in (0, 1))
         length = self.gear * self.plant.layout.raw_qpos[self.places]
         law = gain * self.arrivals.at(ids, self.index) + held + stiff * length  # (n, k)
         error = np.abs(law) / np.where(gain > 0, gain, 1.0) / np.abs(self.gear)  # rad at the joint
-        idle = error < self.width
-        if idle.any():
+        idle, taken = error < self.width, np.sign(law) * gain * self.missing
+        if idle.any() or taken.any():
             self.gain[(*self.at, 0)] = np.where(idle, 0.0, gain)
-            self.bias[(*self.at, 0)] = np.where(idle, 0.0, held)
+            self.bias[(*self.at, 0)] = np.where(idle, 0.0, held - taken)
             self.bias[(*self.at, 1)] = np.where(idle, 0.0, stiff)
 
 
 class DeadZone(ActuatorEffect):
-    """The error that a servo ignores: the proportional part of its law is off below it."""
+    """The error that a servo ignores: the proportional part of its law is off below it.
+
+    Beyond it the whole law acts at once (`punch` 1), or the error counts from the zone's edge on
+    (`punch` 0), as it does outside the compliance margin of older servos.
+    """
 
     name = "dead_zone"
     unit = "rad"
+    extras = (
+        Extra(
+            "punch",
+            "",
+            1.0,
+            0.0,
+            1.0,
+            "the part of the proportional torque at the zone's edge that is there at once",
+            fit=(0.0, 1.0),
+        ),
+    )
     typical = (0.0, 0.03)
     no_mjcf = "a position actuator has no zone in which it is idle"
     comparable = True
     sizes = Sizes("add", "one", 3e-3, 0.12)
     symptom = "the servo stops a fixed angle short, whatever the gain, and its PWM is zero there"
-    source = "u = 0 if |e| < d; XL430 stop 4 to 5 counts short (answers.ros.org 303081)"
+    source = (
+        "u = 0 if |e| < d, else kp (e - (1 - punch) d sign(e)); XL430 stop 4 to 5 counts short "
+        "(answers.ros.org 303081); the compliance margin and punch of the AX-12's manual"
+    )
     experiment = "very slow ramps without load, at two gains"
 
     @staticmethod
@@ -294,17 +316,17 @@ class DeadZone(ActuatorEffect):
         return is_joint_servo(model, actuator)
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return half the zone's width."""
+        """Return half the zone's width, and the free extras."""
         self.actuators(model)
-        return (self.parameter(low=0.0),)
+        return (self.parameter(low=0.0), *self.free_parameters())
 
     def bind(self, plant: PlantView) -> SubstepRule:
         """Switch the proportional part off and on before each substep."""
-        return _DeadZone(plant, self.actuators(plant.model))
+        return _DeadZone(plant, self.actuators(plant.model), self)
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return zones from a quarter of a degree to two degrees."""
-        return np.array([0.004, 0.012, 0.035])
+        """Return zones from a quarter of a degree to two degrees, left at once or from the edge."""
+        return np.array(list(itertools.product((0.004, 0.012, 0.035), (1.0, 0.0))))
 
     def batch(self) -> str:
         """Return the group of rules that are stepped from Python."""

@@ -35,7 +35,14 @@ from sim2real.diagnosis.attribution.quantify import (
 from sim2real.diagnosis.attribution.residual import describe
 from sim2real.diagnosis.attribution.singles import singles
 from sim2real.diagnosis.attribution.usual import Usual
-from sim2real.diagnosis.attribution.verdict import Rest, crowd_of, is_open, stands_out, verdict_of
+from sim2real.diagnosis.attribution.verdict import (
+    Rest,
+    crowd_of,
+    is_open,
+    is_resolved,
+    stands_out,
+    verdict_of,
+)
 from sim2real.diagnosis.evidence import Band, Rung, SingleFit
 from sim2real.diagnosis.schema import (
     Cause,
@@ -134,7 +141,8 @@ def conclude(
     form = len(order) != 1 or not _wrong(search, found, subsets[frozenset()])
     numbers = search.before, after, floor, closed, ci[0]
     counts = len(order), crowd_of(fit.members)
-    verdict = verdict_of(Rest(*numbers, alone, unsaid, *counts, form), data)
+    resolved = is_resolved(found.error, data)
+    verdict = verdict_of(Rest(*numbers, alone, unsaid, *counts, form, resolved), data)
     usual = Usual(search) if order and verdict != "explained" else None
     causes, findings, sets = [], [], []
     for place, number in enumerate(order):

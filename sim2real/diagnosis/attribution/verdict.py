@@ -4,10 +4,10 @@
 
 `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if what is
 left is within twice the floor, or nothing lasting is left at any joint and nine tenths are closed,
-or one cause alone closes nineteen twentieths; `partly_explained` from three tenths with a lower
-bound above zero; else `unexplained`. Where more than four effects are needed for the former two, it
-is `fitted`: then there are values, and no causes. Three effects at one joint bend into many a law
-that is missing: they are never `explained`.
+or one cause alone closes nineteen twentieths, or 0.85 with less than a count left at every joint;
+`partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
+than four effects are needed for the former two, it is `fitted`: then there are values, and no
+causes. Three effects at one joint bend into many a law that is missing: they are never `explained`.
 
 What is left on held-out windows is noise, which differs from row to row, and what the causes do not
 say, which lasts: a wrong law, a missing effect, a wrong value. The mean product of errors a moment
@@ -77,6 +77,17 @@ def is_open(error: np.ndarray, data: Data, floors: np.ndarray) -> bool:
     return bool((lasting(error, data) * data.scale > most).any())
 
 
+def is_resolved(error: np.ndarray, data: Data) -> bool:
+    """Return whether every joint is within what its encoder resolves; never of unrounded readings.
+
+    Args:
+        error: held out, in the units of `data`, (W, T, M).
+        data: the windows.
+    """
+    counts = data.settings.verdict.explained_counts * np.array([j.count for j in data.joints])
+    return bool((np.sqrt(data.mean_squares(error)) * data.scale <= counts).all())
+
+
 def is_no_gap(before: float, floor: float, data: Data, alone: bool) -> bool:
     """Return whether a gap is within what noise and rounding make; `alone`: see `stands_out`."""
     limits = data.settings.verdict
@@ -98,6 +109,7 @@ class Rest(NamedTuple):
         values: number of effects that were needed; a shared one counts once.
         crowd: number of them at the joint that has most; a shared one counts nowhere.
         form: whether the effects' laws hold wherever they were tried; see `contradicted`.
+        resolved: whether what is left is less than the encoders show; see `is_resolved`.
     """
 
     before: float
@@ -110,6 +122,7 @@ class Rest(NamedTuple):
     values: int = 1
     crowd: int = 1
     form: bool = True
+    resolved: bool = False
 
 
 def verdict_of(rest: Rest, data: Data) -> Verdict:
@@ -118,9 +131,10 @@ def verdict_of(rest: Rest, data: Data) -> Verdict:
         return "no_gap"
     limits = data.settings.verdict
     near = rest.after <= limits.no_gap_floors * rest.floor and not rest.alone[1]
-    sole = rest.values == 1 and rest.form and rest.low >= limits.explained
+    sole = rest.values == 1 and rest.form
     most = rest.closed >= limits.explained and not rest.unsaid
-    most |= sole and rest.closed >= limits.sole
+    most |= sole and rest.closed >= limits.sole and rest.low >= limits.explained
+    most |= sole and rest.closed >= limits.resolved and rest.resolved
     if not (near or most) and not (rest.closed >= limits.partly and rest.low > 0):
         return "unexplained"
     if rest.values > limits.causes_max:

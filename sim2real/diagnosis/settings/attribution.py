@@ -186,6 +186,14 @@ class Verdict:
         "close 0.96 and more of the scorer's log; of 44 withheld effects a wrong single one closed "
         "at most 0.85",
     )
+    resolved: float = setting(
+        0.85,
+        "1",
+        "closed share from which one cause explains that leaves no joint further off than "
+        "`explained_counts`",
+        "measured: right single causes of small gaps close 0.86 to 0.89, since what a sound robot "
+        "leaves of a count is as much of a small gap; a wrong single one at most 0.85",
+    )
     explained_floors: float = setting(
         3.0,
         "1",

@@ -172,6 +172,19 @@ def test_asymmetric_friction_brakes_one_way_only(bench, one) -> None:
         assert lost == pytest.approx([torque / INERTIA * 0.04], rel=0.02)
 
 
+@pytest.mark.parametrize("rise", [0.0, 0.2, 0.5])
+def test_asymmetric_frictions_rise_is_what_both_ways_gain(bench, one, rise: float) -> None:
+    """K + (rise + 1/2) value one way, K + (rise - 1/2) value the other."""
+    for speed, part in ((2.0, rise + 0.5), (-2.0, rise - 0.5)):
+        effects = [one("coulomb_friction"), one("asymmetric_friction", free=("rise",))]
+        arm = bench(effects, [[0.02, 0.02, rise]], MOTOR)
+        arm.reset(w=speed)
+        for _ in range(40):
+            arm.run(0.0)
+        lost = np.abs(speed) - np.abs(arm.speed)
+        assert lost == pytest.approx([(0.02 + part * 0.02) / INERTIA * 0.04], rel=0.02)
+
+
 def test_asymmetric_friction_sticks_up_to_another_torque_each_way(bench, one) -> None:
     """With 0.1 and 0.1 more one way: 0.15 holds one way and moves the other, 0.08 holds both."""
     effects = [one("coulomb_friction"), one("asymmetric_friction")]

@@ -137,6 +137,23 @@ def test_dead_zone_is_left_at_full_torque(bench, one) -> None:
     assert arm.force[0] == pytest.approx(0.4)
 
 
+@pytest.mark.parametrize("punch", [0.0, 0.25, 1.0])
+@pytest.mark.parametrize("error", [0.1, -0.1])
+def test_beyond_a_dead_zone_its_punch_says_how_much_of_the_law_is_there(
+    bench, one, punch: float, error: float
+) -> None:
+    """From the edge on: kp (e - (1 - punch) d), in both directions, free or given."""
+    width, kp = 0.02, 4.0
+    for arm in (
+        bench([one("dead_zone", free=("punch",))], [[width, punch]]),
+        bench([one("dead_zone", punch=punch)], [[width]]),
+    ):
+        arm.reset()
+        arm.run(error, 1)
+        law = kp * (abs(error) - (1 - punch) * width)
+        assert arm.force[0] == pytest.approx(np.sign(error) * law)
+
+
 def test_supply_sag_lowers_the_torque_by_the_current(bench, one) -> None:
     """A long push ends where tau = tau0 (1 - R tau / (kt V))."""
     arm = bench([one("supply_sag", voltage=5.0, torque_constant=0.4)], [[0.0], [1.0]], MOTOR)

@@ -14,6 +14,7 @@ from sim2real.diagnosis.attribution.verdict import (
     crowd_of,
     is_no_gap,
     is_open,
+    is_resolved,
     lasting,
     stands_out,
     verdict_of,
@@ -96,12 +97,46 @@ def test_three_effects_at_one_joint_explain_a_part_at_best(tmp_path: Path) -> No
     assert verdict_of(rest._replace(crowd=3), data) == "partly_explained"
 
 
+@pytest.mark.parametrize(
+    ("closed", "values", "form", "verdict"),
+    [
+        (0.86, 1, True, "explained"),  # a delay of 4 ms behind an encoder of 4096 counts: 0.89
+        (0.84, 1, True, "partly_explained"),  # a wrong one can close as much
+        (0.88, 2, True, "partly_explained"),
+        (0.88, 1, False, "partly_explained"),
+    ],
+)
+def test_one_cause_may_leave_what_the_encoders_do_not_show(
+    tmp_path: Path, closed: float, values: int, form: bool, verdict: str
+) -> None:
+    """Of a small gap a count is a tenth and more: no right cause could close nine tenths of it."""
+    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
+    rest = Rest(8e-3, 1.3e-3, 4e-4, closed, 0.8, values=values, form=form)
+    assert verdict_of(rest._replace(resolved=True), data) == verdict
+    assert verdict_of(rest, data) == "partly_explained"
+
+
+def test_resolved_is_less_than_a_count_at_every_joint(tmp_path: Path) -> None:
+    """One joint beyond its count is enough, however still the others are."""
+    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
+    counts = np.array([1.5e-3, 1.5e-3])
+    joints = tuple(
+        joint._replace(count=count) for joint, count in zip(data.joints, counts, strict=True)
+    )
+    rounded = replace(data, joints=joints)
+    for off, resolved in (([1.4, 1.4], True), ([1.6, 0.1], False), ([0.1, 1.6], False)):
+        error = np.where(data.mask[..., None], 1e-3 * np.array(off) / data.scale, 0.0)
+        assert is_resolved(error, rounded) == resolved
+    unrounded = replace(data, joints=tuple(j._replace(count=0.0) for j in data.joints))
+    assert not is_resolved(np.where(data.mask[..., None], 1e-9, 0.0) + np.zeros(2), unrounded)
+
+
 def test_what_a_count_hides_needs_no_less_to_be_closed(tmp_path: Path) -> None:
-    """Nine tenths are asked for, also where one encoder count hides the rest."""
+    """Of several causes nine tenths are asked for, also where one count hides the rest."""
     data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
     joints = tuple(joint._replace(count=1.5e-3 * joint.scale) for joint in data.joints)
     data = replace(data, joints=joints)
-    rest = Rest(6e-3, 1.4e-3, 4e-4, closed=0.92, low=0.8)
+    rest = Rest(6e-3, 1.4e-3, 4e-4, closed=0.92, low=0.8, values=2, resolved=True)
     assert verdict_of(rest, data) == "explained"
     assert verdict_of(rest._replace(closed=0.89), data) == "partly_explained"
     assert verdict_of(rest._replace(unsaid=True), data) == "partly_explained"
