@@ -224,9 +224,9 @@ def _cause(
     rivals = found.rivals.get(member.label, [])
     seen = found.on(rest)
     crowd = equals(search, member, rivals, seen, found.on(found.error))
-    named, crowd = _named(search, found, member, rivals, crowd)
+    named, crowd, same = _named(search, found, member, rivals, crowd)
     form = "contradicted" if _wrong(search, found, rest) else "holds"
-    sure = confidence(search, member, crowd, rivals, seen, closed)
+    sure = confidence(search, member, [*crowd, *same], rivals, seen, closed)
     extra = {**member.effect.extra, **member.effect.options()}
     if member.effect.place == "body":
         extra["body"] = member.effect.where
@@ -260,8 +260,8 @@ def _named(
     member: Candidate,
     rivals: Sequence[Contender],
     crowd: Sequence[Contender],
-) -> tuple[tuple[Equivalent, ...], list[Contender]]:
-    """Return the equivalents that a report names, and those of them that can be parted at all.
+) -> tuple[tuple[Equivalent, ...], list[Contender], list[Contender]]:
+    """Return the equivalents that a report names, those that can be parted, and those that cannot.
 
     What no recording can part from the cause, or from an equivalent that is named, counts with it.
     """
@@ -270,6 +270,7 @@ def _named(
     known: list[tuple[Candidate, np.ndarray]] = [(member, own)]
     names: dict[tuple[str, str | None], Equivalent] = {}
     apart: list[Contender] = []
+    alike: list[Contender] = []
     labels = [contender.candidate.label for contender in crowd]
     for contender in [*crowd, *(c for c in rivals if c.candidate.label not in labels)]:
         option = contender.candidate
@@ -280,12 +281,12 @@ def _named(
         if not same and option.label not in labels:
             continue
         place = option.name, option.place
-        apart += [] if same else [contender]
+        (alike if same else apart).append(contender)
         if place == (member.name, member.place) or place in names or len(apart) > most - 1:
             continue
         known.append(one)
         names[place] = Equivalent(*place, inseparable=same)
-    return tuple(names.values()), apart
+    return tuple(names.values()), apart, alike
 
 
 def _valued(cause: Cause, member: Candidate, values: np.ndarray, spans: np.ndarray) -> Cause:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -76,6 +77,23 @@ def test_what_makes_one_model_is_one_member(tmp_path: Path) -> None:
     assert not inseparable(search, weak, gain)  # a gain has no limit
     late = option(search, "command_delay"), np.array([0.02])  # cannot be as large as a factor
     assert not inseparable(search, weak, late)
+
+
+def test_what_no_log_can_part_is_no_reason_to_doubt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A twin that follows to the digit is the same answer: it is named, and costs no confidence."""
+    undamped = re.sub(r' damping="[0-9.]+"', "", arm.XML)
+    monkeypatch.setattr(arm, "XML", undamped.replace("armature", 'damping="0.3" armature'))
+    log = arm.make_log(("motor_strength", {}, 0.8), noise=FLOOR)
+    labels = ("motor_strength", "supply_voltage", "coulomb_friction.a")
+    search = search_of(log, tmp_path, *labels)
+    made = conclude(search, search.run(), np.full(2, FLOOR), np.random.default_rng(0))
+    (cause,) = made.report.causes
+    (other,) = cause.equivalent
+    assert {cause.effect, other.effect} == {"motor_strength", "supply_voltage"}
+    assert other.inseparable
+    assert cause.confidence > 0.9
 
 
 def test_values_that_never_raced_have_their_look_alikes(tmp_path: Path) -> None:
