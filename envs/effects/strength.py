@@ -69,7 +69,7 @@ class MotorStrength(ActuatorEffect):
     typical = (0.6, 1.4)
     no_mjcf = None
     comparable = True
-    factors = (0.5, 0.75, 0.94, 1.06, 1.3, 1.8)  # of a voltage a few per cent shift a whole motion
+    factors = (0.5, 0.75, 0.94, 0.98, 1.02, 1.06, 1.3, 1.8)  # a few per cent shift a whole motion
     sizes = Sizes("factor", "one", 0.02, 0.8)
     symptom = (
         "weaker or stronger in everything: static sag, acceleration and the largest torque alike"

@@ -44,7 +44,7 @@ class SupplyVoltage(Effect):
     typical = (0.7, 1.3)
     no_mjcf = None
     comparable = True
-    factors = (0.5, 0.75, 0.94, 1.06, 1.3, 1.8)  # of a voltage a few per cent shift a whole motion
+    factors = (0.5, 0.75, 0.94, 0.98, 1.02, 1.06, 1.3, 1.8)  # a few per cent shift a whole motion
     sizes = Sizes("factor", "one", 0.02, 0.6)
     symptom = "the top speed and the largest torque change together; slow, light motions little"
     source = "|tau| <= (kt/R)(V duty_max - kt w)"

@@ -110,6 +110,8 @@ class Search:
             contenders = self.race(found.fit, found.error, found)
             best = contenders[0] if contenders else None
             if best is None or not self.joins(best, found, contenders):
+                if not found.fit.members and self.couple(found):
+                    continue
                 break
             best = self.polish(best)
             if found.fit.members and not pays(self, found.error, best.error):
@@ -155,6 +157,15 @@ class Search:
         error = self.problem.held_out(fit.members, fit.values)
         if self.blocks.rms(error) < self.blocks.rms(found.error):
             self.keep(found, fit, error)
+
+    def couple(self, found: Found) -> bool:
+        """Begin with two effects where none helps alone; return whether that was found to help.
+
+        An error that grows fast where another effect is missing hides what the first one mends.
+        """
+        with self.work.during("pairs"):
+            self.pair(found)
+        return bool(found.fit.members)
 
     def pair(self, found: Found) -> None:
         """Put two effects in the place of the first, if they do far better together.

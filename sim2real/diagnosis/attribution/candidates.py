@@ -84,7 +84,8 @@ class Candidate:
     def step(self) -> np.ndarray:
         """The size of a typical change of each parameter, (P,)."""
         changes = np.where(self.neutral >= FREE, self.probes, self.probes - self.neutral)
-        return TYPICAL * np.abs(changes).max(axis=0)
+        size = np.abs(changes).max(axis=0)  # 0 of what every probe leaves as it is, such as a count
+        return TYPICAL * np.where(size > 0, size, np.abs(self.probes).max(axis=0))
 
     def towards(self, point: np.ndarray, scale: float) -> np.ndarray:
         """Return the point at which the effect is `scale` times as large as at `point`, (P,).

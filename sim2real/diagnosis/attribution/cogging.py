@@ -9,6 +9,9 @@ q: a least-squares periodogram (Lomb 1976, Astrophysics and Space Science 39), w
 are looked at first. N need not be whole: a gear of 298.5 : 1 makes no whole number of the motor's
 poles. The grid is as fine as the joint's span lets it be, and ends where the encoder no longer
 resolves a ripple.
+
+A joint that no servo holds is moved instead: over a window, the ripple's torque shows as its double
+integral over the inertia, at any speed, beside those of a constant torque and of a viscous one.
 """
 
 from __future__ import annotations
@@ -33,24 +36,65 @@ def with_ripples(candidate: Candidate, data: Data, error: np.ndarray) -> Candida
     """
     joint = next(i for i, j in enumerate(data.joints) if j.name == candidate.joint)
     limits = data.settings.cogging
-    inside = data.mask & _slow(data, joint)
+    stiff = _stiffness(candidate, data)
+    inside = data.mask & _on(data) if stiff is None else data.mask & _slow(data, joint)
     q, rest = data.measured[..., joint][inside], error[..., joint][inside] * data.scale[joint]
     if len(q) < limits.rows_min:
         return candidate
-    order = limits.trend_order if np.ptp(q) > limits.turned else 0
-    smooth, _ = np.linalg.qr(q[:, None] ** np.arange(order + 1))  # (rows, order + 1)
-    rest = rest - smooth @ (smooth.T @ rest)
     counts = _grid(q, data.joints[joint].count, limits)
     if not counts.size:
         return candidate
-    waves = np.array([_wave(q, rest, smooth, count) for count in counts])  # (N, 3)
-    stiff = _stiffness(candidate, data)
+    if stiff is None:
+        span = _Span(data, joint, inside)
+        smooth, show, stiff = np.linalg.qr(span.trend())[0], span, _inertia(candidate, data)
+    else:
+        order = limits.trend_order if np.ptp(q) > limits.turned else 0
+        smooth, show = np.linalg.qr(q[:, None] ** np.arange(order + 1))[0], _Still(q)
+    rest = rest - smooth @ (smooth.T @ rest)
+    waves = np.array([_wave(show(count), rest, smooth) for count in counts])  # (N, 3)
     probes = [
         (size * stiff * np.hypot(*waves[k, :2]), counts[k], np.arctan2(waves[k, 1], waves[k, 0]))
         for k in _peaks(waves[:, 2])[: limits.counts_probed]
         for size in limits.sizes
     ]
     return replace(candidate, probes=np.clip(probes, candidate.low, candidate.high))
+
+
+class _Still:
+    """What a ripple does to a joint that its servo holds: it gives way in proportion."""
+
+    def __init__(self, q: np.ndarray) -> None:
+        self._q = q
+
+    def __call__(self, count: float) -> np.ndarray:
+        """Return the sine's and the cosine's part for a count, (rows, 2)."""
+        return np.column_stack([np.sin(count * self._q), np.cos(count * self._q)])
+
+
+class _Span:
+    """What a ripple does to a joint that nothing holds: double integrals over each window."""
+
+    def __init__(self, data: Data, joint: int, inside: np.ndarray) -> None:
+        self._inside, self._q = inside, data.measured[..., joint]
+        self._steps = np.zeros(self._q.shape)  # (W, T) s since the row before
+        for row, time in zip(self._steps, data.times(), strict=True):
+            row[1 : len(time)] = np.diff(time)
+
+    def __call__(self, count: float) -> np.ndarray:
+        """Return the sine's and the cosine's part for a count, (rows, 2)."""
+        return self._twice(np.sin(count * self._q), np.cos(count * self._q))
+
+    def trend(self) -> np.ndarray:
+        """Return what a constant torque and one in proportion to the speed do, (rows, 2)."""
+        moved = self._q - self._q[:, :1]
+        return np.column_stack([self._twice(np.ones(self._q.shape)), self._once(moved)])
+
+    def _once(self, values: np.ndarray) -> np.ndarray:
+        return np.cumsum(np.where(self._inside, values, 0.0) * self._steps, axis=1)[self._inside]
+
+    def _twice(self, *values: np.ndarray) -> np.ndarray:
+        gained = [np.cumsum(one * self._steps, axis=1) for one in values]
+        return np.column_stack([self._once(one) for one in gained])
 
 
 def _grid(q: np.ndarray, step: float, limits: Cogging) -> np.ndarray:
@@ -62,10 +106,9 @@ def _grid(q: np.ndarray, step: float, limits: Cogging) -> np.ndarray:
     return np.arange(max(fewest, apart), most, apart / limits.finest)
 
 
-def _wave(q: np.ndarray, rest: np.ndarray, smooth: np.ndarray, count: float) -> np.ndarray:
+def _wave(table: np.ndarray, rest: np.ndarray, smooth: np.ndarray) -> np.ndarray:
     """Return minus the sine's and cosine's parts of an error, and the squares they remove, (3,)."""
-    table = np.column_stack([np.sin(count * q), np.cos(count * q)])
-    table -= smooth @ (smooth.T @ table)
+    table = table - smooth @ (smooth.T @ table)
     weights, *_ = np.linalg.lstsq(table, rest)
     return np.array([*-weights, float(rest @ table @ weights)])
 
@@ -88,12 +131,24 @@ def _slow(data: Data, joint: int) -> np.ndarray:
     return found
 
 
-def _stiffness(candidate: Candidate, data: Data) -> float:
-    """Return the stiffness of the servo at a candidate's joint [N·m/rad]."""
+def _on(data: Data) -> np.ndarray:
+    """Return the rows of windows under torque, (W, 1)."""
+    share = data.settings.cogging.off_share
+    return np.array([[window.off < share] for window in data.windows])
+
+
+def _stiffness(candidate: Candidate, data: Data) -> float | None:
+    """Return the stiffness of the servo at a candidate's joint [N·m/rad]; None without a servo."""
     model, least = data.models[0], data.settings.cogging.stiffness_min
     place = model.joint(candidate.joint).id
     for i in range(model.nactuator):
         if int(model.actuator_trnid[i, 0]) == place:
-            gear = float(model.actuator_gear[i, 0])
-            return max(float(-model.actuator_biasprm[i, 1]) * gear * gear, least)
-    return least
+            gear, held = float(model.actuator_gear[i, 0]), float(-model.actuator_biasprm[i, 1])
+            return max(held * gear * gear, least) if held else None
+    return None
+
+
+def _inertia(candidate: Candidate, data: Data) -> float:
+    """Return what has to be moved at a candidate's joint in the model's pose [kg·m²]."""
+    model = data.models[0]
+    return float(model.dof_M0[int(model.joint(candidate.joint).dofadr[0])])

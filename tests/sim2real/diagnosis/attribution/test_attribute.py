@@ -39,6 +39,29 @@ def test_a_couple_is_fitted_to_the_end(tmp_path: Path) -> None:
     assert found.fit is settled
 
 
+def test_where_nothing_helps_alone_two_are_tried_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each may be of no use without the other; that no single one joins is not the end."""
+    truth = [("coulomb_friction", {"where": "a"}, 0.1), ("position_gain", {"where": "b"}, 0.7)]
+    data = arm.data_of(arm.make_log(*truth, noise=3e-4), tmp_path)
+    labels = ("coulomb_friction.a", "position_gain.b", "armature.a")
+    options = [c for c in candidates(data) if c.label in labels]
+    problem = Problem(data, Simulator(data, threads=1))
+    joins = Search.joins
+
+    def joins_in_pairs(self: Search, best: Contender, *more: Any) -> bool:
+        return len(best.fit.members) > 1 and joins(self, best, *more)
+
+    monkeypatch.setattr(Search, "joins", joins_in_pairs)
+    search = Search(problem, options, 3e-4, np.random.default_rng(0), lambda text, share: None)
+    found = search.ahead()
+    assert {m.label for m in found.fit.members} == set(labels[:2])
+    monkeypatch.setattr(Search, "joins", lambda *arguments: False)
+    search = Search(problem, options, 3e-4, np.random.default_rng(0), lambda text, share: None)
+    assert not search.ahead().fit.members  # and if they do not help either, it ends
+
+
 def test_a_second_effect_is_looked_for_where_it_shows(tmp_path: Path) -> None:
     """Windows follow what is left; what was screened first stays in view of the race."""
     truth = ("coulomb_friction", {"where": "a"}, 0.1)

@@ -26,6 +26,7 @@ def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
     found = {option.name: option for option in candidates(data) if option.effect.free}
     scaled = {"cogging", "joint_compliance", "load_dependent_friction", "stribeck_friction"}
     scaled |= {"torque_speed_knee", "hysteretic_compliance", "encoder_eccentricity"}
+    scaled |= {"dead_zone", "asymmetric_friction"}
     assert set(found) == scaled
     stribeck = found["stribeck_friction"]
     assert stribeck.low[1] > 0.01 and stribeck.high[1] < 10.0  # rad/s
@@ -121,3 +122,11 @@ def test_one_value_for_all_joints_is_a_candidate_where_there_are_several(tmp_pat
     columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}
     data = Data.of([Log(columns, {"model": str(robot.model)}, Path("log.csv"))], robot.model)
     assert "motor_strength" not in {option.label for option in candidates(data)}
+
+
+def test_what_every_probe_leaves_as_it_is_has_a_step_as_well(tmp_path: Path) -> None:
+    """A ripple's count is neutral in all its probes; a fit that starts there has to move it."""
+    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
+    (ripple,) = (c for c in candidates(data) if c.label == "cogging.a")
+    assert (ripple.probes[:, 1] == ripple.neutral[1]).all()
+    assert (ripple.step > 0).all()

@@ -26,3 +26,23 @@ def test_the_error_shows_how_many_ripples_a_turn_has(ripples: float, tmp_path: P
     assert count == pytest.approx(ripples, abs=told)
     assert phase == pytest.approx(1.1, abs=0.8)
     assert 0.25 < size / 0.12 < 4.0
+
+
+@pytest.mark.parametrize("ripples", [9.0, 13.3])
+def test_the_error_of_a_joint_that_nothing_holds_shows_them_too(
+    ripples: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Motors alone: the ripple shows as its double integral over the inertia."""
+    motors = '<motor name="a" joint="a" gear="0.3"/><motor name="b" joint="b" gear="0.1"/>'
+    start, end = arm.XML.index("<actuator>"), arm.XML.index("</actuator>")
+    xml = arm.XML[:start] + "<actuator>" + motors + arm.XML[end:]
+    monkeypatch.setattr(arm, "XML", xml.replace("armature", 'damping="0.03" armature'))
+    hidden = {"where": "b", "count": ripples, "phase": 1.1}
+    data = arm.data_of(arm.make_log(("cogging", hidden, 0.01), seconds=16.0), tmp_path)
+    error = Problem(data, Simulator(data, threads=1)).held_out((), np.zeros((2, 0)))
+    (own,) = (c for c in candidates(data) if c.label == "cogging.b")
+    size, count, phase = with_ripples(own, data, error).probes[0]
+    told = np.pi / np.ptp(data.measured[..., 1])
+    assert count == pytest.approx(ripples, abs=told)
+    assert phase == pytest.approx(1.1, abs=0.8)
+    assert 0.25 < size / 0.01 < 4.0
