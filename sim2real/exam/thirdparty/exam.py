@@ -56,6 +56,7 @@ class EngineExam:
         longest: time after which a diagnosis counts as failed [s].
         block: make and seal so many cases before the first of them is diagnosed.
         most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+        skip: leave out so many of the first cases of the draw: those that were opened before.
 
     Raises:
         Sim2RealError: an unknown kind, half or engine, an engine that is not installed, or a number
@@ -70,6 +71,7 @@ class EngineExam:
     longest: float
     block: int
     most: int | None = None
+    skip: int = 0
 
     def __post_init__(self) -> None:
         wrong = [kind for kind in self.kinds if kind not in KINDS]
@@ -85,6 +87,9 @@ class EngineExam:
                 f"exam.seconds={self.seconds} at least {AGAIN:g}"
             )
         check_limits(self.longest, self.most, self.block)
+        cases = len(self.kinds) * self.cases_per_kind
+        if not 0 <= self.skip < cases:
+            raise Sim2RealError(f"exam.skip={self.skip} must be from 0 to {cases - 1}")
         check_engine(self.engine)
 
     def draw(self, seed: int) -> list[Outline]:
@@ -101,7 +106,7 @@ class EngineExam:
                 robot, effects = next(drawn)
                 name = f"case_{len(found):03d}"
                 found.append(Outline(name, kind, robot, effects, int(seeds[kind][number])))
-        return found
+        return found[self.skip :]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
         """Record a case and write its two folders; False if no robot can show its like.

@@ -33,6 +33,7 @@ def test_a_seed_draws_the_same_cases_and_halves_share_none() -> None:
     drawn = EngineExam(**SMALL).draw(3)
     assert drawn == EngineExam(**SMALL).draw(3)
     assert [one.kind for one in drawn] == list(KINDS) * 2
+    assert EngineExam(**SMALL, skip=3).draw(3) == drawn[3:]  # what was not opened before
     sealed = EngineExam(**{**SMALL, "half": "sealed"}).draw(3)
     assert not {one.seed for one in drawn} & {one.seed for one in sealed}
     more = EngineExam(**{**SMALL, "kinds": ["dirty"]}).draw(3)
@@ -42,6 +43,7 @@ def test_a_seed_draws_the_same_cases_and_halves_share_none() -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
+        ({"skip": 1000}, r"exam.skip=1000 must be from 0 to"),
         ({"kinds": ["dusty"]}, "dirty"),
         ({"kinds": []}, "at least one"),
         ({"half": "both"}, "calibration or sealed"),
