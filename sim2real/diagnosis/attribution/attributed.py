@@ -19,6 +19,7 @@ from envs.plant import Fixed
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.conclude import Conclusion, conclude, nothing, unsearched
+from sim2real.diagnosis.attribution.ends import at_ends
 from sim2real.diagnosis.attribution.fit import Fit, columns
 from sim2real.diagnosis.attribution.joint_groups import by_family, is_spread
 from sim2real.diagnosis.attribution.parsimony import simplified
@@ -97,7 +98,7 @@ def attributed(
         with about.work.during("joints at once"):
             found = by_family(search, found)
     with about.work.during("fewer values"):
-        found = simplified(search, found)
+        found = at_ends(search, simplified(search, found))
     search.say("weighing what was found", WEIGHING)
     with about.work.during("weighing"):
         made = conclude(search, found, floors, rng)

@@ -160,6 +160,9 @@ class Parsimony:
     mends: float = setting(
         0.25, "1", "share of what is left at the joint: less may only mend a bad fit", JUDGED
     )
+    share_kept: float = setting(
+        0.2, "1", "of a price, from which a share stays between its ends", JUDGED
+    )
     kept: int = setting(3, "1", "values that pay, from the cheapest on, that end the look", COST)
     reach: float = setting(
         0.5,
