@@ -53,7 +53,7 @@ class Windows:
         0.25, "s", "windows where the state is logged and no servo corrects errors", DEVELOPED
     )
     unsure_s: float = setting(
-        0.5, "s", "windows whose starts are uncertain, which is taken out of errors", DEVELOPED
+        0.7, "s", "windows whose starts are uncertain, which is taken out of errors", DEVELOPED
     )
     slowest_s: float = setting(12.0, "s", "longest window of slow motions", DEVELOPED)
     turn: float = setting(0.1, "1", "least turn of a command, of its range", JUDGED)

@@ -62,19 +62,19 @@ class Law:
         extra = self.extra(rng)
 
         def truth(size: float) -> Truth:
-            values: Mapping[Form, Any] = {
-                "add": size * unit,
-                "signed": sign * size * unit,
-                "factor": math.exp(sign * size),
-                "limit": unit / size,
-                "mass": unit * math.expm1(sign * size),
-                "tilt": [size * math.cos(turn), size * math.sin(turn)],
+            values: Mapping[Form, Callable[[], Any]] = {  # a limit's size is beyond any factor's
+                "add": lambda: size * unit,
+                "signed": lambda: sign * size * unit,
+                "factor": lambda: math.exp(sign * size),
+                "limit": lambda: unit / size,
+                "mass": lambda: unit * math.expm1(sign * size),
+                "tilt": lambda: [size * math.cos(turn), size * math.sin(turn)],
             }
             return {
                 "where": where if self.place != "robot" else None,
                 "joint": joint if self.place != "robot" else None,
                 "side": side,
-                "value": values[self.form],
+                "value": values[self.form](),
                 "extra": extra,
             }
 

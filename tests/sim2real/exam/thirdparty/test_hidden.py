@@ -50,6 +50,16 @@ def test_an_effect_grows_with_its_size(effect: str) -> None:
     assert gaps[0] < gaps[1] < gaps[2]
 
 
+@pytest.mark.parametrize("effect", sorted(LAWS))
+def test_every_size_of_an_effect_has_a_value(effect: str) -> None:
+    """To the ends of its range and with either sign: a limit's size is beyond any factor's."""
+    rig = make_rig(ROBOTS["pendulum"])
+    for seed in range(6):
+        draw = LAWS[effect].draw(rig, rig.driven[0], np.random.default_rng(seed))
+        for size in (LAWS[effect].low, LAWS[effect].high):
+            assert np.isfinite(draw(size)["value"]).all()
+
+
 def test_shared_effects_are_at_all_joints() -> None:
     """One value for the robot is put into each servo."""
     rig = make_rig(ROBOTS["arm3"], "dart")
