@@ -1,7 +1,7 @@
 """What the logs cannot tell from a cause, and how sure a cause is.
 
 crowd = equals(search, member, rivals, rest, full)
-confidence(search, member, crowd, rivals, rest, closed)
+confidence(search, member, crowd, rivals, rest)
 """
 
 from __future__ import annotations
@@ -54,13 +54,12 @@ def confidence(
     crowd: Sequence[Contender],
     rivals: Sequence[Contender],
     rest: np.ndarray,
-    closed: float,
 ) -> float:
     """Return how much speaks for a cause, or an equal of it; `calibrated` makes it a probability.
 
-    How often it wins when blocks are drawn again, less where the next rival is close behind or
-    much of the gap stays. A rival is close where it closes nearly as much and leaves little more.
-    Where it never raced against others, nothing is known of that.
+    How often it wins when blocks are drawn again, less where the next rival is close behind. A
+    rival is close where it closes nearly as much and leaves little more. Where it never raced
+    against others, nothing is known of that.
     """
     limits = search.problem.data.settings.causes
     good = {member.label, *(c.candidate.label for c in crowd)}
@@ -73,25 +72,25 @@ def confidence(
     far = max(margin / limits.rival_margin, excess / limits.rival_excess, 0.0)
     near = np.exp(-far)
     sure = limits.sure_max * wins * (1 - limits.rival_doubt * near)
-    doubt = limits.open_doubt
-    sure *= (1 - doubt) + doubt * np.clip(closed, 0, 1)
     return float(np.clip(sure, limits.confidence_min, limits.confidence_max))
 
 
-def calibrated(sure: float, limits: Causes) -> float:
-    """Return the probability that a cause is right, by how often others named as surely were.
+def calibrated(sure: float, closed: float, limits: Causes) -> float:
+    """Return the probability that a cause is right: that a known law is, and that it is this one.
 
-    A logistic curve over log odds (Platt 1999, "Probabilistic outputs for support vector
-    machines").
+    The former from how often others that closed as much were right, a logistic curve over the log
+    of what stays open (Platt 1999, "Probabilistic outputs for support vector machines"): laws that
+    nobody thought of are followed by a look-alike to eight tenths, hardly one to nine.
 
     Args:
         sure: of `confidence`, less what else speaks against the cause; in (0, 1).
+        closed: share of the gap that all causes close together.
         limits: the curve, and the ends of what is ever said.
     """
     intercept, slope = limits.calibration
-    sure = float(np.clip(sure, limits.confidence_min, limits.confidence_max))
-    odds = intercept + slope * np.log(sure / (1 - sure))
-    return float(np.clip(1 / (1 + np.exp(-odds)), limits.confidence_min, limits.confidence_max))
+    left = 1 - float(np.clip(closed, 0.0, limits.confidence_max))
+    known = 1 / (1 + np.exp(-(intercept - slope * np.log(left))))
+    return float(np.clip(known * sure, limits.confidence_min, limits.confidence_max))
 
 
 def _race(

@@ -152,7 +152,7 @@ def conclude(
         if usual is not None:
             doubt = limits.usual_doubt * (1 - usual.clear(less, found.error))
             cause = replace(cause, confidence=cause.confidence * (1 - doubt))
-        cause = replace(cause, confidence=calibrated(cause.confidence, limits))
+        cause = replace(cause, confidence=calibrated(cause.confidence, closed, limits))
         own = columns(fit.members)[place]
         causes.append(_valued(cause, member, fit.mean[own], spans[own]))
         findings += [_crowded(cause, crowd)] if len(crowd) >= limits.equivalents_max else []
@@ -226,7 +226,7 @@ def _cause(
     crowd = equals(search, member, rivals, seen, found.on(found.error))
     named, crowd, same = _named(search, found, member, rivals, crowd)
     form = "contradicted" if _wrong(search, found, rest) else "holds"
-    sure = confidence(search, member, [*crowd, *same], rivals, seen, closed)
+    sure = confidence(search, member, [*crowd, *same], rivals, seen)
     extra = {**member.effect.extra, **member.effect.options()}
     if member.effect.place == "body":
         extra["body"] = member.effect.where

@@ -4,7 +4,7 @@
 
 `no_gap` if the gap is within twice the noise floor or two encoder counts; `explained` if what is
 left is within twice the floor, or nothing lasting is left at any joint and nine tenths are closed,
-or one cause alone closes nineteen twentieths, or 0.85 with less than a count left at every joint;
+or one cause alone closes nineteen twentieths, or 0.85 with about a count left at every joint;
 `partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
 than four effects are needed for the former two, it is `fitted`: then there are values, and no
 causes. Three effects at one joint bend into many a law that is missing: they are never `explained`.
