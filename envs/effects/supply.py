@@ -8,6 +8,7 @@ voltage-driven, motors as current-driven, unless `drive` says so.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
@@ -230,11 +231,12 @@ class _Derating(_Weakening):
         self.damping = plant.live("actuator_damping")
         self.effect, self.dt = effect, plant.model.opt.timestep
         self.heat = np.zeros((plant.num_rows, len(index)))  # N²·m²·s
-        self.decay = np.zeros((plant.num_rows, 1))
+        self.decay, self.braking = np.zeros((plant.num_rows, 1)), np.zeros((plant.num_rows, 1))
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         super().write(ids, values)
         self.decay[ids, 0] = self.effect.scalar("decay", values)
+        self.braking[ids, 0] = self.effect.scalar("braking", values)
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         super().reset(ids, seeds)
@@ -242,24 +244,28 @@ class _Derating(_Weakening):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
-        self.kept = np.exp(-self.decay[ids] * self.dt)
+        self.kept, self.spared = np.exp(-self.decay[ids] * self.dt), self.braking[ids]
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         heat = self.heat[ids]
-        left = np.maximum(1.0 - self.own * heat, 0.0)
-        self.damping[self.at] *= left  # the back-EMF as it was in the substep before
+        brakes = self._braking(np.maximum(1.0 - self.own * heat, 0.0))
+        self.damping[self.at] *= brakes  # the back-EMF as it was in the substep before
         heat = heat * self.kept + self.torque(ids) ** 2 * self.dt
         self.heat[ids] = heat
         weaker = np.maximum(1.0 - self.own * heat, 0.0)
         self.weaken(weaker)
-        # it goes through the same winding
-        self.damping[self.at] *= weaker / np.maximum(left, 1e-9)
+        self.damping[self.at] *= self._braking(weaker) / np.maximum(brakes, 1e-9)
+
+    def _braking(self, factor: np.ndarray) -> np.ndarray:
+        """Return what is left of the back-EMF where that much is left of the torque, (n, k)."""
+        return factor + (1.0 - factor) * self.spared
 
 
 class ThermalDerating(ActuatorEffect):
     """A motor that weakens as it heats, by a factor 1 - value E on all its torque.
 
-    Law, limit and back-EMF alike, since all go through the winding whose resistance rises.
+    Law, limit and back-EMF alike, since all go through the winding whose resistance rises; where it
+    is the firmware that takes current away, the back-EMF brakes as before: `braking` 1.
     dE/dt = torque² - decay E, with E = 0 at a reset.
     """
 
@@ -267,6 +273,15 @@ class ThermalDerating(ActuatorEffect):
     unit = "1/(N²·m²·s)"
     extras = (
         Extra("decay", "1/s", 0.0, 0.0, 1e3, "the rate at which it cools", typical=(0.0, 0.05)),
+        Extra(
+            "braking",
+            "",
+            0.0,
+            0.0,
+            1.0,
+            "the part of the back-EMF's braking that heat leaves as it is",
+            fit=(0.0, 1.0),
+        ),
     )
     typical = (0.0, 0.1)
     no_mjcf = "an actuator of this kind does not remember its load"
@@ -295,8 +310,9 @@ class ThermalDerating(ActuatorEffect):
         return _Derating(plant, self.actuators(plant.model), self)
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return losses by which the hardest of the logs takes parts of the strength."""
-        return np.array([0.15, 0.6, 2.5]) / max(scale.heat_at(self.where), 1e-9)
+        """Return losses by which the hardest log takes parts of the strength, and of braking."""
+        losses = np.array([0.15, 0.6, 2.5]) / max(scale.heat_at(self.where), 1e-9)
+        return np.array(list(itertools.product(losses, (0.0, 1.0))))
 
     def batch(self) -> str:
         """Return the group of rules that are stepped from Python."""

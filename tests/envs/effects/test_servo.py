@@ -201,6 +201,18 @@ def test_thermal_derating_weakens_the_back_emf_too(bench, one) -> None:
     assert hot.speed[1] > 1.05 * hot.speed[0]
 
 
+def test_heat_may_spare_the_back_emf(bench, one) -> None:
+    """With braking 1 the torque weakens alone: a free joint spins down as if it were cold."""
+    servo = '<position name="servo" joint="hinge" kp="1e-6" damping="0.2"/>'
+    effects = [one("thermal_derating", free=("braking",))]
+    arm = bench(effects, [[0.0, 0.0], [0.02, 0.0], [0.02, 0.5], [0.02, 1.0]], servo, damping=0.0)
+    arm.reset(w=20.0)
+    arm.plant.substep_rules[0].heat[:] = [[0.0], [30.0], [30.0], [30.0]]  # a factor of 0.4
+    arm.run(0.0, 5)
+    lost = np.log(20.0 / arm.speed)
+    assert lost / lost[0] == pytest.approx([1.0, 0.4, 0.7, 1.0], rel=0.03)
+
+
 @pytest.mark.parametrize("name", ["position_gain", "derivative_gain", "dead_zone"])
 def test_a_torque_motor_is_refused_with_what_it_can_have(bench, one, name: str) -> None:
     """The error lists the effects that the actuator does have."""
