@@ -231,8 +231,9 @@ class ToldRows:
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         """Start an episode in each of the rows ids (n,); see `Rows`."""
         told = self._transform.told
-        values = values if self._transform.truth else np.tile(told.middle, (len(ids), 1))
-        self._said[ids] = told.said(values, self._transform.limit)
+        true = self._transform.truth  # what is told of a robot is not what it is
+        known = values if true else np.tile(told.middle, (len(ids), 1))
+        self._said[ids] = told.said(known, self._transform.limit)
         return self._longer(self._rows.reset(ids, values, seeds), self._said[ids])
 
     def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:

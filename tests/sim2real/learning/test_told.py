@@ -77,6 +77,19 @@ def test_another_base_is_told_the_same() -> None:
     assert (untold.reset(np.arange(4), ROBOTS, SEEDS)[:, 11:] == 0).all()
 
 
+def test_a_robot_that_is_told_the_middle_stays_what_it_is() -> None:
+    """Without the truth the rows move as those of robots that nobody is told of."""
+    untold = hopper("transforms.with_params.truth=false").rows(4)
+    plain = hopper().rows(4)
+    action = np.random.default_rng(0).uniform(-1, 1, (4, 3))
+    for rows in (untold, plain):
+        rows.reset(np.arange(4), ROBOTS, SEEDS)
+    for _ in range(20):
+        moved, as_told = untold.step(None, action), plain.step(None, action)
+    np.testing.assert_array_equal(moved.observation[:, :11], as_told.observation[:, :11])
+    assert np.ptp(moved.observation[:, 0]) > 1e-3  # and they are not all the same robot
+
+
 @pytest.mark.parametrize("products", ["false", "true"])
 def test_rows_and_environment_tell_the_same(products: str) -> None:
     """Populations and TorchRL's collectors see the same numbers, products among them."""
