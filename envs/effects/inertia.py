@@ -86,7 +86,8 @@ class LinkMass(FieldEffect):
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the link's mass and of the robot's."""
         own = float(scale.model.body_mass[scale.body(self.where)])
-        return np.array([-0.3 * own, 0.3 * own, 0.1 * scale.mass, 0.4 * scale.mass])
+        parts = np.array([-0.3, -0.04, 0.04, 0.3]) * own  # a few per cent shift a whole motion
+        return np.array([*parts, 0.1 * scale.mass, 0.4 * scale.mass])
 
 
 class LinkInertia(FieldEffect):
@@ -208,7 +209,7 @@ class CenterOfMass(Effect):
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the link's length, both ways."""
         length = float(np.linalg.norm(far_end(scale.model, scale.body(self.where))))
-        return np.array([-0.4, -0.12, 0.12, 0.4]) * length
+        return np.array([-0.4, -0.12, -0.03, 0.03, 0.12, 0.4]) * length
 
     def batch(self) -> str:
         """Return the group of effects that only write model fields."""
@@ -292,7 +293,7 @@ class Payload(Effect):
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the robot's mass."""
-        return np.array([0.03, 0.12, 0.4]) * scale.mass
+        return np.array([0.01, 0.03, 0.12, 0.4]) * scale.mass
 
     def batch(self) -> str:
         """Return the group of effects that only write model fields."""
