@@ -75,7 +75,7 @@ class _Span:
     """What a ripple does to a joint that nothing holds: double integrals over each window."""
 
     def __init__(self, data: Data, joint: int, inside: np.ndarray) -> None:
-        self._inside, self._q = inside, data.measured[..., joint]
+        self._inside, self._q = inside, np.nan_to_num(data.measured[..., joint])
         self._steps = np.zeros(self._q.shape)  # (W, T) s since the row before
         for row, time in zip(self._steps, data.times(), strict=True):
             row[1 : len(time)] = np.diff(time)
