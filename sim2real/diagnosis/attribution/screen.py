@@ -183,10 +183,11 @@ def _likely(
 ) -> list[Candidate]:
     """Return the options that may promise most; adds how the middle probes of others change it."""
     told: dict[str, dict[int, np.ndarray]] = {}
+    own = {option.label: option.probes.tolist() for option in options}  # a ripple's are new ones
     for response in before:
-        probes = response.candidate.probes.tolist()
-        if (probe := response.probe.tolist()) in probes:
-            told.setdefault(response.candidate.label, {})[probes.index(probe)] = response.change
+        label, probe = response.candidate.label, response.probe.tolist()
+        if probe in own.get(label, ()):
+            told.setdefault(label, {})[own[label].index(probe)] = response.change
     gains = {}
     for option in options:
         if option.label in told:

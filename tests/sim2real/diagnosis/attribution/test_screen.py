@@ -26,6 +26,22 @@ def _probing(data: Data, most: int) -> Data:
     return replace(data, settings=replace(DEFAULT, screening=Screening(probed_max=most)))
 
 
+def test_a_ripple_that_is_looked_for_elsewhere_is_screened_anew(tmp_path: Path) -> None:
+    """Its probes are read off what is left: those of the first screening say nothing of them."""
+    data = _probing(arm.data_of(arm.make_log(*TRUTH, seconds=4.0), tmp_path), 2)
+    problem = Problem(data, Simulator(data, threads=1))
+    labels = ("position_gain.b", "cogging.b", "coulomb_friction.a", "armature.a")
+    known, ripple, *rest = (
+        next(c for c in candidates(data) if c.label == label) for label in labels
+    )
+    first = screen(problem, Fit((), np.zeros((2, 0)), np.zeros(2)), [known, ripple, *rest])
+    fit = Fit((known,), np.full((2, 1), 0.5), np.zeros(2))
+    fewer = replace(ripple, probes=ripple.probes[:1] * [1.0, 2.0, 1.0])
+    made = screen(problem, fit, [fewer, *rest], first.responses)
+    seen = [r.probe.tolist() for r in made.responses if r.candidate.label == ripple.label]
+    assert seen and all(probe in fewer.probes.tolist() for probe in seen)
+
+
 @pytest.mark.slow
 def test_beside_what_is_known_only_the_likely_are_simulated(tmp_path: Path) -> None:
     """The first screening says which; the second effect is the best of them, with the same gain."""
