@@ -195,7 +195,8 @@ class Verdict:
         "closed share from which one cause explains that leaves no joint further off than "
         "`explained_counts`",
         "measured: right single causes of small gaps close 0.86 to 0.89, since what a sound robot "
-        "leaves of a count is as much of a small gap; a wrong single one at most 0.85",
+        "leaves of a count is as much of a small gap; of withheld effects a wrong single one at "
+        "most 0.85",
     )
     explained_floors: float = setting(
         3.0,
