@@ -58,6 +58,7 @@ FLOORS = (
     "report",
     "comparison",
     "outcome",
+    "whole",
     "design",
     "diagnose",
 )  # of diagnosis/

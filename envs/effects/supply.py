@@ -137,13 +137,13 @@ class _Weakening(SubstepRule):
         )
         self.law = (rows[:, None, None], self.index[:, None], np.arange(3))
 
-    def torque(self, ids: np.ndarray | slice) -> np.ndarray:
+    def torque(self, ids: np.ndarray | slice, spared: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the motors' torques at the joints, (n, k) [N·m]; 0 before the first substep.
 
         The force of the substep before, less the actuator's own damping, the back-EMF: current goes
-        with the torque that is left.
+        with the torque that is left. Of the damping a part may be spared, (n, 1): no current.
         """
-        drag = self.damping[self.at] * self.turns * self.qvel[self.driven]
+        drag = self.damping[self.at] * self.turns * self.qvel[self.driven] * (1.0 - spared)
         torque, running = self.force[self.at] * self.gear - drag, self.running[ids]
         if not running.all():
             torque = np.where(running, torque, 0.0)
@@ -250,7 +250,7 @@ class _Derating(_Weakening):
         heat = self.heat[ids]
         brakes = self._braking(np.maximum(1.0 - self.own * heat, 0.0))
         self.damping[self.at] *= brakes  # the back-EMF as it was in the substep before
-        heat = heat * self.kept + self.torque(ids) ** 2 * self.dt
+        heat = heat * self.kept + self.torque(ids, self.spared) ** 2 * self.dt
         self.heat[ids] = heat
         weaker = np.maximum(1.0 - self.own * heat, 0.0)
         self.weaken(weaker)
@@ -264,8 +264,9 @@ class _Derating(_Weakening):
 class ThermalDerating(ActuatorEffect):
     """A motor that weakens as it heats, by a factor 1 - value E on all its torque.
 
-    Law, limit and back-EMF alike, since all go through the winding whose resistance rises; where it
-    is the firmware that takes current away, the back-EMF brakes as before: `braking` 1.
+    Law, limit and back-EMF alike, since all go through the winding whose resistance rises. Where a
+    loop sets the current and the firmware takes it away, the damping is no part of it: it brakes as
+    before and makes no heat (`braking` 1).
     dE/dt = torque² - decay E, with E = 0 at a reset.
     """
 
@@ -279,7 +280,7 @@ class ThermalDerating(ActuatorEffect):
             0.0,
             0.0,
             1.0,
-            "the part of the back-EMF's braking that heat leaves as it is",
+            "the part of the actuator's damping that is no current: heat leaves it as it is",
             fit=(0.0, 1.0),
         ),
     )

@@ -26,7 +26,6 @@ import mujoco
 import numpy as np
 
 from envs.effects import combined, load_effects
-from envs.plant import Fixed
 from envs.replay import without_impedance
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.attribution.apart import Member
@@ -44,7 +43,6 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.recording import load_model
-from sim2real.diagnosis.data.replay import measure_all, summary
 from sim2real.diagnosis.data.starts import with_free_starts
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.design import design
@@ -55,11 +53,13 @@ from sim2real.diagnosis.ground.pushes import check_pushes
 from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.outcome import Diagnosis, blocking, intervals_of
 from sim2real.diagnosis.preflight.checks import UNITS, preflight
+from sim2real.diagnosis.preflight.hunting import mark_hunting
 from sim2real.diagnosis.preflight.obstruction import mark_blocked, positioned
 from sim2real.diagnosis.preflight.torques import measured_torques
 from sim2real.diagnosis.report.traces import signals, traces
-from sim2real.diagnosis.schema import Finding, Report, WholeReplay
+from sim2real.diagnosis.schema import Finding, Report
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
+from sim2real.diagnosis.whole import replayed
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
@@ -149,7 +149,9 @@ def run_diagnosis(
     rng = np.random.default_rng(seed)
     on_progress("looking at the logs", 0.0)
     played = logs
-    logs, held = mark_blocked(logs, _driven(logs, model), settings.obstruction)
+    driven = _driven(logs, model)
+    logs, held = mark_blocked(logs, driven, settings.obstruction)
+    logs, hunts = mark_hunting(logs, driven, settings.hunting)
     estimates = estimate_all(logs, model, settings.ground)
     logs = [one.log for one in estimates] or logs
     given = data = Data.of(logs, model, settings)
@@ -162,7 +164,7 @@ def run_diagnosis(
     for log, spec in zip(logs, specs, strict=True):
         refuse_kinds(log, spec, settings.kinds)
     interface = check_beforehand(logs, load_policy, settings, actor)
-    findings = [*interface.findings, *held, *preflight(logs, specs, settings)]
+    findings = [*interface.findings, *held, *hunts, *preflight(logs, specs, settings)]
     models = [data.models[_model_of(data, number)] for number in range(len(logs))]
     findings += check_ground(estimates, models, settings.ground)
     findings += check_pushes(data, estimates, settings.ground)
@@ -206,12 +208,13 @@ def run_diagnosis(
         tuple(Member(label, causes_of(fit)) for label, fit in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
+    whole = partial(replayed, logs=logs, specs=specs, driven=driven)
+    told = _added(told, "the replay of whole recordings", whole)
     if on_verdict is not None:
         on_verdict(told)
     steps: dict[str, Step] = {
         "the causes' test for numerics": lambda d: _tested(d, logs, specs, null, settings),
         "the pictures of recordings": lambda d: _pictured(d, made, data, floors),
-        "the replay of whole recordings": lambda d: _replayed(d, logs, specs),
         "the other channels": lambda d: _witnessed(d, data),
         "the closed loop": lambda d: _played(d, played, load_player, actor, seed, settings),
         "the next experiment": lambda d: _planned(d, data, seed),
@@ -302,21 +305,6 @@ def _planned(found: Diagnosis, data: Data, seed: int) -> Diagnosis:
         log_.info("no next experiment: %s", error)
         return found
     return found._replace(report=replace(found.report, next_experiment=plan.text))
-
-
-def _replayed(found: Diagnosis, logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> Diagnosis:
-    """Add what `run=replay` says of the logs, with what was known and with what was found."""
-
-    def rmse(effects: Sequence[Fixed]) -> float | None:
-        try:
-            return float(summary(measure_all(logs, specs, effects))["rmse"])
-        except Sim2RealError as error:
-            log_.info("no whole replay: %s", error)
-            return None
-
-    every = combined(found.known, found.found)
-    replay = WholeReplay(rmse(found.known), rmse(every) if found.report.values else None)
-    return found._replace(report=replace(found.report, replay=replay))
 
 
 def _read(logs: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:

@@ -44,7 +44,7 @@ class Heat:
     def __init__(self, data: Data, paths: Paths) -> None:
         self._data, self._paths = data, paths
         self._weak = data.settings.simulation.weak
-        self._squares: dict[tuple[int, int | None], np.ndarray] = {}  # (T, nu) N²·m²
+        self._squares: dict[tuple[int, int | None], np.ndarray] = {}  # (2, T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
         """Warm the motors of a plant whose rows replay these windows, (R,), where heat counts."""
@@ -61,7 +61,10 @@ class Heat:
     def _at(self, rule: _Derating, rows: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return the heat of the rule's motors in some rows (n,), (n, k) N²·m²·s."""
         value, decay = rule.value[rows], rule.decay[rows]
-        parts = [self._before(int(w), rule.index) for w in windows]
+        parts = [
+            self._before(int(window), rule.index, float(spared))
+            for window, spared in zip(windows, rule.braking[rows, 0], strict=True)
+        ]
         longest = max(len(span) for span, _ in parts)
         heat = np.zeros((len(windows), len(rule.index)))
         spans = np.zeros((len(windows), longest))
@@ -69,27 +72,31 @@ class Heat:
         for row, (span, square) in enumerate(parts):
             spans[row, longest - len(span) :] = span
             squares[:, row, longest - len(span) :] = square
-        falls = (squares[0] - squares[1]) / (1.0 - self._weak)  # as the strength falls by 1
+        falls = (squares[0] - squares[1]) / (1.0 - self._weak**2)  # as the strength falls to 0
         for k in range(longest):
             span = spans[:, k : k + 1]
             lost = np.minimum(value * heat, 1.0)
-            square = np.maximum(squares[0, :, k] - lost * falls[:, k], 0.0)
+            swung = 1.0 - (1.0 - lost) ** 2
+            square = np.maximum(squares[0, :, k] - swung * falls[:, k], 0.0)
             heat = heat * np.exp(-decay * span) + square * span
         return heat
 
-    def _before(self, window: int, actuators: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _before(
+        self, window: int, actuators: np.ndarray, spared: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of the episode before a window.
 
         Their lengths [s], (K,), and the squared torques of motors (2, K, k) that have their
-        strength, and that have a part of it.
+        strength, and that have a part of it. A part of their damping may be no current.
         """
         one = self._data.windows[window]
         log = self._data.logs[one.log]
         first = int(np.argmax(log.episode == one.episode))
         rows = slice(first, one.start)
-        full = self.squares(one.log)[rows][:, actuators]
-        part = [self.squares(one.log, int(actuator))[rows, actuator] for actuator in actuators]
-        square = np.stack([full, np.column_stack(part)])
+        full = self._both(one.log)[:, rows][..., actuators]
+        part = [self._both(one.log, int(actuator))[:, rows, actuator] for actuator in actuators]
+        both = np.stack([full, np.stack(part, axis=-1)])  # (2, 2, K, k)
+        square = (1.0 - spared) * both[:, 0] + spared * both[:, 1]
         return np.diff(log.time[first : one.start + 1]), square
 
     def squares(self, number: int, weak: int | None = None) -> np.ndarray:
@@ -99,30 +106,44 @@ class Heat:
             number: of the log.
             weak: an actuator that has a part of its strength only; None for the model as given.
         """
+        return self._both(number, weak)[0]
+
+    def _both(self, number: int, weak: int | None = None) -> np.ndarray:
+        """Return the same, of torques less the actuators' damping and of those before it."""
         key = (number, weak)
         if key not in self._squares:
             log = self._data.logs[number]
             windows = [w for w in self._data.windows if w.log == number]
-            found = np.zeros((len(log), self._data.models[windows[0].model].nu))
+            found = np.zeros((2, len(log), self._data.models[windows[0].model].nu))
             paths = self._paths(number, weak, self._weak)
             for window, (model, path, plan, on) in zip(windows, paths, strict=True):
-                torque = torques(model, path, plan)
-                known = on & np.isfinite(torque)  # not that of a simulation that diverged
-                square = np.where(known, torque, 0.0) ** 2  # (K, nu)
-                ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
                 rows = slice(window.first, window.last)
-                place = np.searchsorted(log.time[rows], ticks + ROUNDING, side="right") - 1  # (K,)
-                square, place = square[place >= 0], place[place >= 0]
-                counts = np.bincount(place, minlength=window.last - window.first)
-                for i, column in enumerate(square.T):
-                    total = np.bincount(place, column, minlength=len(counts))
-                    found[rows, i] = total / np.maximum(counts, 1)
+                for damped in (True, False):
+                    torque = torques(model, path, plan, damped)
+                    known = on & np.isfinite(torque)  # not that of a simulation that diverged
+                    square = np.where(known, torque, 0.0) ** 2  # (K, nu)
+                    ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
+                    found[int(not damped), rows] = _means(square, ticks, log.time[rows])
             self._squares[key] = found
         return self._squares[key]
 
 
-def torques(model: mujoco.MjModel, path: np.ndarray, plan: Schedule) -> np.ndarray:
-    """Return the torques (K, nu) of affine actuators at joints along positions (K + 1, nq)."""
+def _means(values: np.ndarray, ticks: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the means (T, n) of values (K, n) at ticks (K,) between moments (T,) and the next."""
+    place = np.searchsorted(time, ticks + ROUNDING, side="right") - 1  # (K,)
+    values, place = values[place >= 0], place[place >= 0]
+    counts = np.bincount(place, minlength=len(time))
+    totals = [np.bincount(place, column, minlength=len(time)) for column in values.T]
+    return np.stack(totals, axis=-1) / np.maximum(counts, 1)[:, None]
+
+
+def torques(
+    model: mujoco.MjModel, path: np.ndarray, plan: Schedule, damped: bool = True
+) -> np.ndarray:
+    """Return the torques (K, nu) of affine actuators at joints along positions (K + 1, nq).
+
+    `damped` takes the actuators' own damping off them.
+    """
     speed = np.diff(path, axis=0) / model.opt.timestep
     ctrl, own = plan.ctrl, set(impedances(model).tolist())
     found, steps = np.zeros(ctrl.shape), np.arange(len(ctrl))
@@ -141,5 +162,6 @@ def torques(model: mujoco.MjModel, path: np.ndarray, plan: Schedule) -> np.ndarr
             force = force + bias[1] * gear * q + bias[2] * gear * v
         if model.actuator_forcelimited[i]:
             force = np.clip(force, *model.actuator_forcerange[i])
-        found[:, i] = force * gear - model.actuator_damping[i] * gear**2 * v
+        drag = model.actuator_damping[i] * gear**2 * v
+        found[:, i] = force * gear - (drag if damped else 0.0)
     return found

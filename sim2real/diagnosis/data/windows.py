@@ -26,6 +26,7 @@ from sim2real.diagnosis.settings import DEFAULT, TINY, Windows
 from sim2real.runs.errors import Sim2RealError
 
 BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
+HUNTING = "flag.hunting"  # the column of rows in which a servo's loop hunts
 
 
 class Joint(NamedTuple):
@@ -91,10 +92,11 @@ def cut(
         pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
         cuts = _cuts(part, joints, pieces, settings) if servo else _even(part, pieces)
         cuts[0] = first_row(part, models[which[number]], counts, settings)
-        for first, last in pairwise(cuts):
+        for first, last in pairwise(_anew(part, cuts, settings)):
             ahead = settings.warm_s if servo else 0.0
             warm = int(np.searchsorted(part.time, part.time[first] - ahead - ROUNDING))
             warm = max(warm, int(cuts[0]))
+            last = warm + _calm_rows(part, warm, last, settings)
             rows = (start + warm, start + first, start + last)
             if last - first > 1 and _free(part, first, last, settings.blocked_share):
                 own = which[number]
@@ -126,6 +128,30 @@ def _pace(part: Log, settings: Windows) -> float:
 def _free(part: Log, first: int, last: int, most: float) -> bool:
     """Return whether nothing is in the robot's way in most of some rows."""
     return BLOCKED not in part.columns or part.columns[BLOCKED][first:last].mean() < most
+
+
+def _anew(part: Log, cuts: np.ndarray, settings: Windows) -> np.ndarray:
+    """Return cuts, and one where a loop has hunted and is at rest again, after its warm-up.
+
+    Cuts that such a one would leave too short a window give way to it.
+    """
+    hunts = part.columns.get(HUNTING, np.zeros(len(part))) > 0
+    ended = part.time[1:][np.diff(hunts.astype(int)) < 0] + settings.shortest_s + settings.warm_s
+    rows = np.searchsorted(part.time, ended[ended < part.time[-1]] - ROUNDING)
+    near = np.abs(part.time[cuts[1:-1], None] - part.time[rows]) < settings.shortest_s
+    return np.unique([cuts[0], *cuts[1:-1][~near.any(axis=1)], *rows, cuts[-1]])
+
+
+def _calm_rows(part: Log, first: int, last: int, settings: Windows) -> int:
+    """Return after how many rows a loop begins to hunt: all of them where none does, else 0.
+
+    What the robot does afterwards hangs on the phase in which hunting stops, which no start tells.
+    """
+    before = int(np.searchsorted(part.time, part.time[first] - settings.shortest_s))
+    hunts = part.columns.get(HUNTING, np.zeros(len(part))) > 0
+    if hunts[before : first + 1].any():
+        return 0
+    return int(np.argmax(hunts[first:last])) if hunts[first:last].any() else last - first
 
 
 def reversals(values: np.ndarray, size: float) -> int:

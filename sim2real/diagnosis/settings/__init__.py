@@ -44,6 +44,7 @@ from sim2real.diagnosis.settings.preflight import (
     Channels,
     Checks,
     Clocks,
+    Hunting,
     Lag,
     LogErrors,
     Obstruction,
@@ -69,6 +70,7 @@ __all__ = [
     "Experiment",
     "Fitting",
     "Ground",
+    "Hunting",
     "JointGroups",
     "Kinds",
     "Lag",
@@ -100,6 +102,7 @@ class Settings:
     """The settings of all stages, in the order in which a log passes them."""
 
     obstruction: Obstruction = field(default_factory=Obstruction)
+    hunting: Hunting = field(default_factory=Hunting)
     kinds: Kinds = field(default_factory=Kinds)
     encoder: Encoder = field(default_factory=Encoder)
     noise_floor: NoiseFloor = field(default_factory=NoiseFloor)

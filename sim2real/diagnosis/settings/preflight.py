@@ -228,6 +228,28 @@ class Obstruction:
 
 
 @dataclass(frozen=True)
+class Hunting:
+    """When a servo's loop hunts."""
+
+    counts: float = setting(8.0, "1", "encoder counts that a swing has at least", JUDGED)
+    swing: float = setting(0.005, "rad or m", "a swing has at least", JUDGED)
+    swings: int = setting(8, "1", "swings in a row that make it hunting", DEVELOPED)
+    even: float = setting(0.5, "1", "least of these, of the largest: ringing dies away", DEVELOPED)
+    regular: float = setting(0.5, "1", "least time between turns, of the longest", DEVELOPED)
+    asked: float = setting(0.1, "1", "turns of a command this size count, of a swing", JUDGED)
+    asked_turns: int = setting(2, "1", "turns of the command among these swings at most", DEVELOPED)
+    faster_s: tuple[float, ...] = setting(
+        (0.2, 0.08), "s", "also looked for in what is left of means over so long", DEVELOPED
+    )
+    riding: float = setting(
+        0.1, "1", "least of those, of the joint's motion: smaller ones may be stick-slip", DEVELOPED
+    )
+    kept: float = setting(1.0, "1", "first swings that are compared", DEVELOPED)
+    calm_s: float = setting(0.3, "s", "time without hunting after which it begins anew", JUDGED)
+    settle_s: float = setting(0.2, "s", "time left out after the last swing", JUDGED)
+
+
+@dataclass(frozen=True)
 class Checks:
     """When readings scatter by more than their counts."""
 

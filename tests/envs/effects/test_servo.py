@@ -213,6 +213,18 @@ def test_heat_may_spare_the_back_emf(bench, one) -> None:
     assert lost / lost[0] == pytest.approx([1.0, 0.4, 0.7, 1.0], rel=0.03)
 
 
+def test_damping_that_is_spared_makes_no_heat(bench, one) -> None:
+    """A joint that is driven round: with braking 1 nothing flows but what the servo asks for."""
+    servo = '<position name="servo" joint="hinge" kp="1e-6" damping="0.2"/>'
+    arm = bench(
+        [one("thermal_derating", free=("braking",))], [[1e-9, 0.0], [1e-9, 1.0]], servo, damping=0.0
+    )
+    arm.reset(w=20.0)
+    arm.run(0.0, 5)
+    heat = arm.plant.substep_rules[0].heat[:, 0]
+    assert heat[0] > 1e-3 and heat[1] < 1e-6 * heat[0]
+
+
 @pytest.mark.parametrize("name", ["position_gain", "derivative_gain", "dead_zone"])
 def test_a_torque_motor_is_refused_with_what_it_can_have(bench, one, name: str) -> None:
     """The error lists the effects that the actuator does have."""

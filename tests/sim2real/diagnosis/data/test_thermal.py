@@ -50,9 +50,14 @@ def _hold(fixed: Sequence[Fixed] = ()) -> Log:
     return Log(columns)
 
 
-def test_windows_start_as_hot_as_one_long_replay_gets(tmp_path: Path) -> None:
-    """What a weakening motor's torque comes to by each window's start is that of the whole log."""
-    effect, arguments, value = ("thermal_derating", {"where": "a"}, 0.04)
+@pytest.mark.parametrize("braking", [0.0, 1.0])
+def test_windows_start_as_hot_as_one_long_replay_gets(tmp_path: Path, braking: float) -> None:
+    """What a weakening motor's torque comes to by each window's start is that of the whole log.
+
+    Where its damping is no current, that of the torque before it.
+    """
+    effect, value = "thermal_derating", 0.04
+    arguments = {"where": "a", "braking": braking}
     data = arm.data_of(arm.make_log((effect, arguments, value), seconds=20.0), tmp_path)
     windows = np.arange(len(data.windows))
     plants = [Plant(data.specs[0], [make(effect, **arguments)], n) for n in (len(windows), 1)]
@@ -69,7 +74,7 @@ def test_windows_start_as_hot_as_one_long_replay_gets(tmp_path: Path) -> None:
         plants[1].step(None, row[None], round(1 / arm.RATE / arm.STEP))
     expected = [truth[window.start] for window in data.windows]
     assert max(expected) * value > 0.2  # it is weaker by so much
-    np.testing.assert_allclose(rules[0].heat[:, 0], expected, rtol=0.08, atol=0.05)
+    np.testing.assert_allclose(rules[0].heat[:, 0], expected, rtol=0.07, atol=0.05)
 
 
 def test_the_true_derating_leaves_no_error_in_later_windows(tmp_path: Path) -> None:

@@ -1,0 +1,260 @@
+"""Moments at which a servo's loop hunts: its joint swings to and fro while the command does not.
+
+    logs, found = mark_hunting(logs, driven)    # rows get `flag.hunting`; a finding for each joint
+    tell_simulated(found, driven, [("as given", measure_all(logs, specs))])  # does the model hunt?
+
+A loop that has become unstable swings until something bounds it: play, dry friction, the motor's
+limit. How it begins says what made it unstable, and a simulation can follow that. Later the phase
+hangs on every small error, and the right cause is as far off as a wrong one: windows end where it
+goes on, and begin where the loop is at rest again (`data/windows.py`). Whether a model hunts in its
+own time, how fast and how far, is told beside that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import find_peaks
+
+from hardware.log import Log
+from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.replay import Gap
+from sim2real.diagnosis.data.windows import HUNTING
+from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import DEFAULT
+from sim2real.diagnosis.settings import Hunting as Limits
+
+
+class Hunt(NamedTuple):
+    """One stretch of hunting in an episode."""
+
+    first: float  # s: its first turn
+    last: float  # s: its last turn
+    frequency: float  # Hz
+    swing: float  # rad or m from side to side, the median
+
+
+def mark_hunting(
+    logs: Sequence[Log], driven: Mapping[str, str], settings: Limits = DEFAULT.hunting
+) -> tuple[list[Log], list[Finding]]:
+    """Return the logs with hunting rows flagged, and what was found. Others come back as they are.
+
+    Args:
+        logs: logs of one robot.
+        driven: the joint that each actuator drives by desired positions.
+        settings: what counts as hunting.
+    """
+    flags = [np.zeros(len(log), bool) for log in logs]
+    findings = []
+    for actuator, joint in driven.items():
+        found: list[tuple[Log, Hunt]] = []
+        for log, flag in zip(logs, flags, strict=True):
+            if f"ctrl.{actuator}" not in log.columns or f"qpos.{joint}" not in log.columns:
+                continue
+            angle = log.column(f"qpos.{joint}")
+            for rows, hunts in _each(log, angle, actuator, joint, settings):
+                flag[rows] |= _left_out(log.time[rows], hunts, settings)
+                found += [(log, hunt) for hunt in hunts]
+        if found:
+            findings.append(_finding(joint, found))
+    marked = [
+        Log({**log.columns, HUNTING: flag.astype(float)}, log.meta, log.path) if flag.any() else log
+        for log, flag in zip(logs, flags, strict=True)
+    ]
+    return marked, findings
+
+
+def tell_simulated(
+    findings: Sequence[Finding],
+    driven: Mapping[str, str],
+    models: Sequence[tuple[str, Sequence[Gap]]],
+    settings: Limits = DEFAULT.hunting,
+) -> list[Finding]:
+    """Return findings that also say whether models hunt where the robot does.
+
+    Args:
+        findings: those of `mark_hunting`; others come back as they are.
+        driven: the joint that each actuator drives.
+        models: what each is called, and all logs replayed in it.
+        settings: what counts as hunting.
+    """
+    actuators = {joint: actuator for actuator, joint in driven.items()}
+    told = []
+    for finding in findings:
+        joint = finding.where
+        if finding.check == "hunting" and joint is not None:
+            actuator = actuators[joint]
+            seen = [(n, _simulated(gaps, actuator, joint, settings)) for n, gaps in models]
+            words = "; ".join(f"{name}, the simulator {_words(hunts)}" for name, hunts in seen)
+            finding = replace(finding, finding=f"{finding.finding} {words}.")
+        told.append(finding)
+    return told
+
+
+def hunts_alone(
+    findings: Sequence[Finding],
+    driven: Mapping[str, str],
+    gaps: Sequence[Gap],
+    settings: Limits = DEFAULT.hunting,
+) -> bool:
+    """Return whether the robot hunts, and a model at none of the joints at which it does.
+
+    What makes a robot hunt is missing in such a model, however near its first swings are.
+    """
+    actuators = {joint: actuator for actuator, joint in driven.items()}
+    joints = [f.where for f in findings if f.check == "hunting" and f.where is not None]
+    seen = (_simulated(gaps, actuators[joint], joint, settings) for joint in joints)
+    return bool(joints) and not any(seen)
+
+
+def _simulated(
+    gaps: Sequence[Gap], actuator: str, joint: str, settings: Limits
+) -> list[tuple[Log, Hunt]]:
+    """Return where simulated joints hunt."""
+    return [
+        (gap.log, hunt)
+        for gap in gaps
+        if joint in gap.joints and f"ctrl.{actuator}" in gap.log.columns
+        for _, hunts in _each(
+            gap.log, gap.simulated[:, gap.joints.index(joint)], actuator, joint, settings
+        )
+        for hunt in hunts
+    ]
+
+
+def _each(
+    log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Limits
+) -> Iterator[tuple[slice, list[Hunt]]]:
+    """Yield the rows of each episode, and where an angle hunts in them."""
+    least = settings.counts * step_of(log.column(f"qpos.{joint}"), DEFAULT.encoder)
+    command, start = log.column(f"ctrl.{actuator}"), 0
+    for part in log.episodes():
+        rows = slice(start, start + len(part))
+        yield rows, hunting(log.time[rows], angle[rows], command[rows], least, settings)
+        start += len(part)
+
+
+def hunting(
+    time: np.ndarray,
+    angle: np.ndarray,
+    command: np.ndarray,
+    least: float = 0.0,
+    settings: Limits = DEFAULT.hunting,
+) -> list[Hunt]:
+    """Return the stretches in which an angle swings steadily and its command does not.
+
+    Args:
+        time: of one episode's rows [s], (T,).
+        angle: of the joint [rad or m], (T,).
+        command: what it should be, (T,).
+        least: swings are at least this large [rad or m], and `settings.swing`.
+        settings: what counts as hunting.
+    """
+    least, row = max(least, settings.swing), float(np.median(np.diff(time)))
+    found = _steady(time, angle, command, least, settings)
+    large = max(least, settings.riding * float(np.ptp(angle)))
+    for width in settings.faster_s:
+        rows = round(width / row)
+        if rows > 1:
+            rest = [v - uniform_filter1d(v, rows, mode="nearest") for v in (angle, command)]
+            found += _steady(time, rest[0], rest[1], large, settings)
+    return _merged(found)
+
+
+def _steady(
+    time: np.ndarray, angle: np.ndarray, command: np.ndarray, least: float, settings: Limits
+) -> list[Hunt]:
+    """Return where an angle swings evenly and its command does not."""
+    turns, count = _turns(angle, least), settings.swings
+    if len(turns) <= count:
+        return []
+    swings, halves = np.abs(np.diff(angle[turns])), np.diff(time[turns])
+    steady = np.zeros(len(swings), bool)
+    for k in range(len(swings) - count + 1):
+        own = slice(k, k + count)
+        even = swings[own].min() >= settings.even * swings[own].max()
+        regular = halves[own].min() >= settings.regular * halves[own].max()
+        if even and regular:
+            rows = slice(turns[k], turns[k + count] + 1)
+            asked = _turns(command[rows], settings.asked * float(np.median(swings[own])))
+            steady[own] |= len(asked) <= settings.asked_turns
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
+    return [
+        Hunt(
+            float(time[turns[a]]),
+            float(time[turns[b]]),
+            float((b - a) / 2 / (time[turns[b]] - time[turns[a]])),
+            float(np.median(swings[a:b])),
+        )
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
+
+
+def _merged(hunts: Sequence[Hunt]) -> list[Hunt]:
+    """Return stretches that do not overlap, in order; of those that do, the longest tells."""
+    found: list[Hunt] = []
+    for hunt in sorted(hunts):
+        if found and hunt.first <= found[-1].last:
+            longest = max(found[-1], hunt, key=lambda one: one.last - one.first)
+            ends = (found[-1].first, max(found[-1].last, hunt.last))
+            found[-1] = longest._replace(first=ends[0], last=ends[1])
+        else:
+            found.append(hunt)
+    return found
+
+
+def _turns(values: np.ndarray, size: float) -> np.ndarray:
+    """Return the rows at which a signal turns back by more than a size, in order."""
+    if np.ptp(values) <= size:
+        return np.zeros(0, int)
+    tops, bottoms = (find_peaks(sign * values, prominence=size)[0] for sign in (1, -1))
+    rows = np.concatenate([tops, bottoms])
+    top = np.repeat([True, False], [len(tops), len(bottoms)])
+    order = np.argsort(rows)
+    rows, top = rows[order], top[order]
+    return rows[np.diff(top, prepend=~top[:1])]  # of tops that are level, the first
+
+
+def _left_out(time: np.ndarray, hunts: Sequence[Hunt], settings: Limits) -> np.ndarray:
+    """Return which rows no replay is held to, (T,) bool.
+
+    A stretch that begins where the joint was at rest keeps its first swings; one that goes on after
+    a step of the command keeps none.
+    """
+    out, ended = np.zeros(len(time), bool), -np.inf
+    for hunt in hunts:
+        fresh = hunt.first - ended > settings.calm_s
+        kept = settings.kept / (2 * hunt.frequency) if fresh else -settings.calm_s
+        ended = hunt.last + settings.settle_s
+        out |= (time >= hunt.first + kept) & (time <= ended)
+    return out
+
+
+def _words(found: Sequence[tuple[Log, Hunt]]) -> str:
+    """Return how long, how far and how fast a joint hunts."""
+    if not found:
+        return "does not hunt"
+    longest = max((hunt for _, hunt in found), key=lambda hunt: hunt.last - hunt.first)
+    total = sum(hunt.last - hunt.first for _, hunt in found)
+    return (
+        f"hunts for {total:.1f} s, {longest.swing:.2g} from side to side at "
+        f"{longest.frequency:.2g} Hz"
+    )
+
+
+def _finding(joint: str, found: Sequence[tuple[Log, Hunt]]) -> Finding:
+    log, hunt = max(found, key=lambda one: one[1].last - one[1].first)
+    return Finding(
+        "hunting",
+        joint,
+        f"{joint} swings to and fro while its command does not: it {_words(found)}, longest at "
+        f"{hunt.first:.1f} s of {log.path.name if log.path else 'the log'}.",
+        "The servo's loop is unstable. Its first swing is compared, the others are left out: no "
+        "simulation keeps their phase. A lower gain, more damping or slower commands stop it; what "
+        "lies behind it is among the causes: elasticity, play or delay in the loop, or integral "
+        "action.",
+    )

@@ -1,0 +1,66 @@
+"""Whole recordings, replayed from their first rows: how far off they are, and whether loops hunt.
+
+found = replayed(found, logs, specs, driven)        # report.replay; findings; the verdict
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import mujoco
+
+from envs.effects import combined
+from envs.plant import Fixed
+from hardware.log import Log
+from sim2real.diagnosis.data.replay import Gap, measure_all, summary
+from sim2real.diagnosis.outcome import Diagnosis
+from sim2real.diagnosis.preflight.hunting import hunts_alone, tell_simulated
+from sim2real.diagnosis.schema import Verdict, WholeReplay
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+LESS: Mapping[Verdict, Verdict] = {"explained": "partly_explained", "no_gap": "unexplained"}
+
+
+def replayed(
+    found: Diagnosis,
+    logs: Sequence[Log],
+    specs: Sequence[mujoco.MjSpec],
+    driven: Mapping[str, str],
+) -> Diagnosis:
+    """Add what `run=replay` says of the logs, with what was known and with what was found.
+
+    Where the robot hunts and the model does nowhere, with all that was found in it, nothing is
+    explained, and there is a gap.
+
+    Args:
+        found: the diagnosis.
+        logs: its logs.
+        specs: the model of each.
+        driven: the joint that each actuator drives by desired positions.
+    """
+    models = [("As given", _gaps(logs, specs, found.known))]
+    if found.report.values:
+        every = combined(found.known, found.found)
+        models.append(("with the causes", _gaps(logs, specs, every)))
+    rmse = [float(summary(gaps)["rmse"]) if gaps else None for _, gaps in models]
+    replay = WholeReplay(rmse[0], rmse[1] if len(rmse) > 1 else None)
+    report, last = found.report, models[-1][1]
+    alone = bool(last) and hunts_alone(report.preflight, driven, last)
+    verdict = LESS.get(report.verdict, report.verdict) if alone else report.verdict
+    run = [(name, gaps) for name, gaps in models if gaps]
+    told = tuple(tell_simulated(report.preflight, driven, run))
+    return found._replace(report=replace(report, replay=replay, preflight=told, verdict=verdict))
+
+
+def _gaps(
+    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], effects: Sequence[Fixed]
+) -> list[Gap]:
+    """Return all logs replayed with effects; none where the model runs off."""
+    try:
+        return measure_all(logs, specs, effects)
+    except Sim2RealError as error:
+        log_.info("no whole replay: %s", error)
+        return []
