@@ -208,12 +208,12 @@ def verdicts(found: dict[str, dict[int, GridScores]]) -> list[str]:
         numbers = [compare(means(found["identify"][s])[0], means(found[rival][s])[0]) for s in both]
         value = over_seeds(np.array(numbers))
         if not isinstance(value, Interval):
-            text, holds = f"{value:.3g} on one seed", None
+            text, word = f"{value:.3g} on one seed", "undecided, one seed has no interval"
         else:
             text = f"{value.value:.3g} [{value.low:.3g}, {value.high:.3g}] on {len(both)} seeds"
-            holds = value.low >= bound
-        word = {None: "undecided, one seed has no interval", True: "holds", False: "not shown"}
-        said.append(f"`identify` is {words}: {word[holds]}; {text}.")
+            word = "holds" if value.low >= bound else "undecided"
+            word = "contradicted" if value.high < bound else word
+        said.append(f"`identify` is {words}: {word}; {text}.")
     return said
 
 

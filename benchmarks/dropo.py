@@ -181,14 +181,15 @@ def report(out: Path, seeds: Sequence[int], results: Path) -> str:
         for seed in seeds
         if (made := answer(out / f"seed{seed}")) is not None
     ]
-    found = Table(("transitions of", "seed", *BODIES, "in their 90 % intervals"))
-    given = [(f"{NAME}'s target", s, made, truth()) for s, made, _ in rows]
+    head = ("transitions of", "seed", *BODIES, "in their 90 % intervals", "return on the target")
+    found = Table(head)
+    given = [(f"{NAME}'s target", s, made, truth(), value) for s, made, value in rows]
     if (made := answer(out / "public")) is not None:
-        given.append(("the authors' file", 0, made, np.ones(len(BODIES))))
-    for name, seed, (mean, std), true in given:
+        given.append(("the authors' file", 0, made, np.ones(len(BODIES)), None))
+    for name, seed, (mean, std), true, value in given:
         ends = [Interval(m, m - NINETY * s, m + NINETY * s) for m, s in zip(mean, std, strict=True)]
         held = sum(one.low <= t <= one.high for one, t in zip(ends, true, strict=True))
-        found.add(name, seed, *ends, f"{held} of {len(BODIES)}")
+        found.add(name, seed, *ends, f"{held} of {len(BODIES)}", value)
     lacks = ", ".join(f"{t:.3g}" for t in truth())
     found.notes.append(
         f"Factors on the masses that the model has; on the target they are {lacks}, and 1 where "

@@ -38,7 +38,9 @@ def test_claims_are_decided_by_intervals_of_paired_seeds() -> None:
     assert "above ES-MAML after hill climbing: holds" in good[1]
     assert good[2].endswith("not run.")
     poor = verdicts(found((950.0, 850.0), (1000.0, 1000.0), (900.0, 900.0)))
-    assert "not shown; 0.9 [0.85, 0.95]" in poor[0] and "not shown" in poor[1]
+    assert "undecided; 0.9 [0.85, 0.95]" in poor[0] and "undecided" in poor[1]
+    worse = verdicts(found((850.0, 800.0), (1000.0, 1000.0), (900.0, 900.0)))
+    assert "contradicted; 0.825 [0.8, 0.85]" in worse[0] and "contradicted" in worse[1]
     more = found((950.0, 990.0), (1000.0, 1000.0), (900.0, 900.0))
     more["esmaml"] = {s: replace(one, frames=(7_000_000,)) for s, one in more["esmaml"].items()}
     assert "not decided, 3e+06 steps of training against 7e+06" in verdicts(more)[1]
