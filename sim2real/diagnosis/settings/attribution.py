@@ -271,7 +271,7 @@ class Causes:
         "log odds that a known law is behind a gap: intercept, and slope over -log of the share "
         "of the gap that stays open",
         "tuned: logistic regression on 56 answers about robots of another engine "
-        "(docs/thirdparty.md)",
+        "(python -m benchmarks.confidence)",
     )
     usual_error: float = setting(
         0.03, "1", "error of any model's masses, friction and gains", "convention: a few per cent"

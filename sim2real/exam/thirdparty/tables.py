@@ -212,18 +212,26 @@ def curve(asked: Sequence[Mark]) -> tuple[float, float]:
 
 
 def calibration_error(asked: Sequence[Mark]) -> float | None:
+    """Return how far confidences are from the shares that are right; None of no answers."""
+    if not asked:
+        return None
+    confidence = np.array([one.confidence or 0.0 for one in asked])
+    return expected_error(confidence, np.array([bool(one.right) for one in asked], float))
+
+
+def expected_error(said: np.ndarray, right: np.ndarray) -> float:
     """Return the mean distance of confidence from the share that is right, over bins of EDGES.
 
     The expected calibration error of Naeini et al. (2015), "Obtaining well calibrated
     probabilities using Bayesian binning".
+
+    Args:
+        said: confidences, (N,).
+        right: 1 where right, else 0, (N,).
     """
-    if not asked:
-        return None
-    confidence = np.array([one.confidence or 0.0 for one in asked])
-    right = np.array([bool(one.right) for one in asked], float)
-    bins = np.digitize(confidence, EDGES)
-    gaps = [abs((confidence - right)[bins == one].sum()) for one in np.unique(bins)]
-    return float(np.sum(gaps) / len(asked))
+    bins = np.digitize(said, EDGES)
+    gaps = [abs((said - right)[bins == one].sum()) for one in np.unique(bins)]
+    return float(np.sum(gaps) / len(said))
 
 
 def failures(marks: Sequence[Mark]) -> Table:
