@@ -1,4 +1,4 @@
-"""Moments at which a servo's loop hunts: its joint swings to and fro while the command does not.
+"""Moments at which a servo's loop hunts: its joint swings to and fro while no command does.
 
     logs, found = mark_hunting(logs, driven)    # rows get `flag.hunting`; a finding for each joint
     tell_simulated(found, driven, [("as given", measure_all(logs, specs))])  # does the model hunt?
@@ -132,9 +132,11 @@ def _each(
     """Yield the rows of each episode, and where an angle hunts in them."""
     least = settings.counts * step_of(log.column(f"qpos.{joint}"), DEFAULT.encoder)
     command, start = log.column(f"ctrl.{actuator}"), 0
+    others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
     for part in log.episodes():
         rows = slice(start, start + len(part))
-        yield rows, hunting(log.time[rows], angle[rows], command[rows], least, settings)
+        rest = [other[rows] for other in others]
+        yield rows, hunting(log.time[rows], angle[rows], command[rows], rest, least, settings)
         start += len(part)
 
 
@@ -142,33 +144,41 @@ def hunting(
     time: np.ndarray,
     angle: np.ndarray,
     command: np.ndarray,
+    others: Sequence[np.ndarray] = (),
     least: float = 0.0,
     settings: Limits = DEFAULT.hunting,
 ) -> list[Hunt]:
-    """Return the stretches in which an angle swings steadily and its command does not.
+    """Return the stretches in which an angle swings steadily, and no command does.
 
     Args:
         time: of one episode's rows [s], (T,).
         angle: of the joint [rad or m], (T,).
         command: what it should be, (T,).
+        others: commands of the other joints, whose motion may shake this one, (T,) each.
         least: swings are at least this large [rad or m], and `settings.swing`.
         settings: what counts as hunting.
     """
     least, row = max(least, settings.swing), float(np.median(np.diff(time)))
-    found = _steady(time, angle, command, least, settings)
+    shaken = [_turns(other, settings.asked * float(np.ptp(other))) for other in others]
+    found = _steady(time, angle, command, shaken, least, settings)
     large = max(least, settings.riding * float(np.ptp(angle)))
     for width in settings.faster_s:
         rows = round(width / row)
         if rows > 1:
             rest = [v - uniform_filter1d(v, rows, mode="nearest") for v in (angle, command)]
-            found += _steady(time, rest[0], rest[1], large, settings)
+            found += _steady(time, rest[0], rest[1], shaken, large, settings)
     return _merged(found)
 
 
 def _steady(
-    time: np.ndarray, angle: np.ndarray, command: np.ndarray, least: float, settings: Limits
+    time: np.ndarray,
+    angle: np.ndarray,
+    command: np.ndarray,
+    shaken: Sequence[np.ndarray],
+    least: float,
+    settings: Limits,
 ) -> list[Hunt]:
-    """Return where an angle swings evenly and its command does not."""
+    """Return where an angle swings evenly, its command does not, and others turn less often."""
     turns, count = _turns(angle, least), settings.swings
     if len(turns) <= count:
         return []
@@ -180,8 +190,10 @@ def _steady(
         regular = halves[own].min() >= settings.regular * halves[own].max()
         if even and regular:
             rows = slice(turns[k], turns[k + count] + 1)
-            asked = _turns(command[rows], settings.asked * float(np.median(swings[own])))
-            steady[own] |= len(asked) <= settings.asked_turns
+            asked = len(_turns(command[rows], settings.asked * float(np.median(swings[own]))))
+            ends = (turns[k], turns[k + count])
+            busiest = max((int(np.diff(np.searchsorted(t, ends))[0]) for t in shaken), default=0)
+            steady[own] |= asked <= settings.asked_turns and busiest <= settings.shaken_turns
     edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
     return [
         Hunt(

@@ -238,6 +238,9 @@ class Hunting:
     regular: float = setting(0.5, "1", "least time between turns, of the longest", DEVELOPED)
     asked: float = setting(0.1, "1", "turns of a command this size count, of a swing", JUDGED)
     asked_turns: int = setting(2, "1", "turns of the command among these swings at most", DEVELOPED)
+    shaken_turns: int = setting(
+        4, "1", "the same of other joints' commands: a gait shakes joints that hold still", JUDGED
+    )
     faster_s: tuple[float, ...] = setting(
         (0.2, 0.08), "s", "also looked for in what is left of means over so long", DEVELOPED
     )

@@ -53,6 +53,13 @@ def test_what_dies_away_or_was_asked_for_is_none() -> None:
     assert not hunting(TIME, STEP + 1.5e-3 * (noise > 1), STEP)
 
 
+def test_a_joint_that_others_shake_does_not_hunt() -> None:
+    """What swings as another joint is told to, such as an ankle in a gait, is asked for."""
+    gait = np.sin(2 * np.pi * 6.0 * TIME)
+    assert not hunting(TIME, swinging(0.0), STEP, [gait])
+    assert hunting(TIME, swinging(0.0), STEP, [np.sin(2 * np.pi * 0.5 * TIME)])
+
+
 def test_its_first_swing_is_kept() -> None:
     """Half a period after the first turn the rows are flagged, to a moment after the last one."""
     columns = {"time": TIME, "episode": 0 * TIME, "ctrl.a": STEP, "qpos.a": swinging(0.0)}
