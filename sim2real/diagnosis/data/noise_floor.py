@@ -19,7 +19,7 @@ from math import comb
 import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.data.windows import HUNTING
+from sim2real.diagnosis.data.windows import hunting_rows
 from sim2real.diagnosis.settings import DEFAULT, TINY, Encoder, NoiseFloor, Settings
 
 ORDER = 4  # of the differences that a cubic leaves
@@ -56,11 +56,6 @@ def rounding(step: float) -> float:
     return float(step / np.sqrt(UNIFORM))
 
 
-def _hunts(part: Log) -> np.ndarray:
-    """Return the rows of an episode in which a loop hunts, (T,) bool: no noise is seen there."""
-    return part.columns.get(HUNTING, np.zeros(len(part))) > 0
-
-
 def _positions(log: Log) -> list[str]:
     return [name for name in log.joints if f"qpos.{name}" in log.columns]
 
@@ -84,7 +79,7 @@ def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float
     step = step_of(np.concatenate(parts), settings.encoder)
     rests = np.concatenate([np.diff(q, ORDER) for q in parts])
     moves = np.concatenate([np.abs(q[ORDER:] - q[:-ORDER]) for q in parts])
-    calm = np.concatenate([~_hunts(part)[ORDER // 2 : -ORDER // 2] for part in episodes])
+    calm = np.concatenate([~hunting_rows(part)[ORDER // 2 : -ORDER // 2] for part in episodes])
     rests, moves = (rests[calm], moves[calm]) if calm.any() else (rests, moves)
     slow = rests[moves <= np.quantile(moves, settings.noise_floor.slow_share)]
     variances = comb(2 * ORDER, ORDER)  # of a reading, in that of its difference
@@ -145,7 +140,7 @@ def _moments(
         rows = np.maximum(np.searchsorted(part.time, ticks + TINY, side="right") - 1, 0)
         key = np.round(ctrl[rows] / settings.same_command).astype(np.int64).tobytes()
         row = int(rows[-1])
-        if _hunts(part)[rows[0] : row + 1].any():
+        if hunting_rows(part)[rows[0] : row + 1].any():
             continue
         sent = zip(part.actuators, ctrl[rows].T, strict=False)
         moved = {name: np.ptp(values) > settings.moved for name, values in sent}

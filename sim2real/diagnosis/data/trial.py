@@ -20,6 +20,7 @@ from envs.replay import Recording, schedule, simulate, switchable
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import NEAR, Columns, rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.windows import hunting_rows
 
 LARGEST = 2e8  # bytes of positions simulated at once
 STIR = 0.02  # rad or m: a command that moves less does not stir its joint
@@ -70,6 +71,8 @@ def _shifted(columns: Columns, origin: float) -> dict[str, np.ndarray]:
 def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
     """Return pieces in which the commands of as many actuators as possible move.
 
+    Pieces in which a loop hunts are taken only where there are no others: no replay follows them.
+
     Args:
         logs: the logs to cut.
         seconds: length of a piece.
@@ -88,6 +91,8 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
                     }
                     found.append((number, start + int(first), start + int(last), stir))
             start += len(part)
+    hunts = [hunting_rows(log) for log in logs]
+    found = [one for one in found if not hunts[one[0]][one[1] : one[2]].any()] or found
     best = {
         name: max([f[3].get(name, 0.0) for f in found], default=0)
         for log in logs

@@ -29,6 +29,11 @@ BLOCKED = "flag.blocked"  # the column of rows in which something is in the robo
 HUNTING = "flag.hunting"  # the column of rows in which a servo's loop hunts
 
 
+def hunting_rows(log: Log) -> np.ndarray:
+    """Return in which rows of a log a servo's loop hunts, (T,) bool; false where none is marked."""
+    return log.columns.get(HUNTING, np.zeros(len(log))) > 0
+
+
 class Joint(NamedTuple):
     """One compared position."""
 
@@ -135,7 +140,7 @@ def _anew(part: Log, cuts: np.ndarray, settings: Windows) -> np.ndarray:
 
     Cuts that such a one would leave too short a window give way to it.
     """
-    hunts = part.columns.get(HUNTING, np.zeros(len(part))) > 0
+    hunts = hunting_rows(part)
     ended = part.time[1:][np.diff(hunts.astype(int)) < 0] + settings.shortest_s + settings.warm_s
     rows = np.searchsorted(part.time, ended[ended < part.time[-1]] - ROUNDING)
     near = np.abs(part.time[cuts[1:-1], None] - part.time[rows]) < settings.shortest_s
@@ -148,7 +153,7 @@ def _calm_rows(part: Log, first: int, last: int, settings: Windows) -> int:
     What the robot does afterwards hangs on the phase in which hunting stops, which no start tells.
     """
     before = int(np.searchsorted(part.time, part.time[first] - settings.shortest_s))
-    hunts = part.columns.get(HUNTING, np.zeros(len(part))) > 0
+    hunts = hunting_rows(part)
     if hunts[before : first + 1].any():
         return 0
     return int(np.argmax(hunts[first:last])) if hunts[first:last].any() else last - first

@@ -19,6 +19,7 @@ import numpy as np
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.trial import Piece, piece, trial
+from sim2real.diagnosis.data.windows import hunting_rows
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE
 from sim2real.diagnosis.settings import Lag as Limits
@@ -105,11 +106,12 @@ def _windows(joint: str, log: Log, simulated: np.ndarray, settings: Limits) -> l
         np.gradient(np.interp(clock, log.time, q), dt)
         for q in (log.column(f"qpos.{joint}"), simulated)
     )
+    hunts = np.interp(clock, log.time, hunting_rows(log).astype(float)) > 0
     width, reach = max(round(settings.window_s / dt), 1), round(settings.reach_s / dt)
     found = []
     for first in range(reach, len(clock) - width - reach, width):
         here = real[first : first + width]
-        if np.sqrt(np.mean(here**2)) < settings.speed_min:
+        if np.sqrt(np.mean(here**2)) < settings.speed_min or hunts[first : first + width].any():
             continue
         scores = [
             _alike(here, model[first - shift : first - shift + width])

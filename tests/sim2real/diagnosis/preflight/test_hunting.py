@@ -11,7 +11,8 @@ from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import noise_floor
 from sim2real.diagnosis.data.replay import measure_all
-from sim2real.diagnosis.data.windows import HUNTING
+from sim2real.diagnosis.data.trial import choose
+from sim2real.diagnosis.data.windows import HUNTING, hunting_rows
 from sim2real.diagnosis.diagnose import diagnose
 from sim2real.diagnosis.preflight.hunting import (
     hunting,
@@ -107,6 +108,15 @@ def test_a_model_is_told_to_hunt_or_not(stiff: None) -> None:
     first, last = told.finding.split("with all")
     size = first.split(" s, ")[1].split(",")[0]
     assert size in last
+
+
+def test_pieces_that_are_replayed_on_trial_do_not_hunt(stiff: None) -> None:
+    """Else a log whose loop hunts looks as if its clock ran ten times too fast."""
+    log = arm.make_log(SOFT, seconds=24.0, noise=1e-4)
+    (marked,), _ = mark_hunting([log], DRIVEN)
+    calm = choose([marked], 2.0, 4)
+    assert calm and not any(hunting_rows(one.log).any() for one in calm)
+    assert len(choose([marked], 24.0, 4)) == 1  # where there is no other piece
 
 
 @pytest.mark.slow
