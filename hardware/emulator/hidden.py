@@ -142,7 +142,11 @@ def make_hidden(entries: Any, robot: Robot, place: str = "effects") -> Hidden:
         RobotError: an entry names an unknown effect, place or key, or has a value it cannot have.
     """
     if not isinstance(entries, list):
-        raise RobotError(f"{place}: effects are a list of entries with {listed(KEYS)}")
+        has = f"a mapping of {listed(entries)}" if isinstance(entries, dict) else repr(entries)
+        raise RobotError(
+            f"{place}: a file of effects is a list, but this is {has}; begin each entry with a dash, "
+            f"as in '- {{effect: payload, where: arm, value: 0.1}}'; its keys are {listed(KEYS)}"
+        )
     hidden = nothing_hidden(len(robot.servos))
     names = _places(robot)
     for number, entry in enumerate(entries, 1):
