@@ -208,7 +208,7 @@ def run_diagnosis(
         tuple(Member(label, causes_of(fit)) for label, fit in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
-    whole = partial(replayed, logs=logs, specs=specs, driven=driven)
+    whole = partial(replayed, logs=logs, specs=specs, driven=driven, settings=settings.hunting)
     told = _added(told, "the replay of whole recordings", whole)
     if on_verdict is not None:
         on_verdict(told)

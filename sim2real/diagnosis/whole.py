@@ -18,6 +18,7 @@ from sim2real.diagnosis.data.replay import Gap, measure_all, summary
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.hunting import hunts_alone, tell_simulated
 from sim2real.diagnosis.schema import Verdict, WholeReplay
+from sim2real.diagnosis.settings import DEFAULT, Hunting
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
@@ -29,6 +30,7 @@ def replayed(
     logs: Sequence[Log],
     specs: Sequence[mujoco.MjSpec],
     driven: Mapping[str, str],
+    settings: Hunting = DEFAULT.hunting,
 ) -> Diagnosis:
     """Add what `run=replay` says of the logs, with what was known and with what was found.
 
@@ -40,6 +42,7 @@ def replayed(
         logs: its logs.
         specs: the model of each.
         driven: the joint that each actuator drives by desired positions.
+        settings: what counts as hunting.
     """
     models = [("As given", _gaps(logs, specs, found.known))]
     if found.report.values:
@@ -48,10 +51,10 @@ def replayed(
     rmse = [float(summary(gaps)["rmse"]) if gaps else None for _, gaps in models]
     replay = WholeReplay(rmse[0], rmse[1] if len(rmse) > 1 else None)
     report, last = found.report, models[-1][1]
-    alone = bool(last) and hunts_alone(report.preflight, driven, last)
+    alone = bool(last) and hunts_alone(report.preflight, driven, last, settings)
     verdict = LESS.get(report.verdict, report.verdict) if alone else report.verdict
     run = [(name, gaps) for name, gaps in models if gaps]
-    told = tuple(tell_simulated(report.preflight, driven, run))
+    told = tuple(tell_simulated(report.preflight, driven, run, settings))
     return found._replace(report=replace(report, replay=replay, preflight=told, verdict=verdict))
 
 

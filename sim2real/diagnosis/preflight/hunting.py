@@ -129,14 +129,17 @@ def _simulated(
 def _each(
     log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Limits
 ) -> Iterator[tuple[slice, list[Hunt]]]:
-    """Yield the rows of each episode, and where an angle hunts in them."""
+    """Yield the rows of each episode, and where an angle hunts in them, its servo on."""
     least = settings.counts * step_of(log.column(f"qpos.{joint}"), DEFAULT.encoder)
     command, start = log.column(f"ctrl.{actuator}"), 0
     others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
+    off = log.columns.get(f"torque.{actuator}", np.ones(len(log))) <= 0
     for part in log.episodes():
         rows = slice(start, start + len(part))
         rest = [other[rows] for other in others]
-        yield rows, hunting(log.time[rows], angle[rows], command[rows], rest, least, settings)
+        time, free = log.time[rows], log.time[rows][off[rows]]
+        hunts = hunting(time, angle[rows], command[rows], rest, least, settings)
+        yield rows, [h for h in hunts if not ((free >= h.first) & (free <= h.last)).any()]
         start += len(part)
 
 

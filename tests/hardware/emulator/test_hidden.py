@@ -385,7 +385,7 @@ def test_files(tmp_path):
     assert hidden["backlash"][0] == 0.05
     assert hidden.link_side[0]
     path.write_text("effect: backlash\n")
-    with pytest.raises(RobotError, match="is a list, but this is .*begin each entry with a dash"):
+    with pytest.raises(RobotError, match=r"is a list, but this is .*begin each entry with a dash"):
         read_hidden(path, robot)
     with pytest.raises(RobotError, match="No such file"):
         read_hidden(tmp_path / "nothing.yaml", robot)

@@ -74,6 +74,16 @@ def test_its_first_swing_is_kept() -> None:
     assert same is still and not nothing
 
 
+def test_a_joint_whose_servo_is_off_swings_freely() -> None:
+    """A pendulum that was let go does not hunt, however long it swings."""
+    columns = {"time": TIME, "episode": 0 * TIME, "ctrl.a": STEP, "qpos.a": swinging(0.0)}
+    free = Log({**columns, "torque.a": (TIME < 5.0).astype(float)})
+    (same,), findings = mark_hunting([free], {"a": "a"})
+    assert same is free and not findings
+    _, findings = mark_hunting([Log({**columns, "torque.a": 1.0 + 0 * TIME})], {"a": "a"})
+    assert findings
+
+
 @pytest.fixture(name="stiff")
 def _stiff(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give the arm's second servo a gain at which a spring in its loop makes it hunt."""
