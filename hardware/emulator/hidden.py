@@ -144,8 +144,9 @@ def make_hidden(entries: Any, robot: Robot, place: str = "effects") -> Hidden:
     if not isinstance(entries, list):
         has = f"a mapping of {listed(entries)}" if isinstance(entries, dict) else repr(entries)
         raise RobotError(
-            f"{place}: a file of effects is a list, but this is {has}; begin each entry with a dash, "
-            f"as in '- {{effect: payload, where: arm, value: 0.1}}'; its keys are {listed(KEYS)}"
+            f"{place}: a file of effects is a list, but this is {has}; begin each entry with a "
+            "dash, as in '- {effect: payload, where: arm, value: 0.1}'; its keys are "
+            f"{listed(KEYS)}"
         )
     hidden = nothing_hidden(len(robot.servos))
     names = _places(robot)
