@@ -48,7 +48,7 @@ class Answer(NamedTuple):
 
 
 def read(path: Path) -> list[Answer]:
-    """Return the answers that are kept."""
+    """Return the answers that are kept in a table with the columns HEAD."""
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     return [
@@ -85,7 +85,7 @@ def answers_of(exam: Path, draw: str) -> list[Answer]:
 
 
 def fit(answers: Sequence[Answer]) -> tuple[float, float]:
-    """Return intercept and slope of the curve."""
+    """Return intercept and slope of the curve, in log odds and over -log of what stays open."""
     races, left, right = _columns(answers)
 
     def loss(curve: np.ndarray) -> float:
@@ -101,7 +101,13 @@ def fit(answers: Sequence[Answer]) -> tuple[float, float]:
 def confidence(
     races: np.ndarray, left: np.ndarray, curve: Sequence[float] | np.ndarray
 ) -> np.ndarray:
-    """Return the confidence of causes, (N,), whose races say so much and that leave so much."""
+    """Return the confidence of causes, (N,).
+
+    Args:
+        races: how sure the races are, in [0, 1], (N,).
+        left: share of the gap that stays open, in (0, 1], (N,).
+        curve: intercept and slope.
+    """
     known = 1 / (1 + np.exp(-(curve[0] - curve[1] * np.log(left))))
     return np.clip(races * known, LEAST, 1 - LEAST)
 
@@ -151,6 +157,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--draw", default="", help="what these are called")
     add("--answers", type=Path, default=RESULTS, help="table of the answers")
     chosen = parser.parse_args(arguments)
+    if chosen.add is not None and not (chosen.add / "cases.csv").is_file():
+        parser.error(f"{chosen.add} holds no cases.csv; score the exam first (exam.most=0)")
     answers = read(chosen.answers)
     if chosen.add is not None:
         new = answers_of(chosen.add, chosen.draw)

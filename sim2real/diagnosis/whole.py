@@ -1,6 +1,8 @@
 """Whole recordings, replayed from their first rows: how far off they are, and whether loops hunt.
 
-found = replayed(found, logs, specs, driven)        # report.replay; findings; the verdict
+    found = replayed(found, logs, specs, driven)        # report.replay; findings; the verdict
+
+A model that runs off has no replay, and what it says of hunting is left out.
 """
 
 from __future__ import annotations

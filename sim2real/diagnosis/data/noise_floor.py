@@ -64,7 +64,7 @@ def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float
     """Return the noise of one reading of a column, in its unit, root mean square.
 
     It is what a cubic through neighbouring rows leaves while the joint is slow, and at least what
-    rounding makes.
+    rounding makes. Rows in which a loop hunts count only where there are no others.
     """
     episodes = [
         part

@@ -130,7 +130,7 @@ def _each(
     log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Limits
 ) -> Iterator[tuple[slice, list[Hunt]]]:
     """Yield the rows of each episode, and where an angle hunts in them, its servo on."""
-    least = settings.counts * step_of(log.column(f"qpos.{joint}"), DEFAULT.encoder)
+    least = settings.counts * step_of(log.column(f"qpos.{joint}"))
     command, start = log.column(f"ctrl.{actuator}"), 0
     others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
     off = log.columns.get(f"torque.{actuator}", np.ones(len(log))) <= 0
@@ -161,11 +161,16 @@ def hunting(
         least: swings are at least this large [rad or m], and `settings.swing`.
         settings: what counts as hunting.
     """
+    known = np.isfinite(angle) & np.isfinite(command)  # not a reading that was lost
+    time, angle, command = time[known], angle[known], command[known]
+    if len(time) <= settings.swings:
+        return []
+    others = [np.nan_to_num(other[known]) for other in others]
     least, row = max(least, settings.swing), float(np.median(np.diff(time)))
     shaken = [_turns(other, settings.asked * float(np.ptp(other))) for other in others]
     found = _steady(time, angle, command, shaken, least, settings)
     large = max(least, settings.riding * float(np.ptp(angle)))
-    for width in settings.faster_s:
+    for width in settings.faster_s if row > 0 else ():  # a clock that stands is refused elsewhere
         rows = round(width / row)
         if rows > 1:
             rest = [v - uniform_filter1d(v, rows, mode="nearest") for v in (angle, command)]
@@ -190,7 +195,7 @@ def _steady(
     for k in range(len(swings) - count + 1):
         own = slice(k, k + count)
         even = swings[own].min() >= settings.even * swings[own].max()
-        regular = halves[own].min() >= settings.regular * halves[own].max()
+        regular = halves[own].min() >= settings.regular * halves[own].max() > 0
         if even and regular:
             rows = slice(turns[k], turns[k + count] + 1)
             asked = len(_turns(command[rows], settings.asked * float(np.median(swings[own]))))
@@ -269,7 +274,7 @@ def _finding(joint: str, found: Sequence[tuple[Log, Hunt]]) -> Finding:
         f"{joint} swings to and fro while its command does not: it {_words(found)}, longest at "
         f"{hunt.first:.1f} s of {log.path.name if log.path else 'the log'}.",
         "The servo's loop is unstable. Its first swing is compared, the others are left out: no "
-        "simulation keeps their phase. A lower gain, more damping or slower commands stop it; what "
-        "lies behind it is among the causes: elasticity, play or delay in the loop, or integral "
-        "action.",
+        "simulation keeps their phase. A lower gain, more damping or slower commands can stop it; "
+        "what lies behind it is elasticity, play or delay in the loop, or integral action: look "
+        "for them among the causes.",
     )
