@@ -12,6 +12,7 @@ import yaml
 from sim2real.config.catalogue import CONF, groups, options, summary
 from sim2real.config.compose import compose, prepare
 from sim2real.config.targets import build
+from sim2real.learning.algorithms.base import build as make_algorithm
 
 FILES = sorted(CONF.rglob("*.yaml"))
 KEY = re.compile(r"^(?P<indent>[ -]*)(?P<key>[A-Za-z_][\w.]*|override /\w+):(?P<value>.*)$")
@@ -89,7 +90,9 @@ def test_experiments_can_be_built(name: str, tmp_path: Path) -> None:
     assert callable(verb)
     if not trains:
         return
-    environment = arguments["parts"].environment
+    parts = arguments["parts"]
+    assert make_algorithm(arguments["algorithm"], parts).iteration == 0  # its parts go together
+    environment = parts.environment
     rows = environment.base_rows(2)
     environment.tasks.check(rows.space)
     if hasattr(arguments.get("eval"), "grid"):

@@ -6,7 +6,7 @@
 Forward: every candidate is screened, the promising ones race (few steps for many, more for fewer),
 and the best on held-out windows joins if the lower bound of its gain is above zero and it closes
 enough to matter; a further one has to pay its price as well, or would go again in the end. Then
-back: each member is taken out and may be replaced, or stays out.
+back: each member is taken out and may be replaced, or stays out (`looking_back`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from sim2real.diagnosis.attribution.contenders import Contender, Found, Raced
 from sim2real.diagnosis.attribution.fit import Fit, Job, columns, in_words, refine, refine_each
 from sim2real.diagnosis.attribution.heats import Course, ahead, heats, looked_at
 from sim2real.diagnosis.attribution.liveliest import lively, tempered
+from sim2real.diagnosis.attribution.looking_back import look_back
 from sim2real.diagnosis.attribution.pairwise import Pair, pairs
 from sim2real.diagnosis.attribution.price import pays
 from sim2real.diagnosis.attribution.problem import FOLDS, Problem
@@ -28,7 +29,7 @@ from sim2real.diagnosis.attribution.promise import Guess
 from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.attribution.screen import Response, Screening, screen
 from sim2real.diagnosis.attribution.suspects import meets, suspects
-from sim2real.diagnosis.attribution.ties import Witnessed, measured
+from sim2real.diagnosis.attribution.ties import Witnessed
 from sim2real.diagnosis.data.score import Blocks, coherence
 from sim2real.diagnosis.settings import TINY_SQUARE
 
@@ -127,7 +128,7 @@ class Search:
         """Look at each cause again beside all others, and fit what stays to the end."""
         if len(found.fit.members) > 1:
             with self.work.during("looking back"):
-                self.look_back(found)
+                look_back(self, found)
         if found.fit.members:
             with self.work.during("last fit"):
                 self.settle(found)
@@ -318,28 +319,6 @@ class Search:
     def judge(self, candidate: Candidate, fit: Fit) -> Contender:
         """Return a fit with its errors on all held-out windows."""
         return Contender(candidate, fit, self.problem.held_out(fit.members, fit.values))
-
-    def look_back(self, found: Found) -> None:
-        """Take each member out: let another one take its place if it does better, or none."""
-        for member in sorted(found.fit.members, key=lambda m: found.fit.members.index(m)):
-            if len(found.fit.members) <= 1:
-                return
-            own = Contender(member, found.fit, found.error)  # it has settled
-            rest, error, raced = self.place_of(own)
-            others = [c for c in raced if c.candidate.label != member.label]
-            contenders = [own, *others]
-            contenders.sort(key=lambda c: self.blocks.rms(c.error))
-            best, dropped = contenders[0], Found(rest, error)
-            if not self.joins(best, dropped, contenders):
-                self.keep(found, rest, error)
-                found.rivals.pop(member.label, None)
-                continue
-            best = measured(self, own, raced, error) or best
-            if best.candidate is not member:
-                best = self.polish(best)
-            self.keep(found, best.fit, best.error)
-            found.rivals.pop(member.label, None)
-            found.rivals[best.candidate.label] = contenders
 
     def place_of(self, own: Contender) -> Raced:
         """Return who raced for a member's place, beside the others; the race is run if need be."""

@@ -18,6 +18,9 @@ class Search:
     """The forward and backward search."""
 
     causes_max: int = setting(4, "1", "causes in all", DEVELOPED)
+    exchanges: int = setting(
+        4, "1", "exchanges of a cause for another at most, when each is looked at again", COST
+    )
     screening_s: float = setting(9.0, "s", "windows that screening uses", COST)
     racing_s: float = setting(15.0, "s", "windows that the race uses", COST)
     fitting_s: float = setting(40.0, "s", "windows that a winner is fitted to", COST)

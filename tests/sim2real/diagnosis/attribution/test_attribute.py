@@ -133,6 +133,6 @@ def test_a_further_effect_has_to_pay(
 
     monkeypatch.setattr(search, "race", race)
     monkeypatch.setattr(search, "polish", lambda best: best)
-    for step in ("pair", "look_back", "settle"):
+    for step in ("pair", "back"):
         monkeypatch.setattr(search, step, lambda found: None)
     assert len(search.run().fit.members) == count
