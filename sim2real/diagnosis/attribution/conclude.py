@@ -12,6 +12,7 @@ import numpy as np
 
 from sim2real.diagnosis.attribution.alike import calibrated, confidence, equals
 from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
+from sim2real.diagnosis.attribution.background import shifts
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.equivalents import (
     explanations,
@@ -128,8 +129,10 @@ def conclude(
     rests = np.array([blocks.rms(subsets[every - {number}]) for number in order])
     least = limits.left_min * after**2 + TINY_SQUARE
     left = after / np.sqrt(np.maximum(rests**2 - after**2, least))
-    nothing_found = Spread(np.zeros((0, 2)), np.zeros((0, 0)))
-    spread = intervals(search.problem, fit, left, rng, blocks.seconds) if order else nothing_found
+    spread = Spread(np.zeros((0, 2)), np.zeros((0, 0)))
+    if order:
+        beside = shifts(search, fit)
+        spread = intervals(search.problem, fit, left, rng, blocks.seconds, beside)
     if nil := neutral(fit, spread.ends):
         fewer = dropped(search, found, [order[number] for number in nil])
         return conclude(search, fewer, floors, rng)

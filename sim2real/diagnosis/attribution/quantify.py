@@ -12,6 +12,7 @@ from math import factorial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import norm
 
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import FREE
@@ -96,12 +97,13 @@ def intervals(
     left: np.ndarray,
     rng: np.random.Generator,
     seconds: float | None = None,
+    beside: np.ndarray | None = None,
 ) -> Spread:
     """Return the 90 % intervals of a fit's values, and how the values go together.
 
     One Gauss-Newton step on blocks that are drawn again, in each fold; never less than
     the two folds differ, than clocks and counts can resolve, and than what is left of the gap may
-    hide.
+    hide. What the model's usual errors add is independent of all that.
 
     Args:
         problem: all windows.
@@ -109,6 +111,7 @@ def intervals(
         left: what is left of the gap over what each of them closes, (n,).
         rng: for the bootstrap.
         seconds: length of its blocks; None: about a second.
+        beside: standard deviations that usual errors add, (P,); see `background`. None: none.
     """
     limits, tail = problem.data.settings.causes, problem.data.settings.bootstrap.tail
     error, slope = problem.errors(fit.members, fit.values[None])
@@ -134,6 +137,7 @@ def intervals(
     spread = (last - first) / 2
     apart = np.abs(fit.values[0] - fit.values[1])
     half = np.maximum.reduce([spread, apart, _doubt(fit, left, limits), _resolution(problem, fit)])
+    half = np.hypot(half, 0.0 if beside is None else norm.ppf(1 - tail) * beside)
     low = np.concatenate([m.low for m in fit.members])
     high = np.concatenate([m.high for m in fit.members])
     ends = [np.clip(fit.mean - half, low, high), np.clip(fit.mean + half, low, high)]
