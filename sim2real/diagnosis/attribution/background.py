@@ -29,7 +29,7 @@ from sim2real.diagnosis.settings import TINY_SQUARE
 def shifts(search: Search, fit: Fit) -> np.ndarray:
     """Return the standard deviation of each value that usual errors make, (P,).
 
-    Looked at on the windows of a race. Where the gap is closed to the noise, nothing is simulated.
+    Looked at on the windows of a race. Of a fit that leaves the noise no error is simulated.
 
     Args:
         search: after its run.
@@ -41,7 +41,7 @@ def shifts(search: Search, fit: Fit) -> np.ndarray:
     shift = problem.shift(error, slope)[problem.fold]
     left = (error + shift[:, None, None] * slope).ravel()
     excess = float(left @ left) - search.floor**2 * problem.rows
-    if excess <= 0 or search.blocks.rms(search.base) <= search.least:
+    if excess <= 0:
         return nothing
     limits = problem.data.settings.causes
     own = sensitivities(problem, fit.members, fit.values, error).reshape(len(nothing), -1)

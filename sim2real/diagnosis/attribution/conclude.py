@@ -52,6 +52,7 @@ from sim2real.diagnosis.schema import (
     GapNumbers,
     Report,
     Unexplained,
+    Verdict,
     Where,
 )
 from sim2real.diagnosis.settings import TINY_SQUARE
@@ -146,15 +147,15 @@ def conclude(
     counts = len(order), crowd_of(fit.members)
     resolved = is_resolved(found.error, data)
     verdict = verdict_of(Rest(*numbers, alone, unsaid, *counts, form, resolved), data)
-    usual = Usual(search) if order and verdict != "explained" else None
+    rested = [subsets[every - {number}] for number in order]
+    verdict, clear = _beside_usual(search, verdict, rested, found.error)
     causes, findings, sets = [], [], []
     for place, number in enumerate(order):
         member = found.fit.members[number]
-        less = subsets[every - {number}]
-        cause, crowd = _cause(search, found, member, less, float(shares[number]), closed)
-        if usual is not None:
-            doubt = limits.usual_doubt * (1 - usual.clear(less, found.error))
-            cause = replace(cause, confidence=cause.confidence * (1 - doubt))
+        share = float(shares[number])
+        cause, crowd = _cause(search, found, member, rested[place], share, closed)
+        doubt = limits.usual_doubt * (1 - clear[place])
+        cause = replace(cause, confidence=cause.confidence * (1 - doubt))
         cause = replace(cause, confidence=calibrated(cause.confidence, closed, limits))
         own = columns(fit.members)[place]
         causes.append(_valued(cause, member, fit.mean[own], spans[own]))
@@ -183,6 +184,31 @@ def conclude(
         spread.correlation[np.ix_(starts, starts)],
         explanations(fit, sets),
     )
+
+
+def _beside_usual(
+    search: Search, verdict: Verdict, rests: Sequence[np.ndarray], full: np.ndarray
+) -> tuple[Verdict, list[float]]:
+    """Return the verdict, and how clear of a model's usual errors each cause is, from 0 to 1.
+
+    Several causes of which one closes no more than usual errors make explain a part at best:
+    together they imitate a model that is a few per cent off everywhere. Of other explanations
+    nothing is doubted.
+
+    Args:
+        search: after its run.
+        verdict: what the gap alone says.
+        rests: held-out errors without each cause, (W, T, M) each.
+        full: with all of them.
+    """
+    many = len(rests) >= search.problem.data.settings.causes.usual_causes
+    if not rests or (verdict == "explained" and not many):
+        return verdict, [1.0] * len(rests)
+    usual = Usual(search)
+    clear = [usual.clear(rest, full) for rest in rests]
+    if verdict != "explained":
+        return verdict, clear
+    return (verdict, [1.0] * len(rests)) if min(clear) > 0 else ("partly_explained", clear)
 
 
 def _weighed(search: Search, found: Found) -> tuple[dict[Set, np.ndarray], np.ndarray]:

@@ -285,6 +285,13 @@ class Causes:
     usual_clear: float = setting(
         2.0, "1", "times their gap from which a cause loses none", "convention: of a dominant cause"
     )
+    usual_causes: int = setting(
+        3,
+        "1",
+        "causes of an explanation from which each has to close more than such errors make",
+        "measured: one sealed robot of another engine with usual errors alone was explained, by "
+        "four small causes (docs/thirdparty.md)",
+    )
     confidence_min: float = setting(0.01, "1", "least confidence", JUDGED)
     confidence_max: float = setting(0.99, "1", "largest confidence", JUDGED)
     left_min: float = setting(

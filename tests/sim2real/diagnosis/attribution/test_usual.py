@@ -9,6 +9,7 @@ import pytest
 
 from sim2real.diagnosis.attribution.attribute import Search
 from sim2real.diagnosis.attribution.candidates import candidates
+from sim2real.diagnosis.attribution.conclude import _beside_usual
 from sim2real.diagnosis.attribution.fit import Problem
 from sim2real.diagnosis.attribution.usual import NAMES, Usual, scaled
 from sim2real.diagnosis.data.simulate import Simulator
@@ -52,3 +53,20 @@ def test_only_what_closes_more_than_they_make_is_clear(tmp_path: Path) -> None:
     assert usual.clear(1.5 * usual.gap * unit, nothing) == pytest.approx(0.5)
     assert usual.clear(2.0 * usual.gap * unit, nothing) == pytest.approx(1)
     assert usual.clear(search.base, nothing) == 1  # a servo of three fifths of its gain
+
+
+def test_three_causes_have_to_stand_clear_each(tmp_path: Path) -> None:
+    """Or they explain a part at best, and are doubted; of one or two nobody asks."""
+    search, usual = usual_of(tmp_path, ("position_gain", {"where": "a"}, 0.6))
+    nothing = np.zeros_like(search.base)
+    size = search.problem.subset(search.racing.windows)
+    shape = np.zeros_like(search.base)
+    shape[search.racing.windows] = 1.0
+    unit = shape / np.sqrt((shape**2).sum() / size.rows)
+    large, small = 3 * usual.gap * unit, 0.9 * usual.gap * unit
+    told = _beside_usual(search, "explained", [large, large, small], nothing)
+    assert told == ("partly_explained", [1.0, 1.0, 0.0])
+    assert _beside_usual(search, "explained", [large] * 3, nothing) == ("explained", [1.0] * 3)
+    assert _beside_usual(search, "explained", [large, small], nothing)[0] == "explained"
+    assert _beside_usual(search, "unexplained", [small], nothing) == ("unexplained", [0.0])
+    assert _beside_usual(search, "unexplained", [], nothing) == ("unexplained", [])
