@@ -22,12 +22,13 @@ from sim2real.diagnosis.attribution.attribute import Search
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import FOLDS, Ask, Fit, sensitivities
 from sim2real.diagnosis.attribution.problem import Problem
+from sim2real.diagnosis.attribution.quantify import solved
 from sim2real.diagnosis.attribution.usual import scaled
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 
 def shifts(search: Search, fit: Fit) -> np.ndarray:
-    """Return the standard deviation of each value that usual errors make, (P,).
+    """Return the standard deviation of each value that usual errors make, (P,), in its own unit.
 
     Looked at on the windows of a race. Of a fit that leaves the noise no error is simulated.
 
@@ -48,9 +49,7 @@ def shifts(search: Search, fit: Fit) -> np.ndarray:
     usual = _changes(problem, fit, error, limits.usual_error)
     if not len(usual):
         return nothing
-    square = own @ own.T
-    ridge = limits.ridge * np.trace(square) + limits.ridge_floor
-    mends = np.linalg.solve(square + ridge * np.eye(len(own)), own @ usual.T)  # (P, K)
+    mends = solved(own @ own.T, own @ usual.T, limits)  # (P, K)
     seen = usual - mends.T @ own
     spread = min(excess / max(float((seen**2).sum()), TINY_SQUARE), 1.0) ** 0.5
     return spread * np.sqrt((mends**2).sum(axis=1))

@@ -41,16 +41,21 @@ class Searching(Judged, Protocol):
 
 
 class Look(NamedTuple):
-    """One member's place: who could have it, the best first, and what is left without anybody."""
+    """One member's place: who takes it, all who could, and what is left without anybody."""
 
     member: Candidate
     best: Contender
-    contenders: list[Contender]
+    contenders: list[Contender]  # the best first
     rest: Raced
 
 
 def look_back(search: Searching, found: Found) -> None:
-    """Exchange or take out members of what was found, until nothing is better."""
+    """Exchange or take out members of what was found, until nothing is better.
+
+    Args:
+        search: after its forward part; its setting `exchanges` says how many are made at most.
+        found: changed in place: its fit, held-out errors (W, T, M) and each member's rivals.
+    """
     seen: dict[frozenset[str], Raced] = {}  # races for the place beside these others
     for left in reversed(range(search.settings.exchanges + 1)):
         looks = _looks(search, found, seen)
@@ -70,7 +75,7 @@ def _looks(search: Searching, found: Found, seen: dict[frozenset[str], Raced]) -
     while len(found.fit.members) > 1 and len(looks) < len(found.fit.members):
         look = _look(search, found, found.fit.members[len(looks)], seen)
         dropped = Found(look.rest.fit, look.rest.error)
-        if search.joins(look.best, dropped, look.contenders):
+        if search.joins(look.contenders[0], dropped, look.contenders):
             looks.append(look)
             continue
         search.keep(found, *look.rest[:2])

@@ -128,10 +128,8 @@ def intervals(
         curve = _summed(np.einsum("prm,qrm->rpq", flat, flat), numbers[own], blocks.count)
         down = _summed(np.einsum("prm,rm->rp", flat, residual), numbers[own], blocks.count)
         matrix = np.tensordot(blocks.draws, curve, 1)  # (D, P, P)
-        size = np.trace(matrix, axis1=1, axis2=2)[:, None, None]
-        matrix = matrix + (limits.ridge * size + limits.ridge_floor) * np.eye(flat.shape[0])
         right = np.tensordot(blocks.draws, down, 1)[..., None]
-        drawn.append(fit.values[f] - np.linalg.solve(matrix, right)[..., 0])  # (D, P)
+        drawn.append(fit.values[f] - solved(matrix, right, limits)[..., 0])  # (D, P)
     both = np.mean(drawn, axis=0)
     first, last = np.quantile(both, (tail, 1 - tail), axis=0)
     spread = (last - first) / 2
@@ -142,6 +140,13 @@ def intervals(
     high = np.concatenate([m.high for m in fit.members])
     ends = [np.clip(fit.mean - half, low, high), np.clip(fit.mean + half, low, high)]
     return Spread(np.stack(ends, 1), _correlation(both))
+
+
+def solved(matrix: np.ndarray, right: np.ndarray, limits: Causes) -> np.ndarray:
+    """Return what matrices (..., P, P) of squares make `right`, (..., P, K), with a small ridge."""
+    size = np.trace(matrix, axis1=-2, axis2=-1)[..., None, None]
+    ridge = (limits.ridge * size + limits.ridge_floor) * np.eye(matrix.shape[-1])
+    return np.linalg.solve(matrix + ridge, right)
 
 
 def _correlation(values: np.ndarray) -> np.ndarray:

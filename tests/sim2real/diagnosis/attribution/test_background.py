@@ -69,10 +69,11 @@ def test_a_fit_that_leaves_the_noise_has_no_such_doubt(tmp_path: Path) -> None:
 
 
 def test_the_errors_are_taken_as_no_larger_than_usual(tmp_path: Path) -> None:
-    """What is left of a wrong law is no error of a mass: it moves the value no further."""
-    spring = ("dead_zone", {"where": "b"}, 0.2)
-    search, fit = searched(tmp_path, HIDDEN, spring)
-    least = search.problem.data.settings.causes.usual_error
-    search.floor = 0.0
-    whole = shifts(search, fit)
-    assert 0 < whole[0] < 5 * least
+    """What is left of a wrong law is no error of a mass: more of it moves the value no further."""
+    search, fit = searched(tmp_path, HIDDEN, ("dead_zone", {"where": "b"}, 0.2))
+    whole = shifts(search, fit)[0]
+    left = np.sqrt(np.mean(search.problem.held_out(fit.members, fit.values) ** 2))
+    search.floor = float(left) / 2  # takes a quarter of the square that is left
+    assert shifts(search, fit)[0] == whole > 0
+    search.floor = 10 * float(left)
+    assert shifts(search, fit)[0] == 0

@@ -25,6 +25,14 @@ def usual_of(folder: Path, *hidden: tuple[str, dict, float]) -> tuple[Search, Us
     return search, Usual(search)
 
 
+def unit_of(search: Search) -> np.ndarray:
+    """Return errors of all windows whose mean square over a race's is 1, (W, T, M)."""
+    size = search.problem.subset(search.racing.windows)
+    shape = np.zeros_like(search.base)
+    shape[search.racing.windows] = 1.0
+    return shape / np.sqrt((shape**2).sum() / size.rows)
+
+
 def test_their_gap_is_that_of_all_of_them_at_once(tmp_path: Path) -> None:
     """Of robots whose every factor is drawn, RMS gaps agree with it in the mean."""
     search, usual = usual_of(tmp_path)
@@ -44,11 +52,7 @@ def test_their_gap_is_that_of_all_of_them_at_once(tmp_path: Path) -> None:
 def test_only_what_closes_more_than_they_make_is_clear(tmp_path: Path) -> None:
     """A cause that closes nothing or as much as they make is not; twice as much is."""
     search, usual = usual_of(tmp_path, ("position_gain", {"where": "a"}, 0.6))
-    nothing = np.zeros_like(search.base)
-    size = search.problem.subset(search.racing.windows)
-    shape = np.zeros_like(search.base)
-    shape[search.racing.windows] = 1.0
-    unit = shape / np.sqrt((shape**2).sum() / size.rows)  # whose mean square is 1
+    nothing, unit = np.zeros_like(search.base), unit_of(search)
     assert usual.clear(nothing, nothing) == usual.clear(0.99 * usual.gap * unit, nothing) == 0
     assert usual.clear(1.5 * usual.gap * unit, nothing) == pytest.approx(0.5)
     assert usual.clear(2.0 * usual.gap * unit, nothing) == pytest.approx(1)
@@ -58,11 +62,7 @@ def test_only_what_closes_more_than_they_make_is_clear(tmp_path: Path) -> None:
 def test_three_causes_have_to_stand_clear_each(tmp_path: Path) -> None:
     """Or they explain a part at best, and are doubted; of one or two nobody asks."""
     search, usual = usual_of(tmp_path, ("position_gain", {"where": "a"}, 0.6))
-    nothing = np.zeros_like(search.base)
-    size = search.problem.subset(search.racing.windows)
-    shape = np.zeros_like(search.base)
-    shape[search.racing.windows] = 1.0
-    unit = shape / np.sqrt((shape**2).sum() / size.rows)
+    nothing, unit = np.zeros_like(search.base), unit_of(search)
     large, small = 3 * usual.gap * unit, 0.9 * usual.gap * unit
     told = _beside_usual(search, "explained", [large, large, small], nothing)
     assert told == ("partly_explained", [1.0, 1.0, 0.0])
