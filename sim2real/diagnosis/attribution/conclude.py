@@ -42,6 +42,7 @@ from sim2real.diagnosis.attribution.verdict import (
     is_open,
     is_resolved,
     stands_out,
+    unwitnessed,
     verdict_of,
 )
 from sim2real.diagnosis.evidence import Band, Rung, SingleFit
@@ -146,10 +147,11 @@ def conclude(
     numbers = search.before, after, floor, closed, ci[0]
     counts = len(order), crowd_of(fit.members)
     resolved = is_resolved(found.error, data)
-    verdict = verdict_of(Rest(*numbers, alone, unsaid, *counts, form, resolved), data)
+    claimed = unwitnessed(fit.members, data)
+    verdict = verdict_of(Rest(*numbers, alone, unsaid, *counts, form, resolved, not claimed), data)
     rested = [subsets[every - {number}] for number in order]
     verdict, clear = _beside_usual(search, verdict, rested, found.error)
-    causes, findings, sets = [], [], []
+    causes, findings, sets = [], [_claimed(one) for one in claimed], []
     for place, number in enumerate(order):
         member = found.fit.members[number]
         share = float(shares[number])
@@ -339,6 +341,17 @@ def _crowded(cause: Cause, crowd: list[Contender]) -> Finding:
         cause.where,
         f"the log cannot tell {cause.effect} from {len(crowd)} other effects: {names}",
         EFFECT_HINT,
+    )
+
+
+def _claimed(member: Candidate) -> Finding:
+    effect = member.effect
+    return Finding(
+        "witness",
+        member.joint,
+        f"{effect.name} is read off the motion alone: no log has a column {effect.witness}.*, "
+        "which would show it by itself, and other effects move a robot alike",
+        f"log {effect.witness}.*, or check it by hand: {effect.experiment}",
     )
 
 

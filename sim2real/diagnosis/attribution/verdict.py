@@ -8,6 +8,7 @@ or one cause alone closes nineteen twentieths, or 0.85 with about a count left a
 `partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
 than four effects are needed for the former two, it is `fitted`: then there are values, and no
 causes. Three effects at one joint bend into many a law that is missing: they are never `explained`.
+Nor is an effect that a column of the log would show by itself where no log has that column.
 
 What is left on held-out windows is noise, which differs from row to row, and what the causes do not
 say, which lasts: a wrong law, a missing effect, a wrong value. The mean product of errors a moment
@@ -110,6 +111,7 @@ class Rest(NamedTuple):
         crowd: number of them at the joint that has most; a shared one counts nowhere.
         form: whether the effects' laws hold wherever they were tried; see `contradicted`.
         resolved: whether what is left is less than the encoders show; see `is_resolved`.
+        witnessed: whether no effect lacks the column that would show it; see `unwitnessed`.
     """
 
     before: float
@@ -123,6 +125,7 @@ class Rest(NamedTuple):
     crowd: int = 1
     form: bool = True
     resolved: bool = False
+    witnessed: bool = True
 
 
 def verdict_of(rest: Rest, data: Data) -> Verdict:
@@ -139,11 +142,17 @@ def verdict_of(rest: Rest, data: Data) -> Verdict:
         return "unexplained"
     if rest.values > limits.causes_max:
         return "fitted"
-    separate = rest.crowd <= limits.joint_causes_max
-    return "explained" if (near or most) and separate else "partly_explained"
+    sound = rest.crowd <= limits.joint_causes_max and rest.witnessed
+    return "explained" if (near or most) and sound else "partly_explained"
 
 
 def crowd_of(members: Sequence[Candidate]) -> int:
     """Return how many effects are at the joint that has most of them, shared ones left out."""
     places = [member.joint for member in members if member.joint is not None]
     return max(map(places.count, places), default=0)
+
+
+def unwitnessed(members: Sequence[Candidate], data: Data) -> list[Candidate]:
+    """Return the effects that a column would show by itself which no log has."""
+    known = {column.split(".")[0] for log in data.logs for column in log.columns}
+    return [one for one in members if one.effect.witness and one.effect.witness not in known]

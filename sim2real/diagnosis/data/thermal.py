@@ -5,10 +5,10 @@
 
 Under `thermal_derating` a motor's strength falls with the integral of its squared torque. Up to the
 window's first row the torque is the one that it takes to follow the log's commands, window by
-window, between that of the model as given and that of a motor of half its strength: a load that is
-held takes the same torque from a weak motor, and a swing less by the square. (The servo's law at
-the measured position is no way to it: readings are milliseconds from the commands that they are
-subtracted from, and a stiff gain makes torques of that.)
+window, between those of motors of several strengths: a load that is held takes the same torque
+from a weak motor, a swing less by the square, and a motor that gives way heats no more. (The
+servo's law at the measured position is no way to it: readings are milliseconds from the commands
+that they are subtracted from, and a stiff gain makes torques of that.)
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Heat:
 
     def __init__(self, data: Data, paths: Paths) -> None:
         self._data, self._paths = data, paths
-        self._weak = data.settings.simulation.weak
-        self._squares: dict[tuple[int, int | None], np.ndarray] = {}  # (2, T, nu) N²·m²
+        self._strengths = data.settings.simulation.strengths  # below 1, falling
+        self._known: dict[tuple[int, int | None], np.ndarray] = {}  # (S, 2, T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
         """Warm the motors of a plant whose rows replay these windows, (R,), where heat counts."""
@@ -56,7 +56,7 @@ class Heat:
         """Work out what `start` needs for windows (R,) and motors (k,), once for all processes."""
         for log in sorted({self._data.windows[int(window)].log for window in windows}):
             for weak in (None, *actuators.tolist()):
-                self.squares(log, weak)
+                self._tables(log, weak)
 
     def _at(self, rule: _Derating, rows: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return the heat of the rule's motors in some rows (n,), (n, k) N²·m²·s."""
@@ -68,17 +68,20 @@ class Heat:
         longest = max(len(span) for span, _ in parts)
         heat = np.zeros((len(windows), len(rule.index)))
         spans = np.zeros((len(windows), longest))
-        squares = np.zeros((2, len(windows), longest, len(rule.index)))
+        squares = np.zeros((len(self._strengths) + 2, longest, *heat.shape))
         for row, (span, square) in enumerate(parts):
             spans[row, longest - len(span) :] = span
-            squares[:, row, longest - len(span) :] = square
-        falls = (squares[0] - squares[1]) / (1.0 - self._weak**2)  # as the strength falls to 0
+            squares[1:, longest - len(span) :, row] = square
+        nodes = np.array([0.0, *self._strengths[::-1], 1.0]) ** 2  # torque falls by the square
         for k in range(longest):
+            left = np.clip(1.0 - value * heat, 0.0, 1.0) ** 2
+            above = np.clip(np.searchsorted(nodes, left), 1, len(nodes) - 1)
+            low, high = (
+                np.take_along_axis(squares[:, k], one[None], 0)[0] for one in (above - 1, above)
+            )
+            share = (left - nodes[above - 1]) / (nodes[above] - nodes[above - 1])
             span = spans[:, k : k + 1]
-            lost = np.minimum(value * heat, 1.0)
-            swung = 1.0 - (1.0 - lost) ** 2
-            square = np.maximum(squares[0, :, k] - swung * falls[:, k], 0.0)
-            heat = heat * np.exp(-decay * span) + square * span
+            heat = heat * np.exp(-decay * span) + (low + share * (high - low)) * span
         return heat
 
     def _before(
@@ -86,46 +89,54 @@ class Heat:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of the episode before a window.
 
-        Their lengths [s], (K,), and the squared torques of motors (2, K, k) that have their
-        strength, and that have a part of it. A part of their damping may be no current.
+        Their lengths [s], (K,), and the squared torques of motors (S, K, k) of each strength, the
+        weakest first. A part of their damping may be no current.
         """
         one = self._data.windows[window]
         log = self._data.logs[one.log]
         first = int(np.argmax(log.episode == one.episode))
         rows = slice(first, one.start)
-        full = self._both(one.log)[:, rows][..., actuators]
-        part = [self._both(one.log, int(actuator))[:, rows, actuator] for actuator in actuators]
-        both = np.stack([full, np.stack(part, axis=-1)])  # (2, 2, K, k)
+        full = self._tables(one.log)[:, :, rows][..., actuators]
+        part = [self._tables(one.log, int(motor))[:, :, rows, motor] for motor in actuators]
+        both = np.concatenate([np.stack(part, axis=-1), full])  # (S, 2, K, k)
         square = (1.0 - spared) * both[:, 0] + spared * both[:, 1]
         return np.diff(log.time[first : one.start + 1]), square
 
-    def squares(self, number: int, weak: int | None = None) -> np.ndarray:
-        """Return the mean squared torque between each row of a log and the next, (T, nu) N²·m².
+    def squares(self, number: int) -> np.ndarray:
+        """Return a log's mean squared torques between its rows, as given, (T, nu) N²·m²."""
+        return self._tables(number)[0, 0]
+
+    def _tables(self, number: int, weak: int | None = None) -> np.ndarray:
+        """Return mean squared torques between each row and the next, (S, 2, T, nu) N²·m².
+
+        Of torques less the actuators' damping, and of those before it.
 
         Args:
             number: of the log.
-            weak: an actuator that has a part of its strength only; None for the model as given.
+            weak: an actuator that has a part of its strength only, the least first; None: the model
+                as given, (1, 2, T, nu).
         """
-        return self._both(number, weak)[0]
-
-    def _both(self, number: int, weak: int | None = None) -> np.ndarray:
-        """Return the same, of torques less the actuators' damping and of those before it."""
         key = (number, weak)
-        if key not in self._squares:
-            log = self._data.logs[number]
-            windows = [w for w in self._data.windows if w.log == number]
-            found = np.zeros((2, len(log), self._data.models[windows[0].model].nu))
-            paths = self._paths(number, weak, self._weak)
-            for window, (model, path, plan, on) in zip(windows, paths, strict=True):
-                rows = slice(window.first, window.last)
-                for damped in (True, False):
-                    torque = torques(model, path, plan, damped)
-                    known = on & np.isfinite(torque)  # not that of a simulation that diverged
-                    square = np.where(known, torque, 0.0) ** 2  # (K, nu)
-                    ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
-                    found[int(not damped), rows] = _means(square, ticks, log.time[rows])
-            self._squares[key] = found
-        return self._squares[key]
+        if key not in self._known:
+            strengths = (1.0,) if weak is None else self._strengths[::-1]
+            self._known[key] = np.stack([self._both(number, weak, part) for part in strengths])
+        return self._known[key]
+
+    def _both(self, number: int, weak: int | None, strength: float) -> np.ndarray:
+        """Return the same of one strength, (2, T, nu)."""
+        log = self._data.logs[number]
+        windows = [w for w in self._data.windows if w.log == number]
+        found = np.zeros((2, len(log), self._data.models[windows[0].model].nu))
+        paths = self._paths(number, weak, strength)
+        for window, (model, path, plan, on) in zip(windows, paths, strict=True):
+            rows = slice(window.first, window.last)
+            for damped in (True, False):
+                torque = torques(model, path, plan, damped)
+                known = on & np.isfinite(torque)  # not that of a simulation that diverged
+                square = np.where(known, torque, 0.0) ** 2  # (K, nu)
+                ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
+                found[int(not damped), rows] = _means(square, ticks, log.time[rows])
+        return found
 
 
 def _means(values: np.ndarray, ticks: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -83,7 +83,9 @@ class Simulation:
     plants: int = setting(12, "1", "models kept ready", COST)
     shared_rows: int = setting(24, "1", "rows from which processes share Python laws", COST)
     share_rows: int = setting(192, "1", "rows of such a share, at most", COST)
-    weak: float = setting(0.5, "1", "strength of the motor whose heat is compared", DEVELOPED)
+    strengths: tuple[float, ...] = setting(
+        (0.5, 0.2, 0.07), "1", "strengths of motors whose heat is compared, falling", DEVELOPED
+    )
 
 
 @dataclass(frozen=True)

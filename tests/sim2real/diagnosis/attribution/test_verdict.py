@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.verdict import (
     Rest,
@@ -17,6 +18,7 @@ from sim2real.diagnosis.attribution.verdict import (
     is_resolved,
     lasting,
     stands_out,
+    unwitnessed,
     verdict_of,
 )
 from tests.sim2real.diagnosis import arm
@@ -95,6 +97,19 @@ def test_three_effects_at_one_joint_explain_a_part_at_best(tmp_path: Path) -> No
     rest = Rest(0.3, 0.015, 0.01, 0.98, 0.9, values=3)
     assert verdict_of(rest._replace(crowd=2), data) == "explained"
     assert verdict_of(rest._replace(crowd=3), data) == "partly_explained"
+
+
+def test_a_clock_needs_a_witness_to_explain(tmp_path: Path) -> None:
+    """A slow clock moves a pendulum as a heavier rod does; stamps of the readings would show it."""
+    log = arm.make_log(seconds=4.0)
+    stamps = {**log.columns, "stamp.a": log.time}
+    told = [arm.data_of(one, tmp_path) for one in (log, Log(stamps, log.meta))]
+    options = {option.label: option for option in candidates(told[0])}
+    clock, inertia = options["clock_drift"], options["armature.a"]
+    assert [unwitnessed([inertia, clock], data) for data in told] == [[clock], []]
+    rest = Rest(0.3, 0.015, 0.01, 0.98, 0.9)
+    assert verdict_of(rest, told[0]) == "explained"
+    assert verdict_of(rest._replace(witnessed=False), told[0]) == "partly_explained"
 
 
 @pytest.mark.parametrize(

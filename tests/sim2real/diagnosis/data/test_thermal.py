@@ -97,7 +97,7 @@ def test_what_the_logs_heat_is_worked_out_before_it_is_shared(tmp_path: Path) ->
     together = simulator.together
 
     def noted(tasks: Sequence[Callable[[], Simulated]]) -> list[Simulated]:
-        told.append(set(simulator.heat._squares))
+        told.append(set(simulator.heat._known))
         return together(tasks)
 
     simulator.together = noted
