@@ -3,8 +3,9 @@
     found = simplified(search, found)           # after a search
 
 A search that adds effects one by one, and one by families even more so, ends with values that the
-robot does not have. Three things take them away again, all on held-out errors:
+robot does not have. Four things mend that, all on held-out errors:
 
+* an effect of all joints takes the place of one joint's, where the other joints' errors pay for it;
 * one value for all joints takes the place of one a joint, unless these surely do better;
 * each value is taken out, the cheapest first, and stays out unless it pays for itself;
 * so does one whose interval holds neutral (`conclude`).
@@ -33,6 +34,7 @@ SIMPLIFYING = 0.85  # share of the work that is done then
 
 def simplified(search: Search, found: Found) -> Found:
     """Return what was found with fewer values, where the further ones do not pay."""
+    found = _everywhere(search, found)
     if len(found.fit.members) < 2:
         return found
     search.say("leaving out what is not needed", SIMPLIFYING)
@@ -40,6 +42,34 @@ def simplified(search: Search, found: Found) -> Found:
     found = _merged(search, found)
     found = _eliminated(search, found)
     search.keep(found, found.fit, found.error)
+    return found
+
+
+def _everywhere(search: Search, found: Found) -> Found:
+    """Return what was found with effects of all joints in the place of those of a single one.
+
+    Both are one value. In a race the joint that is furthest off decides alone, even where all that
+    is left there is a wrong law; here each joint's errors count by its own price.
+    """
+    shared = {_kind(option): option for option in search.options if option.shared}
+    for kind in dict.fromkeys(map(_kind, found.fit.members)):
+        own = [i for i, member in enumerate(found.fit.members) if _kind(member) == kind]
+        one = shared.get(kind)
+        if one is None or len(own) > 1 or found.fit.members[own[0]].joint is None:
+            continue
+        known = list(found.fit.members)
+        known[own[0]] = one
+        error = search.problem.held_out(known, found.fit.values)
+        if worth(search, found.error, error) < 1:
+            continue
+        fit = _as_one(search, found.fit, own, one)
+        error = search.problem.held_out(fit.members, fit.values)
+        if worth(search, found.error, error) >= 1:
+            rivals = {
+                k: v for k, v in found.rivals.items() if k not in _labels(found.fit.members, own)
+            }
+            found = _with(replace(found, rivals=rivals), fit, error, one.label)
+            search.keep(found, fit, error)
     return found
 
 

@@ -110,7 +110,7 @@ def _residuals(data: Data, fixed: Sequence[Fixed], torque: dict[str, str]) -> di
         dt = plant.model.opt.timestep
         plans = [schedule(window.recording, dt) for window in windows]
         motion = simulate(plant, plans)
-        simulated = actuated(plant)
+        simulated = actuated(plant, 0)
         imu = _with_sensors(data, index)
         for window, plan, path in zip(windows, plans, motion.qpos, strict=True):
             steps = _steps(data, window, dt)

@@ -235,22 +235,22 @@ class Simulator:
         return Plant(spec, effects, rows, threads, fixed=self.fixed, nominal=own)
 
     def _paths(
-        self, number: int, weak: int | None, strength: float
+        self, number: int, strengths: np.ndarray
     ) -> Iterator[tuple[mujoco.MjModel, np.ndarray, Schedule, np.ndarray]]:
-        """Yield what the model does in each window of a log, one motor weakened; see `Heat`."""
+        """Yield what the model does in each window of a log, motors weakened; see `Heat`."""
         windows = np.array([i for i, w in enumerate(self.data.windows) if w.log == number])
         model = self.data.windows[windows[0]].model
-        name = None if weak is None else self.data.models[model].actuator(weak).name
-        effects = () if name is None else (make("motor_strength", where=name),)
+        weak = np.flatnonzero((strengths != 1).any(axis=0))
+        names = [self.data.models[model].actuator(int(motor)).name for motor in weak]
+        effects = [make("motor_strength", where=name) for name in names]
         count, threads = len(windows), 1 if is_helper() else self.threads
         plant = self._make(model, effects, count, threads)  # none that is in use
-        _set(plant, np.full((count, len(effects)), strength))
+        _set(plant, strengths[:, weak])
         plans = [self._plans[i].schedule for i in windows]
-        motion, simulated = simulate(plant, plans), actuated(plant)
-        bits = np.arange(plant.model.nu)
-        for plan, path in zip(plans, motion.qpos, strict=True):
+        motion, bits = simulate(plant, plans), np.arange(plant.model.nu)
+        for row, (plan, path) in enumerate(zip(plans, motion.qpos, strict=True)):
             on = (plan.off[:, None] >> bits & 1) == 0
-            yield simulated, path[: plan.steps + 1], plan, on
+            yield actuated(plant, row), path[: plan.steps + 1], plan, on
 
     def _chunk(self, model: int, run: Run) -> Simulated:
         effects, windows, values = run
@@ -285,13 +285,13 @@ def errors_as_given(
     return Simulator(some, fixed).run((), every, np.zeros((len(every), 0))).error
 
 
-def actuated(plant: Plant) -> mujoco.MjModel:
-    """Return the model with its actuators as the first row of a plant has them."""
+def actuated(plant: Plant, row: int) -> mujoco.MjModel:
+    """Return the model with its actuators as a row of a plant has them."""
     model = copy(plant.nominal)
     model.actuator_forcelimited[:] = plant.model.actuator_forcelimited
     for name in ACTUATORS:
         values = plant.batch.expanded(name)
-        getattr(model, name)[:] = getattr(plant.model, name) if values is None else values[0]
+        getattr(model, name)[:] = getattr(plant.model, name) if values is None else values[row]
     return model
 
 

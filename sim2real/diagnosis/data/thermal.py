@@ -1,6 +1,6 @@
 """How hot motors are when a window starts, so that heat need not be replayed from the beginning.
 
-    heat = Heat(data, paths)            # paths(windows): positions that the model as given takes
+    heat = Heat(data, paths)            # paths(log, strengths): positions that a model takes
     heat.start(plant, windows)          # after a reset
 
 Under `thermal_derating` a motor's strength falls with the integral of its squared torque. Up to the
@@ -9,6 +9,10 @@ window, between those of motors of several strengths: a load that is held takes 
 from a weak motor, a swing less by the square, and a motor that gives way heats no more. (The
 servo's law at the measured position is no way to it: readings are milliseconds from the commands
 that they are subtracted from, and a stiff gain makes torques of that.)
+
+Where several motors weaken and one gives way, the others' load is another one: an arm that hangs
+down turns more easily. Their torques change by as much as they do in simulations of the windows
+with the strengths that were found for them, found anew a second time.
 """
 
 from __future__ import annotations
@@ -24,10 +28,11 @@ from envs.plant import Plant
 from envs.replay import Schedule
 from envs.replay.impedance import impedances
 from envs.replay.recording import ROUNDING
-from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.dataset import Data, Window
+from sim2real.diagnosis.settings import TINY_SQUARE
 
 Path = tuple[mujoco.MjModel, np.ndarray, Schedule, np.ndarray]
-Paths = Callable[[int, int | None, float], Iterable[Path]]
+Paths = Callable[[int, np.ndarray], Iterable[Path]]
 
 
 class Heat:
@@ -35,15 +40,15 @@ class Heat:
 
     Args:
         data: the windows.
-        paths: of a log's number, an actuator or None, and its strength; returns, of each of the
-            log's windows in turn, the model with its actuators as they were simulated, the
+        paths: of a log's number and of its windows' motors' strengths (W, nu); returns, of each of
+            the log's windows in turn, the model with its actuators as they were simulated, the
             positions at the steps of the simulation (K + 1, nq), what was asked for there (K steps)
             and whether motors are on (K, nu).
     """
 
     def __init__(self, data: Data, paths: Paths) -> None:
         self._data, self._paths = data, paths
-        self._strengths = data.settings.simulation.strengths  # below 1, falling
+        self._settings = data.settings.simulation
         self._known: dict[tuple[int, int | None], np.ndarray] = {}  # (S, 2, T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
@@ -60,47 +65,98 @@ class Heat:
 
     def _at(self, rule: _Derating, rows: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return the heat of the rule's motors in some rows (n,), (n, k) N²·m²·s."""
-        value, decay = rule.value[rows], rule.decay[rows]
-        parts = [
-            self._before(int(window), rule.index, float(spared))
-            for window, spared in zip(windows, rule.braking[rows, 0], strict=True)
-        ]
-        longest = max(len(span) for span, _ in parts)
+        own = np.column_stack([rule.value[rows], rule.decay[rows], rule.braking[rows]])
+        logs = np.array([self._data.windows[int(window)].log for window in windows])
+        starts = np.array([self._data.windows[int(window)].start for window in windows])
         heat = np.zeros((len(windows), len(rule.index)))
-        spans = np.zeros((len(windows), longest))
-        squares = np.zeros((len(self._strengths) + 2, longest, *heat.shape))
-        for row, (span, square) in enumerate(parts):
-            spans[row, longest - len(span) :] = span
-            squares[1:, longest - len(span) :, row] = square
-        nodes = np.array([0.0, *self._strengths[::-1], 1.0]) ** 2  # torque falls by the square
-        for k in range(longest):
-            left = np.clip(1.0 - value * heat, 0.0, 1.0) ** 2
-            above = np.clip(np.searchsorted(nodes, left), 1, len(nodes) - 1)
-            low, high = (
-                np.take_along_axis(squares[:, k], one[None], 0)[0] for one in (above - 1, above)
-            )
-            share = (left - nodes[above - 1]) / (nodes[above] - nodes[above - 1])
-            span = spans[:, k : k + 1]
-            heat = heat * np.exp(-decay * span) + (low + share * (high - low)) * span
+        for log in np.unique(logs):
+            here = logs == log
+            points, which = np.unique(own[here], axis=0, return_inverse=True)
+            heat[here] = self._along(int(log), rule.index, points)[starts[here], which.ravel()]
         return heat
 
-    def _before(
-        self, window: int, actuators: np.ndarray, spared: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of the episode before a window.
+    def _along(self, number: int, motors: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return the heat of motors (k,) at a log's rows, (T, G, k) N²·m²·s.
 
-        Their lengths [s], (K,), and the squared torques of motors (S, K, k) of each strength, the
-        weakest first. A part of their damping may be no current.
+        Args:
+            number: of the log.
+            motors: the actuators.
+            points: loss, decay and braking, (G, 3).
         """
-        one = self._data.windows[window]
-        log = self._data.logs[one.log]
-        first = int(np.argmax(log.episode == one.episode))
-        rows = slice(first, one.start)
-        full = self._tables(one.log)[:, :, rows][..., actuators]
-        part = [self._tables(one.log, int(motor))[:, :, rows, motor] for motor in actuators]
-        both = np.concatenate([np.stack(part, axis=-1), full])  # (S, 2, K, k)
-        square = (1.0 - spared) * both[:, 0] + spared * both[:, 1]
-        return np.diff(log.time[first : one.start + 1]), square
+        full = self._tables(number)[..., motors]
+        part = [self._tables(number, int(motor))[..., motor] for motor in motors]
+        both = np.concatenate([np.stack(part, axis=-1), full])  # (S, 2, T, k)
+        squares = _spared(both, points)
+        heat = self._integral(number, squares, points)
+        if len(motors) > 1:
+            lost = points[:, 0] * heat.max(axis=(0, 2))
+            for point in np.flatnonzero(lost > self._settings.gives_way):
+                one, alone = points[point, None], squares[:, :, point]
+                for _ in range(2):
+                    own = alone * self._loads(number, motors, alone, one[0], heat[:, point])
+                    heat[:, point, None] = self._integral(number, own[:, :, None], one)
+        return heat
+
+    def _loads(
+        self,
+        number: int,
+        motors: np.ndarray,
+        squares: np.ndarray,
+        point: np.ndarray,
+        hot: np.ndarray,
+    ) -> np.ndarray:
+        """Return by which factors squared torques change as the other motors weaken, too, (T, k).
+
+        Args:
+            number: of the log.
+            motors: the actuators.
+            squares: while the others have their strength, (S, T, k).
+            point: loss, decay and braking.
+            hot: the motors' heat, (T, k).
+        """
+        windows, left = self._windows(number), np.maximum(1.0 - point[0] * hot, 0.0)
+        strengths = np.ones((len(windows), self._data.models[windows[0].model].nu))
+        for own, window in zip(strengths, windows, strict=True):
+            rows = slice(window.first, window.last)
+            own[motors] = left[rows] = left[rows].mean(axis=0)
+        both = self._both(number, strengths)[..., motors]
+        found = _spared(both[None], point[None])[0, :, 0]
+        alone, factors = self._between(squares, left), np.ones(left.shape)
+        for window in windows:
+            rows = slice(window.first, window.last)
+            factors[rows] = found[rows].sum(axis=0) / np.maximum(
+                alone[rows].sum(axis=0), TINY_SQUARE
+            )
+        return factors
+
+    def _integral(self, number: int, squares: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return the heat at a log's rows, (T, G, k), of squared torques (S, T, G, k)."""
+        log, heat = self._data.logs[number], np.zeros(squares.shape[1:])
+        fresh = np.diff(log.episode, prepend=np.nan) != 0
+        spans = np.diff(log.time, append=log.time[-1])
+        value, kept = points[:, :1], np.exp(-points[:, 1:2] * spans)  # (G, 1), (G, T)
+        for row in range(1, len(log)):
+            if not fresh[row]:
+                before = heat[row - 1]
+                square = self._between(squares[:, row - 1], np.clip(1.0 - value * before, 0.0, 1.0))
+                heat[row] = before * kept[:, row - 1, None] + square * spans[row - 1]
+        return heat
+
+    def _between(self, squares: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """Return the squared torques of motors of which that much strength is left, (n, k).
+
+        Those of none are 0; between them they follow the strength's square.
+
+        Args:
+            squares: of motors of each strength, the weakest first, (S, n, k).
+            left: from 0 to 1, (n, k).
+        """
+        nodes = np.array([0.0, *self._settings.strengths[::-1], 1.0]) ** 2
+        above = np.clip(np.searchsorted(nodes, left**2), 1, len(nodes) - 1)
+        share = (left**2 - nodes[above - 1]) / (nodes[above] - nodes[above - 1])
+        high = np.take_along_axis(squares, above[None] - 1, 0)[0]
+        low = np.take_along_axis(squares, np.maximum(above[None] - 2, 0), 0)[0] * (above > 1)
+        return low + share * (high - low)
 
     def squares(self, number: int) -> np.ndarray:
         """Return a log's mean squared torques between its rows, as given, (T, nu) N²·m²."""
@@ -118,16 +174,23 @@ class Heat:
         """
         key = (number, weak)
         if key not in self._known:
-            strengths = (1.0,) if weak is None else self._strengths[::-1]
-            self._known[key] = np.stack([self._both(number, weak, part) for part in strengths])
+            windows = self._windows(number)
+            strengths = np.ones((len(windows), self._data.models[windows[0].model].nu))
+            found = []
+            for part in (1.0,) if weak is None else self._settings.strengths[::-1]:
+                strengths[:, [] if weak is None else weak] = part
+                found.append(self._both(number, strengths))
+            self._known[key] = np.stack(found)
         return self._known[key]
 
-    def _both(self, number: int, weak: int | None, strength: float) -> np.ndarray:
-        """Return the same of one strength, (2, T, nu)."""
-        log = self._data.logs[number]
-        windows = [w for w in self._data.windows if w.log == number]
-        found = np.zeros((2, len(log), self._data.models[windows[0].model].nu))
-        paths = self._paths(number, weak, strength)
+    def _windows(self, number: int) -> list[Window]:
+        return [window for window in self._data.windows if window.log == number]
+
+    def _both(self, number: int, strengths: np.ndarray) -> np.ndarray:
+        """Return the same of windows' motors of some strengths (W, nu), (2, T, nu)."""
+        log, windows = self._data.logs[number], self._windows(number)
+        found = np.zeros((2, len(log), strengths.shape[1]))
+        paths = self._paths(number, strengths)
         for window, (model, path, plan, on) in zip(windows, paths, strict=True):
             rows = slice(window.first, window.last)
             for damped in (True, False):
@@ -137,6 +200,17 @@ class Heat:
                 ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
                 found[int(not damped), rows] = _means(square, ticks, log.time[rows])
         return found
+
+
+def _spared(both: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return squared torques (S, T, G, k), where a part of the damping may be no current.
+
+    Args:
+        both: less the actuators' damping, and before it, (S, 2, T, k).
+        points: loss, decay and braking, (G, 3).
+    """
+    share = points[:, 2:]
+    return (1.0 - share) * both[:, 0, :, None] + share * both[:, 1, :, None]
 
 
 def _means(values: np.ndarray, ticks: np.ndarray, time: np.ndarray) -> np.ndarray:

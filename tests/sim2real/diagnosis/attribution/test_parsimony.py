@@ -56,6 +56,19 @@ def test_joints_that_differ_keep_their_own_values(tmp_path: Path) -> None:
     assert {m.label for m in found.fit.members} == set(RUBS[1:])
 
 
+def test_what_helps_the_other_joints_too_is_of_the_whole_robot(tmp_path: Path) -> None:
+    """Friction of both joints that was found at one; found at the one that has it, it stays."""
+    search = search_of(tmp_path, ("coulomb_friction", {}, 0.1), among=RUBS)
+    found = simplified(search, found_of(search, coulomb_friction_a=0.1))
+    assert [m.label for m in found.fit.members] == ["coulomb_friction"]
+    assert found.fit.mean == pytest.approx([0.1], rel=0.03)
+    (tmp_path / "one").mkdir()
+    hidden = ("coulomb_friction", {"where": "a"}, 0.1)
+    search = search_of(tmp_path / "one", hidden, among=RUBS)
+    found = simplified(search, found_of(search, coulomb_friction_a=0.1))
+    assert [m.label for m in found.fit.members] == ["coulomb_friction.a"]
+
+
 def test_gains_of_all_joints_are_one_strength(tmp_path: Path) -> None:
     """Weak motors, first told as gain and damping of each joint, are one cause of the robot."""
     among = ("motor_strength", "position_gain.a", "position_gain.b", "coulomb_friction.a")
