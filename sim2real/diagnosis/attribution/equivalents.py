@@ -163,7 +163,7 @@ def inseparable(search: Search, one: Pair, other: Pair) -> bool:
 
 
 def _same_model(search: Search, one: Pair, other: Pair) -> bool:
-    """Return whether two effects with these values make one model."""
+    """Return whether two effects with these values make one model, by fields that they change."""
     plants = []
     for candidate, values in (one, other):
         plant = Plant(search.problem.data.specs[0], [candidate.effect], 1)
@@ -171,7 +171,7 @@ def _same_model(search: Search, one: Pair, other: Pair) -> bool:
         plants.append(plant)
     model, row = plants[0].model, np.zeros(1, int)
     fields = [n for n in dir(model) if any(plant.varies(n) for plant in plants)]
-    return all(
+    return bool(fields) and all(
         np.allclose(*(plant.field_values(name, row) for plant in plants), rtol=1e-9, atol=0.0)
         for name in fields
     )

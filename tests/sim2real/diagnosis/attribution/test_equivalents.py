@@ -53,6 +53,17 @@ def test_delays_are_always_named_together(tmp_path: Path) -> None:
     assert made.alike == ()  # there is nothing to record
 
 
+def test_a_drifting_clock_is_neither_a_delay_nor_a_tilt(tmp_path: Path) -> None:
+    """None of them changes a number of the model's bodies or motors, and yet they differ."""
+    names = ("clock_drift", "command_delay", "gravity_tilt")
+    search = search_of(arm.make_log(seconds=4.0), tmp_path, *names)
+    drift = option(search, "clock_drift"), np.array([0.02])
+    late = option(search, "command_delay"), np.array([0.02])
+    tilt = option(search, "gravity_tilt"), np.array([0.02, 0.02])
+    for other in (late, tilt):
+        assert not inseparable(search, drift, other) and not inseparable(search, other, drift)
+
+
 def test_stamps_of_all_readings_part_delays(tmp_path: Path) -> None:
     """With the moments at which each joint was read they are two things."""
     log = arm.make_log(seconds=4.0)
