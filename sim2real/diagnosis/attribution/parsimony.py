@@ -57,13 +57,14 @@ def _everywhere(search: Search, found: Found) -> Found:
         one = shared.get(kind)
         if one is None or len(own) > 1 or found.fit.members[own[0]].joint is None:
             continue
-        known = list(found.fit.members)
-        known[own[0]] = one
-        error = search.problem.held_out(known, found.fit.values)
+        members = tuple(one if i in own else m for i, m in enumerate(found.fit.members))
+        fit = replace(found.fit, members=members)  # with the value of the joint
+        error = search.problem.held_out(members, fit.values)
         if worth(search, found.error, error) < 1:
             continue
-        fit = _as_one(search, found.fit, own, one)
-        error = search.problem.held_out(fit.members, fit.values)
+        anew = _as_one(search, found.fit, own, one)
+        fits = [(fit, error), (anew, search.problem.held_out(anew.members, anew.values))]
+        fit, error = min(fits, key=lambda made: search.blocks.rms(made[1]))
         if worth(search, found.error, error) >= 1:
             rivals = {
                 k: v for k, v in found.rivals.items() if k not in _labels(found.fit.members, own)
