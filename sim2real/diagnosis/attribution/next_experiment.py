@@ -6,10 +6,11 @@
     plan.item.motions, plan.item.seconds    # for hardware.excite and run=record
     plan.overrides                          # for the command line
 
-Each motion of a menu, and drawn ones if asked for, is simulated under every member. The one wins
-whose two most similar members part fastest, after each has refitted to what the other would show
-(`apart`): evidence (the squared distance over twice the squared noise, one sample a second, since
-neighbouring rows are no news) by the time that it takes, changes by hand included.
+Each motion of a menu, and drawn ones if asked for, is simulated under every member. How far the two
+most similar ones are apart after each has refitted to what the other would show (`apart`) decides:
+of motions in which that is surely enough the shortest wins, changes by hand included, since a
+longer one tells nothing more; where none is, the one with the most evidence (the squared distance
+over the squared noise) by its time.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -83,8 +85,8 @@ def next_experiment(
         fixed: effects that the robot has in any case.
         past: recordings that the members follow already, and must follow when they refit.
         draws: number of motions that are drawn, besides those of the menu.
-        exact: of so many of the best, refits are simulated until they settle; of the others they
-            are one linear step.
+        exact: of so many of the best, refits are simulated until they settle, or until that is
+            surely enough; of the others they are one linear step.
         by_hand: whether motions count before which something has to be changed.
         longest: duration of a motion at most [s].
         settings: the motions, and the robot where only its model is known.
@@ -115,21 +117,38 @@ def next_experiment(
     ]
     if not scores:
         raise Sim2RealError("the model diverges in every motion under one of the explanations")
-    scores.sort(key=_worth, reverse=True)
-    best = [(item, _exact(item, members, machine, asked, settings)) for item, _ in scores[:exact]]
-    scores = sorted([*best, *scores[exact:]], key=_worth, reverse=True) if best else scores
-    item, distance = max(best, key=_worth) if best else scores[0]
+    scores.sort(key=partial(_worth, settings=settings), reverse=True)
+    best: list[tuple[Item, float]] = []
+    for item in _tried(scores, exact):
+        best.append((item, _exact(item, members, machine, asked, settings)))
+        if best[-1][1] >= settings.apart_sure:
+            break
+    scores = [*best, *(one for one in scores if one[0] not in [item for item, _ in best])]
+    scores.sort(key=partial(_worth, settings=settings), reverse=True)
+    item, distance = max(best or scores, key=partial(_worth, settings=settings))
     overrides = _overrides(item, robot)
     text = _text(item, members, distance, overrides, settings)
     ranking = tuple((other.name, score) for other, score in scores)
     return Experiment(text, item, overrides, distance, ranking)
 
 
-def _worth(scored: tuple[Item, float]) -> float:
-    """Return the evidence that a motion gives in a second of the operator's time."""
+def _worth(scored: tuple[Item, float], settings: Limits) -> tuple[bool, float, float]:
+    """Return what a motion is worth: the operator's time, where it is sure to be enough.
+
+    Else the evidence that it gives in a second of that time.
+    """
     item, distance = scored
-    evidence = np.nan_to_num(distance) ** 2 * item.seconds
-    return float(evidence / (item.seconds + item.setup))
+    distance, time = float(np.nan_to_num(distance)), item.seconds + item.setup
+    if distance >= settings.apart_sure:
+        return True, -time, distance
+    return False, distance**2 * item.seconds / time, distance
+
+
+def _tried(scores: Sequence[tuple[Item, float]], exact: int) -> list[Item]:
+    """Return the motions to look at more closely: the best ones, then those that part furthest."""
+    furthest = sorted(scores, key=lambda one: float(np.nan_to_num(one[1])), reverse=True)
+    order = [item for item, _ in [*scores[:exact], *furthest[:exact]]]
+    return [item for i, item in enumerate(order) if item not in order[:i]]
 
 
 def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robot:

@@ -25,6 +25,9 @@ class Experiment:
     apart_min: float = setting(
         3.0, "1", "noise floors, after refits, that separate explanations", JUDGED
     )
+    apart_sure: float = setting(
+        6.0, "1", "noise floors from which a longer motion tells nothing more", JUDGED
+    )
     past_s: float = setting(5.0, "s", "length of a recorded piece that refits must follow", JUDGED)
     past_most: int = setting(4, "1", "number of such pieces", JUDGED)
     fall_s: float = setting(2.0, "s", "time without torque in which a robot may fall", JUDGED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import get_args
 
 import mujoco
@@ -15,12 +16,14 @@ from hardware.config import load_robot
 from hardware.excite import Kind
 from sim2real.deployment.record import drive
 from sim2real.diagnosis.attribution.apart import Member
-from sim2real.diagnosis.attribution.experiment_menu import menu
+from sim2real.diagnosis.attribution.experiment_menu import Item, menu
 from sim2real.diagnosis.attribution.next_experiment import (
     Experiment,
+    _worth,
     next_experiment,
     stand_in,
 )
+from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
 
 FLOOR = {"hinge": 5e-4}
@@ -77,6 +80,20 @@ def test_drawn_motions_are_named_so_that_record_repeats_them() -> None:
     item = plan.item
     assert plan.overrides[-3:] == ("seconds=4", f"size={item.size:g}", f"seed={item.seed}")
     assert f"{item.size:.0%}" in item.name
+
+
+def test_the_shortest_motion_that_is_enough_is_worth_most() -> None:
+    """Beyond what surely parts them seconds count; short of it evidence by its time."""
+    sure = DEFAULT.experiment.apart_sure
+    short, long = Item("short", ("ramp",), 4.0), Item("long", ("steps",), 16.0)
+    by_hand = Item("by hand", ("hold",), 4.0, setup=60.0)
+
+    def best(*scored: tuple[Item, float]) -> str:
+        return max(scored, key=partial(_worth, settings=DEFAULT.experiment))[0].name
+
+    assert best((short, 1.1 * sure), (long, 9 * sure), (by_hand, 20 * sure)) == "short"
+    assert best((short, 0.9 * sure), (long, 1.1 * sure), (by_hand, 2 * sure)) == "long"
+    assert best((short, 0.5 * sure), (long, 0.9 * sure), (by_hand, 0.99 * sure)) == "long"
 
 
 def test_explanations_that_no_motion_separates_are_called_so() -> None:
