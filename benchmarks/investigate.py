@@ -27,6 +27,7 @@ import mujoco
 import numpy as np
 
 from envs.effects import load_effects
+from envs.errors import EnvsError
 from hardware.config import Robot, load_robot
 from hardware.errors import HardwareError
 from hardware.log import Log, read_log
@@ -94,7 +95,7 @@ def one_robot(seed: int, number: int) -> dict[str, Any]:
         with tempfile.TemporaryDirectory() as folder:
             try:
                 told = _parted(name, effect, int(rng.integers(2**31)), Path(folder))
-            except (Sim2RealError, HardwareError) as error:  # the robot cannot show this effect
+            except (Sim2RealError, HardwareError, EnvsError) as error:  # it cannot show this effect
                 print(f"{name} with {effect}: {error}", file=sys.stderr)
                 continue
         if told is not None:
