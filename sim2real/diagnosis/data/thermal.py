@@ -131,16 +131,22 @@ class Heat:
 
     def _integral(self, number: int, squares: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the heat at a log's rows, (T, G, k), of squared torques (S, T, G, k)."""
-        log, heat = self._data.logs[number], np.zeros(squares.shape[1:])
+        log = self._data.logs[number]
         fresh = np.diff(log.episode, prepend=np.nan) != 0
-        spans = np.diff(log.time, append=log.time[-1])
-        value, kept = points[:, :1], np.exp(-points[:, 1:2] * spans)  # (G, 1), (G, T)
-        for row in range(1, len(log)):
-            if not fresh[row]:
-                before = heat[row - 1]
-                square = self._between(squares[:, row - 1], np.clip(1.0 - value * before, 0.0, 1.0))
-                heat[row] = before * kept[:, row - 1, None] + square * spans[row - 1]
-        return heat
+        spans = np.where(np.roll(fresh, -1), 0.0, np.diff(log.time, append=log.time[-1]))
+        stride = max(round(self._settings.heat_s / float(np.median(spans))), 1)
+        starts = np.flatnonzero(fresh | (np.arange(len(log)) % stride == 0))
+        made = np.add.reduceat(squares * spans[:, None, None], starts, axis=1)  # N²·m²·s
+        value = points[:, :1]
+        kept = np.exp(-points[:, 1:2] * np.add.reduceat(spans, starts))  # (G, blocks)
+        heat = np.zeros((len(starts), *squares.shape[2:]))
+        for block in range(1, len(starts)):
+            if not fresh[starts[block]]:
+                before = heat[block - 1]
+                left = np.clip(1.0 - value * before, 0.0, 1.0)
+                added = self._between(made[:, block - 1], left)
+                heat[block] = before * kept[:, block - 1, None] + added
+        return heat[np.searchsorted(starts, np.arange(len(log)), side="right") - 1]
 
     def _between(self, squares: np.ndarray, left: np.ndarray) -> np.ndarray:
         """Return the squared torques of motors of which that much strength is left, (n, k).

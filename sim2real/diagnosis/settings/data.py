@@ -86,6 +86,7 @@ class Simulation:
     strengths: tuple[float, ...] = setting(
         (0.5, 0.2, 0.07), "1", "strengths of motors whose heat is compared, falling", DEVELOPED
     )
+    heat_s: float = setting(0.05, "s", "step in which motors heat up to a window's start", COST)
     gives_way: float = setting(
         0.3, "1", "loss of strength from which other motors' loads are looked at again", DEVELOPED
     )
