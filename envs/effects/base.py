@@ -164,7 +164,7 @@ class Effect(ABC):
     # For diagnosis and exam; see also `variants`, `probes`, `batch`, `why_not_mjcf`, `to_mjcf`.
     closes_gaps: ClassVar[bool] = True  # False: no replay shows it (noise, what a camera sees)
     shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
-    witness: ClassVar[str] = ""  # column, up to a dot, without which it never is the explanation
+    needs_witness: ClassVar[bool] = False  # whether it explains only what a channel measured, too
     servo_rank: ClassVar[int | None] = None  # its turn among what every servo's model guesses
     tied: ClassVar[str] = ""  # effects of one such name start from one factor
     no_mjcf: ClassVar[str | None] = "its class does not declare that MJCF can"  # None: MJCF can

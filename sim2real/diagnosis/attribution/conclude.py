@@ -147,7 +147,7 @@ def conclude(
     numbers = search.before, after, floor, closed, ci[0]
     counts = len(order), crowd_of(fit.members)
     resolved = is_resolved(found.error, data)
-    claimed = unwitnessed(fit.members, data)
+    claimed = unwitnessed(fit.members, search.witnessed)
     verdict = verdict_of(Rest(*numbers, alone, unsaid, *counts, form, resolved, not claimed), data)
     rested = [subsets[every - {number}] for number in order]
     verdict, clear = _beside_usual(search, verdict, rested, found.error)
@@ -345,13 +345,12 @@ def _crowded(cause: Cause, crowd: list[Contender]) -> Finding:
 
 
 def _claimed(member: Candidate) -> Finding:
-    effect = member.effect
     return Finding(
-        "witness",
+        "unwitnessed",
         member.joint,
-        f"{effect.name} is read off the motion alone: no log has a column {effect.witness}.*, "
-        "which would show it by itself, and other effects move a robot alike",
-        f"log {effect.witness}.*, or check it by hand: {effect.experiment}",
+        f"{member.name} is read off the motion alone: no other channel of the logs shows it, and "
+        "other effects move a robot alike",
+        f"check it by itself: {member.effect.experiment}",
     )
 
 

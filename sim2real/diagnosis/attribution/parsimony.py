@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.diagnosis.attribution.attribute import Found, Search
-from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.candidates import Candidate, in_the_way
 from sim2real.diagnosis.attribution.fit import Fit, columns, refine
 from sim2real.diagnosis.attribution.price import pays, worth
 from sim2real.diagnosis.attribution.problem import Problem
@@ -56,6 +56,9 @@ def _everywhere(search: Search, found: Found) -> Found:
         own = [i for i, member in enumerate(found.fit.members) if _kind(member) == kind]
         one = shared.get(kind)
         if one is None or len(own) > 1 or found.fit.members[own[0]].joint is None:
+            continue
+        others = [m for i, m in enumerate(found.fit.members) if i not in own]
+        if any(in_the_way(one.effect, other.effect) for other in others):
             continue
         members = tuple(one if i in own else m for i, m in enumerate(found.fit.members))
         fit = replace(found.fit, members=members)  # with the value of the joint

@@ -16,6 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
+from envs.effects import EFFECTS
 from envs.plant import Fixed
 from sim2real.diagnosis.attribution.contenders import Contender
 from sim2real.diagnosis.attribution.problem import Problem
@@ -23,7 +24,8 @@ from sim2real.diagnosis.data.score import Blocks
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import Search
 
-MEASURED = {"control_law": "position_gain"}  # the effect that a finding of preflight measures
+# the effect that a finding of preflight measures
+MEASURED = {"control_law": "position_gain", "drift": "clock_drift"}
 Witnessed = frozenset[tuple[str, str | None]]  # effects by name and place
 
 
@@ -55,7 +57,8 @@ def witnesses(findings: Iterable[Finding], fixed: Sequence[Fixed]) -> Witnessed:
         fixed: effects that are in the model.
     """
     known = {(effect.name, effect.where) for effect, _ in fixed}
-    found = {(MEASURED[one.check], one.where) for one in findings if one.check in MEASURED}
+    names = [(MEASURED[one.check], one.where) for one in findings if one.check in MEASURED]
+    found = {(n, None if EFFECTS[n].place == "robot" else where) for n, where in names}
     return frozenset(e for e in found if e not in known and (e[0], None) not in known)
 
 

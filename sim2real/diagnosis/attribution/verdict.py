@@ -8,7 +8,7 @@ or one cause alone closes nineteen twentieths, or 0.85 with about a count left a
 `partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
 than four effects are needed for the former two, it is `fitted`: then there are values, and no
 causes. Three effects at one joint bend into many a law that is missing: they are never `explained`.
-Nor is an effect that a column of the log would show by itself where no log has that column.
+Nor is an effect that needs a witness where no other channel measured it (`ties.witnesses`).
 
 What is left on held-out windows is noise, which differs from row to row, and what the causes do not
 say, which lasts: a wrong law, a missing effect, a wrong value. The mean product of errors a moment
@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.ties import Witnessed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.schema import Verdict
 
@@ -111,7 +112,7 @@ class Rest(NamedTuple):
         crowd: number of them at the joint that has most; a shared one counts nowhere.
         form: whether the effects' laws hold wherever they were tried; see `contradicted`.
         resolved: whether what is left is less than the encoders show; see `is_resolved`.
-        witnessed: whether no effect lacks the column that would show it; see `unwitnessed`.
+        witnessed: whether no effect lacks a witness that it needs; see `unwitnessed`.
     """
 
     before: float
@@ -152,7 +153,16 @@ def crowd_of(members: Sequence[Candidate]) -> int:
     return max(map(places.count, places), default=0)
 
 
-def unwitnessed(members: Sequence[Candidate], data: Data) -> list[Candidate]:
-    """Return the effects that a column would show by itself which no log has."""
-    known = {column.split(".")[0] for log in data.logs for column in log.columns}
-    return [one for one in members if one.effect.witness and one.effect.witness not in known]
+def unwitnessed(members: Sequence[Candidate], witnessed: Witnessed) -> list[Candidate]:
+    """Return the effects that need a witness and have none.
+
+    Args:
+        members: what was found.
+        witnessed: effects that channels measured; see `ties.witnesses`.
+    """
+    places = [(member.name, member.effect.where) for member in members]
+    return [
+        member
+        for member, place in zip(members, places, strict=True)
+        if member.effect.needs_witness and place not in witnessed
+    ]

@@ -12,7 +12,7 @@ that they are subtracted from, and a stiff gain makes torques of that.)
 
 Where several motors weaken and one gives way, the others' load is another one: an arm that hangs
 down turns more easily. Their torques change by as much as they do in simulations of the windows
-with the strengths that were found for them, found anew a second time.
+with the strengths that were found for them, more than once (`heat_passes`).
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Heat:
             lost = points[:, 0] * heat.max(axis=(0, 2))
             for point in np.flatnonzero(lost > self._settings.gives_way):
                 one, alone = points[point, None], squares[:, :, point]
-                for _ in range(2):
+                for _ in range(self._settings.heat_passes):
                     own = alone * self._loads(number, motors, alone, one[0], heat[:, point])
                     heat[:, point, None] = self._integral(number, own[:, :, None], one)
         return heat
@@ -134,7 +134,7 @@ class Heat:
         log = self._data.logs[number]
         fresh = np.diff(log.episode, prepend=np.nan) != 0
         spans = np.where(np.roll(fresh, -1), 0.0, np.diff(log.time, append=log.time[-1]))
-        stride = max(round(self._settings.heat_s / float(np.median(spans))), 1)
+        stride = max(round(self._settings.heat_s / float(np.median(spans[spans > 0]))), 1)
         starts = np.flatnonzero(fresh | (np.arange(len(log)) % stride == 0))
         made = np.add.reduceat(squares * spans[:, None, None], starts, axis=1)  # N²·m²·s
         value = points[:, :1]

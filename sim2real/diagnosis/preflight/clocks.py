@@ -86,7 +86,7 @@ def _drifting(logs: Sequence[Log], joint: str, limits: Clocks) -> Iterator[Findi
         if abs(ppm) > max(limits.drift_ppm, limits.sigmas * error):
             side = "fast" if ppm > 0 else "slow"
             yield Finding(
-                "clock",
+                "drift",
                 joint,
                 f"The clock that stamps {joint} runs {abs(ppm):.0f} ppm (± {2 * error:.0f}) {side} "
                 f"against the commands': {ahead / MILLI:.1f} ms over the log.",

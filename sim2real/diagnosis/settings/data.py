@@ -87,6 +87,7 @@ class Simulation:
         (0.5, 0.2, 0.07), "1", "strengths of motors whose heat is compared, falling", DEVELOPED
     )
     heat_s: float = setting(0.05, "s", "step in which motors heat up to a window's start", COST)
+    heat_passes: int = setting(2, "1", "times that other motors' loads are looked at", DEVELOPED)
     gives_way: float = setting(
         0.3, "1", "loss of strength from which other motors' loads are looked at again", DEVELOPED
     )

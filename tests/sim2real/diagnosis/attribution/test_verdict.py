@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.attribution.candidates import candidates
+from sim2real.diagnosis.attribution.candidates import Candidate, candidates
+from sim2real.diagnosis.attribution.ties import witnesses
 from sim2real.diagnosis.attribution.verdict import (
     Rest,
     crowd_of,
@@ -21,6 +22,7 @@ from sim2real.diagnosis.attribution.verdict import (
     unwitnessed,
     verdict_of,
 )
+from sim2real.diagnosis.preflight.clocks import check_clocks
 from tests.sim2real.diagnosis import arm
 
 
@@ -100,16 +102,24 @@ def test_three_effects_at_one_joint_explain_a_part_at_best(tmp_path: Path) -> No
 
 
 def test_a_clock_needs_a_witness_to_explain(tmp_path: Path) -> None:
-    """A slow clock moves a pendulum as a heavier rod does; stamps of the readings would show it."""
+    """A slow clock moves a pendulum as a heavier rod does; stamps of another clock show it."""
     log = arm.make_log(seconds=4.0)
-    stamps = {**log.columns, "stamp.a": log.time}
-    told = [arm.data_of(one, tmp_path) for one in (log, Log(stamps, log.meta))]
-    options = {option.label: option for option in candidates(told[0])}
+    data = arm.data_of(log, tmp_path)
+    options = {option.label: option for option in candidates(data)}
     clock, inertia = options["clock_drift"], options["armature.a"]
-    assert [unwitnessed([inertia, clock], data) for data in told] == [[clock], []]
+
+    def lacking(rate: float) -> list[Candidate]:
+        minute = np.linspace(0.0, 60.0, len(log))
+        columns = {**log.columns, "time": minute, "stamp.a": rate * minute}
+        findings = check_clocks([Log(columns, log.meta)])
+        return unwitnessed([inertia, clock], witnesses(findings, []))
+
+    assert lacking(1.0) == [clock]
+    assert lacking(1.02) == []
+    assert unwitnessed([inertia, clock], frozenset()) == [clock]
     rest = Rest(0.3, 0.015, 0.01, 0.98, 0.9)
-    assert verdict_of(rest, told[0]) == "explained"
-    assert verdict_of(rest._replace(witnessed=False), told[0]) == "partly_explained"
+    assert verdict_of(rest, data) == "explained"
+    assert verdict_of(rest._replace(witnessed=False), data) == "partly_explained"
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def test_a_drift_is_found_to_twenty_ppm(ppm: float) -> None:
     assert drift is not None
     assert drift[0] == pytest.approx(ppm, abs=20)
     (finding,) = check_clocks([log(ppm=ppm)])
-    assert ("fast" if ppm > 0 else "slow") in finding.finding
+    assert finding.check == "drift" and ("fast" if ppm > 0 else "slow") in finding.finding
 
 
 @pytest.mark.parametrize("seed", range(5))
