@@ -8,9 +8,11 @@ raced. So each cause races for its place once; and every effect whose change of 
 it was screened, points where the cause's does is fitted in its place as well: what the two do to
 the logs is then all but collinear, whatever their names. Held-out errors judge them (`alike`).
 
-Two kinds of effects are inseparable whatever is recorded of commands and positions: delays of the
-command and of the measurement, unless readings have stamps of their own, and effects that, with
-the right value, make the same model, such as the supply and the strength of motors without damping.
+Three kinds of effects are inseparable whatever is recorded of commands and positions: delays of the
+command and of the measurement, unless readings have stamps of their own; effects that, with the
+right value, make the same model, such as the supply and the strength of motors without damping; and
+those that make the same equations of motion, such as a rotor's inertia and that of a link which
+turns about nothing but its axis.
 """
 
 from __future__ import annotations
@@ -27,12 +29,12 @@ from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import Fit, columns, refine
 from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.quantify import without
+from sim2real.diagnosis.attribution.same_dynamics import Pair, same_dynamics
 from sim2real.diagnosis.attribution.screen import Response
 from sim2real.diagnosis.attribution.suspects import meets
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 DELAYS = ("command_delay", "observation_delay")
-Pair = tuple[Candidate, np.ndarray]  # an effect and its values, (P,)
 
 
 def with_rivals(search: Search, found: Found) -> Found:
@@ -154,6 +156,8 @@ def inseparable(search: Search, one: Pair, other: Pair) -> bool:
         return not all(f"stamp.{joint.name}" in log.columns for log in logs for joint in joints)
     if any(candidate.group != PLAIN for candidate, _ in (one, other)):
         return False
+    if same_dynamics(search.problem.data.specs[0], one, other):
+        return True
     return any(
         _same_model(search, one, (other[0], values))
         for values in (other[1], one[1])

@@ -49,6 +49,8 @@ class Heat:
     def __init__(self, data: Data, paths: Paths) -> None:
         self._data, self._paths = data, paths
         self._settings = data.settings.simulation
+        nodes = np.array([0.0, *self._settings.strengths[::-1], 1.0]) ** 2
+        self._nodes = nodes[:, None, None]  # squares of strengths, (S + 1, 1, 1)
         self._known: dict[tuple[int, int | None], np.ndarray] = {}  # (S, 2, T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
@@ -139,12 +141,13 @@ class Heat:
         made = np.add.reduceat(squares * spans[:, None, None], starts, axis=1)  # N²·m²·s
         value = points[:, :1]
         kept = np.exp(-points[:, 1:2] * np.add.reduceat(spans, starts))  # (G, blocks)
+        rises = self._rises(made)
         heat = np.zeros((len(starts), *squares.shape[2:]))
         for block in range(1, len(starts)):
             if not fresh[starts[block]]:
                 before = heat[block - 1]
-                left = np.clip(1.0 - value * before, 0.0, 1.0)
-                added = self._between(made[:, block - 1], left)
+                left = np.maximum(1.0 - value * before, 0.0)
+                added = self._risen(rises[:, block - 1], left)
                 heat[block] = before * kept[:, block - 1, None] + added
         return heat[np.searchsorted(starts, np.arange(len(log)), side="right") - 1]
 
@@ -157,12 +160,18 @@ class Heat:
             squares: of motors of each strength, the weakest first, (S, n, k).
             left: from 0 to 1, (n, k).
         """
-        nodes = np.array([0.0, *self._settings.strengths[::-1], 1.0]) ** 2
-        above = np.clip(np.searchsorted(nodes, left**2), 1, len(nodes) - 1)
-        share = (left**2 - nodes[above - 1]) / (nodes[above] - nodes[above - 1])
-        high = np.take_along_axis(squares, above[None] - 1, 0)[0]
-        low = np.take_along_axis(squares, np.maximum(above[None] - 2, 0), 0)[0] * (above > 1)
-        return low + share * (high - low)
+        return self._risen(self._rises(squares), left)
+
+    def _rises(self, squares: np.ndarray) -> np.ndarray:
+        """Return how squared torques (S, ...) rise with the square of the strength left."""
+        widths = np.diff(self._nodes, axis=0)  # (S, 1, 1)
+        spread = widths.reshape(-1, *[1] * (squares.ndim - 1))
+        return np.diff(squares, axis=0, prepend=np.zeros_like(squares[:1])) / spread
+
+    def _risen(self, rises: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """Return what rises (S, n, k) come to where strength (n, k) is left."""
+        low, high = self._nodes[:-1], self._nodes[1:]  # (S, 1, 1)
+        return (rises * (np.clip(left * left, low, high) - low)).sum(axis=0)
 
     def squares(self, number: int) -> np.ndarray:
         """Return a log's mean squared torques between its rows, as given, (T, nu) N²·m²."""

@@ -1,0 +1,112 @@
+"""Whether two effects make the same equations of motion, so that no recording parts them.
+
+    same_dynamics(spec, (armature, values), (link_inertia, values))
+
+A hinge on a fixed base turns alike with more rotor and with more inertia of its link. Inertia
+matrices and forces are compared in random states under random commands, with the values of the
+other effect that come nearest; only of model fields that act through these alone. Limits of force
+are reached there, since errors of any size are among them.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import mujoco
+import numpy as np
+from scipy.optimize import least_squares
+
+from envs.plant import Plant
+from sim2real.diagnosis.attribution.candidates import Candidate
+
+Pair = tuple[Candidate, np.ndarray]  # an effect and its values, (P,)
+
+FIELDS = (  # of bodies, joints and motors: they act through inertia and forces, and nowhere else
+    "body_mass",
+    "body_inertia",
+    "body_ipos",
+    "body_iquat",
+    "dof_armature",
+    "actuator_gainprm",
+    "actuator_biasprm",
+    "actuator_forcerange",
+    "actuator_gear",
+)
+STATES = 24  # random ones: many more than values of an effect
+SPEED = 10.0  # rad/s or m/s: no servo robot's joint is faster
+NEAR = 0.3  # of what an effect changes: values that were fitted to one log are nearer than that
+SAME = 1e-6  # of what it changes: far below what any encoder resolves
+
+
+def same_dynamics(spec: mujoco.MjSpec, one: Pair, other: Pair) -> bool:
+    """Return whether, with some values, another effect moves the robot as one does.
+
+    Args:
+        spec: the robot's model.
+        one: an effect and its values.
+        other: another effect and the values that were fitted to the same logs.
+    """
+    plants = [Plant(spec, [candidate.effect], 1) for candidate, _ in (one, other)]
+    if not all(map(_acts_alone, plants)):
+        return False
+    states = _States(plants[0].nominal)
+    wanted = states.forces(plants[0], one[1])
+    size = float(np.linalg.norm(wanted - states.forces(plants[0], one[0].neutral)))
+    low, high = other[0].low, other[0].high
+
+    def wrong(values: np.ndarray) -> np.ndarray:
+        return (states.forces(plants[1], np.clip(values, low, high)) - wanted) / size
+
+    start = np.clip(other[1], low, high)
+    if not size > 0 or not np.linalg.norm(wrong(start)) < NEAR:
+        return False
+    best = least_squares(wrong, start, bounds=(low, high), x_scale="jac", xtol=1e-12)
+    return bool(np.linalg.norm(best.fun) < SAME)
+
+
+def _acts_alone(plant: Plant) -> bool:
+    """Return whether inertia and forces say all that a plant's effect does."""
+    varied = [name for name in dir(plant.model) if plant.varies(name)]
+    return bool(varied) and not plant.substep_rules and set(varied) <= set(FIELDS)
+
+
+class _States:
+    """Random states and commands of a robot, in which its equations of motion are looked at."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        rng = np.random.default_rng(0)
+        self._steps = rng.uniform(-np.pi, np.pi, (STATES, model.nv))
+        self._speeds = rng.uniform(-SPEED, SPEED, (STATES, model.nv))
+        limited = model.actuator_ctrllimited.astype(bool)[:, None]
+        ends = np.where(limited, model.actuator_ctrlrange, (-np.pi, np.pi))
+        self._ctrl = rng.uniform(ends[:, 0], ends[:, 1], (STATES, model.nu))
+        self._act = rng.uniform(-1.0, 1.0, (STATES, model.na))
+
+    def forces(self, plant: Plant, values: np.ndarray) -> np.ndarray:
+        """Return the inertia, times a speed's square, and the forces in all states, flat."""
+        model = _model(plant, values)
+        data, inertia = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+        mujoco.mj_setConst(model, data)
+        rest, found = np.array(model.qpos0), []
+        for step, speed, ctrl, act in zip(
+            self._steps, self._speeds, self._ctrl, self._act, strict=True
+        ):
+            data.qpos[:] = rest
+            mujoco.mj_integratePos(model, data.qpos, step, 1.0)
+            data.qvel[:], data.ctrl[:], data.act[:] = speed, ctrl, act
+            mujoco.mj_forward(model, data)
+            mujoco.mj_fullM(model, data, inertia)
+            found += [SPEED**2 * inertia.ravel(), np.array(data.qfrc_smooth)]
+        return np.concatenate(found)
+
+
+def _model(plant: Plant, values: np.ndarray) -> mujoco.MjModel:
+    """Return the model that an effect's values (P,) make, with commands that arrive at once."""
+    row = np.zeros(1, int)
+    plant.set_params(row, values[None])
+    model = copy(plant.model)
+    for name in FIELDS:
+        if plant.varies(name):
+            getattr(model, name)[:] = plant.field_values(name, row)[0]
+    model.actuator_delay[:] = 0.0
+    return model
