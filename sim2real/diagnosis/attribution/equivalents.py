@@ -156,7 +156,8 @@ def inseparable(search: Search, one: Pair, other: Pair) -> bool:
         return not all(f"stamp.{joint.name}" in log.columns for log in logs for joint in joints)
     if any(candidate.group != PLAIN for candidate, _ in (one, other)):
         return False
-    if same_dynamics(search.problem.data.specs[0], one, other):
+    data = search.problem.data
+    if same_dynamics(data.specs[0], one, other, data.settings.causes):
         return True
     return any(
         _same_model(search, one, (other[0], values))

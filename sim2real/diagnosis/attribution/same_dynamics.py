@@ -1,6 +1,6 @@
 """Whether two effects make the same equations of motion, so that no recording parts them.
 
-    same_dynamics(spec, (armature, values), (link_inertia, values))
+    same_dynamics(spec, (armature, values), (link_inertia, values), settings.causes)
 
 A hinge on a fixed base turns alike with more rotor and with more inertia of its link. Inertia
 matrices and forces are compared in random states under random commands, with the values of the
@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 
 from envs.plant import Plant
 from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.settings import Causes
 
 Pair = tuple[Candidate, np.ndarray]  # an effect and its values, (P,)
 
@@ -34,17 +35,16 @@ FIELDS = (  # of bodies, joints and motors: they act through inertia and forces,
 )
 STATES = 24  # random ones: many more than values of an effect
 SPEED = 10.0  # rad/s or m/s: no servo robot's joint is faster
-NEAR = 0.3  # of what an effect changes: values that were fitted to one log are nearer than that
-SAME = 1e-6  # of what it changes: far below what any encoder resolves
 
 
-def same_dynamics(spec: mujoco.MjSpec, one: Pair, other: Pair) -> bool:
+def same_dynamics(spec: mujoco.MjSpec, one: Pair, other: Pair, limits: Causes) -> bool:
     """Return whether, with some values, another effect moves the robot as one does.
 
     Args:
         spec: the robot's model.
         one: an effect and its values.
         other: another effect and the values that were fitted to the same logs.
+        limits: how near is the same.
     """
     plants = [Plant(spec, [candidate.effect], 1) for candidate, _ in (one, other)]
     if not all(map(_acts_alone, plants)):
@@ -58,10 +58,10 @@ def same_dynamics(spec: mujoco.MjSpec, one: Pair, other: Pair) -> bool:
         return (states.forces(plants[1], np.clip(values, low, high)) - wanted) / size
 
     start = np.clip(other[1], low, high)
-    if not size > 0 or not np.linalg.norm(wrong(start)) < NEAR:
+    if not size > 0 or not np.linalg.norm(wrong(start)) < limits.twin_near:
         return False
     best = least_squares(wrong, start, bounds=(low, high), x_scale="jac", xtol=1e-12)
-    return bool(np.linalg.norm(best.fun) < SAME)
+    return bool(np.linalg.norm(best.fun) < limits.twin_same)
 
 
 def _acts_alone(plant: Plant) -> bool:

@@ -255,6 +255,10 @@ class Causes:
         0.95, "1", "cosine of two changes of the simulation from which both are fitted", JUDGED
     )
     look_alikes_max: int = setting(2, "1", "effects fitted in a cause's place", COST)
+    twin_near: float = setting(
+        0.3, "1", "distance of fitted twins in all states, of what one changes there", JUDGED
+    )
+    twin_same: float = setting(1e-6, "1", "the same where one's values are the nearest", ROUNDING)
     unrivalled: float = setting(
         0.5, "1", "chance of winning without rivals", "derived: a coin's, nothing is known"
     )

@@ -11,10 +11,16 @@ from envs.effects import make
 from envs.plant import Plant
 from sim2real.diagnosis.attribution.equivalents import inseparable
 from sim2real.diagnosis.attribution.same_dynamics import Pair, same_dynamics
+from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis import arm
 from tests.sim2real.diagnosis.attribution.test_equivalents import option, search_of
 
 ROTOR = 0.004  # kg·m²
+
+
+def same(one: Pair, other: Pair) -> bool:
+    """Return whether two effects of the arm make the same equations of motion."""
+    return same_dynamics(arm.spec(), one, other, DEFAULT.causes)
 
 
 @pytest.fixture
@@ -40,10 +46,10 @@ def test_a_rotor_is_the_inertia_of_a_link_that_turns_about_its_axis_alone(
 ) -> None:
     """Told from values that a log gave roughly; the last link turns with the first as well."""
     rotor, (link, size) = pairs["armature.a"], pairs["link_inertia.upper"]
-    assert same_dynamics(arm.spec(), rotor, (link, 1.1 * size))
-    assert same_dynamics(arm.spec(), (link, size), (rotor[0], 0.9 * rotor[1]))
-    assert not same_dynamics(arm.spec(), pairs["armature.b"], pairs["link_inertia.lower"])
-    assert not same_dynamics(arm.spec(), rotor, (link, 2 * size))  # other logs gave that
+    assert same(rotor, (link, 1.1 * size))
+    assert same((link, size), (rotor[0], 0.9 * rotor[1]))
+    assert not same(pairs["armature.b"], pairs["link_inertia.lower"])
+    assert not same(rotor, (link, 2 * size))  # other logs gave that
 
 
 def test_the_same_equations_make_the_same_motion(pairs: dict[str, Pair]) -> None:
@@ -68,9 +74,9 @@ def test_what_is_parted_at_a_limit_or_acts_elsewhere_is_not_the_same(
 ) -> None:
     """A gain has no limit of force; a joint's damping is no inertia."""
     weak, gain = pairs["motor_strength.a"], pairs["position_gain.a"]
-    assert not same_dynamics(arm.spec(), weak, gain)
-    assert not same_dynamics(arm.spec(), gain, weak)
-    assert not same_dynamics(arm.spec(), pairs["viscous_friction.a"], pairs["armature.a"])
+    assert not same(weak, gain)
+    assert not same(gain, weak)
+    assert not same(pairs["viscous_friction.a"], pairs["armature.a"])
 
 
 def test_a_search_calls_them_inseparable(tmp_path: Path, pairs: dict[str, Pair]) -> None:
