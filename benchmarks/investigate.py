@@ -7,9 +7,9 @@
 An emulated robot hides one effect; its first log is a short and slow one. Where that leaves several
 explanations open, `run=investigate` goes on from it within its budget, and so does a baseline that
 records the menu's motions in their order until one explanation is left. Where the investigation
-says that no motion parts them, 200 drawn motions are asked: it was wrong if one of them parts what
-is left by three noise floors after refits. Robots whose first log leaves nothing open are drawn
-again and counted.
+says that no motion parts them, 200 drawn motions are asked: it was wrong if one of them parts any
+two of what is left by three noise floors after refits. Robots whose first log leaves nothing open
+are drawn again and counted.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ def _by_menu(
 
 
 def _asked(robot: Robot, out: Path, first: Log, seed: int) -> float:
-    """Return by how many floors the best of many drawn motions parts what is left."""
+    """Return by how many floors many drawn motions part any two of what is left at most."""
     logs = [first, *(read_log(path) for path in sorted((out / "recordings").glob("*.csv")))]
     found = run_diagnosis(logs, None, None, (), seed, None)
     if not found.alike:
@@ -181,7 +181,7 @@ def _asked(robot: Robot, out: Path, first: Log, seed: int) -> float:
         exact=1,
         by_hand=False,
     )
-    return plan.separation
+    return plan.most
 
 
 def table(done: Sequence[dict[str, Any]]) -> Table:

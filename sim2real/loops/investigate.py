@@ -6,8 +6,8 @@
 
 Each round adds a recording to all earlier ones and diagnoses them together. What the logs cannot
 tell apart then plays against itself in motions of a menu and in drawn ones, each explanation
-refitting to what the other would show (`diagnosis.attribution.apart`); the one in which the two
-most similar part fastest is recorded next.
+refitting to what the other would show (`diagnosis.attribution.apart`); the one in which the most
+similar of those that can be parted part fastest is recorded next.
 """
 
 from __future__ import annotations
@@ -75,7 +75,8 @@ class Round:
         seconds: of the motion.
         size: part of the way to the nearer limit.
         seed: of its phases and poses.
-        promised: noise floors that it was to part the explanations by; None for the first.
+        promised: noise floors that it was to part the explanations by, of those that some motion
+            parts; None for the first.
         verdict: of the diagnosis of all recordings so far.
         causes: labels of what it named.
         left: labels of the explanations that stay open; () where there is one, or none.
@@ -100,8 +101,8 @@ class Investigation:
         end: why it ended, see `WORDS`.
         rounds: one a recording.
         seconds: robot time that was spent.
-        apart: noise floors between what is left in the best motion that was looked at, where the
-            end is `not_parted`; else None.
+        apart: noise floors between any two that are left, in any motion that was looked at, where
+            the end is `not_parted`; else None.
         looked_at: motions that were looked at for it.
         report: the last diagnosis.
     """
@@ -188,7 +189,7 @@ def investigate(
             )
         end = _end(found.report, plan)
         chosen = plan if isinstance(plan, Experiment) else None
-        apart = chosen.separation if chosen and end == "not_parted" else None
+        apart = chosen.most if chosen and end == "not_parted" else None
         looked_at = len(chosen.ranking) if chosen else 0
         told = Investigation(end or "budget", tuple(rounds), spent, apart, looked_at, found.report)
         told.write(out)
@@ -201,7 +202,7 @@ def investigate(
 def _end(report: Report, plan: Experiment | str | None) -> End | None:
     """Return why an investigation ends; None where it goes on."""
     if isinstance(plan, Experiment):
-        return None if plan.separation >= DEFAULT.experiment.apart_min else "not_parted"
+        return None if plan.most >= DEFAULT.experiment.apart_min else "not_parted"
     if plan is None:
         return "budget"
     if report.verdict == "no_gap":

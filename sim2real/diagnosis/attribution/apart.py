@@ -1,20 +1,20 @@
 """How far apart explanations are in motions that nobody recorded yet, once they refit.
 
     asked = Asked(spec, noise, past, fixed)
-    separation(members, motions, asked)         # (K,) noise floors, after one linear step each
-    refitted(members, motion, asked)            # the same of one motion, after exact refits
+    separation(members, motions, asked)         # (K, P) noise floors, after one linear step each
+    refitted(members, motion, asked)            # (P,) of one motion, after exact refits
 
 One explanation takes the robot's place, another follows it as well as it can: its values move to
 where they fit the new motion and the recordings so far. What is left is what the new recording
 would show of it (Atkinson and Fedorov 1975, T-optimal designs), root mean square over time, summed
-over joints. Nobody knows which explanation is the robot, so the worse direction counts, and of
-several explanations the two most alike.
+over joints. Nobody knows which explanation is the robot, so of each of the P pairs of explanations
+(`pairs`) the worse direction counts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import permutations
+from itertools import combinations
 from typing import NamedTuple
 
 import mujoco
@@ -56,26 +56,39 @@ class Asked(NamedTuple):
     changed: mujoco.MjSpec | None = None
 
 
+def pairs(members: Sequence[Member]) -> list[tuple[Member, Member]]:
+    """Return the P pairs of explanations, in the order of `separation` and `refitted`."""
+    return list(combinations(members, 2))
+
+
 def separation(members: Sequence[Member], motions: Sequence[Recording], asked: Asked) -> np.ndarray:
-    """Return how far the two most similar members are apart in each motion, (K,) noise floors.
+    """Return how far each pair of members is apart in each motion, (K, P) noise floors.
 
     Refits are one linear step. NaN where a member cannot follow the motion.
     """
-    views = [_View.of(member, motions, asked) for member in members]
+    views = combinations([_View.of(member, motions, asked) for member in members], 2)
     found = [
-        [one.left(other, k, len(motion.time)) for one, other in permutations(views, 2)]
-        for k, motion in enumerate(motions)
+        [
+            np.minimum(one.left(other, k, len(motion.time)), other.left(one, k, len(motion.time)))
+            for k, motion in enumerate(motions)
+        ]
+        for one, other in views
     ]
-    return np.min(found, axis=1)
+    return np.transpose(found)
 
 
-def refitted(members: Sequence[Member], motion: Recording, asked: Asked) -> float:
-    """Return how far the two most similar members are apart in a motion, in noise floors.
+def refitted(members: Sequence[Member], motion: Recording, asked: Asked) -> np.ndarray:
+    """Return how far each pair of members is apart in a motion, (P,) noise floors.
 
     As `separation`, but every refit is simulated until it settles. NaN where a member cannot follow
     the motion.
     """
-    return float(np.min([_settled(*pair, motion, asked) for pair in permutations(members, 2)]))
+    return np.array(
+        [
+            np.minimum(_settled(one, other, motion, asked), _settled(other, one, motion, asked))
+            for one, other in pairs(members)
+        ]
+    )
 
 
 class _View(NamedTuple):
@@ -95,7 +108,8 @@ class _View(NamedTuple):
 
     @staticmethod
     def of(member: Member, motions: Sequence[Recording], asked: Asked) -> _View:
-        values, steps = _flat(member.fixed), _steps(member.fixed, asked.spec)
+        values = _flat(member.fixed)
+        steps = _within(values, _sizes(member.fixed, asked.spec), _ends(member.fixed, asked.spec))
         told = _told(member.fixed, values, motions, asked)
         slopes = [np.zeros((len(y), len(values))) for y in told]
         for place in np.flatnonzero(steps):
@@ -117,8 +131,8 @@ class _View(NamedTuple):
 def _settled(robot: Member, member: Member, motion: Recording, asked: Asked) -> float:
     """Return what is left of a robot's motion once a member has refitted, in noise floors."""
     target = _told(robot.fixed, _flat(robot.fixed), [motion], asked)
-    low, high = _ends(member.fixed, asked.spec)
-    steps, rows = _steps(member.fixed, asked.spec), len(target[0])
+    sizes, ends = _sizes(member.fixed, asked.spec), _ends(member.fixed, asked.spec)
+    rows = len(target[0])
 
     def off(values: np.ndarray) -> np.ndarray:
         return np.concatenate(target) - np.concatenate(_told(member.fixed, values, [motion], asked))
@@ -126,13 +140,14 @@ def _settled(robot: Member, member: Member, motion: Recording, asked: Asked) -> 
     values = _flat(member.fixed)
     error = off(values)
     for _ in range(TURNS):
+        steps = _within(values, sizes, ends)
         places = np.flatnonzero(steps)
         slopes = [(error - off(values + steps * _unit(values, p))) / steps[p] for p in places]
         if not slopes or not (np.isfinite(error).all() and np.isfinite(slopes).all()):
             break
         step = np.zeros(len(values))
         step[places] = np.linalg.lstsq(np.stack(slopes, axis=-1), error, rcond=None)[0]
-        better = _better(values, step, off, float(error @ error), (low, high))
+        better = _better(values, step, off, float(error @ error), ends)
         if better is None:
             break
         values, error = better
@@ -197,8 +212,8 @@ def _ends(fixed: Sequence[Fixed], spec: mujoco.MjSpec) -> tuple[np.ndarray, np.n
     return np.array([p.low for p in every]), np.array([p.high for p in every])
 
 
-def _steps(fixed: Sequence[Fixed], spec: mujoco.MjSpec) -> np.ndarray:
-    """Return by how much each value is changed for its sensitivity, (P,); 0: it cannot move."""
+def _sizes(fixed: Sequence[Fixed], spec: mujoco.MjSpec) -> np.ndarray:
+    """Return by how much each value is changed for its sensitivity, (P,)."""
     model, sizes = spec.copy().compile(), []
     for effect, values in fixed:
         parameters = effect.parameters(model)
@@ -206,10 +221,16 @@ def _steps(fixed: Sequence[Fixed], spec: mujoco.MjSpec) -> np.ndarray:
         for own, parameter in zip(away, parameters, strict=True):
             alike = [a for a, p in zip(away, parameters, strict=True) if p.unit == parameter.unit]
             sizes.append(CHANGE * (own or max(alike)))
-    low, high = _ends(fixed, spec)
-    up, values = np.array(sizes), _flat(fixed)
-    down = np.where(values - up >= low, -up, 0.0)
-    return np.where(values + up <= high, up, down)
+    return np.array(sizes)
+
+
+def _within(
+    values: np.ndarray, sizes: np.ndarray, ends: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Return the changes (P,) upwards, else downwards; 0 where both leave a value's range."""
+    low, high = ends
+    down = np.where(values - sizes >= low, -sizes, 0.0)
+    return np.where(values + sizes <= high, sizes, down)
 
 
 def _unit(values: np.ndarray, place: int | np.intp) -> np.ndarray:

@@ -6,17 +6,18 @@
     plan.item.motions, plan.item.seconds    # for hardware.excite and run=record
     plan.overrides                          # for the command line
 
-Each motion of a menu, and drawn ones if asked for, is simulated under every member. How far the two
-most similar ones are apart after each has refitted to what the other would show (`apart`) decides:
-of motions in which that is surely enough the shortest wins, changes by hand included, since a
-longer one tells nothing more; where none is, the one with the most evidence (the squared distance
-over the squared noise) by its time.
+Each motion of a menu, and drawn ones if asked for, is simulated under every member. How far each
+pair of them is apart after each has refitted to what the other would show (`apart`) decides. A pair
+that no motion parts has no say, since two effects may be one and the same on a robot. Of motions in
+which all others are surely parted the shortest wins, changes by hand included, since a longer one
+tells nothing more; where none is, the one with the most evidence (the squared distance over the
+squared noise, as far as it counts) by its time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,7 +30,7 @@ from envs.plant import Fixed
 from envs.replay import Recording
 from hardware.config import BusSettings, Robot, Servo, Supply
 from hardware.excite import Plan, excite
-from sim2real.diagnosis.attribution.apart import Asked, Member, refitted, separation
+from sim2real.diagnosis.attribution.apart import Asked, Member, pairs, refitted, separation
 from sim2real.diagnosis.attribution.experiment_menu import Item, drawn, menu
 from sim2real.diagnosis.data.noise_floor import rounding
 from sim2real.diagnosis.data.pairs import is_scalar
@@ -37,6 +38,8 @@ from sim2real.diagnosis.data.trial import trial
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Experiment as Limits
 from sim2real.runs.errors import Sim2RealError
+
+Scored = tuple[Item, np.ndarray]  # a motion, and how far it parts each pair, (P,) noise floors
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,9 @@ class Experiment:
         item: the motion.
         overrides: overrides for `sim2real record`.
         separation: how far the two most similar members are apart there once they have refitted,
-            in noise floors.
+            in noise floors; of those that some motion parts, where there are any.
+        most: how far any two members are apart in any motion: below `apart_min`, nothing that was
+            looked at parts them.
         ranking: each motion and its separation, the best one first.
     """
 
@@ -56,6 +61,7 @@ class Experiment:
     item: Item
     overrides: tuple[str, ...]
     separation: float
+    most: float
     ranking: tuple[tuple[str, float], ...]
 
 
@@ -109,46 +115,85 @@ def next_experiment(
     apart = [item for item in items if item.change is not None and by_hand]
     asked = Asked(spec, _noise(spec, floor, settings), tuple(past), tuple(fixed))
     scores = [
-        (item, float(score))
+        scored
         for group in ([together], [[item] for item in apart])
         for some in group
         if some
-        for item, score in _scores(some, members, machine, asked, settings)
+        for scored in _scores(some, members, machine, asked, settings)
     ]
     if not scores:
         raise Sim2RealError("the model diverges in every motion under one of the explanations")
-    scores.sort(key=partial(_worth, settings=settings), reverse=True)
-    best: list[tuple[Item, float]] = []
-    for item in _tried(scores, exact):
-        best.append((item, _exact(item, members, machine, asked, settings)))
-        if best[-1][1] >= settings.apart_sure:
-            break
-    scores = [*best, *(one for one in scores if one[0] not in [item for item, _ in best])]
-    scores.sort(key=partial(_worth, settings=settings), reverse=True)
-    item, distance = max(best or scores, key=partial(_worth, settings=settings))
+    near = _Near(settings, scores)
+    best = _looked_at(scores, near, exact, partial(_exact, members, machine, asked, settings))
+    near = _Near(settings, best or scores)
+    item, distances = max(best or scores, key=near.worth)
+    known = [*best, *(one for one in scores if one[0] not in [item for item, _ in best])]
+    known.sort(key=near.worth, reverse=True)
     overrides = _overrides(item, robot)
-    text = _text(item, members, distance, overrides, settings)
-    ranking = tuple((other.name, score) for other, score in scores)
-    return Experiment(text, item, overrides, distance, ranking)
+    parted = _Near(settings, known).parted
+    alike = [pair for pair, apart in zip(pairs(members), parted, strict=True) if not apart]
+    text = _text(item, members, near, near.least(distances), alike, overrides)
+    ranking = tuple((other.name, near.least(found)) for other, found in known)
+    return Experiment(text, item, overrides, near.least(distances), near.most, ranking)
 
 
-def _worth(scored: tuple[Item, float], settings: Limits) -> tuple[bool, float, float]:
-    """Return what a motion is worth: the operator's time, where it is sure to be enough.
+class _Near:
+    """Which pairs of explanations some motion parts, and what motions are worth for them.
 
-    Else the evidence that it gives in a second of that time.
+    Args:
+        settings: how far is apart.
+        scores: motions and how far they part each pair, (P,) floors.
     """
-    item, distance = scored
-    distance, time = float(np.nan_to_num(distance)), item.seconds + item.setup
-    if distance >= settings.apart_sure:
-        return True, -time, distance
-    return False, distance**2 * item.seconds / time, distance
+
+    def __init__(self, settings: Limits, scores: Sequence[Scored]) -> None:
+        self.settings = settings
+        self.furthest = np.nan_to_num([distances for _, distances in scores]).max(axis=0)  # (P,)
+        self.most = float(self.furthest.max())
+        self.parted = self.furthest >= settings.apart_min  # (P,)
+
+    def of(self, distances: np.ndarray) -> np.ndarray:
+        """Return the distances (P,) that count: of pairs that are parted by some motion."""
+        return np.nan_to_num(distances)[self.parted if self.parted.any() else slice(None)]
+
+    def least(self, distances: np.ndarray) -> float:
+        """Return the least distance that counts; where no pair can be parted the largest."""
+        own = self.of(distances)
+        return float(own.min() if self.parted.any() else own.max())
+
+    def worth(self, scored: Scored) -> tuple[bool, float, float]:
+        """Return what a motion is worth: the operator's time, where it is sure to be enough.
+
+        Else the evidence that it gives in a second of that time.
+        """
+        item, distances = scored
+        least, time, sure = self.least(distances), item.seconds + item.setup, self.settings
+        if least >= sure.apart_sure:
+            return True, -time, least
+        evidence = np.mean(np.minimum(self.of(distances), sure.apart_sure) ** 2)
+        return False, float(evidence) * item.seconds / time, least
 
 
-def _tried(scores: Sequence[tuple[Item, float]], exact: int) -> list[Item]:
-    """Return the motions to look at more closely: the best ones, then those that part furthest."""
-    furthest = sorted(scores, key=lambda one: float(np.nan_to_num(one[1])), reverse=True)
-    order = [item for item, _ in [*scores[:exact], *furthest[:exact]]]
-    return [item for i, item in enumerate(order) if item not in order[:i]]
+def _looked_at(
+    scores: Sequence[Scored], near: _Near, exact: int, refit: Callable[[Item], np.ndarray]
+) -> list[Scored]:
+    """Return the best motions, and those that part furthest, with exact refits.
+
+    No more once one is sure to be enough. Where none of them parts anything, each pair that is
+    parted by linear steps is looked at in the motion that parts it furthest.
+    """
+    best = sorted(scores, key=near.worth, reverse=True)[:exact]
+    furthest = sorted(scores, key=lambda one: float(one[1].max()), reverse=True)[:exact]
+    own = [max(scores, key=lambda one: float(one[1][p])) for p in np.flatnonzero(near.parted)]
+    found: list[Scored] = []
+    for number, (item, _) in enumerate([*best, *furthest, *own] if exact else []):
+        if number >= len(best) + len(furthest) and _Near(near.settings, found).parted.any():
+            break
+        if item in [other for other, _ in found]:
+            continue
+        found.append((item, refit(item)))
+        if near.parted.any() and near.least(found[-1][1]) >= near.settings.apart_sure:
+            break
+    return found
 
 
 def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robot:
@@ -202,21 +247,21 @@ def _scores(
     robot: Robot,
     asked: Asked,
     settings: Limits,
-) -> Iterator[tuple[Item, float]]:
-    """Yield motions of one model and how far the two most similar members are apart in them.
+) -> Iterator[Scored]:
+    """Yield motions of one model and how far each pair of members is apart in them, (P,) floors.
 
     Motions in which a member diverges are left out.
     """
-    pairs = [_changed(item, asked, robot, settings) for item in items]
-    found = separation(members, [motion for _, motion in pairs], pairs[0][0])
-    for item, distance in zip(items, found, strict=True):
-        if np.isfinite(distance):
-            yield item, distance
+    made = [_changed(item, asked, robot, settings) for item in items]
+    found = separation(members, [motion for _, motion in made], made[0][0])
+    for item, distances in zip(items, found, strict=True):
+        if np.isfinite(distances).all():
+            yield item, distances
 
 
 def _exact(
-    item: Item, members: Sequence[Member], robot: Robot, asked: Asked, settings: Limits
-) -> float:
+    members: Sequence[Member], robot: Robot, asked: Asked, settings: Limits, item: Item
+) -> np.ndarray:
     asked, motion = _changed(item, asked, robot, settings)
     return refitted(members, motion, asked)
 
@@ -276,9 +321,10 @@ def _overrides(item: Item, robot: Robot | None) -> tuple[str, ...]:
 def _text(
     item: Item,
     members: Sequence[Member],
-    separation: float,
+    near: _Near,
+    least: float,
+    alike: Sequence[tuple[Member, Member]],
     overrides: Sequence[str],
-    settings: Limits,
 ) -> str:
     labels = [member.label for member in members]
     names = f"{', '.join(labels[:-1])} and {labels[-1]}"
@@ -286,12 +332,14 @@ def _text(
     first = f"First {item.by_hand}. " if item.by_hand and not by_script else ""
     command = f"python -m sim2real run=record {' '.join(overrides)}"
     text = f"To tell {names} apart, record {item.name}: {first}`{command}`. "
-    if separation < settings.apart_min:
+    if not near.parted.any():
         return (
-            f"{text}Even there they are only {separation:.1f} times the noise apart once each has "
-            "refitted: no motion of the menu separates them on this robot, so either will do in "
-            "its simulator."
+            f"{text}Even there they are at most {least:.1f} times the noise apart once "
+            "each has refitted: no motion that was looked at separates them on this robot, so "
+            "any of them will do in its simulator."
         )
-    return (
-        f"{text}There they are {separation:.0f} times the noise floor apart once each has refitted."
-    )
+    apart = f"{least:.0f} times the noise floor apart once each has refitted"
+    if not alike:
+        return f"{text}There they are {apart}."
+    both = ", or ".join(f"{one.label} from {other.label}" for one, other in alike)
+    return f"{text}There they are {apart}, but no motion that was looked at separates {both}."

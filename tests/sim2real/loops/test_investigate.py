@@ -88,6 +88,31 @@ def test_it_records_what_parts_two_laws(tmp_path: Path, monkeypatch: pytest.Monk
     assert len(log) == round(50 * second.seconds)
 
 
+@pytest.mark.slow
+def test_two_that_are_one_do_not_end_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A third explanation can still be parted from both; then nothing is left to part."""
+    three = (
+        Member("encoder_offset", ((make("encoder_offset", where="hinge"), (0.05,)),)),
+        Member("gravity_tilt", ((make("gravity_tilt"), (0.0, 0.05)),)),
+        Member("viscous_friction", ((make("viscous_friction", where="hinge"), (0.03,)),)),
+    )
+    monkeypatch.setattr(
+        "sim2real.loops.investigate.run_diagnosis",
+        lambda logs, *_, **__: ANSWER._replace(
+            alike=three if len(logs) == 1 else three[:2], floors={"hinge": 5e-4}
+        ),
+    )
+    monkeypatch.setattr("sim2real.loops.investigate.write", lambda *_: None)
+    limits = Limits(30.0, draws=4, exact=1)
+    record = recorder(hide(tmp_path, "- {effect: encoder_offset, where: hinge, value: 0.05}\n"))
+    found = investigate(load_robot("bench1"), record, limits, FIRST, seed=0, out=tmp_path)
+    assert found.end == "not_parted"
+    assert [len(one.left) for one in found.rounds] == [3, 2]
+    promised = found.rounds[1].promised
+    assert promised is not None and promised > 3
+    assert found.apart is not None and found.apart < 3
+
+
 def test_a_spent_budget_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where less than a motion's time is left, what is open stays open, by name."""
     pair = tuple(

@@ -10,7 +10,7 @@ import numpy as np
 from envs.effects import make
 from envs.replay import Recording
 from hardware.config import load_robot
-from sim2real.diagnosis.attribution.apart import Asked, Member, refitted, separation
+from sim2real.diagnosis.attribution.apart import Asked, Member, pairs, refitted, separation
 from sim2real.diagnosis.attribution.experiment_menu import Item
 from sim2real.diagnosis.attribution.next_experiment import record_of
 from sim2real.diagnosis.data.trial import trial
@@ -38,7 +38,7 @@ def test_one_effect_with_two_values_refits_to_itself() -> None:
     pair = member("viscous_friction", 0.03), member("viscous_friction", 0.04)
     paths = [trial(asked.spec, motions, fixed=one.fixed) for one in pair]
     as_given = [np.sqrt(np.mean((a - b) ** 2)) / NOISE for a, b in zip(*paths, strict=True)]
-    linear, exact = separation(pair, motions, asked), refitted(pair, motions[1], asked)
+    linear, exact = separation(pair, motions, asked)[:, 0], refitted(pair, motions[1], asked)
     assert as_given[1] > 40
     assert linear[1] < 0.1 * as_given[1]  # what is left is the law's curvature
     assert exact < 0.05 * linear[1]
@@ -49,9 +49,10 @@ def test_different_laws_stay_apart_after_refits() -> None:
     asked, motions = bench()
     pair = member("viscous_friction", 0.03), member("coulomb_friction", 0.02)
     linear = separation(pair, motions, asked)
+    assert linear.shape == (2, 1)
     assert (linear > 5).all()
     exact = refitted(pair, motions[1], asked)
-    assert 5 < exact <= 1.1 * linear[1]
+    assert 5 < exact[0] <= 1.1 * linear[1, 0]
 
 
 def test_what_was_recorded_holds_values_in_place() -> None:
@@ -63,11 +64,21 @@ def test_what_was_recorded_holds_values_in_place() -> None:
     assert (separation(pair, motions[:1], held) >= alone - 1e-9).all()
 
 
-def test_the_two_most_alike_decide() -> None:
-    """A third explanation that differs from the second in its value alone is not apart from it."""
+def test_each_pair_is_told_by_itself() -> None:
+    """A third explanation is near the one that it is like, and as far from the first as that."""
     asked, motions = bench()
-    pair = member("viscous_friction", 0.03), member("coulomb_friction", 0.02)
-    twin = member("coulomb_friction", 0.021)
-    assert (
-        separation((*pair, twin), motions, asked) < 0.1 * separation(pair, motions, asked)
-    ).all()
+    three = (
+        member("viscous_friction", 0.03),
+        member("coulomb_friction", 0.02),
+        member("coulomb_friction", 0.021),
+    )
+    assert [(a.label, b.label) for a, b in pairs(three)] == [
+        (three[0].label, three[1].label),
+        (three[0].label, three[2].label),
+        (three[1].label, three[2].label),
+    ]
+    linear, exact = separation(three, motions, asked), refitted(three, motions[1], asked)
+    assert np.allclose(linear[:, 0], separation(three[:2], motions, asked)[:, 0])
+    for found in (linear[0], linear[1], exact):
+        assert min(found[:2]) > 5
+        assert found[2] < 0.1 * min(found[:2])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import get_args
 
 import mujoco
@@ -19,7 +18,7 @@ from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.attribution.experiment_menu import Item, menu
 from sim2real.diagnosis.attribution.next_experiment import (
     Experiment,
-    _worth,
+    _Near,
     next_experiment,
     stand_in,
 )
@@ -34,12 +33,15 @@ def member(name: str, values: list[float], **where) -> Member:
     return Member(name, ((make(name, **where), values),))
 
 
-def ask(*members: Member, robot: str = "bench1", fixed: Sequence[Fixed] = ()) -> Experiment:
+def ask(
+    *members: Member, robot: str = "bench1", fixed: Sequence[Fixed] = (), exact: int = 0
+) -> Experiment:
     """Return the experiment for a robot's model with some known effects."""
     machine = load_robot(robot)
     spec = mujoco.MjSpec.from_file(str(machine.model))
     rng = np.random.default_rng(0)
-    return next_experiment(members, spec, FLOOR, rng=rng, robot=machine, fixed=fixed)
+    given = {"rng": rng, "robot": machine, "fixed": fixed, "exact": exact}
+    return next_experiment(members, spec, FLOOR, **given)
 
 
 def test_fast_motion_and_free_swings_tell_friction_from_a_weaker_motor() -> None:
@@ -89,28 +91,54 @@ def test_the_shortest_motion_that_is_enough_is_worth_most() -> None:
     by_hand = Item("by hand", ("hold",), 4.0, setup=60.0)
 
     def best(*scored: tuple[Item, float]) -> str:
-        return max(scored, key=partial(_worth, settings=DEFAULT.experiment))[0].name
+        scores = [(item, np.array([floors])) for item, floors in scored]
+        return max(scores, key=_Near(DEFAULT.experiment, scores).worth)[0].name
 
     assert best((short, 1.1 * sure), (long, 9 * sure), (by_hand, 20 * sure)) == "short"
     assert best((short, 0.9 * sure), (long, 1.1 * sure), (by_hand, 2 * sure)) == "long"
     assert best((short, 0.5 * sure), (long, 0.9 * sure), (by_hand, 0.99 * sure)) == "long"
 
 
+def test_a_pair_that_no_motion_parts_has_no_say() -> None:
+    """The others decide what a motion is worth; nothing is gained by one that parts them less."""
+    sure = DEFAULT.experiment.apart_sure
+    scores = [
+        (Item("long", ("steps",), 16.0), np.array([2 * sure, 1e-9, 2 * sure])),
+        (Item("short", ("ramp",), 4.0), np.array([0.4 * sure, 2e-9, 0.4 * sure])),
+        (Item("one pair", ("hold",), 4.0), np.array([9 * sure, 1e-9, 0.0])),
+    ]
+    near = _Near(DEFAULT.experiment, scores)
+    assert near.parted.tolist() == [True, False, True]
+    assert near.most == 9 * sure
+    assert [near.least(found) for _, found in scores] == [2 * sure, 0.4 * sure, 0.0]
+    ranked = sorted(scores, key=near.worth, reverse=True)
+    assert [item.name for item, _ in ranked] == ["long", "one pair", "short"]
+    none = _Near(DEFAULT.experiment, [(item, 0.1 * found[1:2]) for item, found in scores])
+    assert not none.parted.any()
+    assert none.least(np.array([1.0, 2.0])) == 2.0
+
+
 def test_explanations_that_no_motion_separates_are_called_so() -> None:
     """A pendulum whose encoder is shifted and one on a tilted base are one and the same."""
     plan = ask(member("encoder_offset", [0.05], where="hinge"), member("gravity_tilt", [0.0, 0.05]))
-    assert "no motion of the menu separates them" in plan.text
-    assert plan.separation < 1
+    assert "no motion that was looked at separates them" in plan.text
+    assert plan.separation <= plan.most < 1
 
 
-def test_the_weakest_pair_of_three_decides() -> None:
-    """With a third explanation like the second the separation is that of these two."""
-    pair = (
-        member("coulomb_friction", [0.03], where="hinge"),
-        member("backlash", [0.03], where="hinge"),
+@pytest.mark.parametrize("exact", [0, 1])
+def test_two_that_are_one_do_not_hide_what_can_be_parted(exact: int) -> None:
+    """A shifted encoder and a tilted base are one; friction is parted from both all the same."""
+    same = (
+        member("encoder_offset", [0.05], where="hinge"),
+        member("gravity_tilt", [0.0, 0.05]),
     )
-    twin = member("backlash", [0.0301], where="hinge")
-    assert ask(*pair, twin).separation < 0.2 * ask(*pair).separation
+    other = member("viscous_friction", [0.05], where="hinge")
+    plan = ask(*same, other, exact=exact)
+    assert plan.most >= plan.separation > DEFAULT.experiment.apart_sure
+    assert (
+        "but no motion that was looked at separates encoder_offset from gravity_tilt" in plan.text
+    )
+    assert ask(*same, exact=exact).most < 1
 
 
 def test_an_arm_that_would_fall_is_not_let_go() -> None:
