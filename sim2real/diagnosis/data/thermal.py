@@ -49,8 +49,8 @@ class Heat:
     def __init__(self, data: Data, paths: Paths) -> None:
         self._data, self._paths = data, paths
         self._settings = data.settings.simulation
-        nodes = np.array([0.0, *self._settings.strengths[::-1], 1.0]) ** 2
-        self._nodes = nodes[:, None, None]  # squares of strengths, (S + 1, 1, 1)
+        strengths = np.array([0.0, *self._settings.strengths[::-1], 1.0])
+        self._nodes = strengths**2  # (S + 1,)
         self._known: dict[tuple[int, int | None], np.ndarray] = {}  # (S, 2, T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
@@ -164,13 +164,13 @@ class Heat:
 
     def _rises(self, squares: np.ndarray) -> np.ndarray:
         """Return how squared torques (S, ...) rise with the square of the strength left."""
-        widths = np.diff(self._nodes, axis=0)  # (S, 1, 1)
-        spread = widths.reshape(-1, *[1] * (squares.ndim - 1))
-        return np.diff(squares, axis=0, prepend=np.zeros_like(squares[:1])) / spread
+        widths = np.diff(self._nodes).reshape(-1, *[1] * (squares.ndim - 1))
+        return np.diff(squares, axis=0, prepend=np.zeros_like(squares[:1])) / widths
 
     def _risen(self, rises: np.ndarray, left: np.ndarray) -> np.ndarray:
         """Return what rises (S, n, k) come to where strength (n, k) is left."""
-        low, high = self._nodes[:-1], self._nodes[1:]  # (S, 1, 1)
+        nodes = self._nodes[:, None, None]
+        low, high = nodes[:-1], nodes[1:]
         return (rises * (np.clip(left * left, low, high) - low)).sum(axis=0)
 
     def squares(self, number: int) -> np.ndarray:
