@@ -8,11 +8,10 @@ raced. So each cause races for its place once; and every effect whose change of 
 it was screened, points where the cause's does is fitted in its place as well: what the two do to
 the logs is then all but collinear, whatever their names. Held-out errors judge them (`alike`).
 
-Three kinds of effects are inseparable whatever is recorded of commands and positions: delays of the
-command and of the measurement, unless readings have stamps of their own; effects that, with the
-right value, make the same model, such as the supply and the strength of motors without damping; and
-those that make the same equations of motion, such as a rotor's inertia and that of a link which
-turns about nothing but its axis.
+Two kinds of effects are inseparable whatever is recorded of commands and positions: delays of the
+command and of the measurement, unless readings have stamps of their own; and effects that make the
+same equations of motion with some values, such as the supply and the strength of motors without
+damping, or a rotor's inertia and that of a link which turns about nothing but its axis.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from dataclasses import replace
 import numpy as np
 
 from envs.effects.base import PLAIN
-from envs.plant import Plant
 from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import Fit, columns, refine
@@ -157,26 +155,4 @@ def inseparable(search: Search, one: Pair, other: Pair) -> bool:
     if any(candidate.group != PLAIN for candidate, _ in (one, other)):
         return False
     data = search.problem.data
-    if same_dynamics(data.specs[0], one, other, data.settings.causes):
-        return True
-    return any(
-        _same_model(search, one, (other[0], values))
-        for values in (other[1], one[1])
-        if values.shape == other[1].shape
-        and ((other[0].low <= values) & (values <= other[0].high)).all()
-    )
-
-
-def _same_model(search: Search, one: Pair, other: Pair) -> bool:
-    """Return whether two effects with these values make one model, by fields that they change."""
-    plants = []
-    for candidate, values in (one, other):
-        plant = Plant(search.problem.data.specs[0], [candidate.effect], 1)
-        plant.set_params(np.zeros(1, int), values[None])
-        plants.append(plant)
-    model, row = plants[0].model, np.zeros(1, int)
-    fields = [n for n in dir(model) if any(plant.varies(n) for plant in plants)]
-    return bool(fields) and all(
-        np.allclose(*(plant.field_values(name, row) for plant in plants), rtol=1e-9, atol=0.0)
-        for name in fields
-    )
+    return same_dynamics(data.specs[0], one, other, data.settings.causes)

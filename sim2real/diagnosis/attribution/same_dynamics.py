@@ -2,9 +2,10 @@
 
     same_dynamics(spec, (armature, values), (link_inertia, values), settings.causes)
 
-A hinge on a fixed base turns alike with more rotor and with more inertia of its link. Inertia
-matrices and forces are compared in random states under random commands, with the values of the
-other effect that come nearest; only of model fields that act through these alone. Limits of force
+A hinge on a fixed base turns alike with more rotor and with more inertia of its link, and a motor
+without damping pulls alike with less supply and with less strength. Inertia matrices and forces are
+compared in random states under random commands, with the values of the other effect that come
+nearest; only of model fields that act through these alone. Limits of force
 are reached there, since errors of any size are among them.
 """
 
@@ -30,6 +31,7 @@ FIELDS = (  # of bodies, joints and motors: they act through inertia and forces,
     "dof_armature",
     "actuator_gainprm",
     "actuator_biasprm",
+    "actuator_damping",
     "actuator_forcerange",
     "actuator_gear",
 )
@@ -43,7 +45,8 @@ def same_dynamics(spec: mujoco.MjSpec, one: Pair, other: Pair, limits: Causes) -
     Args:
         spec: the robot's model.
         one: an effect and its values.
-        other: another effect and the values that were fitted to the same logs.
+        other: another effect and the values that were fitted to the same logs; one's values are
+            tried for it as well, where they are as many.
         limits: how near is the same.
     """
     plants = [Plant(spec, [candidate.effect], 1) for candidate, _ in (one, other)]
@@ -57,8 +60,11 @@ def same_dynamics(spec: mujoco.MjSpec, one: Pair, other: Pair, limits: Causes) -
     def wrong(values: np.ndarray) -> np.ndarray:
         return (states.forces(plants[1], values) - wanted) / size
 
-    start = np.clip(other[1], low, high)
-    if not size > 0 or not np.linalg.norm(wrong(start)) < limits.twin_near:
+    if not size > 0:
+        return False
+    starts = [np.clip(v, low, high) for v in (other[1], one[1]) if v.shape == low.shape]
+    off, start = min(((np.linalg.norm(wrong(s)), s) for s in starts), key=lambda pair: pair[0])
+    if off >= limits.twin_near:
         return False
     best = least_squares(wrong, start, bounds=(low, high), x_scale="jac", xtol=1e-12)
     return bool(np.linalg.norm(best.fun) < limits.twin_same)

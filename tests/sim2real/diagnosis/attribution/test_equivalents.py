@@ -85,6 +85,7 @@ def test_what_makes_one_model_is_one_member(tmp_path: Path) -> None:
         for actuator in spec.actuators:
             actuator.damping[:] = 0.0
     assert inseparable(search, weak, supply)
+    assert inseparable(search, weak, (supply[0], np.array([0.3])))  # fitted badly
     assert not inseparable(search, weak, gain)  # a gain has no limit
     late = option(search, "command_delay"), np.array([0.02])  # cannot be as large as a factor
     assert not inseparable(search, weak, late)
