@@ -12,7 +12,7 @@ probes of the best candidates are then simulated as they are.
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -150,7 +150,8 @@ def _glance(
     """Return who is kept and was seen as it is, what is to be simulated yet, and who is left out.
 
     Lags and delays may be shorter than a longer time step, and are looked at as they are. So are
-    the middle probes of what adds joints, which are as stiff and heavy as the time step asks.
+    the middle and the largest probes of what adds joints, which are as stiff and heavy as the time
+    step asks: what a soft spring does is nothing like what a stiff one does.
     """
     limits = view.problem.data.settings.screening
     long, short, added = (
@@ -158,7 +159,7 @@ def _glance(
     )
     exact = _simulate(view, [_Look(option, range(len(option.probes))) for option in short])
     seen = _simulate(view, [_Look(o, range(len(o.probes))) for o in long], longer)
-    seen += _simulate(view, [_Look(option, _middle(option)) for option in added])
+    seen += _simulate(view, [_Look(o, sorted({*_middle(o), *_largest(o)})) for o in added])
     order = sorted([*exact, *seen], key=lambda one: -one.gain)
     done, looks = [], []
     for one in order[: limits.kept_max]:
@@ -215,14 +216,23 @@ def kind_of(effect: Effect) -> Kind:
 
 def _middle(option: Candidate) -> list[int]:
     """Return the numbers of an option's probes of middle size each way, with all free extras."""
+    return _sized(option, lambda sizes: sizes[len(sizes) // 2])
+
+
+def _largest(option: Candidate) -> list[int]:
+    """Return the numbers of an option's largest probes each way, with all free extras."""
+    return _sized(option, lambda sizes: sizes[-1])
+
+
+def _sized(option: Candidate, chosen: Callable[[np.ndarray], float]) -> list[int]:
+    """Return the numbers of the probes each way whose size is chosen of the sorted ones."""
     own = len(option.neutral) - len(option.effect.free)
     change = (option.probes - option.neutral)[:, :own]
     kept: list[int] = []
     for sign in np.unique(np.sign(change), axis=0):
         rows = np.flatnonzero((np.sign(change) == sign).all(axis=1))
         size = np.abs(change[rows]).sum(axis=1)
-        sizes = np.unique(size)
-        kept += rows[size == sizes[len(sizes) // 2]].tolist()
+        kept += rows[size == chosen(np.unique(size))].tolist()
     return sorted(kept)
 
 

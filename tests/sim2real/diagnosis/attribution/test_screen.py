@@ -113,6 +113,25 @@ def test_a_glance_in_longer_steps_keeps_the_ranking(tmp_path: Path, truth: Any) 
     assert names[0] == names[1] == {guess.candidate.label for guess in fast.guesses}
 
 
+def test_a_glance_sees_a_soft_spring(tmp_path: Path) -> None:
+    """What a stiffer one does is nothing like it, so that play looks better by middle probes."""
+    soft = ("joint_compliance", {"where": "b", "side": "motor"}, 1.0)
+    data = arm.data_of(arm.make_log(soft, seconds=4.0), tmp_path)
+    data = replace(data, settings=replace(DEFAULT, screening=Screening(kept_max=1)))
+    among = ("backlash.b (motor side)", "joint_compliance.b (motor side)", "position_gain.b")
+    options = [option for option in candidates(data) if option.label in among]
+    longer = data.stepping(DEFAULT.screening.coarse_s)
+    assert longer is not None
+    problem, nothing = (
+        Problem(data, Simulator(data, threads=1)),
+        Fit((), np.zeros((2, 0)), np.zeros(2)),
+    )
+    full = screen(problem, nothing, options).guesses[0]
+    fast = screen(problem, nothing, options, coarse=problem.by(Simulator(longer, threads=1)))
+    assert fast.guesses[0].candidate.label == full.candidate.label == among[1]
+    assert fast.guesses[0].gain == pytest.approx(full.gain, rel=1e-9)
+
+
 def test_no_glance_where_longer_steps_lose_the_motion(tmp_path: Path) -> None:
     """A servo that longer steps cannot carry is screened as it is."""
     data = arm.data_of(arm.make_log(*TRUTH, seconds=3.0), tmp_path)
