@@ -197,6 +197,11 @@ def table(done: Sequence[dict[str, Any]]) -> Table:
     by_menu = [one["menu"]["left"] == 0 for one in told]
     both = [one for one, a, b in zip(told, parted, by_menu, strict=True) if a and b]
     mine, menus = sum(o["seconds"] for o in both), sum(o["menu"]["seconds"] for o in both)
+    none = [
+        (one, menu)
+        for one, end, menu in zip(told, ends, by_menu, strict=True)
+        if end == "not_parted"
+    ]
     made = Table(("what", "designed", "menu in its order"))
     made.add("one explanation is left", wilson(parted), wilson(by_menu))
     made.add("one is left, or rightly none can be parted", wilson(right), None)
@@ -209,6 +214,12 @@ def table(done: Sequence[dict[str, Any]]) -> Table:
         f"{', '.join(f'{end} {ends.count(end)}' for end in sorted(set(ends)))}; a drawn motion "
         f"proved 'no motion parts them' wrong {sum(wrong)} times."
     )
+    if none:
+        furthest, menus_parted = max(one["asked"] for one, _ in none), sum(menu for _, menu in none)
+        made.notes.append(
+            f"Where no motion parted them, drawn ones parted any two by {furthest:.1g} floors at "
+            f"most; in {menus_parted} of these {len(none)} the menu's logs left one explanation."
+        )
     return made
 
 

@@ -2,6 +2,7 @@
 
     python -m benchmarks.screening                 # 100 cases: hours; goes on where it was stopped
     python -m benchmarks.screening --cases 20 --seed 77
+    python -m benchmarks.screening --only 0 38     # of the hundred these two
     python -m benchmarks.screening --most 0        # the table of what is done so far
 
 Each case is made as the exam makes it; its candidates are screened with every probe simulated as
@@ -54,14 +55,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--cases", type=int, default=100, help="of the exam (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=77, help="of their draw (default: %(default)s)")
+    parser.add_argument("--only", type=int, nargs="+", help="numbers of the cases, if not all")
     parser.add_argument("--most", type=int, help="cases to screen now; 0 writes the table only")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of the cases' results")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of what is kept")
     chosen = parser.parse_args(arguments)
     if chosen.cases < 1 or (chosen.most or 0) < 0:
         parser.error("--cases must be at least 1, and --most not negative")
+    if not set(chosen.only or ()) <= set(range(chosen.cases)):
+        parser.error(
+            f"--only {chosen.only} must lie between 0 and {chosen.cases - 1}, below --cases"
+        )
     exam = Exam(ROBOTS, one=1, two=8, none=0, excluded=0, longest=1.0, block=1, sample=chosen.cases)
-    left = [one for one in exam.draw(chosen.seed) if not _file(chosen, one).is_file()]
+    drawn = exam.draw(chosen.seed)
+    asked = drawn if chosen.only is None else [drawn[number] for number in chosen.only]
+    left = [one for one in asked if not _file(chosen, one).is_file()]
     for outline in left[: chosen.most]:
         with claimed(chosen.out / "claims" / f"{chosen.seed}_{outline.name}") as mine:
             if mine and not _file(chosen, outline).is_file():

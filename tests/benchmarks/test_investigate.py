@@ -30,6 +30,7 @@ def test_shares_and_seconds_are_counted() -> None:
     assert values == [[0.5, 0.25], [0.75, None], [0.75, None], [8.0, 24.0]]
     assert "wrong 1 times" in table.notes[0]
     assert "16 draws" in table.notes[0]
+    assert "by 5 floors at most; in 0 of these 2 the menu's logs" in table.notes[1]
 
 
 def test_a_wrong_number_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

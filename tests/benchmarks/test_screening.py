@@ -50,3 +50,19 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Monk
     files = [json.loads(file.read_text()) for file in (tmp_path / "out").glob("*.json")]
     assert sum(bool(one) for one in files) == 3
     assert "3 cases of seed 77, of 4 drawn" in (tmp_path / "kept" / "screening.md").read_text()
+
+
+def test_single_cases_can_be_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are those of the whole draw; a number beyond it is refused."""
+    made = []
+    monkeypatch.setattr(
+        screening, "compare", lambda exam, outline: made.append(outline.name) or case(EXACT)
+    )
+    options = ["--cases", "4", "--out", str(tmp_path / "out"), "--results", str(tmp_path / "kept")]
+    assert screening.main([*options, "--only", "3", "1"]) == 0
+    assert made == ["case_003", "case_001"]
+    with pytest.raises(SystemExit):
+        screening.main([*options, "--only", "4"])
+    assert "--only [4] must lie between 0 and 3" in capsys.readouterr().err

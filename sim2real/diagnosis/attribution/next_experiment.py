@@ -166,10 +166,11 @@ class _Near:
         Else the evidence that it gives in a second of that time.
         """
         item, distances = scored
-        least, time, sure = self.least(distances), item.seconds + item.setup, self.settings
-        if least >= sure.apart_sure:
+        least, time = self.least(distances), item.seconds + item.setup
+        sure = self.settings.apart_sure
+        if least >= sure:
             return True, -time, least
-        evidence = np.mean(np.minimum(self.of(distances), sure.apart_sure) ** 2)
+        evidence = np.mean(np.minimum(self.of(distances), sure) ** 2)
         return False, float(evidence) * item.seconds / time, least
 
 
@@ -334,9 +335,9 @@ def _text(
     text = f"To tell {names} apart, record {item.name}: {first}`{command}`. "
     if not near.parted.any():
         return (
-            f"{text}Even there they are at most {least:.1f} times the noise apart once "
-            "each has refitted: no motion that was looked at separates them on this robot, so "
-            "any of them will do in its simulator."
+            f"{text}Even there they are at most {least:.1f} times the noise apart once each has "
+            "refitted: no motion that was looked at separates them on this robot, so in such "
+            "motions any of them will do in its simulator."
         )
     apart = f"{least:.0f} times the noise floor apart once each has refitted"
     if not alike:

@@ -5,8 +5,8 @@
 A hinge on a fixed base turns alike with more rotor and with more inertia of its link, and a motor
 without damping pulls alike with less supply and with less strength. Inertia matrices and forces are
 compared in random states under random commands, with the values of the other effect that come
-nearest; only of model fields that act through these alone. Limits of force
-are reached there, since errors of any size are among them.
+nearest; only of model fields that act through these alone. Limits of force are reached there, since
+errors of any size are among them.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def same_dynamics(spec: mujoco.MjSpec, one: Pair, other: Pair, limits: Causes) -
         return False
     starts = [np.clip(v, low, high) for v in (other[1], one[1]) if v.shape == low.shape]
     off, start = min(((np.linalg.norm(wrong(s)), s) for s in starts), key=lambda pair: pair[0])
-    if off >= limits.twin_near:
+    if not off < limits.twin_near:
         return False
     best = least_squares(wrong, start, bounds=(low, high), x_scale="jac", xtol=1e-12)
     return bool(np.linalg.norm(best.fun) < limits.twin_same)

@@ -12,7 +12,7 @@ probes of the best candidates are then simulated as they are.
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -102,7 +102,7 @@ def screen(
         before: how options changed a simulation with less or other effects known, on the same
             windows. Beside known effects, of many options only `probed_max` are looked at:
             those that would promise most if they changed this simulation as they changed that
-            one, or, where nothing is known of them, as their middle probes do.
+            one, or, where nothing is known of them, as a few of their probes do.
         coarse: the same windows in longer time steps; None simulates every probe as it is.
     """
     error, slope = problem.errors(found.members, found.values[None])
@@ -150,8 +150,7 @@ def _glance(
     """Return who is kept and was seen as it is, what is to be simulated yet, and who is left out.
 
     Lags and delays may be shorter than a longer time step, and are looked at as they are. So are
-    the middle and the largest probes of what adds joints, which are as stiff and heavy as the time
-    step asks: what a soft spring does is nothing like what a stiff one does.
+    a few probes of what adds joints, which are as stiff and heavy as the time step asks.
     """
     limits = view.problem.data.settings.screening
     long, short, added = (
@@ -159,7 +158,7 @@ def _glance(
     )
     exact = _simulate(view, [_Look(option, range(len(option.probes))) for option in short])
     seen = _simulate(view, [_Look(o, range(len(o.probes))) for o in long], longer)
-    seen += _simulate(view, [_Look(o, sorted({*_middle(o), *_largest(o)})) for o in added])
+    seen += _simulate(view, [_Look(option, _few(option)) for option in added])
     order = sorted([*exact, *seen], key=lambda one: -one.gain)
     done, looks = [], []
     for one in order[: limits.kept_max]:
@@ -182,7 +181,7 @@ def _likely(
     now: Screening,
     longer: _Longer | None,
 ) -> list[Candidate]:
-    """Return the options that may promise most; adds how the middle probes of others change it."""
+    """Return the options that may promise most; adds how a few probes of others change it."""
     told: dict[str, dict[int, np.ndarray]] = {}
     own = {option.label: option.probes.tolist() for option in options}  # a ripple's are new ones
     for response in before:
@@ -194,7 +193,7 @@ def _likely(
         if option.label in told:
             made = promises(view, option, told[option.label])
             gains[option.label] = made[0][1].gain if made else 0.0
-    strangers = [_Look(o, _middle(o)) for o in options if o.label not in gains]
+    strangers = [_Look(o, _few(o)) for o in options if o.label not in gains]
     long = [look for look in strangers if kind_of(look.candidate.effect) is Kind.LONG]
     others = [look for look in strangers if kind_of(look.candidate.effect) is not Kind.LONG]
     glanced = _simulate(view, long, longer)
@@ -214,25 +213,21 @@ def kind_of(effect: Effect) -> Kind:
     return Kind.SHORT if effect.unit == "s" else Kind.LONG
 
 
-def _middle(option: Candidate) -> list[int]:
-    """Return the numbers of an option's probes of middle size each way, with all free extras."""
-    return _sized(option, lambda sizes: sizes[len(sizes) // 2])
+def _few(option: Candidate) -> list[int]:
+    """Return the numbers of an option's probes of middle size each way, with all free extras.
 
-
-def _largest(option: Candidate) -> list[int]:
-    """Return the numbers of an option's largest probes each way, with all free extras."""
-    return _sized(option, lambda sizes: sizes[-1])
-
-
-def _sized(option: Candidate, chosen: Callable[[np.ndarray], float]) -> list[int]:
-    """Return the numbers of the probes each way whose size is chosen of the sorted ones."""
+    Of what adds joints the largest, too: a soft spring does nothing of what a stiff one does.
+    """
+    added = kind_of(option.effect) is Kind.ADDED
     own = len(option.neutral) - len(option.effect.free)
     change = (option.probes - option.neutral)[:, :own]
     kept: list[int] = []
     for sign in np.unique(np.sign(change), axis=0):
         rows = np.flatnonzero((np.sign(change) == sign).all(axis=1))
         size = np.abs(change[rows]).sum(axis=1)
-        kept += rows[size == chosen(np.unique(size))].tolist()
+        sizes = np.unique(size)
+        looked = [sizes[len(sizes) // 2], *(sizes[-1:] if added else ())]
+        kept += rows[np.isin(size, looked)].tolist()
     return sorted(kept)
 
 
