@@ -57,13 +57,6 @@ class _Longer(NamedTuple):
     error: np.ndarray  # (W, T, M), with what is known already
 
 
-class _Look(NamedTuple):
-    """A candidate, and the numbers of its probes that are simulated."""
-
-    candidate: Candidate
-    probes: Sequence[int]
-
-
 class _Seen(NamedTuple):
     """What was seen of a candidate whose probes change something."""
 
@@ -80,6 +73,19 @@ class _Seen(NamedTuple):
         option = self.candidate
         kept = [k for k in self.changes if k not in but]
         return [Response(option, option.probes[k], self.changes[k]) for k in kept]
+
+    def joined(self, more: _Seen) -> _Seen:
+        """Return what was seen of it with further probes."""
+        made = sorted([*self.promises, *more.promises], key=lambda one: -one[1].gain)
+        return _Seen(self.candidate, made, self.changes | more.changes)
+
+
+class _Look(NamedTuple):
+    """A candidate, the numbers of its probes that are simulated, and what is known of others."""
+
+    candidate: Candidate
+    probes: Sequence[int]
+    before: _Seen | None = None
 
 
 def screen(
@@ -163,14 +169,13 @@ def _glance(
     done, looks = [], []
     for one in order[: limits.kept_max]:
         option, best = one.candidate, [k for k, _ in one.promises[: limits.probes_kept]]
-        kind = kind_of(option.effect)
-        if kind is Kind.SHORT:
-            done.append(one)
-        elif kind is Kind.ADDED:
-            looks.append(_Look(option, range(len(option.probes))))
-        else:
+        if kind_of(option.effect) is Kind.LONG:
             looks.append(_Look(option, best))
             result.responses.extend(one.responses(but=best))
+        elif left := [k for k in range(len(option.probes)) if k not in one.changes]:
+            looks.append(_Look(option, left, one))
+        else:
+            done.append(one)
     return done, looks, order[limits.kept_max :]
 
 
@@ -248,12 +253,13 @@ def _simulate(view: View, looks: Sequence[_Look], longer: _Longer | None = None)
         each = problem.errors_each([_points(view.found, part) for part in some], False)
         for part, (error, _) in zip(some, each, strict=True):
             start = 0
-            for option, probes in part:
+            for option, probes, before in part:
                 changes = {k: error[start + i] - own for i, k in enumerate(probes)}
                 start += len(probes)
-                if made := promises(view, option, changes):
-                    single = {k: change.astype(np.float32) for k, change in changes.items()}
-                    found.append(_Seen(option, made, single))
+                single = {k: change.astype(np.float32) for k, change in changes.items()}
+                seen = _Seen(option, promises(view, option, changes), single)
+                seen = seen if before is None else before.joined(seen)
+                found += [seen] if seen.promises else []
     return found
 
 
@@ -280,8 +286,8 @@ def _points(found: Fit, looks: Sequence[_Look]) -> Ask:
     known = found.values.shape[1]
     neutral = np.concatenate([option.neutral for option in own])
     points = []
-    for (option, probes), place in zip(looks, columns(own), strict=True):
-        for probe in option.probes[list(probes)]:
+    for look, place in zip(looks, columns(own), strict=True):
+        for probe in look.candidate.probes[list(look.probes)]:
             point = np.concatenate([found.values, np.tile(neutral, (FOLDS, 1))], axis=1)
             point[:, known + place.start : known + place.stop] = probe
             points.append(point)
