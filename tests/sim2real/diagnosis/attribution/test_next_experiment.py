@@ -138,6 +138,7 @@ def test_two_that_are_one_do_not_hide_what_can_be_parted(exact: int) -> None:
     assert (
         "but no motion that was looked at separates encoder_offset from gravity_tilt" in plan.text
     )
+    assert ask(*same, exact=exact).most < 1
 
 
 def test_an_arm_that_would_fall_is_not_let_go() -> None:
