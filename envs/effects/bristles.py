@@ -6,7 +6,8 @@ of systems with friction, IEEE Trans. Automatic Control 40 (3), 1995, equations 
     dz/dt = w - s0 |w| / g(w) z        tau = s0 z + s1 dz/dt
 
 g is the friction of steady sliding, all of the joint's: its own, Coulomb, Stribeck and
-load-dependent. The bristles' stiffness s0 is g(0) over the deflection at which they slip.
+load-dependent. The bristles' stiffness s0 is g(0) over the deflection at which they slip, their
+damping s1 = 2 r sqrt(s0 J) with a ratio r of critical (0.5 in the paper's table I).
 
 Discretized by one linearly implicit Euler step (Hairer and Wanner, Solving Ordinary Differential
 Equations II, IV.7): z' = (z + dt w') / (1 + dt a) with a = s0 |w| / g(w) of the step's start and
@@ -24,7 +25,6 @@ import numpy as np
 from envs.effects.base import SubstepRule
 from envs.effects.plant_view import PlantView
 
-RATIO = 0.1  # of critical damping that bristles have: s1 = 2 ratio sqrt(s0 J)
 STABLE = 0.25  # largest (dt w)² of bristles under an explicit integration
 AT_REST = 1e-3  # rad/s: a joint that starts slower than this is held by its bristles
 LEAST = 1e-12  # N·m: a joint without friction has no bristles
@@ -39,6 +39,7 @@ class Bristles(SubstepRule):
 
     Attributes:
         bend: rad at which the joint breaks away, (N, 1); 0 leaves the engine's rigid friction.
+        ratio: of critical damping that the bristles have, (N, 1).
         faded: N·m by which the friction at standstill exceeds that at the present speed, (N, k).
     """
 
@@ -47,6 +48,7 @@ class Bristles(SubstepRule):
     def __init__(self, plant: PlantView, dofs: np.ndarray) -> None:
         model, shape = plant.model, (plant.num_rows, len(dofs))
         self.bend, self.faded = np.zeros((plant.num_rows, 1)), np.zeros(shape)
+        self.ratio = np.zeros((plant.num_rows, 1))
         self._dofs, self._dt, self._applied = dofs, model.opt.timestep, plant.applied
         self._loss, self._damping = plant.live("dof_frictionloss"), plant.live("dof_damping")
         self._qvel, self._smooth = plant.layout.raw_qvel, plant.batch.bind("qfrc_smooth")
@@ -74,7 +76,7 @@ class Bristles(SubstepRule):
         speed, level = self._qvel[at], np.maximum(self._loss[at], LEAST)
         stiffness = (level + self.faded[rows]) / self.bend[rows]
         stiffness = np.minimum(stiffness, self._stiffest)
-        damping = 2.0 * RATIO * np.sqrt(stiffness * self._inertia)
+        damping = 2.0 * self.ratio[rows] * np.sqrt(stiffness * self._inertia)
         moved = (self._z[rows] + dt * speed) / (1.0 + dt * self._decay[rows])
         z = np.where(self._running[rows][:, None], moved, self._first(at, speed, stiffness, level))
         decay = stiffness * np.abs(speed) / level

@@ -67,6 +67,7 @@ class _Stribeck(_FrictionRule):
         self.speed[ids, 0] = self.effect.scalar("speed", values)
         self.shape[ids, 0] = self.effect.scalar("shape", values)
         self.bristles.bend[ids, 0] = self.effect.scalar("bristle", values)
+        self.bristles.ratio[ids, 0] = self.effect.scalar("ratio", values)
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
@@ -112,6 +113,14 @@ class StribeckFriction(Effect):
             "how far the joint gives way before it breaks away, in all its dry friction; 0: rigid",
             fit=(0.0, 0.02),
             typical=(0.0, 0.01),
+        ),
+        Extra(
+            "ratio",
+            "",
+            0.1,
+            0.0,
+            2.0,
+            "how much of critical damping it has until then; 0.5 in the LuGre paper's table I",
         ),
     )
     typical = (0.0, 0.15)

@@ -21,6 +21,7 @@ from sim2real.diagnosis.attribution.equivalents import (
     with_rivals,
 )
 from sim2real.diagnosis.attribution.fit import Fit, columns
+from sim2real.diagnosis.attribution.judge import Judge
 from sim2real.diagnosis.attribution.locate import bands, locate
 from sim2real.diagnosis.attribution.parsimony import dropped, neutral
 from sim2real.diagnosis.attribution.quantify import (
@@ -34,17 +35,10 @@ from sim2real.diagnosis.attribution.quantify import (
     without,
 )
 from sim2real.diagnosis.attribution.residual import describe
+from sim2real.diagnosis.attribution.sharper import sharper, told
 from sim2real.diagnosis.attribution.singles import singles
 from sim2real.diagnosis.attribution.usual import Usual
-from sim2real.diagnosis.attribution.verdict import (
-    Rest,
-    crowd_of,
-    is_open,
-    is_resolved,
-    stands_out,
-    unwitnessed,
-    verdict_of,
-)
+from sim2real.diagnosis.attribution.verdict import unwitnessed, verdict_of
 from sim2real.diagnosis.evidence import Band, Rung, SingleFit
 from sim2real.diagnosis.schema import (
     Cause,
@@ -141,24 +135,25 @@ def conclude(
     found = with_rivals(search, found)
     spans, starts = spread.ends, [place.start for place in columns(fit.members)]
     text = describe(data, found.error, floor)
-    alone = stands_out(search.base, data, floors), stands_out(found.error, data, floors)
-    unsaid = is_open(found.error, data, floors)
     form = len(order) != 1 or not _wrong(search, found, subsets[frozenset()])
-    numbers = search.before, after, floor, closed, ci[0]
-    counts = len(order), crowd_of(fit.members)
-    resolved = is_resolved(found.error, data)
+    judge = Judge(search, fit.members, floors, form)
+    given = judge.rest(search.base, found.error)
+    verdict, sharp = verdict_of(given, data), None
+    if verdict == "partly_explained" and (sharp := sharper(judge, fit, given)) is not None:
+        verdict = "explained"
     claimed = unwitnessed(fit.members, search.witnessed)
-    verdict = verdict_of(Rest(*numbers, alone, unsaid, *counts, form, resolved, not claimed), data)
     rested = [subsets[every - {number}] for number in order]
     verdict, clear = _beside_usual(search, verdict, rested, found.error)
     causes, findings, sets = [], [_claimed(one) for one in claimed], []
+    findings += [] if sharp is None else [told(sharp, after, data.unit)]
+    sure = closed if sharp is None else max(sharp.rest.closed, closed)
     for place, number in enumerate(order):
         member = found.fit.members[number]
         share = float(shares[number])
         cause, crowd = _cause(search, found, member, rested[place], share, closed)
         doubt = limits.usual_doubt * (1 - clear[place])
         cause = replace(cause, confidence=cause.confidence * (1 - doubt))
-        cause = replace(cause, confidence=calibrated(cause.confidence, closed, limits))
+        cause = replace(cause, confidence=calibrated(cause.confidence, sure, limits))
         own = columns(fit.members)[place]
         causes.append(_valued(cause, member, fit.mean[own], spans[own]))
         findings += [_crowded(cause, crowd)] if len(crowd) >= limits.equivalents_max else []

@@ -22,6 +22,7 @@ from envs.effects import combined
 from envs.effects.friction import STIFF_SOLIMP
 from envs.plant import Fixed
 from hardware.log import Log
+from sim2real.diagnosis.data.recording import shorten
 from sim2real.diagnosis.data.trial import Piece, choose, trial
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Numerics as Limits
@@ -208,11 +209,7 @@ def _scalars(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:
 
 
 def _half_step(spec: mujoco.MjSpec, _: Limits) -> None:
-    spec.option.timestep /= 2
-    for actuator in spec.actuators:
-        if actuator.delay > 0:
-            needed = int(np.ceil(actuator.delay / spec.option.timestep)) + 2
-            actuator.nsample = max(actuator.nsample, needed)
+    shorten(spec, 2)
 
 
 def _tight(spec: mujoco.MjSpec, settings: Limits) -> None:

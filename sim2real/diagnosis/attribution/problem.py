@@ -84,6 +84,7 @@ class Problem:
         Its errors get an offset, (n, T, M) on these windows: by how much it is known to be off.
         """
         other = copy(self)
+        other.__dict__.pop("timing", None)  # that of the other simulator is found anew
         other.simulator, other.offset = simulator, offset
         return other
 

@@ -143,8 +143,14 @@ def verdict_of(rest: Rest, data: Data) -> Verdict:
         return "unexplained"
     if rest.values > limits.causes_max:
         return "fitted"
-    sound = rest.crowd <= limits.joint_causes_max and rest.witnessed
-    return "explained" if (near or most) and sound else "partly_explained"
+    return "explained" if (near or most) and is_sound(rest, data) else "partly_explained"
+
+
+def is_sound(rest: Rest, data: Data) -> bool:
+    """Return whether such causes may explain a gap at all, however little they leave."""
+    limits = data.settings.verdict
+    few = rest.values <= limits.causes_max and rest.crowd <= limits.joint_causes_max
+    return few and rest.witnessed
 
 
 def crowd_of(members: Sequence[Candidate]) -> int:

@@ -25,7 +25,12 @@ from sim2real.diagnosis.data.impedance import impedance_of, with_laws
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
 from sim2real.diagnosis.data.nuisance import Nuisance
 from sim2real.diagnosis.data.pairs import is_scalar
-from sim2real.diagnosis.data.recording import check_log, load_model, with_bus_delay
+from sim2real.diagnosis.data.recording import (
+    check_log,
+    load_model,
+    shorten,
+    with_bus_delay,
+)
 from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow
 from sim2real.diagnosis.data.windows import Joint, Window, cut
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
@@ -194,6 +199,16 @@ class Data:
         pairs = zip(specs, self.specs, strict=True)
         if all(spec.option.timestep == own.option.timestep for spec, own in pairs):
             return None
+        return self._with_models(specs)
+
+    def finer(self, times: int) -> Data:
+        """Return the data with models that take so many times as many time steps."""
+        specs = [spec.copy() for spec in self.specs]
+        for spec in specs:
+            shorten(spec, times)
+        return self._with_models(specs)
+
+    def _with_models(self, specs: Sequence[mujoco.MjSpec]) -> Data:
         return replace(
             self, specs=tuple(specs), models=tuple(spec.copy().compile() for spec in specs)
         )

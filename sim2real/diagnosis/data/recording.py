@@ -84,6 +84,15 @@ def with_bus_delay(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
     return spec
 
 
+def shorten(spec: mujoco.MjSpec, times: int) -> None:
+    """Let a model take so many times as many time steps; delayed actuators wait as long."""
+    spec.option.timestep /= times
+    for actuator in spec.actuators:
+        if actuator.delay > 0:
+            samples = math.ceil(actuator.delay / spec.option.timestep) + 2
+            actuator.nsample = max(actuator.nsample, samples)
+
+
 def check_log(log: Log, model: mujoco.MjModel) -> None:
     """Raise LogError if the log names what the model lacks, or lacks a joint that it drives."""
     joints = [model.joint(i).name for i in range(model.njnt)]

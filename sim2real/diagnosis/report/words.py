@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from envs.effects import EFFECTS
+from sim2real.diagnosis.attribution.sharper import SHORTCUTS
 from sim2real.diagnosis.preflight.checks import UNITS
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.diagnosis.settings import DEFAULT, TINY
@@ -153,6 +154,9 @@ def rest(report: Report) -> str:
     gap = report.gap
     if report.verdict != "explained" or not gap.after or gap.after <= NOISE * gap.noise_floor:
         return ""
+    for finding in report.preflight:
+        if finding.check == SHORTCUTS:
+            return finding.finding
     floors = gap.after / max(gap.noise_floor, TINY)
     return (
         f"What is left is {floors:.1f} times the noise floor: the causes explain the gap, and "

@@ -16,7 +16,6 @@ from sim2real.diagnosis.settings.attribution import (
     Cogging,
     JointGroups,
     Locating,
-    Numerics,
     Parsimony,
     Residual,
     Search,
@@ -40,6 +39,7 @@ from sim2real.diagnosis.settings.data import (
 from sim2real.diagnosis.settings.experiment import Experiment
 from sim2real.diagnosis.settings.fitting import Fitting, Screening
 from sim2real.diagnosis.settings.ground import Ground
+from sim2real.diagnosis.settings.numerics import Numerics
 from sim2real.diagnosis.settings.preflight import (
     Channels,
     Checks,

@@ -30,6 +30,17 @@ def test_it_gives_way_before_it_breaks_away(bench, one) -> None:
     assert arm.run(ramp[::-1])[0][-1, 0] < 0.5 * pulled[-1]
 
 
+def test_it_rings_as_damped_as_in_the_paper(bench, one) -> None:
+    """A step far below the friction overshoots as a linear oscillator of half critical damping."""
+    friction, step, ratio = 0.2, 0.004, 0.5  # table I: s0 = 1e5, s1 = sqrt(1e5), a unit mass
+    bent = one("stribeck_friction", speed=50.0, bristle=0.1, ratio=ratio)
+    arm = bench([bent], [[friction]], MOTOR)
+    arm.reset()
+    path = arm.run(np.repeat([0.0, step], [20, 1500]))[0][:, 0]
+    overshoot = np.exp(-np.pi * ratio / np.sqrt(1 - ratio**2))
+    assert path.max() / path[-1] - 1 == pytest.approx(overshoot, rel=0.1)
+
+
 @pytest.mark.parametrize("bend", [1e-6, 1e-4, 0.02])
 def test_any_stiffness_is_stable(bench, one, bend: float) -> None:
     """The least deflection is nearly the engine's own rigid friction."""

@@ -150,6 +150,23 @@ def test_a_clock_that_is_off_costs_nothing(problem: Problem, options: list[Candi
     assert problem.shift(late, slope) == pytest.approx(problem.shift(error, slope) - 5e-4, abs=1e-9)
 
 
+def test_another_simulator_has_its_own_clock(
+    problem: Problem, options: list[Candidate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Held-out errors are set by the clock of who simulated them, whatever was simulated before."""
+    late = Simulator(problem.data, threads=1)
+    run_each = late.run_each
+
+    def delayed(runs: list) -> list:
+        return [one._replace(error=one.error + 5e-4 * one.slope) for one in run_each(runs)]
+
+    monkeypatch.setattr(late, "run_each", delayed)
+    pair = tuple(c for c in options if c.label in ("coulomb_friction.a", "position_gain.b"))
+    values = np.array([[dict((n, v) for n, _, v in TRUTH)[c.name] for c in pair]] * 2)
+    own = problem.held_out(pair, values)
+    assert np.allclose(problem.by(late).held_out(pair, values), own, atol=1e-9)
+
+
 def test_intervals_are_wider_than_those_of_independent_samples(problem: Problem) -> None:
     """Errors that hang together for a second are not many samples."""
     error = problem.held_out((), np.zeros((2, 0)))

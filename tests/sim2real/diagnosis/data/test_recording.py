@@ -11,7 +11,13 @@ import pytest
 from envs.plant import Plant
 from envs.replay import replay, switchable
 from hardware.log import Log, read_logs, write_log
-from sim2real.diagnosis.data.recording import load_model, rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.recording import (
+    load_model,
+    rows_before,
+    rows_of,
+    shorten,
+    to_recording,
+)
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
 
@@ -161,3 +167,15 @@ def test_a_model_beside_the_log_is_found(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").unlink()
     with pytest.raises(Sim2RealError, match=r"models/arm.xml"):
         load_model(moved, None)
+
+
+def test_shorter_steps_wait_as_long() -> None:
+    """A delayed actuator keeps its delay, and as much memory of commands as that takes."""
+    spec = arm.spec()
+    for actuator in spec.actuators:
+        actuator.delay, actuator.nsample = 0.01, 7
+    shorten(spec, 5)
+    model = spec.compile()
+    assert model.opt.timestep == pytest.approx(arm.STEP / 5)
+    assert all(actuator.delay == 0.01 for actuator in spec.actuators)
+    assert all(actuator.nsample * model.opt.timestep > 0.01 for actuator in spec.actuators)

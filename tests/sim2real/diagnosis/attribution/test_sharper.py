@@ -1,0 +1,117 @@
+"""What causes leave where the simulator takes no shortcuts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import make
+from envs.plant import Plant
+from envs.replay import roll
+from hardware.log import Log
+from sim2real.diagnosis.attribution.attribute import Search
+from sim2real.diagnosis.attribution.candidates import Candidate, candidates
+from sim2real.diagnosis.attribution.fit import Fit, refine
+from sim2real.diagnosis.attribution.judge import Judge
+from sim2real.diagnosis.attribution.problem import Problem
+from sim2real.diagnosis.attribution.sharper import SHORTCUTS, bristles, sharper, told
+from sim2real.diagnosis.attribution.verdict import verdict_of
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.simulate import Simulator
+from tests.sim2real.diagnosis import pendulum
+
+FINEST, COUNT = 2.5e-4, 2 * np.pi / 4096  # s, rad
+MORE = 0.08  # N·m of dry friction that the model lacks
+BENDS = ("stribeck_friction", {"where": "pivot", "bristle": 1e-3, "ratio": 0.5}, 1e-6)
+
+
+def log_of(*effects: tuple[str, dict, float], seconds: float = 24.0) -> Log:
+    """Return a log of the pendulum in the finest steps, read in counts."""
+    spec = mujoco.MjSpec.from_string(pendulum.XML)
+    spec.option.timestep = FINEST
+    time = np.arange(round(seconds * pendulum.RATE)) / pendulum.RATE
+    wanted = 0.5 * np.sin(2 * np.pi * (0.3 * time + 0.04 * time**2))[:, None]
+    plant = Plant(spec, [make(n, **a) for n, a, _ in effects], 1, 1)
+    plant.set_params(np.zeros(1, int), np.array([[value for *_, value in effects]]))
+    start, per = np.zeros((1, 1)), round(1 / pendulum.RATE / FINEST)
+    plant.reset(np.zeros(1, int), start, start, np.zeros(1, np.uint64), wanted[:1], measured=True)
+    path = roll(plant, wanted.repeat(per, axis=0)[None])[0, :-1:per]
+    read = COUNT * np.round(path[:, 0] / COUNT)
+    columns = {"episode": np.zeros(len(time)), "time": time}
+    return Log({**columns, "ctrl.pivot": wanted[:, 0], "qpos.pivot": read})
+
+
+@pytest.fixture(scope="module")
+def search(tmp_path_factory: pytest.TempPathFactory) -> Search:
+    """Return a search on a robot with more dry friction, all of which gives way by 1 mrad."""
+    log = log_of(("coulomb_friction", {"where": "pivot"}, MORE), BENDS)
+    data = Data.of([log], pendulum.model(tmp_path_factory.mktemp("pendulum")))
+    names = ("coulomb_friction.pivot", "viscous_friction.pivot", "stribeck_friction.pivot")
+    options = [option for option in candidates(data) if option.label in names]
+    problem, floors = Problem(data, Simulator(data, threads=1)), data.floors()
+    rng = np.random.default_rng(0)
+    return Search(problem, options, float(floors[0]), rng, lambda text, share: None, floors)
+
+
+def fitted(search: Search, name: str, start: Sequence[float]) -> tuple[Judge, Fit, np.ndarray]:
+    """Return a cause with its values and held-out errors."""
+    member = _option(search, name)
+    fit = refine(search.fitting, (member,), np.array([start]))
+    error = search.problem.held_out(fit.members, fit.values)
+    return Judge(search, fit.members, search.problem.data.floors(), True), fit, error
+
+
+def _option(search: Search, name: str) -> Candidate:
+    return next(option for option in search.options if option.name == name)
+
+
+def test_a_right_cause_explains_what_the_shortcuts_hide(search: Search) -> None:
+    """What it leaves as given is the time step's and the rigid friction's; so is its value's error.
+
+    It is told, with the value that it has there.
+    """
+    judge, fit, error = fitted(search, "coulomb_friction", [0.05])
+    given = judge.rest(search.base, error)
+    sharp = sharper(judge, fit, given)
+    assert verdict_of(given, search.problem.data) == "partly_explained"
+    assert sharp is not None
+    assert sharp.rest.after < 0.4 * given.after
+    assert sharp.rest.closed > 0.9 > 0.8 > given.closed
+    assert sharp.bend == 1e-3 and sharp.step == pytest.approx(pendulum.STEP / 4)
+    assert sharp.fit.mean[0] == pytest.approx(MORE, rel=0.06)
+    assert abs(fit.mean[0] - MORE) > 2 * abs(sharp.fit.mean[0] - MORE)
+    finding = told(sharp, given.after, "rad")
+    assert finding.check == SHORTCUTS
+    assert f"coulomb_friction.pivot {sharp.fit.mean[0]:.3g}" in finding.finding
+    assert "0.25 ms" in finding.finding and "bristle=0.001" in finding.fix
+
+
+def test_a_wrong_cause_stays_wrong(search: Search) -> None:
+    """Viscous friction closes as much as given, and no more where nothing excuses it."""
+    judge, fit, error = fitted(search, "viscous_friction", [0.05])
+    given = judge.rest(search.base, error)
+    assert given.closed > search.problem.data.settings.numerics.closed_min
+    assert sharper(judge, fit, given) is None
+
+
+def test_nobody_looks_where_it_cannot_help(search: Search, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cause that closes little stays one, and so does one that lacks its witness."""
+    judge, fit, error = fitted(search, "coulomb_friction", [0.05])
+    given, ran = judge.rest(search.base, error), []
+    monkeypatch.setattr(Simulator, "run_each", lambda *_: ran.append(1))
+    assert sharper(judge, fit, given._replace(closed=0.4)) is None
+    assert sharper(judge, fit, given._replace(witnessed=False)) is None
+    assert ran == []
+
+
+def test_a_joint_whose_bristles_are_a_cause_keeps_them(search: Search) -> None:
+    """An effect is at a place once."""
+    judge, _, _ = fitted(search, "coulomb_friction", [0.05])
+    ((effect, values),) = bristles(judge, 2e-3)
+    assert (effect.name, effect.where) == ("stribeck_friction", "pivot")
+    assert effect.extra["bristle"] == 2e-3 and values[0] < 1e-5
+    own = judge._replace(members=(_option(search, "stribeck_friction"),))
+    assert list(bristles(own, 2e-3)) == []
