@@ -138,12 +138,13 @@ def conclude(
     form = len(order) != 1 or not _wrong(search, found, subsets[frozenset()])
     judge = Judge(search, fit.members, floors, form)
     given = judge.rest(search.base, found.error)
-    verdict, sharp = verdict_of(given, data), None
-    if verdict == "partly_explained" and (sharp := sharper(judge, fit, given)) is not None:
-        verdict = "explained"
     claimed = unwitnessed(fit.members, search.witnessed)
     rested = [subsets[every - {number}] for number in order]
-    verdict, clear = _beside_usual(search, verdict, rested, found.error)
+    plain = verdict_of(given, data)
+    verdict, clear = _beside_usual(search, plain, rested, found.error)
+    tried = plain == "partly_explained" and min(clear) > 0
+    sharp = sharper(judge, fit, given) if tried else None
+    verdict = verdict if sharp is None else "explained"
     causes, findings, sets = [], [_claimed(one) for one in claimed], []
     findings += [] if sharp is None else [told(sharp, after, data.unit)]
     sure = closed if sharp is None else max(sharp.rest.closed, closed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -14,13 +15,17 @@ from envs.replay import roll
 from hardware.log import Log
 from sim2real.diagnosis.attribution.attribute import Search
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
+from sim2real.diagnosis.attribution.conclude import conclude
 from sim2real.diagnosis.attribution.fit import Fit, refine
 from sim2real.diagnosis.attribution.judge import Judge
 from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.sharper import SHORTCUTS, bristles, sharper, told
+from sim2real.diagnosis.attribution.usual import Usual
 from sim2real.diagnosis.attribution.verdict import verdict_of
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.report import words
+from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis import pendulum
 
 FINEST, COUNT = 2.5e-4, 2 * np.pi / 4096  # s, rad
@@ -48,7 +53,8 @@ def log_of(*effects: tuple[str, dict, float], seconds: float = 24.0) -> Log:
 def search(tmp_path_factory: pytest.TempPathFactory) -> Search:
     """Return a search on a robot with more dry friction, all of which gives way by 1 mrad."""
     log = log_of(("coulomb_friction", {"where": "pivot"}, MORE), BENDS)
-    data = Data.of([log], pendulum.model(tmp_path_factory.mktemp("pendulum")))
+    one_bend = replace(DEFAULT, numerics=replace(DEFAULT.numerics, bends=(1e-3,)))
+    data = Data.of([log], pendulum.model(tmp_path_factory.mktemp("pendulum")), one_bend)
     names = ("coulomb_friction.pivot", "viscous_friction.pivot", "stribeck_friction.pivot")
     options = [option for option in candidates(data) if option.label in names]
     problem, floors = Problem(data, Simulator(data, threads=1)), data.floors()
@@ -87,6 +93,23 @@ def test_a_right_cause_explains_what_the_shortcuts_hide(search: Search) -> None:
     assert finding.check == SHORTCUTS
     assert f"coulomb_friction.pivot {sharp.fit.mean[0]:.3g}" in finding.finding
     assert "0.25 ms" in finding.finding and "bristle=0.001" in finding.fix
+
+
+def test_a_verdict_says_so_unless_usual_errors_make_as_much(
+    search: Search, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gap stays that of the model as given; a cause that is not clear explains a part."""
+    monkeypatch.setattr(search, "options", [_option(search, "coulomb_friction")])
+    found, floors = search.run(), search.problem.data.floors()
+    for clear, verdict in ((1.0, "explained"), (0.0, "partly_explained")):
+        monkeypatch.setattr(Usual, "clear", lambda *_, clear=clear: clear)
+        report = conclude(search, found, floors, np.random.default_rng(0)).report
+        assert [cause.effect for cause in report.causes] == ["coulomb_friction"]
+        assert report.verdict == verdict
+        assert report.gap.closed is not None and report.gap.closed < 0.9
+        told_so = [finding for finding in report.preflight if finding.check == SHORTCUTS]
+        assert len(told_so) == (verdict == "explained")
+        assert ("the simulator's own" in words.details(report)) == bool(told_so)
 
 
 def test_a_wrong_cause_stays_wrong(search: Search) -> None:
