@@ -15,6 +15,7 @@ looked at: several of these together are followed by one cause nearly as well.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from envs.effects import Effect, combined, make
@@ -98,21 +99,31 @@ def bristles(judge: Judge, bend: float) -> Iterator[Fixed]:
 
 def _bends(effects: Sequence[Effect], joint: str) -> bool:
     """Return whether an effect has bristles of its own at a joint."""
-    return any(effect.name == RULE and effect.where in (None, joint) for effect in effects)
+    return any(
+        effect.name == RULE and fnmatchcase(joint, "*" if effect.where is None else effect.where)
+        for effect in effects
+    )
 
 
 def told(sharp: Sharp, after: float, unit: str) -> Finding:
-    """Return a sharper simulation in words; `after`: what causes leave in the model as given."""
+    """Return a sharper simulation in words.
+
+    Args:
+        sharp: see `sharper`.
+        after: what causes leave in the model as given, in units of errors.
+        unit: of errors: rad, m or spread.
+    """
     members, values = sharp.fit.members, sharp.fit.mean
     places = zip(members, columns(members), strict=True)
+    length = "m" if unit == "m" else "rad" if unit == "rad" else "rad or m"
     named = " and ".join(f"{member.label} {values[own][0]:.3g}" for member, own in places)
     return Finding(
         SHORTCUTS,
         None,
         f"Of the {after:.2g} {unit} that are left in the model as given, {sharp.rest.after:.2g} "
         f"stay in time steps of {sharp.step * 1e3:.3g} ms with dry friction that gives way by "
-        f"{sharp.bend:g} rad before it slips, and {named}: the difference is the simulator's own "
-        "and has no further cause.",
+        f"{sharp.bend:g} {length} before it slips, and {named}: the difference may be the "
+        "simulator's own and needs no further cause.",
         f"Where so little matters, set the model's timestep to {sharp.step:g} and add {RULE} with "
         f"bristle={sharp.bend:g} and ratio={sharp.ratio:g} to every joint.",
     )
