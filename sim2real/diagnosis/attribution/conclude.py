@@ -142,7 +142,7 @@ def conclude(
     rested = [subsets[every - {number}] for number in order]
     plain = verdict_of(given, data)
     verdict, clear = _beside_usual(search, plain, rested, found.error)
-    tried = plain == "partly_explained" and min(clear) > 0
+    tried = plain == "partly_explained" and min(clear) >= 1  # of what usual errors make
     sharp = sharper(judge, fit, given) if tried else None
     verdict = verdict if sharp is None else "explained"
     causes, findings, sets = [], [_claimed(one) for one in claimed], []

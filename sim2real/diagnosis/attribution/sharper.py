@@ -8,8 +8,8 @@ are looked at again in a quarter of the step, with dry friction that gives way e
 slips (the bristles of `stribeck_friction`). They keep their laws; their values follow by a step of
 the fit, since shortcuts bend them too, and the width of the bend is chosen, of a few. What is wrong
 stays wrong in the sharper simulation. What is sharp is excused less: nine tenths have to be closed
-there, and nothing lasting may be left. What closes no more than usual errors of a model make is not
-looked at: several of these together are followed by one cause nearly as well.
+there, and nothing lasting may be left. What closes less than twice what usual errors of a model
+make is not looked at (`usual`): several of these together are followed by one cause nearly as well.
 """
 
 from __future__ import annotations
