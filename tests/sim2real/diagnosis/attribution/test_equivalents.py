@@ -42,7 +42,7 @@ DELAYS = ("command_delay", "observation_delay")
 
 def test_delays_are_always_named_together(tmp_path: Path) -> None:
     """A log without stamps of readings cannot say which one it is, and neither can the next."""
-    log = arm.make_log(("observation_delay", {}, 0.03), noise=FLOOR)
+    log = arm.make_log(("observation_delay", {}, 0.03), seconds=4.0, noise=FLOOR)
     search = search_of(log, tmp_path, *DELAYS)
     made = conclude(search, search.run(), np.full(2, FLOOR), np.random.default_rng(0))
     (cause,) = made.report.causes

@@ -20,7 +20,7 @@ from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.windows import cut_one
 
 ASSETS = Path("envs/assets")
-ROWS = 100  # of an episode
+ROWS = 50  # of an episode
 EFFECTS = {
     "nothing": (),
     "command delay": (("command_delay", {}, 0.013),),
