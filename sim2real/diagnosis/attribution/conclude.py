@@ -143,15 +143,21 @@ def conclude(
     plain = verdict_of(given, data)
     verdict, clear = _beside_usual(search, plain, rested, found.error)
     tried = plain == "partly_explained" and min(clear) >= 1  # of what usual errors make
-    sharp = sharper(judge, fit, given) if tried else None
+    made = [
+        _cause(search, found, member, rested[place], float(shares[number]), closed)
+        for place, (number, member) in enumerate(zip(order, fit.members, strict=True))
+    ]
+    others = [
+        one
+        for member, (cause, _) in zip(fit.members, made, strict=True)
+        for one in _unnamed(found.rivals.get(member.label, []), cause)
+    ]
+    sharp = sharper(judge, fit, given, others) if tried else None
     verdict = verdict if sharp is None else "explained"
     causes, findings, sets = [], [_claimed(one) for one in claimed], []
     findings += [] if sharp is None else [told(sharp, after, data.unit)]
     sure = closed if sharp is None else max(sharp.rest.closed, closed)
-    for place, number in enumerate(order):
-        member = found.fit.members[number]
-        share = float(shares[number])
-        cause, crowd = _cause(search, found, member, rested[place], share, closed)
+    for place, (member, (cause, crowd)) in enumerate(zip(fit.members, made, strict=True)):
         doubt = limits.usual_doubt * (1 - clear[place])
         cause = replace(cause, confidence=cause.confidence * (1 - doubt))
         cause = replace(cause, confidence=calibrated(cause.confidence, sure, limits))
@@ -272,6 +278,12 @@ def _cause(
         member.shared,
     )
     return cause, crowd
+
+
+def _unnamed(rivals: Sequence[Contender], cause: Cause) -> list[Contender]:
+    """Return contenders for a cause's place that are neither it nor an equivalent of it."""
+    named = {(cause.effect, cause.where), *((e.effect, e.where) for e in cause.equivalent)}
+    return [one for one in rivals if (one.candidate.name, one.candidate.place) not in named]
 
 
 def _wrong(search: Search, found: Found, rest: np.ndarray) -> bool:

@@ -1,6 +1,6 @@
 """What causes leave where the simulator takes no shortcuts: shorter steps, friction that bends.
 
-    sharp = sharper(judge, fit, rest)       # Sharp(rest, fit, ...), or None: they leave as much
+    sharp = sharper(judge, fit, rest, [])   # Sharp(rest, fit, ...), or None: they leave as much
 
 A time step and rigid dry friction are shortcuts of a model, and no robot takes them. Together they
 may leave more than an encoder count, which no cause can mend. So where causes explain a part, they
@@ -10,6 +10,9 @@ the fit, since shortcuts bend them too, and the width of the bend is chosen, of 
 stays wrong in the sharper simulation. What is sharp is excused less: nine tenths have to be closed
 there, and nothing lasting may be left. What closes less than twice what usual errors of a model
 make is not looked at (`usual`): several of these together are followed by one cause nearly as well.
+What the shortcuts hid they may have hidden of another cause, too: where the nearest contender for a
+cause's place explains the logs there as well, it was the shortcuts that chose between the two, and
+nothing is explained.
 """
 
 from __future__ import annotations
@@ -18,8 +21,11 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
+import numpy as np
+
 from envs.effects import Effect, combined, make
 from envs.plant import Fixed
+from sim2real.diagnosis.attribution.attribute import Contender
 from sim2real.diagnosis.attribution.fit import Fit, columns, refine
 from sim2real.diagnosis.attribution.judge import Judge
 from sim2real.diagnosis.attribution.verdict import Rest, is_sound, verdict_of
@@ -51,29 +57,43 @@ class Sharp(NamedTuple):
     ratio: float
 
 
-def sharper(judge: Judge, fit: Fit, given: Rest) -> Sharp | None:
-    """Return what causes leave in a sharper simulation that they explain; None: in none.
+def sharper(judge: Judge, fit: Fit, given: Rest, others: Sequence[Contender]) -> Sharp | None:
+    """Return what causes leave in a sharper simulation that they alone explain; None: in none.
 
     Args:
         judge: of these causes.
         fit: the causes and their values.
         given: what they leave in the model as given.
+        others: contenders for the causes' places that the report does not name.
     """
-    search, problem = judge.search, judge.search.problem
-    data, limits = problem.data, problem.data.settings.numerics
+    data, limits = judge.search.problem.data, judge.search.problem.data.settings.numerics
     if given.closed < limits.closed_min or not is_sound(given, data):
         return None
-    finer, own = data.finer(limits.finer), problem.simulator
+    nearest = sorted(others, key=lambda one: float(np.square(one.error).sum()))[: limits.others]
+    finer = data.finer(limits.finer)
+    step = max(model.opt.timestep for model in finer.models)
     for bend in limits.bends:
-        search.say("looking at them in shorter steps", SHARE)
-        known = combined(own.fixed, tuple(bristles(judge, bend)))
-        simulator = Simulator(finer, known, own.threads, own.on_run, own.work)
-        there = refine(search.racing.by(simulator), fit.members, fit.values[None], limits.rounds)
-        seen = judge.rest(*problem.by(simulator).held_out_each([search.none, there]))
-        if _explains(seen, data):
-            step = max(model.opt.timestep for model in finer.models)
-            return Sharp(seen, there, step, bend, limits.ratio)
+        there, seen = _looked_at(judge, fit, finer, bend, limits.rounds)
+        if not _explains(seen, data):
+            continue
+        for other in nearest:
+            rival = judge._replace(members=other.fit.members)
+            _, beside = _looked_at(rival, other.fit, finer, bend, limits.others_rounds)
+            if _explains(beside, data):
+                return None
+        return Sharp(seen, there, step, bend, limits.ratio)
     return None
+
+
+def _looked_at(judge: Judge, fit: Fit, finer: Data, bend: float, rounds: int) -> tuple[Fit, Rest]:
+    """Return causes, refitted in shorter steps where friction bends, and what they leave there."""
+    search, problem = judge.search, judge.search.problem
+    search.say("looking at them in shorter steps", SHARE)
+    own = problem.simulator
+    known = combined(own.fixed, tuple(bristles(judge, bend)))
+    simulator = Simulator(finer, known, own.threads, own.on_run, own.work)
+    there = refine(search.racing.by(simulator), fit.members, fit.values[None], rounds)
+    return there, judge.rest(*problem.by(simulator).held_out_each([search.none, there]))
 
 
 def _explains(rest: Rest, data: Data) -> bool:

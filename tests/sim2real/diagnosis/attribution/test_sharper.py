@@ -13,7 +13,7 @@ from envs.effects import make
 from envs.plant import Plant
 from envs.replay import roll
 from hardware.log import Log
-from sim2real.diagnosis.attribution.attribute import Search
+from sim2real.diagnosis.attribution.attribute import Contender, Search
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.attribution.conclude import conclude
 from sim2real.diagnosis.attribution.fit import Fit, refine
@@ -81,7 +81,7 @@ def test_a_right_cause_explains_what_the_shortcuts_hide(search: Search) -> None:
     """
     judge, fit, error = fitted(search, "coulomb_friction", [0.05])
     given = judge.rest(search.base, error)
-    sharp = sharper(judge, fit, given)
+    sharp = sharper(judge, fit, given, [])
     assert verdict_of(given, search.problem.data) == "partly_explained"
     assert sharp is not None
     assert sharp.rest.after < 0.4 * given.after
@@ -116,12 +116,23 @@ def test_a_verdict_says_so_unless_usual_errors_make_as_much(
         assert ("the simulator's own" in words.details(report)) == bool(told_so)
 
 
+def test_a_contender_that_explains_there_as_well_contests_it(search: Search) -> None:
+    """What shortcuts hid they may have hidden of another cause; one that stays wrong is none."""
+    judge, fit, error = fitted(search, "coulomb_friction", [0.05])
+    given = judge.rest(search.base, error)
+    _, other, left = fitted(search, "viscous_friction", [0.05])
+    wrong = Contender(other.members[0], other, left)
+    as_good = Contender(fit.members[0], fit, error)  # as another law that moves it alike would be
+    assert sharper(judge, fit, given, [wrong]) is not None
+    assert sharper(judge, fit, given, [wrong, as_good]) is None
+
+
 def test_a_wrong_cause_stays_wrong(search: Search) -> None:
     """Viscous friction closes as much as given, and no more where nothing excuses it."""
     judge, fit, error = fitted(search, "viscous_friction", [0.05])
     given = judge.rest(search.base, error)
     assert given.closed == pytest.approx(0.57, abs=0.01)
-    assert sharper(judge, fit, given) is None
+    assert sharper(judge, fit, given, []) is None
 
 
 def test_nobody_looks_where_it_cannot_help(search: Search, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,8 +140,8 @@ def test_nobody_looks_where_it_cannot_help(search: Search, monkeypatch: pytest.M
     judge, fit, error = fitted(search, "coulomb_friction", [0.05])
     given, ran = judge.rest(search.base, error), []
     monkeypatch.setattr(Simulator, "run_each", lambda *_: ran.append(1))
-    assert sharper(judge, fit, given._replace(closed=0.4)) is None
-    assert sharper(judge, fit, given._replace(witnessed=False)) is None
+    assert sharper(judge, fit, given._replace(closed=0.4), []) is None
+    assert sharper(judge, fit, given._replace(witnessed=False), []) is None
     assert ran == []
 
 
