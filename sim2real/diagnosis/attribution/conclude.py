@@ -147,11 +147,11 @@ def conclude(
         _cause(search, found, member, rested[place], float(shares[number]), closed)
         for place, (number, member) in enumerate(zip(order, fit.members, strict=True))
     ]
-    others = [
-        one
+    unnamed = [
+        _unnamed(found.rivals.get(member.label, []), cause, data.settings.numerics.contenders)
         for member, (cause, _) in zip(fit.members, made, strict=True)
-        for one in _unnamed(found.rivals.get(member.label, []), cause)
     ]
+    others = [instead for _, instead in explanations(fit, unnamed)[1:]]
     sharp = sharper(judge, fit, given, others) if tried else None
     verdict = verdict if sharp is None else "explained"
     causes, findings, sets = [], [_claimed(one) for one in claimed], []
@@ -280,10 +280,11 @@ def _cause(
     return cause, crowd
 
 
-def _unnamed(rivals: Sequence[Contender], cause: Cause) -> list[Contender]:
-    """Return contenders for a cause's place that are neither it nor an equivalent of it."""
+def _unnamed(rivals: Sequence[Contender], cause: Cause, most: int) -> list[Contender]:
+    """Return the nearest contenders for a cause's place that are no equivalent of it either."""
     named = {(cause.effect, cause.where), *((e.effect, e.where) for e in cause.equivalent)}
-    return [one for one in rivals if (one.candidate.name, one.candidate.place) not in named]
+    free = [one for one in rivals if (one.candidate.name, one.candidate.place) not in named]
+    return sorted(free, key=lambda one: float(np.square(one.error).sum()))[:most]
 
 
 def _wrong(search: Search, found: Found, rest: np.ndarray) -> bool:

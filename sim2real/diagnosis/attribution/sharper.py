@@ -10,7 +10,7 @@ the fit, since shortcuts bend them too, and the width of the bend is chosen, of 
 stays wrong in the sharper simulation. What is sharp is excused less: nine tenths have to be closed
 there, and nothing lasting may be left. What closes less than twice what usual errors of a model
 make is not looked at (`usual`): several of these together are followed by one cause nearly as well.
-What the shortcuts hid they may have hidden of another cause, too: where the nearest contender for a
+What the shortcuts hid they may have hidden of another cause, too: where a near contender for a
 cause's place explains the logs there as well, it was the shortcuts that chose between the two, and
 nothing is explained.
 """
@@ -21,11 +21,8 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-import numpy as np
-
 from envs.effects import Effect, combined, make
 from envs.plant import Fixed
-from sim2real.diagnosis.attribution.attribute import Contender
 from sim2real.diagnosis.attribution.fit import Fit, columns, refine
 from sim2real.diagnosis.attribution.judge import Judge
 from sim2real.diagnosis.attribution.verdict import Rest, is_sound, verdict_of
@@ -57,29 +54,27 @@ class Sharp(NamedTuple):
     ratio: float
 
 
-def sharper(judge: Judge, fit: Fit, given: Rest, others: Sequence[Contender]) -> Sharp | None:
+def sharper(judge: Judge, fit: Fit, given: Rest, others: Sequence[Fit]) -> Sharp | None:
     """Return what causes leave in a sharper simulation that they alone explain; None: in none.
 
     Args:
         judge: of these causes.
         fit: the causes and their values.
         given: what they leave in the model as given.
-        others: contenders for the causes' places that the report does not name.
+        others: the same with a contender, which the report does not name, in a cause's place.
     """
     data, limits = judge.search.problem.data, judge.search.problem.data.settings.numerics
     if given.closed < limits.closed_min or not is_sound(given, data):
         return None
-    nearest = sorted(others, key=lambda one: float(np.square(one.error).sum()))[: limits.others]
     finer = data.finer(limits.finer)
     step = max(model.opt.timestep for model in finer.models)
     for bend in limits.bends:
         there, seen = _looked_at(judge, fit, finer, bend, limits.rounds)
         if not _explains(seen, data):
             continue
-        for other in nearest:
-            rival = judge._replace(members=other.fit.members)
-            _, beside = _looked_at(rival, other.fit, finer, bend, limits.others_rounds)
-            if _explains(beside, data):
+        for other in others:
+            rival = judge._replace(members=other.members)
+            if _explains(_looked_at(rival, other, finer, bend, limits.contender_rounds)[1], data):
                 return None
         return Sharp(seen, there, step, bend, limits.ratio)
     return None

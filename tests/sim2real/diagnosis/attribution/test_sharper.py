@@ -120,11 +120,32 @@ def test_a_contender_that_explains_there_as_well_contests_it(search: Search) -> 
     """What shortcuts hid they may have hidden of another cause; one that stays wrong is none."""
     judge, fit, error = fitted(search, "coulomb_friction", [0.05])
     given = judge.rest(search.base, error)
-    _, other, left = fitted(search, "viscous_friction", [0.05])
-    wrong = Contender(other.members[0], other, left)
-    as_good = Contender(fit.members[0], fit, error)  # as another law that moves it alike would be
+    _, wrong, _ = fitted(search, "viscous_friction", [0.05])
+    as_good = fit  # as another law that moves it alike would be
     assert sharper(judge, fit, given, [wrong]) is not None
     assert sharper(judge, fit, given, [wrong, as_good]) is None
+
+
+def test_contenders_that_a_report_does_not_name_are_asked(
+    search: Search, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that leaves more than the cause is no equivalent; it stands in the cause's place."""
+    _, wrong, _ = fitted(search, "viscous_friction", [0.05])
+    monkeypatch.setattr(search, "options", [_option(search, "coulomb_friction")])
+    monkeypatch.setattr(Usual, "clear", lambda *_: 1.0)
+    asked: list[Sequence[Fit]] = []
+    monkeypatch.setattr(
+        "sim2real.diagnosis.attribution.conclude.sharper",
+        lambda judge, fit, given, others: asked.append(others),
+    )
+    far = Contender(wrong.members[0], wrong, search.base)
+    own = search.run()
+    found = replace(own, rivals={own.fit.members[0].label: [far]})
+    report = conclude(search, found, search.problem.data.floors(), np.random.default_rng(0)).report
+    ((other,),) = asked
+    assert report.verdict == "partly_explained" and report.causes[0].equivalent == ()
+    assert other.members == wrong.members
+    assert np.array_equal(other.values, wrong.values)
 
 
 def test_a_wrong_cause_stays_wrong(search: Search) -> None:
