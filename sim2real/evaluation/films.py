@@ -155,8 +155,9 @@ class Video:
     ) -> Path:
         """Film the policy on robots, one after the other; if it adapts, before and after.
 
-        Both are filmed with the same random numbers. Each robot is seen for at least five seconds,
-        unless the film is shorter.
+        An adaptation that kept the trained policy, such as a climb whose proposals were all worse,
+        is called unchanged. Both are filmed with the same random numbers. Each robot is seen for at
+        least five seconds, unless the film is shorter.
 
         Args:
             algorithm: the trained policy.
@@ -188,7 +189,9 @@ class Video:
                 thetas = {"trained policy": trained.theta}
                 adapted = algorithm.adapted(values, rng)
                 if adapts := adapted is not None:
-                    after = f"after {algorithm.parts.adapt.episodes} episodes of adaptation"
+                    same = np.array_equal(adapted, trained.theta)
+                    how = "unchanged by" if same else "after"
+                    after = f"{how} {algorithm.parts.adapt.episodes} episodes of adaptation"
                     thetas = {"before adaptation": trained.theta, after: adapted}
                 luck = int(draw_seeds(rng, 1)[0])
                 clips = [

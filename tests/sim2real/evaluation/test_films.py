@@ -135,6 +135,28 @@ def test_robots_are_filmed_one_after_the_other(
     assert len(read(short)[1]) == 2 * 5
 
 
+@pytest.mark.render
+@pytest.mark.usefixtures("draws")
+@pytest.mark.parametrize(("moved", "title"), [(0.0, "unchanged by"), (0.1, "after")])
+def test_an_adaptation_that_kept_the_policy_says_so(
+    moved: float, title: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else two clips that are the same look like a film that went wrong."""
+    titles: list[str] = []
+
+    def composed(clips: list[Clip], words: str, least: int) -> np.ndarray:
+        titles.extend(clip.title for clip in clips)
+        return compose(clips, words, least)
+
+    monkeypatch.setattr(video, "compose", composed)
+    climb = HillClimb(mode="sequential", queries=2, parallel=1, sigma=0.1)
+    algorithm = learner(partial(MujocoEnv, task=Hopper(max_steps=20)), TASKS, climb)
+    theta = algorithm.trained().theta + moved
+    monkeypatch.setattr(algorithm, "adapted", lambda values, rng: theta)
+    Video(64, 64, 10, 0.1).record(algorithm, 0, tmp_path)
+    assert titles == ["before adaptation", f"{title} 3 episodes of adaptation"]
+
+
 def test_the_robots_that_tell_most_are_chosen_by_their_gain() -> None:
     """Of 21 cells that gain 0 to 20, the eleventh and the one above 95 % of all."""
     axis = Axis("ground_friction", low=1.0, high=3.0, count=21)
