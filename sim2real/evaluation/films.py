@@ -190,8 +190,8 @@ class Video:
                 adapted = algorithm.adapted(values, rng)
                 if adapts := adapted is not None:
                     same = np.array_equal(adapted, trained.theta)
-                    how = "unchanged by" if same else "after"
-                    after = f"{how} {algorithm.parts.adapt.episodes} episodes of adaptation"
+                    spent = f"after {algorithm.parts.adapt.episodes} episodes"
+                    after = f"unchanged {spent}" if same else f"{spent} of adaptation"
                     thetas = {"before adaptation": trained.theta, after: adapted}
                 luck = int(draw_seeds(rng, 1)[0])
                 clips = [
