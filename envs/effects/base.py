@@ -165,6 +165,7 @@ class Effect(ABC):
     closes_gaps: ClassVar[bool] = True  # False: no replay shows it (noise, what a camera sees)
     shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
     needs_witness: ClassVar[bool] = False  # whether it explains only what a channel measured, too
+    imitates: ClassVar[Mapping[str, str]] = {}  # by another at its joint: what both act like
     servo_rank: ClassVar[int | None] = None  # its turn among what every servo's model guesses
     tied: ClassVar[str] = ""  # effects of one such name start from one factor
     no_mjcf: ClassVar[str | None] = "its class does not declare that MJCF can"  # None: MJCF can

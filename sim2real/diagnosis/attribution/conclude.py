@@ -14,6 +14,7 @@ from sim2real.diagnosis.attribution.alike import calibrated, confidence, equals
 from sim2real.diagnosis.attribution.attribute import Contender, Found, Search
 from sim2real.diagnosis.attribution.background import shifts
 from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.doubts import doubts
 from sim2real.diagnosis.attribution.equivalents import (
     explanations,
     inseparable,
@@ -38,7 +39,7 @@ from sim2real.diagnosis.attribution.residual import describe
 from sim2real.diagnosis.attribution.sharper import sharper, told
 from sim2real.diagnosis.attribution.singles import singles
 from sim2real.diagnosis.attribution.usual import Usual
-from sim2real.diagnosis.attribution.verdict import unwitnessed, verdict_of
+from sim2real.diagnosis.attribution.verdict import verdict_of
 from sim2real.diagnosis.evidence import Band, Rung, SingleFit
 from sim2real.diagnosis.schema import (
     Cause,
@@ -138,7 +139,6 @@ def conclude(
     form = len(order) != 1 or not _wrong(search, found, subsets[frozenset()])
     judge = Judge(search, fit.members, floors, form)
     given = judge.rest(search.base, found.error)
-    claimed = unwitnessed(fit.members, search.witnessed)
     rested = [subsets[every - {number}] for number in order]
     plain = verdict_of(given, data)
     verdict, clear = _beside_usual(search, plain, rested, found.error)
@@ -154,7 +154,7 @@ def conclude(
     others = [instead for _, instead in explanations(fit, unnamed)[1:]]
     sharp = sharper(judge, fit, given, others) if tried else None
     verdict = verdict if sharp is None else "explained"
-    causes, findings, sets = [], [_claimed(one) for one in claimed], []
+    causes, findings, sets = [], doubts(fit.members, search.witnessed), []
     findings += [] if sharp is None else [told(sharp, after, data.unit)]
     sure = closed if sharp is None else max(sharp.rest.closed, closed)
     for place, (member, (cause, crowd)) in enumerate(zip(fit.members, made, strict=True)):
@@ -350,16 +350,6 @@ def _crowded(cause: Cause, crowd: list[Contender]) -> Finding:
         cause.where,
         f"the log cannot tell {cause.effect} from {len(crowd)} other effects: {names}",
         EFFECT_HINT,
-    )
-
-
-def _claimed(member: Candidate) -> Finding:
-    return Finding(
-        "unwitnessed",
-        member.joint,
-        f"{member.name} is read off the motion alone: no other channel of the logs shows it, and "
-        "other effects move a robot alike",
-        f"check it by itself: {member.effect.experiment}",
     )
 
 

@@ -15,6 +15,7 @@ from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.verdict import (
     Rest,
     crowd_of,
+    imitations,
     is_open,
     is_resolved,
     stands_out,
@@ -60,4 +61,5 @@ class Judge(NamedTuple):
             self.form,
             is_resolved(error, data),
             not unwitnessed(self.members, self.search.witnessed),
+            not imitations(self.members),
         )

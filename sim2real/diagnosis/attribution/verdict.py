@@ -8,7 +8,8 @@ or one cause alone closes nineteen twentieths, or 0.85 with about a count left a
 `partly_explained` from three tenths with a lower bound above zero; else `unexplained`. Where more
 than four effects are needed for the former two, it is `fitted`: then there are values, and no
 causes. Three effects at one joint bend into many a law that is missing: they are never `explained`.
-Nor is an effect that needs a witness where no other channel measured it (`ties.witnesses`).
+Nor are two that act there like a third (`Effect.imitates`), nor is an effect that needs a witness
+where no other channel measured it (`ties.witnesses`).
 
 What is left on held-out windows is noise, which differs from row to row, and what the causes do not
 say, which lasts: a wrong law, a missing effect, a wrong value. The mean product of errors a moment
@@ -21,6 +22,7 @@ cannot.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -113,6 +115,7 @@ class Rest(NamedTuple):
         form: whether the effects' laws hold wherever they were tried; see `contradicted`.
         resolved: whether what is left is less than the encoders show; see `is_resolved`.
         witnessed: whether no effect lacks a witness that it needs; see `unwitnessed`.
+        plain: whether no two effects at a joint act like a third; see `imitations`.
     """
 
     before: float
@@ -127,6 +130,7 @@ class Rest(NamedTuple):
     form: bool = True
     resolved: bool = False
     witnessed: bool = True
+    plain: bool = True
 
 
 def verdict_of(rest: Rest, data: Data) -> Verdict:
@@ -150,13 +154,25 @@ def is_sound(rest: Rest, data: Data) -> bool:
     """Return whether such causes may explain a gap at all, however little they leave."""
     limits = data.settings.verdict
     few = rest.values <= limits.causes_max and rest.crowd <= limits.joint_causes_max
-    return few and rest.witnessed
+    return few and rest.witnessed and rest.plain
 
 
 def crowd_of(members: Sequence[Candidate]) -> int:
     """Return how many effects are at the joint that has most of them, shared ones left out."""
     places = [member.joint for member in members if member.joint is not None]
     return max(map(places.count, places), default=0)
+
+
+def imitations(members: Sequence[Candidate]) -> list[tuple[Candidate, Candidate, str]]:
+    """Return the pairs of effects at one joint that act like another effect, and like what."""
+    return [
+        (one, other, like)
+        for one, other in permutations(members, 2)
+        if one.joint == other.joint
+        and (like := one.effect.imitates.get(other.name))
+        # of a pair in which both know it, the first one tells
+        and (one.name < other.name or one.name not in other.effect.imitates)
+    ]
 
 
 def unwitnessed(members: Sequence[Candidate], witnessed: Witnessed) -> list[Candidate]:

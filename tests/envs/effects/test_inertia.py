@@ -156,3 +156,27 @@ def test_link_inertia_sets_the_period_of_a_pendulum() -> None:
         crossing = np.flatnonzero((path[:-1] > 0) & (path[1:] <= 0))[0] * model.opt.timestep
         period = 2 * np.pi * np.sqrt((factor * own + mass * arm**2) / (mass * 9.81 * arm))
         assert crossing == pytest.approx(period / 4, rel=5e-3)
+
+
+def test_two_rigid_values_act_like_a_motor_of_another_strength() -> None:
+    """Twice as heavy and twice as hard to turn, a rod swings as with half the motor."""
+    motor = '<actuator><motor name="servo" joint="hinge" gear="0.3"/></actuator></mujoco>'
+    text = ROD.replace('axis="0 1 0"', 'axis="0 1 0" armature="0.002"')
+    spec = mujoco.MjSpec.from_string(text.replace("</mujoco>", motor))
+    model = spec.copy().compile()
+    own = float(model.dof_armature[0] + model.body_inertia[1].max())  # beside m r²
+    effects = [
+        make("armature", where="hinge"),
+        make("link_mass", where="rod", how="scale"),
+        make("motor_strength", where="servo"),
+    ]
+    plant = Plant(spec, effects, 3, 1)
+    plant.set_params(np.arange(3), np.array([[own, 2.0, 1.0], [0.0, 1.0, 0.5], [0.0, 1.0, 1.0]]))
+    plant.reset(np.arange(3), np.zeros((3, 1)), np.zeros((3, 1)), np.zeros(3, np.uint64))
+    path = []
+    for step in range(4000):
+        plant.step(None, np.full((3, 1), np.sin(0.004 * step + 1e-6 * step**2)), 1)
+        path.append(plant.qpos[:, 0].copy())
+    heavy, weak, plain = np.array(path).T
+    assert heavy == pytest.approx(weak, abs=1e-6)
+    assert np.abs(heavy - plain).max() > 0.1

@@ -14,6 +14,7 @@ from sim2real.diagnosis.attribution.ties import witnesses
 from sim2real.diagnosis.attribution.verdict import (
     Rest,
     crowd_of,
+    imitations,
     is_no_gap,
     is_open,
     is_resolved,
@@ -99,6 +100,28 @@ def test_three_effects_at_one_joint_explain_a_part_at_best(tmp_path: Path) -> No
     rest = Rest(0.3, 0.015, 0.01, 0.98, 0.9, values=3)
     assert verdict_of(rest._replace(crowd=2), data) == "explained"
     assert verdict_of(rest._replace(crowd=3), data) == "partly_explained"
+
+
+def test_two_effects_that_act_like_a_third_explain_a_part_at_best(tmp_path: Path) -> None:
+    """At one joint, or in all; whichever of the two knows it, and once for a pair."""
+    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
+    every = {option.label: option for option in candidates(data)}
+    falling, rising = every["stribeck_friction.a"], every["viscous_friction.a"]
+    rotor = every["armature.a"]
+    mass, inertia = (
+        next(one for one in every.values() if one.name == name and one.joint == "a")
+        for name in ("link_mass", "link_inertia")
+    )
+    dry, elsewhere = "dry friction", every["viscous_friction.b"]
+    assert imitations([falling, rising]) == [(falling, rising, dry)]
+    assert imitations([rising, falling]) == [(falling, rising, dry)]
+    assert imitations([falling, elsewhere, rotor, every["coulomb_friction.a"]]) == []
+    assert [pair[:2] for pair in imitations([rotor, mass])] == [(mass, rotor)]
+    assert [pair[:2] for pair in imitations([mass, inertia])] == [(inertia, mass)]
+    assert len(imitations([rotor, mass, inertia])) == 3
+    rest = Rest(0.3, 0.015, 0.01, 0.98, 0.9, values=2)
+    assert verdict_of(rest, data) == "explained"
+    assert verdict_of(rest._replace(plain=False), data) == "partly_explained"
 
 
 def test_a_clock_needs_a_witness_to_explain(tmp_path: Path) -> None:
