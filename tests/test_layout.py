@@ -53,6 +53,7 @@ FLOORS = (
     "ground",
     "preflight",
     "contract",
+    "prepare",
     "closed_loop",
     "attribution",
     "report",
@@ -60,6 +61,7 @@ FLOORS = (
     "outcome",
     "whole",
     "design",
+    "additions",
     "diagnose",
 )  # of diagnosis/
 

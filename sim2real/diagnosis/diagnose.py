@@ -14,59 +14,53 @@ from __future__ import annotations
 
 import datetime
 import hashlib
-import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from envs.effects import combined, load_effects
+from envs.effects import load_effects
+from envs.plant import Fixed
 from envs.replay import without_impedance
 from hardware.log import Log, read_logs
+from sim2real.diagnosis.additions import (
+    Step,
+    added,
+    pictured,
+    planned,
+    played,
+    tested,
+    witnessed,
+)
 from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.attribution.attributed import About, attributed, causes_of
 from sim2real.diagnosis.attribution.candidates import check_names
 from sim2real.diagnosis.attribution.conclude import Conclusion
 from sim2real.diagnosis.attribution.fit import columns
 from sim2real.diagnosis.attribution.grip import check_grip
-from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics, null_test
+from sim2real.diagnosis.attribution.numerics import null_test
 from sim2real.diagnosis.attribution.ties import witnesses
-from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_of
+from sim2real.diagnosis.closed_loop.check import LoadPlayer
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
-from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.progress import Moving, Progress
-from sim2real.diagnosis.data.recording import load_model
-from sim2real.diagnosis.data.starts import with_free_starts
 from sim2real.diagnosis.data.work import Work
-from sim2real.diagnosis.design import design
 from sim2real.diagnosis.evidence import Evidence
-from sim2real.diagnosis.ground.findings import check_ground
-from sim2real.diagnosis.ground.logs import estimate_all
-from sim2real.diagnosis.ground.pushes import check_pushes
-from sim2real.diagnosis.ground.windows import grounded
-from sim2real.diagnosis.outcome import Diagnosis, blocking, intervals_of
-from sim2real.diagnosis.preflight.checks import UNITS, preflight
-from sim2real.diagnosis.preflight.hunting import mark_hunting
-from sim2real.diagnosis.preflight.obstruction import mark_blocked, positioned
-from sim2real.diagnosis.preflight.torques import measured_torques
-from sim2real.diagnosis.report.traces import signals, traces
-from sim2real.diagnosis.schema import Finding, Report
+from sim2real.diagnosis.outcome import Diagnosis
+from sim2real.diagnosis.preflight.checks import UNITS
+from sim2real.diagnosis.prepare import prepare
+from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.diagnosis.whole import replayed
 from sim2real.runs.errors import Sim2RealError
 
-log_ = logging.getLogger(__name__)
 TELLING = 0.95  # share of the work that is done then
-
-
-Step = Callable[[Diagnosis], Diagnosis]
 
 
 def diagnose(
@@ -148,44 +142,20 @@ def run_diagnosis(
     fixed = [] if effects is None else load_effects(effects)
     rng = np.random.default_rng(seed)
     on_progress("looking at the logs", 0.0)
-    played = logs
-    driven = _driven(logs, model)
-    logs, held = mark_blocked(logs, driven, settings.obstruction)
-    logs, hunts = mark_hunting(logs, driven, settings.hunting)
-    estimates = estimate_all(logs, model, settings.ground)
-    logs = [one.log for one in estimates] or logs
-    given = data = Data.of(logs, model, settings)
-    if estimates:
-        on_progress("estimating where the base was", 0.0)
-        data = grounded(given, estimates, fixed)
-    else:
-        data = with_free_starts(given, fixed)
-    specs = [data.specs[_model_of(data, number)] for number in range(len(logs))]
-    for log, spec in zip(logs, specs, strict=True):
-        refuse_kinds(log, spec, settings.kinds)
-    interface = check_beforehand(logs, load_policy, settings, actor)
-    findings = [*interface.findings, *held, *hunts, *preflight(logs, specs, settings)]
-    models = [data.models[_model_of(data, number)] for number in range(len(logs))]
-    findings += check_ground(estimates, models, settings.ground)
-    findings += check_pushes(data, estimates, settings.ground)
+    prepared = prepare(logs, model, fixed, settings, on_progress)
+    interface = check_beforehand(prepared.logs, load_policy, settings, actor)
+    findings = [*interface.findings, *prepared.findings]
     wrong = [finding.finding for finding in findings if finding.check in UNITS]
-    about = About(data, exclude, fixed, rng, on_progress, Work(), witnesses(findings, fixed))
-    restart = partial(grounded, given, estimates) if estimates else None
-    found = attributed(about, wrong[0] if wrong else None, restart)
-    if estimates:
+    about = About(
+        prepared.data, exclude, fixed, rng, on_progress, Work(), witnesses(findings, fixed)
+    )
+    found = attributed(about, wrong[0] if wrong else None, prepared.restart)
+    if prepared.restart is not None:
         search = found.search
         findings += check_grip(search.problem, search.options, search.floor)
     data, _, floors, made = found
-    null = null_test(logs, specs, fixed, settings.numerics)
+    null = null_test(prepared.logs, prepared.specs, fixed, settings.numerics)
     on_progress("telling what was found", TELLING)
-    evidence = Evidence(
-        (),
-        made.ladder,
-        made.singles,
-        made.bands,
-        settings=tuple(rows(data.settings)),
-        correlations=made.correlations,
-    )
     inputs = _inputs(data, model, seed, exclude)
     inputs["physics steps"] = dict(about.work.steps.most_common())
     if interface.verdict is not None:
@@ -196,115 +166,53 @@ def run_diagnosis(
         numerics=dict(null.words) or {"timestep": "ok"},
         seconds=time.monotonic() - start,
         failed=(*interface.failed, *made.report.failed),
-        evidence=replace(evidence, inputs=inputs),
+        evidence=_evidence(made, data, inputs),
     )
-    plain = without_impedance(data.specs[0])
-    told = Diagnosis(
+    told = _told(report, made, data, fixed, floors)
+    kept = {"logs": prepared.logs, "specs": prepared.specs, "driven": prepared.driven}
+    whole = partial(replayed, **kept, settings=settings.hunting)
+    told = added(told, "the replay of whole recordings", whole)
+    if on_verdict is not None:
+        on_verdict(told)
+    steps: dict[str, Step] = {
+        "the causes' test for numerics": lambda d: tested(d, prepared, null, settings),
+        "the pictures of recordings": lambda d: pictured(d, made, data, floors),
+        "the other channels": lambda d: witnessed(d, data),
+        "the closed loop": lambda d: played(d, logs, load_player, actor, seed, settings),
+        "the next experiment": lambda d: planned(d, data, seed),
+    }
+    for name, step in steps.items():
+        told = added(told, name, step)
+    on_progress("done", 1.0)
+    return told._replace(report=replace(told.report, seconds=time.monotonic() - start))
+
+
+def _evidence(made: Conclusion, data: Data, inputs: dict[str, Any]) -> Evidence:
+    """Return what the report shows, but for pictures of recordings."""
+    return Evidence(
+        (),
+        made.ladder,
+        made.singles,
+        made.bands,
+        settings=tuple(rows(data.settings)),
+        correlations=made.correlations,
+        inputs=inputs,
+    )
+
+
+def _told(
+    report: Report, made: Conclusion, data: Data, fixed: Sequence[Fixed], floors: np.ndarray
+) -> Diagnosis:
+    """Return a report with what programs need of the fit behind it."""
+    return Diagnosis(
         report,
         causes_of(made.fit),
-        plain,
+        without_impedance(data.specs[0]),
         _intervals(made),
         tuple(fixed),
         tuple(Member(label, causes_of(fit)) for label, fit in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
-    whole = partial(replayed, logs=logs, specs=specs, driven=driven, settings=settings.hunting)
-    told = _added(told, "the replay of whole recordings", whole)
-    if on_verdict is not None:
-        on_verdict(told)
-    steps: dict[str, Step] = {
-        "the causes' test for numerics": lambda d: _tested(d, logs, specs, null, settings),
-        "the pictures of recordings": lambda d: _pictured(d, made, data, floors),
-        "the other channels": lambda d: _witnessed(d, data),
-        "the closed loop": lambda d: _played(d, played, load_player, actor, seed, settings),
-        "the next experiment": lambda d: _planned(d, data, seed),
-    }
-    for name, step in steps.items():
-        told = _added(told, name, step)
-    on_progress("done", 1.0)
-    return told._replace(report=replace(told.report, seconds=time.monotonic() - start))
-
-
-def _added(found: Diagnosis, name: str, step: Step) -> Diagnosis:
-    """Return a diagnosis with what a step adds; a step that fails is a line in the report."""
-    try:
-        return step(found)
-    except Exception as error:
-        log_.exception("%s failed", name)
-        failed = (*found.report.failed, f"{name}: {error}")
-        return found._replace(report=replace(found.report, failed=failed))
-
-
-def _tested(
-    found: Diagnosis,
-    logs: Sequence[Log],
-    specs: Sequence[mujoco.MjSpec],
-    null: NullTest,
-    settings: Settings,
-) -> Diagnosis:
-    """Say which causes are the simulator's numerics; these are left out of the files."""
-    words, physical = dict(found.report.numerics), []
-    for number, (cause, told) in enumerate(zip(found.found, found.report.values, strict=True)):
-        artefact = is_numerics(logs, specs, [cause], null, found.known, settings.numerics)
-        if artefact is None:
-            physical.append(number)
-        else:
-            words[f"{told.effect} at {told.where or 'the robot'}"] = artefact
-    return found._replace(
-        report=replace(found.report, numerics=words),
-        found=tuple(found.found[i] for i in physical),
-        intervals=tuple(found.intervals[i] for i in physical),
-    )
-
-
-def _pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray) -> Diagnosis:
-    models = [data.models[_model_of(data, number)] for number in range(len(data.logs))]
-    pictures = traces(data, made.errors, floors)
-    evidence = replace(found.report.evidence, traces=pictures, signals=signals(data.logs, models))
-    return found._replace(report=replace(found.report, evidence=evidence))
-
-
-def _witnessed(found: Diagnosis, data: Data) -> Diagnosis:
-    """Add how far the channels that nothing was fitted to are off, and which speak against it."""
-    pairs = [(log, data.models[_model_of(data, k)]) for k, log in enumerate(data.logs)]
-    torque = measured_torques(pairs, data.settings.servo)
-    every = combined(found.known, found.found) if found.found else found.known
-    gaps = channel_gaps(data, found.known, every, torque)
-    against = [Finding(*words) for words in contradicting(gaps, data.settings.channels)]
-    report, evidence = found.report, replace(found.report.evidence, channels=gaps)
-    report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
-    return found._replace(report=report)
-
-
-def _played(
-    found: Diagnosis,
-    logs: Sequence[Log],
-    load_player: LoadPlayer | None,
-    actor: str | Path | None,
-    seed: int,
-    settings: Settings,
-) -> Diagnosis:
-    """Add how the policy that wrote the logs fares in both simulators."""
-    if blocking(found.report):
-        return found
-    effects = combined(found.known, found.found)
-    drawn = [Drawn(*one, ci) for one, ci in zip(effects, intervals_of(found), strict=True)]
-    loop = closed_loop_of(logs, load_player, actor, drawn, seed, settings.closed_loop)
-    return found._replace(report=replace(found.report, closed_loop=loop))
-
-
-def _planned(found: Diagnosis, data: Data, seed: int) -> Diagnosis:
-    """Add what to record to separate effects that explain the logs alike, where some do."""
-    if not found.alike:
-        return found
-    logs = [log for number, log in enumerate(data.logs) if _model_of(data, number) == 0]
-    rng, limits = np.random.default_rng(seed), data.settings.experiment
-    try:
-        plan = design(found, logs, data.specs[0], rng=rng, settings=limits)
-    except Sim2RealError as error:
-        log_.info("no next experiment: %s", error)
-        return found
-    return found._replace(report=replace(found.report, next_experiment=plan.text))
 
 
 def _read(logs: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:
@@ -316,15 +224,6 @@ def _read(logs: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:
     for one in logs:
         found += [one] if isinstance(one, Log) else read_logs(one)
     return found or read_logs([])
-
-
-def _driven(logs: Sequence[Log], model: str | Path | None) -> dict[str, str]:
-    """Return the joint that each actuator drives by desired positions, of all models."""
-    return {k: v for log in logs for k, v in positioned(log, load_model(log, model)).items()}
-
-
-def _model_of(data: Data, number: int) -> int:
-    return next((w.model for w in data.windows if w.log == number), 0)
 
 
 def _intervals(made: Conclusion) -> tuple[tuple[float, float], ...]:

@@ -211,13 +211,7 @@ def _compared(
     ends = _ends(beside, aside, settings.little)
     own = (made.simulator, made.watch, made.response, made.error, later, aside, ends)
     pieces, moved = excuse(first, *own, beside.prior, contrast)
-    numbers = {
-        "pieces": len(pieces.curve),
-        "pieces_are_logs": pieces.logs,
-        "same_motions": pieces.after is None,
-        "apart": {j.name: float(v) for j, v in zip(data.joints, first.before_rms, strict=True)},
-        "alpha": settings.alpha / tests,
-    }
+    numbers = _numbers(data, first, pieces, settings.alpha / tests)
     inputs = {
         "before": [str(data.logs[k].path or "a log") for k in before],
         "after": [str(data.logs[k].path or "a log") for k in after],
@@ -225,18 +219,7 @@ def _compared(
         "seed": seed,
         "remounted": remounted,
     }
-    sides = [len(pieces.curve)] if pieces.after is None else np.bincount(pieces.after, minlength=2)
-    reason = None
-    if min(sides) < settings.blocks_min:
-        reason = (
-            f"{min(sides)} independent pieces are too few, at least {settings.blocks_min} are "
-            "needed: record longer, or more often"
-        )
-    elif len({*beside.excused, *beside.ruled_out}) == len(columns):
-        reason = (
-            "all that was watched is put down to temperature or mounting: log the temperature, "
-            "give remounted=false, or watch more"
-        )
+    reason = _untellable(pieces, beside, len(columns), settings.blocks_min)
     if reason is not None:
         rest = (_values(made.watch), beside.told, (), numbers, inputs)
         return Comparison("cannot_tell", reason, (), (), (), *rest)
@@ -276,6 +259,40 @@ def _compared(
         numbers,
         inputs,
     )
+
+
+def _numbers(data: Data, first: Pieces, pieces: Pieces, alpha: float) -> dict[str, object]:
+    """Return what a comparison rests on; `first`: before anything was put down to others."""
+    return {
+        "pieces": len(pieces.curve),
+        "pieces_are_logs": pieces.logs,
+        "same_motions": pieces.after is None,
+        "apart": {j.name: float(v) for j, v in zip(data.joints, first.before_rms, strict=True)},
+        "alpha": alpha,
+    }
+
+
+def _untellable(pieces: Pieces, beside: Found, columns: int, least: int) -> str | None:
+    """Return why nobody can tell whether the robot changed; None: one can.
+
+    Args:
+        pieces: independent ones, of both sides.
+        beside: what is put down to temperature or mounting.
+        columns: how many changes are watched.
+        least: pieces that are needed.
+    """
+    sides = [len(pieces.curve)] if pieces.after is None else np.bincount(pieces.after, minlength=2)
+    if min(sides) < least:
+        return (
+            f"{min(sides)} independent pieces are too few, at least {least} are needed: record "
+            "longer, or more often"
+        )
+    if len({*beside.excused, *beside.ruled_out}) == columns:
+        return (
+            "all that was watched is put down to temperature or mounting: log the temperature, "
+            "give remounted=false, or watch more"
+        )
+    return None
 
 
 def _ends(beside: Found, columns: Sequence[int], little: float) -> np.ndarray:

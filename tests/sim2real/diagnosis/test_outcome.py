@@ -11,10 +11,11 @@ import pytest
 
 from envs.effects import load_effects, make
 from hardware.log import Log
-from sim2real.diagnosis import diagnose as module
+from sim2real.diagnosis import additions, diagnose
 from sim2real.diagnosis.attribution.numerics import NullTest
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, last_words, write
+from sim2real.diagnosis.prepare import Prepared
 from sim2real.diagnosis.report.words import sentence
 from sim2real.diagnosis.schema import Cause, Finding, GapNumbers, Report, Unexplained
 from sim2real.diagnosis.settings import DEFAULT
@@ -45,7 +46,7 @@ def test_the_verdict_is_written_before_what_may_fail(
     def fail(*_: object) -> None:
         raise ValueError("size 1 must be positive in geom")
 
-    monkeypatch.setattr(module, "traces", fail)
+    monkeypatch.setattr(additions, "traces", fail)
     (tmp_path / "arm.xml").write_text(arm.XML)
     early: list[Diagnosis] = []
     log = arm.make_log(seconds=4.0)
@@ -62,8 +63,10 @@ def test_a_cause_that_is_numerics_is_told_and_not_written(
 ) -> None:
     """`effects.yaml` is about the robot: what a finer simulation mends is not in it."""
     said = {"coulomb_friction": "this is the simulator's numerics", "viscous_friction": None}
-    monkeypatch.setattr(module, "is_numerics", lambda logs, specs, one, *_: said[one[0][0].name])
-    tested = module._tested(found, [], [], NullTest(0.0, {}, {}, {}), DEFAULT)
+    monkeypatch.setattr(additions, "is_numerics", lambda logs, specs, one, *_: said[one[0][0].name])
+    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
+    prepared = Prepared([], data, [], {}, [], None)
+    tested = additions.tested(found, prepared, NullTest(0.0, {}, {}, {}), DEFAULT)
     write(tested, tmp_path)
     names = [effect.name for effect, _ in load_effects(tmp_path / "effects.yaml")]
     assert names == ["viscous_friction"]
@@ -118,7 +121,7 @@ def test_a_model_of_boxes_can_carry_a_load() -> None:
 def test_a_log_in_memory_is_diagnosed_like_a_list_of_one() -> None:
     """`diagnose(log, model)` reads nothing from disk and takes the log as it is."""
     log = arm.make_log(seconds=1.0)
-    assert module._read(log) == [log] == module._read([log])
+    assert diagnose._read(log) == [log] == diagnose._read([log])
 
 
 def test_in_degrees_no_cause_is_looked_for(tmp_path: Path) -> None:

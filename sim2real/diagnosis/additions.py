@@ -1,0 +1,114 @@
+"""What is added to a verdict: tests, pictures, other channels, the closed loop, what to record.
+
+    told = added(told, "the closed loop", lambda told: played(told, logs, ...))
+
+A step that fails is a line in the report.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from envs.effects import combined
+from hardware.log import Log
+from sim2real.diagnosis.attribution.conclude import Conclusion
+from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics
+from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_of
+from sim2real.diagnosis.data.channels import channel_gaps, contradicting
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.design import design
+from sim2real.diagnosis.outcome import Diagnosis, blocking, intervals_of
+from sim2real.diagnosis.preflight.torques import measured_torques
+from sim2real.diagnosis.prepare import Prepared, model_of
+from sim2real.diagnosis.report.traces import signals, traces
+from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import Settings
+from sim2real.runs.errors import Sim2RealError
+
+log_ = logging.getLogger(__name__)
+
+Step = Callable[[Diagnosis], Diagnosis]
+
+
+def added(found: Diagnosis, name: str, step: Step) -> Diagnosis:
+    """Return a diagnosis with what a step adds; a step that fails is a line in the report."""
+    try:
+        return step(found)
+    except Exception as error:
+        log_.exception("%s failed", name)
+        failed = (*found.report.failed, f"{name}: {error}")
+        return found._replace(report=replace(found.report, failed=failed))
+
+
+def tested(found: Diagnosis, prepared: Prepared, null: NullTest, settings: Settings) -> Diagnosis:
+    """Say which causes are the simulator's numerics; these are left out of the files."""
+    words, physical = dict(found.report.numerics), []
+    for number, (cause, told) in enumerate(zip(found.found, found.report.values, strict=True)):
+        artefact = is_numerics(
+            prepared.logs, prepared.specs, [cause], null, found.known, settings.numerics
+        )
+        if artefact is None:
+            physical.append(number)
+        else:
+            words[f"{told.effect} at {told.where or 'the robot'}"] = artefact
+    return found._replace(
+        report=replace(found.report, numerics=words),
+        found=tuple(found.found[i] for i in physical),
+        intervals=tuple(found.intervals[i] for i in physical),
+    )
+
+
+def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray) -> Diagnosis:
+    """Add how measurement and simulation ran, with and without the causes."""
+    models = [data.models[model_of(data, number)] for number in range(len(data.logs))]
+    pictures = traces(data, made.errors, floors)
+    evidence = replace(found.report.evidence, traces=pictures, signals=signals(data.logs, models))
+    return found._replace(report=replace(found.report, evidence=evidence))
+
+
+def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
+    """Add how far the channels that nothing was fitted to are off, and which speak against it."""
+    pairs = [(log, data.models[model_of(data, k)]) for k, log in enumerate(data.logs)]
+    torque = measured_torques(pairs, data.settings.servo)
+    every = combined(found.known, found.found) if found.found else found.known
+    gaps = channel_gaps(data, found.known, every, torque)
+    against = [Finding(*words) for words in contradicting(gaps, data.settings.channels)]
+    report, evidence = found.report, replace(found.report.evidence, channels=gaps)
+    report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
+    return found._replace(report=report)
+
+
+def played(
+    found: Diagnosis,
+    logs: Sequence[Log],
+    load_player: LoadPlayer | None,
+    actor: str | Path | None,
+    seed: int,
+    settings: Settings,
+) -> Diagnosis:
+    """Add how the policy that wrote the logs fares in both simulators."""
+    if blocking(found.report):
+        return found
+    effects = combined(found.known, found.found)
+    drawn = [Drawn(*one, ci) for one, ci in zip(effects, intervals_of(found), strict=True)]
+    loop = closed_loop_of(logs, load_player, actor, drawn, seed, settings.closed_loop)
+    return found._replace(report=replace(found.report, closed_loop=loop))
+
+
+def planned(found: Diagnosis, data: Data, seed: int) -> Diagnosis:
+    """Add what to record to separate effects that explain the logs alike, where some do."""
+    if not found.alike:
+        return found
+    logs = [log for number, log in enumerate(data.logs) if model_of(data, number) == 0]
+    rng, limits = np.random.default_rng(seed), data.settings.experiment
+    try:
+        plan = design(found, logs, data.specs[0], rng=rng, settings=limits)
+    except Sim2RealError as error:
+        log_.info("no next experiment: %s", error)
+        return found
+    return found._replace(report=replace(found.report, next_experiment=plan.text))

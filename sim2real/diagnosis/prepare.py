@@ -1,0 +1,100 @@
+"""Logs as they are compared, and what is wrong with them before any physics is.
+
+prepared = prepare(logs, model, fixed, settings, on_progress)
+prepared.data, prepared.findings
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+
+from envs.plant import Fixed
+from hardware.log import Log
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.kinds import refuse_kinds
+from sim2real.diagnosis.data.progress import Progress
+from sim2real.diagnosis.data.recording import load_model
+from sim2real.diagnosis.data.starts import with_free_starts
+from sim2real.diagnosis.ground.findings import check_ground
+from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.pushes import check_pushes
+from sim2real.diagnosis.ground.windows import grounded
+from sim2real.diagnosis.preflight.checks import preflight
+from sim2real.diagnosis.preflight.hunting import mark_hunting
+from sim2real.diagnosis.preflight.obstruction import mark_blocked, positioned
+from sim2real.diagnosis.schema import Finding
+from sim2real.diagnosis.settings import Settings
+
+
+class Prepared(NamedTuple):
+    """Logs before any cause is looked for.
+
+    Args:
+        logs: without what obstructed or hunting moments would spoil.
+        data: their windows.
+        specs: the model of each log.
+        driven: the joint that each actuator drives by desired positions.
+        findings: of preflight.
+        restart: makes the windows anew with effects in the model, where nobody measured the base;
+            else None.
+    """
+
+    logs: Sequence[Log]
+    data: Data
+    specs: list[mujoco.MjSpec]
+    driven: dict[str, str]
+    findings: list[Finding]
+    restart: Callable[[Sequence[Fixed]], Data] | None
+
+
+def prepare(
+    logs: Sequence[Log],
+    model: str | Path | None,
+    fixed: Sequence[Fixed],
+    settings: Settings,
+    on_progress: Progress,
+) -> Prepared:
+    """Return logs as they are compared, and what is wrong with them before any physics is.
+
+    Raises:
+        Sim2RealError: logs of a kind that the model lacks, joints that never moved.
+    """
+    driven = _driven(logs, model)
+    logs, held = mark_blocked(logs, driven, settings.obstruction)
+    logs, hunts = mark_hunting(logs, driven, settings.hunting)
+    estimates = estimate_all(logs, model, settings.ground)
+    logs = [one.log for one in estimates] or logs
+    given = data = Data.of(logs, model, settings)
+    if estimates:
+        on_progress("estimating where the base was", 0.0)
+        data = grounded(given, estimates, fixed)
+    else:
+        data = with_free_starts(given, fixed)
+    specs = [data.specs[model_of(data, number)] for number in range(len(logs))]
+    for log, spec in zip(logs, specs, strict=True):
+        refuse_kinds(log, spec, settings.kinds)
+    models = [data.models[model_of(data, number)] for number in range(len(logs))]
+    findings = [
+        *held,
+        *hunts,
+        *preflight(logs, specs, settings),
+        *check_ground(estimates, models, settings.ground),
+        *check_pushes(data, estimates, settings.ground),
+    ]
+    restart = partial(grounded, given, estimates) if estimates else None
+    return Prepared(logs, data, specs, driven, findings, restart)
+
+
+def model_of(data: Data, number: int) -> int:
+    """Return the number of a log's model."""
+    return next((w.model for w in data.windows if w.log == number), 0)
+
+
+def _driven(logs: Sequence[Log], model: str | Path | None) -> dict[str, str]:
+    """Return the joint that each actuator drives by desired positions, of all models."""
+    return {k: v for log in logs for k, v in positioned(log, load_model(log, model)).items()}
