@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.attribution import judge
 from sim2real.diagnosis.attribution.candidates import candidates
+from sim2real.diagnosis.attribution.conclude import conclude
 from sim2real.diagnosis.attribution.doubts import doubts
 from tests.sim2real.diagnosis import arm
+from tests.sim2real.diagnosis.attribution.test_equivalents import FLOOR, search_of
 
 
 def test_a_pair_that_acts_like_another_law_is_told_with_what_parts_it(tmp_path: Path) -> None:
@@ -30,3 +36,19 @@ def test_a_cause_without_a_witness_is_told(tmp_path: Path) -> None:
     (told,) = doubts([clock], frozenset())
     assert (told.check, told.where) == ("unwitnessed", None)
     assert doubts([clock], frozenset({("clock_drift", None)})) == []
+
+
+def test_what_imitates_a_withheld_effect_does_not_explain_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dry friction that may not be named: Stribeck's with viscous friction follows it."""
+    log = arm.make_log(("coulomb_friction", {"where": "a"}, 0.15), noise=FLOOR)
+    search = search_of(log, tmp_path, "stribeck_friction.a", "viscous_friction.a")
+    found, floors = search.run(), np.full(2, FLOOR)
+    made = conclude(search, found, floors, np.random.default_rng(0)).report
+    assert {cause.effect for cause in made.causes} == {"stribeck_friction", "viscous_friction"}
+    assert made.gap.closed is not None and made.gap.closed > 0.95
+    assert made.verdict == "partly_explained"
+    assert [finding.check for finding in made.preflight] == ["imitation"]
+    monkeypatch.setattr(judge, "imitations", lambda members: [])
+    assert conclude(search, found, floors, np.random.default_rng(0)).report.verdict == "explained"
