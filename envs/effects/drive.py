@@ -137,9 +137,11 @@ class TorqueSpeedKnee(ActuatorEffect):
         return (knee, *self.free_parameters())
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return knees below the usual speed and between that and the largest one."""
-        usual, most = scale.speeds_at(self.where)
-        return np.array([(part * usual, 2.0) for part in (0.2, 0.5, 1.0)] + [(0.5 * most, 1.3)])
+        """Return knees at parts of the speed that was reached, which is below the no-load speed."""
+        reached = scale.reached_at(self.where)
+        return np.array(
+            [(part * reached, 2.0) for part in (0.35, 0.55, 0.75, 1.0)] + [(0.8 * reached, 1.3)]
+        )
 
     def batch(self) -> str:
         """Return the group of rules that are stepped from Python."""

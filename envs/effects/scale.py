@@ -42,6 +42,11 @@ def any_span(joint: str) -> float:
     return float("inf")
 
 
+def any_speed(joint: str) -> float:
+    """Return how fast an unknown motion moves a joint [rad/s]."""
+    return FASTEST
+
+
 class RobotScale:
     """How large things are on one robot.
 
@@ -57,6 +62,7 @@ class RobotScale:
         span: through how much a joint moved [rad or m], by its name.
         bases: names of bodies whose own motion is compared, though no joint that is moves them.
         feels: whether it is an IMU that says how a floating base turns.
+        reached: the speed that a joint passed in a hundredth of the time [rad/s], by its name.
 
     Attributes:
         actuators: names, in the model's order.
@@ -79,9 +85,10 @@ class RobotScale:
         span: Callable[[str], float] = any_span,
         bases: Sequence[str] = (),
         feels: bool = False,
+        reached: Callable[[str], float] = any_speed,
     ) -> None:
         self.model, self.voltage, self.touching = model, voltage, tuple(touching)
-        self.feels = feels
+        self.feels, self.reached = feels, reached
         every = [j for j in range(model.njnt) if model.jnt_type[j] in SCALAR]
         self.joints = [model.joint(j).name for j in every] if joints is None else list(joints)
         self.speeds, self.heat, self.commands, self.span = speeds, heat, commands, span
@@ -163,6 +170,11 @@ class RobotScale:
         """Return usual and largest commanded speed of an actuator; None: of the fastest [rad/s]."""
         each = [self.speeds(name) for name in ([actuator] if actuator else self.actuators)]
         return max(usual for usual, _ in each), max(most for _, most in each)
+
+    def reached_at(self, actuator: str | None) -> float:
+        """Return how fast an actuator's joint moved; None: the fastest one [rad/s]."""
+        joints = self.driven.values() if actuator is None else [self.driven[actuator]]
+        return max(map(self.reached, joints))
 
     def heat_at(self, actuator: str | None) -> float:
         """Return the heat of an actuator; None: of the warmest [N²·m²·s]."""

@@ -68,6 +68,7 @@ def version() -> str:
 
 def answer(logs: Path, folder: Path) -> None:
     """Diagnose one case in this process and write the answer, or what went wrong."""
+    folder.mkdir(parents=True, exist_ok=True)
     try:
         _diagnose(logs, folder)
     except Exception:

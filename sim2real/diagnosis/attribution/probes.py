@@ -23,8 +23,9 @@ from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.thermal import Heat
 
 USUAL = 0.97  # share of the time in which a command moves no faster than what is called usual
+FAST = 0.99  # share of the time in which a joint moves no faster than what it reaches
 POSES = 200  # of a log at which it is looked what touches the ground
-SLOWEST = 0.1  # rad/s: the usual speed of commands that hardly move
+SLOWEST = 0.1  # rad/s: the speed of commands or joints that hardly move
 
 
 def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
@@ -45,6 +46,7 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
         span=lambda joint: _span(data, joint),
         bases=_bases(data),
         feels=_feels(data),
+        reached=lambda joint: _reached(data, joint),
     )
 
 
@@ -72,6 +74,19 @@ def _span(data: Data, joint: str) -> float:
     """Return through how much a joint moved in all logs [rad or m]."""
     found = [log.columns[f"qpos.{joint}"] for log in data.logs if f"qpos.{joint}" in log.columns]
     return float(np.ptp(np.concatenate(found))) if found else 0.0
+
+
+def _reached(data: Data, joint: str) -> float:
+    """Return how fast a joint moves in all but a hundredth of the time of all logs [rad/s]."""
+    found = []
+    for log in data.logs:
+        if (column := f"qpos.{joint}") in log.columns:
+            same = log.episode[2:] == log.episode[:-2]
+            way = log.columns[column][2:] - log.columns[column][:-2]
+            found.append(np.abs(way / (log.time[2:] - log.time[:-2]))[same])
+    speeds = np.concatenate(found) if found else np.zeros(0)
+    speeds = speeds[np.isfinite(speeds)]
+    return max(float(np.quantile(speeds, FAST)), SLOWEST) if len(speeds) else FASTEST
 
 
 def _poses(data: Data) -> np.ndarray:

@@ -55,9 +55,11 @@ def test_without_a_place_a_size_is_that_of_all_joints() -> None:
         mujoco.MjModel.from_xml_string(text),
         speeds=speeds.__getitem__,
         heat={"a": 4.0, "b": 9.0}.__getitem__,
+        reached={"a": 3.0, "b": 2.0}.__getitem__,
     )
     assert found.torque_at(None) == pytest.approx(2.0)
     assert found.own("dof_frictionloss", None) == pytest.approx(0.1)
     assert found.inertia(None) == pytest.approx((found.inertia("a") + found.inertia("b")) / 2)
     assert (found.speeds_at(None), found.speeds_at("b")) == ((2.0, 5.0), (2.0, 3.0))
     assert (found.heat_at(None), found.heat_at("a")) == (9.0, 4.0)
+    assert (found.reached_at(None), found.reached_at("b")) == (3.0, 2.0)

@@ -70,6 +70,5 @@ def test_the_whole_answer_takes_the_place_of_the_first(
         return verdict("unexplained", 5.0)
 
     monkeypatch.setattr(diagnose, "run_diagnosis", whole)
-    (tmp_path / "answer").mkdir()
     answer(logs, tmp_path / "answer")
     assert json.loads((tmp_path / "answer" / REPORT).read_text())["seconds"] == 5.0

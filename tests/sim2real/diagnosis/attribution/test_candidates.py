@@ -86,6 +86,20 @@ def test_a_speed_limit_that_only_steps_reach_is_probed(tmp_path: Path) -> None:
     assert probes["steps"][:-1] == pytest.approx(probes["smooth"], rel=0.05)
 
 
+def test_knees_are_probed_where_the_joint_was_fast_whatever_the_commands(tmp_path: Path) -> None:
+    """A motor's commands are torques, whose change is no speed: half of what a joint reaches."""
+    log = arm.make_log(seconds=4.0)
+    time, fast = log.time, 3.0
+    swing = fast / 2 * np.sin(2.0 * time)  # rad: 3 rad/s at most, nearly so for a while
+    columns = {**log.columns, "qpos.a": swing, "ctrl.a": 100.0 * log.columns["ctrl.a"]}
+    data = arm.data_of(Log(columns, log.meta), tmp_path)
+    (option,) = (one for one in candidates(data) if one.label == "torque_speed_knee.a")
+    knees = option.probes[:, 0]
+    assert knees.min() == pytest.approx(0.35 * fast, rel=0.02)
+    assert knees.max() == pytest.approx(fast, rel=0.02)
+    assert ((knees > 0.5 * fast) & (knees < 0.8 * fast)).sum() >= 2
+
+
 @pytest.mark.parametrize("name", ["backlash", "joint_compliance", "hysteretic_compliance"])
 def test_where_encoders_sit_is_tried_where_it_matters(tmp_path: Path, name: str) -> None:
     """The servo's encoder and the log's are two choices; a motor without a loop has only one.
