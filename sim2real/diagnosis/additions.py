@@ -64,7 +64,14 @@ def tested(found: Diagnosis, prepared: Prepared, null: NullTest, settings: Setti
 
 
 def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray) -> Diagnosis:
-    """Add how measurement and simulation ran, with and without the causes."""
+    """Add how measurement and simulation ran, with and without the causes.
+
+    Args:
+        found: what the search came to.
+        made: its conclusion, with held-out errors.
+        data: the windows.
+        floors: noise floor of each joint [rad or m], (M,).
+    """
     models = [data.models[model_of(data, number)] for number in range(len(data.logs))]
     pictures = traces(data, made.errors, floors)
     evidence = replace(found.report.evidence, traces=pictures, signals=signals(data.logs, models))
@@ -91,7 +98,16 @@ def played(
     seed: int,
     settings: Settings,
 ) -> Diagnosis:
-    """Add how the policy that wrote the logs fares in both simulators."""
+    """Add how the policy that wrote the logs fares in both simulators.
+
+    Args:
+        found: what the search came to; nothing is played where its logs contradict themselves.
+        logs: as they were recorded.
+        load_player: see `diagnose`.
+        actor: see `diagnose`.
+        seed: of the values that are drawn from their intervals.
+        settings: every number that steers the answer.
+    """
     if blocking(found.report):
         return found
     effects = combined(found.known, found.found)

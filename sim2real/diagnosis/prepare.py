@@ -61,6 +61,13 @@ def prepare(
 ) -> Prepared:
     """Return logs as they are compared, and what is wrong with them before any physics is.
 
+    Args:
+        logs: at least one.
+        model: an MJCF for all logs; None takes the one that each log names.
+        fixed: effects that are in the model already.
+        settings: every number that steers the answer.
+        on_progress: called with what is being done and the share of the work that is done.
+
     Raises:
         Sim2RealError: logs of a kind that the model lacks, joints that never moved.
     """

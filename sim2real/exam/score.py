@@ -10,6 +10,9 @@ Rules:
   can part counts as one.
 * Rank 3: every hidden effect is among the first three causes or their sets.
 * The place of a body effect is the joint that moves the body. A robot of one joint has one place.
+* An answer is a set if another recording could part a cause from an equivalent. The truth is inside
+  if every hidden effect is a cause or an equivalent of one. An answer that is no set is exact if,
+  besides, nothing else is named.
 * A verdict of `fitted` names no cause, so that nothing of it is right or superfluous.
 * Nothing hidden: `no_gap` is right, everything else a false alarm.
 * Effect removed from the candidates: anything but `explained` is right, if the joint with the
@@ -64,6 +67,9 @@ class Mark:
         covered: whether its interval holds the truth.
         confidence: the confidence of the first cause.
         superfluous: causes that nothing hidden stands behind.
+        is_set: whether another recording could part a cause from an equivalent.
+        inside: of a set, whether all hidden effects are in it.
+        exact: of an answer that is none, whether it names the hidden effects and nothing else.
         seconds: the duration of the diagnosis.
         reason: why it is wrong, for people; "" if it is right.
     """
@@ -86,6 +92,9 @@ class Mark:
     covered: bool | None = None
     confidence: float | None = None
     superfluous: int = 0
+    is_set: bool | None = None
+    inside: bool | None = None
+    exact: bool | None = None
     seconds: float | None = None
     reason: str = field(default="")
 
@@ -130,13 +139,12 @@ def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float
 
 def _failed(common: dict[str, Any]) -> Mark:
     kind = common["kind"]
+    named = dict.fromkeys(("rank1", "rank3", "place", "is_set", "exact"), False)
     wrong: dict[str, dict[str, Any]] = {
         "none": {"alarm": True},
         "excluded": {"recognized": False, "place": False},
     }
-    marks: dict[str, Any] = wrong.get(
-        kind, {"rank1": False, "rank3": False, "place": False, "closed": 0.0}
-    )
+    marks: dict[str, Any] = wrong.get(kind, {**named, "closed": 0.0})
     return Mark(**common, **marks, answer="failed", first="failed", reason="the diagnosis failed")
 
 
@@ -178,8 +186,22 @@ def _found(
         error=error,
         covered=covered,
         confidence=lead["confidence"] if lead else None,
+        **_ambiguity(report, causes, truths),
         reason=_why(report, first, truths, rank1, place),
     )
+
+
+def _ambiguity(
+    report: Mapping[str, Any], causes: list[list[Named]], truths: list[Named]
+) -> dict[str, Any]:
+    """Return whether an answer is a set, and whether it holds, or is, the truth."""
+    every = {name for members in causes for name in members}
+    inside = set(truths) <= every
+    others = [other for cause in report["causes"] for other in cause["equivalent"]]
+    if any(not other.get("inseparable") for other in others):
+        return {"is_set": True, "inside": inside}
+    needed = all(set(members) & set(truths) for members in causes)
+    return {"is_set": False, "exact": inside and needed}
 
 
 def _why(
@@ -322,7 +344,10 @@ def summary(marks: Sequence[Mark], rng: np.random.Generator) -> Table:
     add("removed effect: place right", of(excluded, "place"), "")
     add("value in its 90 % interval", of(shown, "covered"), "0.75 to 0.97")
     add("relative error of values, median", of(shown, "error"), "", middle)
-    add("superfluous causes, mean", [one.superfluous for one in shown], "", _mean)
+    add("superfluous causes, mean", [one.superfluous for one in shown], "≤ 0.05", _mean)
+    add("answers that are sets", of(shown, "is_set"), "≤ 0.30")
+    add("the truth inside these sets", of(shown, "inside"), "≥ 0.98")
+    add("without equivalents, exactly right", of(shown, "exact"), "≥ 0.90")
     add("seconds a case, median", of(marks, "seconds"), "≤ 180", middle)
     for kind in ("one", "two"):
         own = [one for one in shown if one.kind == kind]

@@ -164,7 +164,13 @@ def crowd_of(members: Sequence[Candidate]) -> int:
 
 
 def imitations(members: Sequence[Candidate]) -> list[tuple[Candidate, Candidate, str]]:
-    """Return the pairs of effects at one joint that act like another effect, and like what."""
+    """Return the pairs of effects at one joint that act like another effect, and like what.
+
+    Effects of the whole robot count as at one joint.
+
+    Args:
+        members: what was found.
+    """
     return [
         (one, other, like)
         for one, other in permutations(members, 2)

@@ -113,6 +113,29 @@ def test_what_no_recording_parts_is_one_member_of_a_set() -> None:
     assert mark(asked, answer(large), 0.97).rank1
 
 
+def test_a_set_is_what_another_recording_could_part() -> None:
+    """It is asked whether it holds all of the truth; an answer that is none, whether it is it."""
+    asked = key(truth("armature", "elbow"), truth("command_delay", None))
+    delay = cause("command_delay", None, ("observation_delay", None))
+    small = cause("cogging", "elbow", ("armature", "elbow"))
+
+    def said(*causes: dict[str, Any]) -> tuple[bool | None, ...]:
+        one = mark(asked, answer(*causes), None)
+        return one.is_set, one.inside, one.exact
+
+    assert said(delay, small) == (True, True, None)
+    assert said(delay) == (True, False, None)
+    for named in (delay, small):
+        named["equivalent"][0]["inseparable"] = True
+    assert said(delay, small) == (False, None, True)
+    assert said(delay) == (False, None, False)
+    assert said(delay, small, cause("backlash", "elbow")) == (False, None, False)
+    assert said() == (False, None, False)
+    failed = mark(asked, None, None)
+    assert (failed.is_set, failed.inside, failed.exact) == (False, None, False)
+    assert mark(key(), answer(verdict="no_gap"), None).is_set is None
+
+
 def test_fitted_values_name_nothing() -> None:
     """Ten values that follow the robot are no cause, right or wrong, and explain nothing away."""
     values = [cause("position_gain", f"joint{n}") for n in range(9)]

@@ -1,0 +1,58 @@
+"""Answers that are called explained are counted from the tables of exams."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import explained
+from benchmarks.explained import Answer, main, read
+
+HEAD = "case,kind,answer,rank1"
+ROWS = (
+    "case_000,one,explained: armature at hip 0.1 = link_inertia@hip,1",
+    "case_001,excluded,explained: link_mass at hip 0.2; armature at hip 0.1,",
+    "case_002,two,explained: backlash at hip (link) 0.02; command_delay 0.01,1",
+    "case_003,two,partly_explained: link_mass at hip 0.2; armature at hip 0.1,0",
+    "case_004,two,explained: gravity_tilt 0.1 0.2; command_delay 0.01,0",
+    "case_005,none,no_gap,",
+)
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """A table of six answers, four of which are called explained."""
+    path = tmp_path / "thirdparty_9.csv"
+    path.write_text("\n".join((HEAD, *ROWS)) + "\n", encoding="utf-8")
+    return path
+
+
+def test_what_is_called_explained_is_read_with_its_causes(table: Path) -> None:
+    """An effect withheld and nothing hidden have no rank: explained is wrong there."""
+    first, imitated, apart, whole = read(table)
+    assert first == Answer(table.name, "case_000", (("armature", "hip"),), True)
+    assert [one.right for one in (imitated, apart, whole)] == [False, True, False]
+    assert [one.is_pair for one in (first, imitated, apart, whole)] == [False, True, False, True]
+    assert [one.imitates for one in (first, imitated, apart, whole)] == [False, True, False, False]
+
+
+def test_the_page_counts_tables_and_pairs(table: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The calibration half is no sealed draw."""
+    (table.parent / explained.CALIBRATION).write_text(f"{HEAD}\n{ROWS[0]}\n", encoding="utf-8")
+    assert main(["--results", str(table.parent)]) == 0
+    text = (table.parent / "explained.md").read_text(encoding="utf-8")
+    assert text.strip() == capsys.readouterr().out.strip()
+    assert "| **another engine** | 5 | 3 | 0.60" in text
+    assert "| **another engine, sealed draws** | 4 | 2 | 0.50" in text
+    assert "Pairs that act like another: 1, of which 0 right." in text
+    assert "Pairs of other kinds: 1, of which 0 right." in text
+
+
+def test_a_folder_without_tables_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It says which folder, and what is missing in it."""
+    with pytest.raises(SystemExit):
+        main(["--results", str(tmp_path)])
+    assert f"{tmp_path}: no blindcheck*.csv or thirdparty*.csv" in capsys.readouterr().err
