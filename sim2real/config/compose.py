@@ -28,7 +28,7 @@ from sim2real.config.catalogue import EXPERIMENT, options
 from sim2real.config.composed import composed
 from sim2real.config.folders import free_folder, run_folder
 from sim2real.config.renamed import renamed
-from sim2real.config.targets import ConfigError, build, build_named, check, locate
+from sim2real.config.targets import ConfigError, build, build_named, check, check_named, locate
 from sim2real.runs.files import write_text
 
 ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
@@ -174,12 +174,11 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
         if "_target_" not in (tree[key] or {}):
             tree[key] = None
     for key in _keys(verb):
+        if key in NAMED:
+            check_named(tree[key], key)
+            continue
         check(tree[key], key)
-        if (
-            isinstance(tree[key], dict)
-            and "_target_" not in tree[key]
-            and key not in (*DATA, *NAMED)
-        ):
+        if isinstance(tree[key], dict) and "_target_" not in tree[key] and key not in DATA:
             raise ConfigError(f"{key} has no _target_; choose one: {', '.join(options(key))}")
     if tree["seed"] < 0:
         raise ConfigError(f"seed={tree['seed']} must not be negative")

@@ -62,11 +62,32 @@ def build_named(tree: dict[str, Any] | None, where: str) -> dict[str, Callable[.
     """Check a mapping of names to trees and return, by name, what makes each of them anew.
 
     Raises:
-        ConfigError: see `check`.
+        ConfigError: see `check_named`.
     """
-    check(tree, where)
+    check_named(tree, where)
     own = {name: {**one, "_partial_": True} for name, one in (tree or {}).items()}
     return {name: _build(one, f"{where}.{name}") for name, one in own.items()}
+
+
+def check_named(tree: dict[str, Any] | None, where: str) -> None:
+    """Check a mapping of names to trees, each of which describes an object; see `check`.
+
+    Raises:
+        ConfigError: an object that has no name, or a name without an object; see also `check`.
+    """
+    if tree and "_target_" in tree:
+        raise ConfigError(
+            f"{where}._target_={tree['_target_']}: {where} holds objects by name; give this one a "
+            f"name, as in NAME: {{_target_: {tree['_target_']}, ...}}"
+        )
+    for name, one in (tree or {}).items():
+        if not (isinstance(one, dict) and "_target_" in one):
+            shown = "null" if one is None else repr(one)
+            raise ConfigError(
+                f"{where}.{name}={shown}: it must be a mapping with a _target_; to leave {name} "
+                f"out, write ~{where}.{name}"
+            )
+    check(tree, where)
 
 
 def locate(target: str, where: str) -> Callable[..., Any]:

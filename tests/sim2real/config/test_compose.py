@@ -18,7 +18,7 @@ from sim2real.config import signatures
 from sim2real.config.catalogue import CONF
 from sim2real.config.compose import compose, device, save, sweep_jobs, with_checkpoint
 from sim2real.config.folders import run_folder
-from sim2real.config.targets import ConfigError, build, check
+from sim2real.config.targets import ConfigError, build, check, check_named
 
 PROGRAM = """
 import contextlib, io, json, sys
@@ -232,6 +232,28 @@ def test_a_class_of_torch_is_built_and_its_names_checked() -> None:
     )
     with pytest.raises(ConfigError, match="did you mean 'in_features'"):
         build({"_target_": "torch.nn.Linear", "in_feature": 2, "out_features": 3}, "x")
+
+
+@pytest.mark.parametrize(
+    ("tree", "words"),
+    [
+        ({"_target_": "torchrl.envs.DoubleToFloat"}, "give this one a name"),
+        ({"norm": None}, "transforms.norm=null: .* write ~transforms.norm"),
+        ({"norm": {"decay": 1.0}}, "it must be a mapping with a _target_"),
+    ],
+)
+def test_objects_that_stand_by_name_need_one_each(tree: dict[str, Any], words: str) -> None:
+    """A part without a name, or a name without a part, is refused before any work starts."""
+    with pytest.raises(ConfigError, match=words):
+        check_named(tree, "transforms")
+
+
+def test_a_part_without_a_name_is_refused_by_the_command() -> None:
+    """What `null` leaves is no transform; `~` leaves it out."""
+    lines = ["+experiment=smoke", "transforms.randomize_params=null"]
+    with pytest.raises(ConfigError, match=r"write ~transforms\.randomize_params"):
+        compose(lines)
+    assert compose(["+experiment=smoke", "~transforms.randomize_params"])["transforms"] == {}
 
 
 def test_missing_arguments_are_named() -> None:
