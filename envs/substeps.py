@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from envs.effects.base import SubstepRule
+from envs.effects.places import spaced
 
 
 class Substeps:
@@ -95,6 +96,7 @@ class Substeps:
                 own = np.flatnonzero(present) if ids is None else ids[present[ids]]
                 if not own.size:
                     continue
+            own = spaced(own)
             rule.prepare(own)
             self._due.append((rule, own))
         self._ids, self._known = None if ids is None else ids.copy(), True

@@ -23,6 +23,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import SubstepRule
+from envs.effects.places import Block, block, spaced
 from envs.effects.plant_view import PlantView
 
 STABLE = 0.25  # largest (dt w)² of bristles under an explicit integration
@@ -65,13 +66,13 @@ class Bristles(SubstepRule):
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep the rows whose bristles bend."""
         rows = np.arange(len(self.bend))[ids]
-        self._bent = rows[self.bend[rows, 0] > 0]
-        self._at = (self._bent[:, None], self._dofs)
+        bent = rows[self.bend[rows, 0] > 0]
+        self._some, self._bent, self._at = bool(bent.size), spaced(bent), block(bent, self._dofs)
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Replace the friction loss of the joints by the bristles' torque."""
         rows, at, dt = self._bent, self._at, self._dt
-        if not rows.size:
+        if not self._some:
             return
         speed, level = self._qvel[at], np.maximum(self._loss[at], LEAST)
         stiffness = (level + self.faded[rows]) / self.bend[rows]
@@ -88,7 +89,7 @@ class Bristles(SubstepRule):
 
     def _first(
         self,
-        at: tuple[np.ndarray, np.ndarray],
+        at: Block,
         speed: np.ndarray,
         stiffness: np.ndarray,
         level: np.ndarray,

@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
 from envs.effects.extras import phase
-from envs.effects.places import joints
+from envs.effects.places import block, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.params import Parameter
@@ -32,8 +32,7 @@ class _Cogging(SubstepRule):
         self.phase[ids, 0] = self.effect.scalar("phase", values)
 
     def prepare(self, ids: np.ndarray | slice) -> None:
-        rows = np.arange(len(self.value))[ids][:, None]
-        self.at, self.to = (rows, self.q), (rows, self.v)
+        self.at, self.to = block(ids, self.q), block(ids, self.v)
         self.wave = self.value[ids], self.count[ids], self.phase[ids]
 
     def before_substep(self, ids: np.ndarray | slice) -> None:

@@ -21,6 +21,7 @@ from envs.effects.base import (
 )
 from envs.effects.field import FieldBound
 from envs.effects.history import control_range
+from envs.effects.places import block, spaced
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.effects.servo import ActuatorEffect, is_joint_servo
@@ -198,13 +199,15 @@ class Profile(SubstepRule):
         fresh = rows[limited & ~self.moving[rows]]  # were free: there already
         self._rest(fresh, self.before[fresh])
         self.moving[rows] = limited
-        self.rows = rows[limited]
-        self.at = (self.rows[:, None], self.columns)
+        self.none, self.rows = not limited.any(), spaced(rows[limited])
+        self.at = block(self.rows, self.columns)
         bounds = control_range(self.plant, self.rows)[:, self.columns]
         self.ends = bounds[..., 0], bounds[..., 1]
-        fastest, hardest = self.velocity[self.rows], self.acceleration[self.rows]
-        self.limits = fastest, hardest, np.where(np.isfinite(hardest), hardest, 1.0)
-        self.hard, self.free = np.isfinite(hardest), np.isinf(fastest) & np.isinf(hardest)
+        fastest, hardest, dt = self.velocity[self.rows], self.acceleration[self.rows], self.dt
+        hard, free = np.isfinite(hardest), np.isinf(fastest) & np.isinf(hardest)
+        self.fastest, self.change, soft = fastest, hardest * dt, np.where(hard, hardest, 1.0)
+        self.soft = soft * dt, soft * dt * dt  # rad/s, rad: what a substep's braking changes
+        self.hard, self.free = (None if hard.all() else hard), (free if free.any() else None)
 
     def receive(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
         """Take new targets from commands (n, nu)."""
@@ -217,27 +220,27 @@ class Profile(SubstepRule):
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Move the goals by one substep, and make them the commands."""
-        rows, dt, (fastest, hardest, soft) = self.rows, self.dt, self.limits
-        if not rows.size:
+        rows, dt, change = self.rows, self.dt, self.change
+        if self.none:
             return
         goal, speed, sent = self.goal[rows], self.speed[rows], self.target[rows]
-        target = np.clip(sent, *self.ends)
+        target = np.minimum(np.maximum(sent, self.ends[0]), self.ends[1])
         way = target - goal
         far = np.abs(way)
-        braking = (
-            soft * dt * (np.sqrt(0.25 + 2.0 * far / (soft * dt * dt)) - 0.5)
-        )  # stops at the target
+        braking = self.soft[0] * (np.sqrt(0.25 + 2.0 * far / self.soft[1]) - 0.5)
         direct = far / dt
-        wanted = np.where(self.hard, np.minimum(braking, direct), direct)
-        wanted = np.sign(way) * np.minimum(wanted, fastest)
-        change = hardest * dt
-        speed = speed + np.clip(wanted - speed, -change, change)
+        wanted = np.minimum(braking, direct)  # stops at the target
+        if self.hard is not None:
+            wanted = np.where(self.hard, wanted, direct)
+        wanted = np.sign(way) * np.minimum(wanted, self.fastest)
+        speed = speed + np.minimum(np.maximum(wanted - speed, -change), change)
         fast = np.abs(speed)
-        there = (far <= fast * dt * (1 + 1e-9)) & (fast <= np.maximum(change, 0))
-        there |= self.free
+        there = (far <= fast * dt * (1 + 1e-9)) & (fast <= change)
+        if self.free is not None:
+            there |= self.free
         goal = np.where(there, target, goal + speed * dt)
         self.goal[rows], self.speed[rows] = goal, np.where(there, 0.0, speed)
-        self.plant.ctrl[self.at] = np.where(self.free, sent, goal)
+        self.plant.ctrl[self.at] = goal if self.free is None else np.where(self.free, sent, goal)
 
 
 class _Targets(CommandRule):

@@ -12,7 +12,7 @@ import numpy as np
 
 from envs.effects.base import RULES, BoundEffect, Extra, SubstepRule
 from envs.effects.history import Arrivals
-from envs.effects.places import joint_driven
+from envs.effects.places import block, joint_driven
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.effects.servo import ActuatorEffect, is_joint_servo, is_linear, limited
@@ -49,16 +49,11 @@ class _DriveRule(SubstepRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep where the actuators and joints are in the rows ids of fields, and the values."""
-        rows = np.arange(self.plant.num_rows)[ids][:, None]
-        self.at, self.own = (rows, self.index), self.value[ids]
-        self.places = (rows, self.q), (rows, self.v)
+        self.at, self.own = block(ids, self.index), self.value[ids]
+        self.places = block(ids, self.q), block(ids, self.v)
         self.low, self.high = (*self.at, 0), (*self.at, 1)  # in the range
 
-    def command(self, ids: np.ndarray | slice) -> np.ndarray:
-        """Return what reaches the actuators in the coming substep, (n, k)."""
-        return self.arrivals.at(ids, self.index)
-
-    def law(self, ids: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def law(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what the actuators' laws ask for in the coming substep, (n, k) each.
 
         The force, its part from the command and the position, and the gain.
@@ -66,7 +61,7 @@ class _DriveRule(SubstepRule):
         layout, (q, v) = self.plant.layout, self.places
         held, stiff, drag = (self.bias[(*self.at, column)] for column in range(3))
         gain = self.gain[(*self.at, 0)]
-        sent, spring = gain * self.command(ids), stiff * (self.gear * layout.raw_qpos[q])
+        sent, spring = gain * self.arrivals.at(self.at), stiff * (self.gear * layout.raw_qpos[q])
         damper = drag * (self.gear * layout.raw_qvel[v])
         return sent + (held + spring + damper), sent + held + spring, gain
 
@@ -170,7 +165,7 @@ class _Lag(_DriveRule):
         self.kept = np.exp(-self.plant.model.opt.timestep / np.maximum(self.own, 1e-12))
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        wanted = np.clip(self.law(ids)[0], self.range[self.low], self.range[self.high])
+        wanted = np.minimum(np.maximum(self.law()[0], self.range[self.low]), self.range[self.high])
         kept = np.where(self.running[ids][:, None], self.kept, 0.0)
         force = np.where(self.is_on(ids), wanted + (self.force[ids] - wanted) * kept, 0.0)
         self.force[ids], self.running[ids] = force, True
@@ -233,7 +228,7 @@ class _Integral(_DriveRule):
         self.sum[ids] = 0.0
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        (law, pull, gain), dt = self.law(ids), self.plant.model.opt.timestep
+        (law, pull, gain), dt = self.law(), self.plant.model.opt.timestep
         error, rate, total = pull / np.where(gain > 0, gain, 1.0), gain * self.own, self.sum[ids]
         force = law + rate * total
         low, high = self.range[self.low], self.range[self.high]

@@ -7,7 +7,7 @@ import numpy as np
 
 from envs.effects.base import RULES, Effect, Measurement, SubstepRule
 from envs.effects.extras import phase
-from envs.effects.places import joints
+from envs.effects.places import block, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.effects.servo import is_joint_servo
@@ -67,9 +67,9 @@ class _Loop(SubstepRule):
         """Keep the rows whose encoders are off their axes, and how far."""
         rows = np.arange(self.plant.num_rows)[ids]
         rows = rows[self.encoder.value[rows, 0] != 0]
-        self.at, self.rows = (rows[:, None], self.servos), rows
+        self.at, self.rows = block(rows, self.servos), rows
         self.size, self.phase = self.encoder.value[rows], self.encoder.phase[rows]
-        self.places = (rows[:, None], self.q), (rows[:, None], self.v)
+        self.places = block(rows, self.q), block(rows, self.v)
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Shift the laws by what the encoders say too much."""

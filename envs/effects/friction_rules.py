@@ -16,7 +16,7 @@ import numpy as np
 from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
 from envs.effects.bristles import Bristles
 from envs.effects.friction import PARTS, Grip, stiffen
-from envs.effects.places import joint_driven, joints
+from envs.effects.places import block, joint_driven, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.params import Parameter
@@ -45,7 +45,7 @@ class _FrictionRule(SubstepRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep where the joints are in the rows ids of a field, and the rows' coefficients."""
-        self.at = (np.arange(len(self.value))[ids][:, None], self.dofs)
+        self.at = block(ids, self.dofs)
         self.own = self.value[ids]
 
     def add(self, torque: np.ndarray) -> None:
@@ -196,7 +196,7 @@ class _LoadDependent(_FrictionRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
-        self.motors, self.part = (self.at[0], self.driven), self.external[ids]
+        self.motors, self.part = block(ids, self.driven), self.external[ids]
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         bias, running = self.bias[self.at], self.running[ids]  # (n, k), (n, 1)

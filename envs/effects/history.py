@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from envs.effects.base import BoundEffect, SubstepRule
+from envs.effects.places import Block, block, spaced
 from envs.effects.plant_view import PlantView
 
 UNBOUNDED = (-np.inf, np.inf)
@@ -78,29 +79,30 @@ class Arrivals(SubstepRule):
         delays = self._plant.model.actuator_delay if every is None else every
         shape = (self._plant.num_rows, len(self._lines))
         delays = np.broadcast_to(delays[..., self._lines], shape)
-        self._rows = np.flatnonzero((delays > 0).any(axis=1))
-        self._delay = delays[self._rows]
-        self._at_newest = (self._rows[:, None], self._first + 1)
-        self._after = np.ones(self._delay.shape, int)
-        self._steps = bool((self._interp == 0).any())
+        late = np.flatnonzero((delays > 0).any(axis=1))
+        self._some, self._rows, self._delay = bool(late.size), late[:, None], delays[late]
+        self._when, self._at = spaced(late), block(late, self._lines)
+        self._newest = block(late, self._first + 1)
+        self._in_time = None if (self._delay > 0).all() else self._delay <= 0
+        self._stepped = self._interp == 0 if (self._interp == 0).any() else None
+        self._look(np.ones(self._delay.shape, int))
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Forget what reached the actuators before."""
         self._stale = True
 
-    def at(self, rows: np.ndarray | slice, actuators: np.ndarray) -> np.ndarray:
-        """Return the command that reaches actuators (k,), clamped, (n, k)."""
+    def at(self, places: Block) -> np.ndarray:
+        """Return the commands that reach a block of rows and actuators, clamped, (n, k)."""
         if self._stale:
             self._read()
             self._stale = False
-        return self._found[rows][:, actuators]
+        return self._found[places]
 
     def _read(self) -> None:
         found = self._plant.ctrl[:, self._columns]
-        if self._rows.size:
-            at = (self._rows[:, None], self._lines)
-            found[at] = self._late(found[at])
-        self._found = np.clip(found, self._low, self._high)
+        if self._some:
+            found[self._at] = self._late(found[self._at])
+        self._found = np.minimum(np.maximum(found, self._low), self._high)
 
     def _late(self, now: np.ndarray) -> np.ndarray:
         """Return the delay lines' values at the time minus the delay, as mj_readCtrl does.
@@ -108,39 +110,44 @@ class Arrivals(SubstepRule):
         Args:
             now: what is sent to the actuators with a line in the rows with a delay, (n, L).
         """
-        newest = self._history[self._at_newest].astype(int)  # (n, L)
-        when = self._plant.time[self._at_newest[0]] - self._delay
-        (t0, v0), (t1, v1) = self._around(newest, when + SAME)
-        weight = np.clip((when - t0) / np.where(t1 > t0, t1 - t0, 1.0), 0.0, 1.0)
-        if self._steps:
-            weight = np.where(self._interp == 0, np.floor(weight + 1e-9), weight)
-        return np.where(self._delay > 0, v0 + weight * (v1 - v0), now)
+        newest = self._history[self._newest].astype(int)  # (n, L)
+        when = self._plant.time[self._when][:, None] - self._delay
+        t0, t1, v0, v1 = self._around(newest, when + SAME)
+        weight = (when - t0) / np.where(t1 > t0, t1 - t0, 1.0)
+        weight = np.minimum(np.maximum(weight, 0.0), 1.0)
+        if self._stepped is not None:
+            weight = np.where(self._stepped, np.floor(weight + 1e-9), weight)
+        late = v0 + weight * (v1 - v0)
+        return late if self._in_time is None else np.where(self._in_time, now, late)
 
-    def _around(self, newest: np.ndarray, when: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return times and values of the samples before and after a time, (n, L) each.
+    def _around(self, newest: np.ndarray, when: np.ndarray) -> np.ndarray:
+        """Return times and values of the samples before and after a time, (4, n, L).
 
         The sample after it, counted from the oldest one, mostly is the same as in the substep
         before; where it is not, all of the line is looked at.
         """
-        history, rows = self._history, self._at_newest[0]
-        times, samples = self._first + 2, self._samples
-        (t0, _), (t1, _) = pair = self._pair(newest)
-        right = (t0 <= when) | (self._after == 1)
-        right &= (t1 > when) | (self._after == samples - 1)
+        found = self._pair(newest)
+        right = (found[0] <= when) | self._first_one
+        right &= (found[1] > when) | self._last_one
         if right.all():
-            return pair
+            return found
+        after, times, samples = self._after, self._first + 2, self._samples
         for line in np.flatnonzero(~right.all(axis=0)):
             wrong, first, count = ~right[:, line], times[line], samples[line]
-            own = history[rows[wrong], np.arange(first, first + count)]  # (n, samples)
+            own = self._history[self._rows[wrong], np.arange(first, first + count)]  # (n, samples)
             before = (own <= when[wrong, line, None]).sum(axis=1)
-            self._after[wrong, line] = np.clip(before, 1, count - 1)
+            after[wrong, line] = np.clip(before, 1, count - 1)
+        self._look(after)
         return self._pair(newest)
 
-    def _pair(self, newest: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        rows, times, samples = self._at_newest[0], self._first + 2, self._samples
-        here = (newest + self._after) % samples
-        places = (times + here, times + (here + 1) % samples)
-        return [(self._history[rows, p], self._history[rows, p + samples]) for p in places]
+    def _look(self, after: np.ndarray) -> None:
+        """Keep which sample comes after the time in question, counted from the oldest, (n, L)."""
+        self._after, self._pairs = after, np.stack([after, after + 1])
+        self._first_one, self._last_one = after == 1, after == self._samples - 1
+
+    def _pair(self, newest: np.ndarray) -> np.ndarray:
+        times = self._first + 2 + (newest + self._pairs) % self._samples  # (2, n, L)
+        return self._history[self._rows, np.concatenate([times, times + self._samples])]
 
 
 def control_range(plant: PlantView, rows: np.ndarray | slice) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
 from envs.effects.field import FieldBound, FieldEffect, Several
 from envs.effects.history import Arrivals
-from envs.effects.places import members
+from envs.effects.places import block, members
 from envs.effects.plant_view import PlantView
 from envs.effects.registry import EFFECTS
 from envs.effects.scale import RobotScale
@@ -255,6 +255,7 @@ class _DeadZone(SubstepRule):
         self.effect = effect
         self.value, self.punch = np.zeros(plant.num_rows), np.ones(plant.num_rows)
         self.gear = plant.model.actuator_gear[index, 0]
+        self.turn = np.abs(self.gear)
         joint = plant.model.actuator_trnid[index, 0]
         self.q = plant.model.jnt_qposadr[joint]
 
@@ -263,19 +264,22 @@ class _DeadZone(SubstepRule):
         self.punch[ids] = self.effect.scalar("punch", values)
 
     def prepare(self, ids: np.ndarray | slice) -> None:
-        rows = np.arange(self.plant.num_rows)[ids][:, None]
-        self.at, self.places, self.width = (rows, self.index), (rows, self.q), self.value[ids, None]
-        self.missing = (1.0 - self.punch[ids, None]) * self.width * np.abs(self.gear)  # (n, k)
+        self.at, self.places = block(ids, self.index), block(ids, self.q)
+        self.width = self.value[ids, None]
+        missing = (1.0 - self.punch[ids, None]) * self.width * self.turn  # (n, k)
+        self.missing = missing if missing.any() else None
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         gain, held, stiff = self.gain[(*self.at, 0)], *(self.bias[(*self.at, c)] for c in (0, 1))
         length = self.gear * self.plant.layout.raw_qpos[self.places]
-        law = gain * self.arrivals.at(ids, self.index) + held + stiff * length  # (n, k)
-        error = np.abs(law) / np.where(gain > 0, gain, 1.0) / np.abs(self.gear)  # rad at the joint
-        idle, taken = error < self.width, np.sign(law) * gain * self.missing
-        if idle.any() or taken.any():
+        law = gain * self.arrivals.at(self.at) + held + stiff * length  # (n, k)
+        error = np.abs(law) / np.where(gain > 0, gain, 1.0) / self.turn  # rad at the joint
+        idle = error < self.width
+        if self.missing is not None:
+            held = held - np.sign(law) * gain * self.missing
+        if self.missing is not None or idle.any():
             self.gain[(*self.at, 0)] = np.where(idle, 0.0, gain)
-            self.bias[(*self.at, 0)] = np.where(idle, 0.0, held - taken)
+            self.bias[(*self.at, 0)] = np.where(idle, 0.0, held)
             self.bias[(*self.at, 1)] = np.where(idle, 0.0, stiff)
 
 

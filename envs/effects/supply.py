@@ -17,7 +17,7 @@ import numpy as np
 
 from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
 from envs.effects.field import Several
-from envs.effects.places import joint_driven
+from envs.effects.places import block, joint_driven
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.effects.servo import ActuatorEffect, is_linear, is_servo
@@ -129,13 +129,8 @@ class _Weakening(SubstepRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep where the actuators and their joints are in the rows ids of fields."""
-        rows = np.arange(self.plant.num_rows)[ids]
-        self.at, self.driven, self.own = (
-            (rows[:, None], self.index),
-            (rows[:, None], self.dofs),
-            self.value[ids],
-        )
-        self.law = (rows[:, None, None], self.index[:, None], np.arange(3))
+        self.at, self.driven = block(ids, self.index), block(ids, self.dofs)
+        self.own = self.value[ids]
 
     def torque(self, ids: np.ndarray | slice, spared: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the motors' torques at the joints, (n, k) [N·m]; 0 before the first substep.
@@ -153,7 +148,7 @@ class _Weakening(SubstepRule):
     def weaken(self, factor: np.ndarray) -> None:
         """Scale by factors (n, k)."""
         self.gain[(*self.at, 0)] *= factor
-        self.bias[self.law] *= factor[..., None]
+        self.bias[(*self.at, slice(3))] *= factor[..., None]
         self.limit[self.at] *= factor[..., None]
 
 
@@ -245,6 +240,7 @@ class _Derating(_Weakening):
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
         self.kept, self.spared = np.exp(-self.decay[ids] * self.dt), self.braking[ids]
+        self.spares = bool(self.spared.any())
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         heat = self.heat[ids]
@@ -258,7 +254,7 @@ class _Derating(_Weakening):
 
     def _braking(self, factor: np.ndarray) -> np.ndarray:
         """Return what is left of the back-EMF where that much is left of the torque, (n, k)."""
-        return factor + (1.0 - factor) * self.spared
+        return factor + (1.0 - factor) * self.spared if self.spares else factor
 
 
 class ThermalDerating(ActuatorEffect):

@@ -105,11 +105,11 @@ def _solve(
     curve: np.ndarray, down: np.ndarray, scales: np.ndarray, held: Sequence[int]
 ) -> np.ndarray:
     """Return the scales that minimize a quadratic, some of them held."""
-    free = np.setdiff1d(np.arange(len(scales)), held).astype(int)
-    result = scales.copy()
-    fixed = np.array(held, int)
-    against = curve[np.ix_(free, fixed)] @ scales[fixed]
-    result[free] = np.linalg.solve(curve[np.ix_(free, free)], down[free] - against)
+    fixed = np.zeros(len(scales), dtype=bool)
+    fixed[held] = True
+    free, result = ~fixed, scales.copy()
+    against = curve[free][:, fixed] @ scales[fixed]
+    result[free] = np.linalg.solve(curve[free][:, free], down[free] - against)
     return result
 
 

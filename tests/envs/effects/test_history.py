@@ -8,6 +8,7 @@ import pytest
 
 from envs.effects import make
 from envs.effects.history import Arrivals
+from envs.effects.places import block
 from envs.plant import Plant
 
 ARM = """<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody>
@@ -34,8 +35,8 @@ def test_what_is_read_is_what_the_engine_acts_on() -> None:
     for step in range(60):
         q = plant.qpos.copy()
         plant.step(None, rng.uniform(-1.0, 1.0, (rows, 2)) if step % 7 == 0 else plant.ctrl, 1)
-        told.append(arrivals.at(slice(None), both).copy())  # of the substep that was taken
+        told.append(arrivals.at((slice(None), both)).copy())  # of the substep that was taken
         done.append(force / (4.0, 3.0) + q)
-        assert np.array_equal(arrivals.at(every[1:3], both[1:]), told[-1][1:3, 1:])
+        assert np.array_equal(arrivals.at(block(every[1:3], both[1:])), told[-1][1:3, 1:])
     assert np.ptp(told, axis=0).min() > 0.5  # something arrived everywhere
     assert np.array(told) == pytest.approx(np.array(done), abs=1e-9)
