@@ -65,17 +65,12 @@ class ForeignLoad:
         except OSError:
             return None
         own = sum(
-            sum(map(int, fields[11:13]))
+            sum(map(int, fields[11:15]))  # a process's own, and what its dead children had taken
             for pid in process_tree()
             if (fields := _stat(PROC / str(pid) / "stat"))
         )
-        times = os.times()
-        dead = times.children_user + times.children_system
-        return (
-            time.perf_counter(),
-            (user + nice + system + irq + softirq + steal) / TICKS,
-            own / TICKS + dead,
-        )
+        busy = user + nice + system + irq + softirq + steal
+        return time.perf_counter(), busy / TICKS, own / TICKS
 
 
 def _stat(path: Path) -> list[str]:

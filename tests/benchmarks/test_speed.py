@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -255,3 +257,26 @@ def test_foreign_load_leaves_out_this_process() -> None:
     assert start is not None
     busy = (everything[1] - start[1]) / (everything[0] - start[0])
     assert own < busy
+
+
+@pytest.mark.skipif(own_memory() is None, reason="needs /proc")
+def test_dead_grandchildren_of_a_living_child_are_own_work() -> None:
+    """A row's process forks helpers that end before it does."""
+    burn = "import time\nwhile time.process_time() < 0.5: pass"
+    child = (
+        "import subprocess, sys\n"
+        f"subprocess.run([sys.executable, '-c', {burn!r}], check=True)\n"
+        "print('done', flush=True)\nsys.stdin.read()"
+    )
+    load = ForeignLoad()
+    start = load._start
+    assert start is not None
+    with subprocess.Popen(
+        [sys.executable, "-c", child], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().strip() == b"done"
+        now = load._read()
+        process.communicate(b"")
+    assert now is not None
+    assert now[2] - start[2] >= 0.5  # s of CPU time
