@@ -322,6 +322,13 @@ class Effect(ABC):
             more["free"] = free
         return [{"side": side, **more} for side in cls.sides] or [more]
 
+    def passes_for(self, scale: RobotScale) -> str | None:
+        """Return the effect at the same place that this one looks like on a robot that moved so.
+
+        It is then a candidate for that one's place alone. None: it is one like all others.
+        """
+        return None
+
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return values that span what the effect may be on a robot, where a search looks first.
 

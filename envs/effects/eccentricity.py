@@ -87,7 +87,8 @@ class EncoderEccentricity(Effect):
     """An encoder off its axis, with one error wave a turn: measured = q + value sin(q + phase).
 
     A servo closes its loop on the same encoder. Where a joint moves through less than 1.5 rad the
-    error is an offset and a slope, and no diagnosis looks for it.
+    error is an offset and a slope: a diagnosis then looks for it in the place of a shifted encoder
+    alone.
     """
 
     name = "encoder_eccentricity"
@@ -115,10 +116,12 @@ class EncoderEccentricity(Effect):
             plant.share(f"servo of {self.label()}", lambda: _Loop(plant, encoder, servos))
         return encoder
 
+    def passes_for(self, scale: RobotScale) -> str | None:
+        """Return the shifted encoder where the joint turned little."""
+        return "encoder_offset" if scale.span(str(self.where)) < SEEN else None
+
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return one size at four phases; none where the joint turned too little."""
-        if scale.span(str(self.where)) < SEEN:
-            return np.zeros((0, 2))
+        """Return one size at four phases."""
         return np.array([(0.02, phase) for phase in (0.0, np.pi / 2, np.pi, -np.pi / 2)])
 
     def batch(self) -> str:

@@ -92,6 +92,8 @@ Optional attributes and methods of the class:
   `fit` of an `Extra`, the range in which a further scalar is fitted; `batch()`, which effects can
   be simulated beside it; `servo_rank` and `tied`, whether it joins first if every joint is
   wrong, and from which factor. `closes_gaps = False` leaves it out of a search, as for noise.
+  `passes_for(scale)` names another effect where the logs hardly tell the two apart: a search then
+  fits it in that one's place alone, as an equivalent.
 * For `model.xml`: `no_mjcf`, None if the model fields that it writes express it, else why MJCF
   cannot; `own_mjcf` and `to_mjcf` if the class writes its own MJCF.
 * For reports: `words`, its name in a sentence.

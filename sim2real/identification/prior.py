@@ -84,6 +84,7 @@ def of_candidates(
             this robot cannot have.
     """
     there = candidates(data.windows, fixed=data.fixed)
+    there += candidates(data.windows, fixed=data.fixed, standing_in=True)
     if not isinstance(given, str | Path):
         return checked(Distribution(tuple(_named(given, there))))
     report = _report(Path(given).expanduser())

@@ -49,6 +49,7 @@ class Search:
         on_progress: called with what is tried, and the share of the work done.
         floors: of each joint, (M,); None: all alike.
         witnessed: effects that channels measured; of equals they go first.
+        stand_ins: candidates for the places of the effects that they pass for alone.
     """
 
     def __init__(
@@ -60,9 +61,11 @@ class Search:
         on_progress: OnProgress,
         floors: np.ndarray | None = None,
         witnessed: Witnessed = frozenset(),
+        stand_ins: Sequence[Candidate] = (),
     ) -> None:
         self.problem, self.floor, self.witnessed = problem, floor, witnessed
         self.options: Sequence[Candidate] = list(options)
+        self.stand_ins = stand_ins
         self.work = problem.simulator.work
         self.floors = np.full(len(problem.data.joints), floor) if floors is None else floors
         self.on_progress = on_progress

@@ -123,6 +123,7 @@ def _search(about: About, floors: np.ndarray, only: Sequence[str] | None = None)
             about.on_progress,
             floors / data.scale,
             about.witnessed,
+            candidates(data, about.exclude, about.fixed, standing_in=True),
         )
 
 

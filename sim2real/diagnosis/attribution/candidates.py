@@ -45,6 +45,7 @@ class Candidate:
         high: largest values, (P,).
         group: candidates of one group can be simulated in one batch.
         shown: joints whose motion it changes: its own, and for a body all that carry it.
+        passes_for: the effect in whose place alone it is looked for; None: in any.
     """
 
     effect: Effect
@@ -55,6 +56,7 @@ class Candidate:
     high: np.ndarray
     group: str
     shown: tuple[str, ...] = ()
+    passes_for: str | None = None
 
     @property
     def name(self) -> str:
@@ -115,7 +117,11 @@ def check_names(exclude: Sequence[str]) -> None:
 
 
 def candidates(
-    data: Data, exclude: Sequence[str] = (), fixed: Sequence[Fixed] = ()
+    data: Data,
+    exclude: Sequence[str] = (),
+    fixed: Sequence[Fixed] = (),
+    *,
+    standing_in: bool = False,
 ) -> list[Candidate]:
     """Return every effect that the models can have, but those excluded.
 
@@ -125,6 +131,9 @@ def candidates(
         fixed: effects that are in the model already; more of the same is a candidate where two of
             them add up, and no candidate where they would get into each other's way.
 
+        standing_in: return those that in these logs pass for another effect, in whose place alone
+            they are looked for, and none of the others.
+
     Raises:
         Sim2RealError: an unknown name to exclude.
     """
@@ -132,10 +141,13 @@ def candidates(
     scale, spec = robot_scale(data, fixed), untextured(data.specs[0])
     found = []
     for name, effect in EFFECTS.items():
-        if effect.closes_gaps and name not in exclude:
+        never = standing_in and effect.passes_for is Effect.passes_for
+        if effect.closes_gaps and name not in exclude and not never:
             for place, more in itertools.product(effect.places(scale), effect.variants(scale)):
                 candidate = candidate_of(name, {"where": place, **more}, spec, scale)
-                if candidate is not None and not _taken(candidate.effect, fixed):
+                if candidate is None or (candidate.passes_for is not None) != standing_in:
+                    continue
+                if not _taken(candidate.effect, fixed):
                     found.append(candidate)
     return found
 
@@ -180,7 +192,8 @@ def candidate_of(
     shown = (joint,) if joint else ()
     if effect.place == "body":
         shown = scale.carriers(str(effect.where))
-    return Candidate(effect, joint, probes, neutral, low, high, effect.batch(), shown)
+    passes_for, group = effect.passes_for(scale), effect.batch()
+    return Candidate(effect, joint, probes, neutral, low, high, group, shown, passes_for)
 
 
 def _joint(effect: Effect, scale: RobotScale) -> str | None:

@@ -86,7 +86,8 @@ def _named(
             continue
         place = option.name, option.place
         (alike if same else apart).append(contender)
-        if place == (member.name, member.place) or place in names or len(apart) > most - 1:
+        full = 1 + sum(not one.inseparable for one in names.values()) >= most
+        if place == (member.name, member.place) or place in names or (full and not same):
             continue
         known.append(one)
         names[place] = Equivalent(*place, inseparable=same)

@@ -6,7 +6,9 @@
 A race leaves few, and values that were found together (one kind of effect at every joint) never
 raced. So each cause races for its place once; and every effect whose change of the simulation, as
 it was screened, points where the cause's does is fitted in its place as well: what the two do to
-the logs is then all but collinear, whatever their names. Held-out errors judge them (`alike`).
+the logs is then all but collinear, whatever their names. So is what passes for the cause in these
+logs: an eccentric encoder for a shifted one, where the joint turns little. Held-out errors judge
+them (`alike`).
 
 Two kinds of effects are inseparable whatever is recorded of commands and positions: delays of the
 command and of the measurement, unless readings have stamps of their own; and effects that make the
@@ -16,7 +18,7 @@ damping, or a rotor's inertia and that of a link which turns about nothing but i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +32,7 @@ from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.attribution.same_dynamics import Pair, same_dynamics
 from sim2real.diagnosis.attribution.screen import Response
 from sim2real.diagnosis.attribution.suspects import meets
+from sim2real.diagnosis.attribution.ties import as_good
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 DELAYS = ("command_delay", "observation_delay")
@@ -41,13 +44,16 @@ def with_rivals(search: Search, found: Found) -> Found:
     rivals = dict(found.rivals)
     for number, member in enumerate(found.fit.members):
         raced = list(rivals.get(member.label, []))
-        rest = _rest(found.fit, number)
+        rest, own = _rest(found.fit, number), Contender(member, found.fit, found.error)
         if not raced and few:
-            own = Contender(member, found.fit, found.error)
             raced = [own, *_others(search.place_of(own).contenders, member)]
-        known = [c.candidate.label for c in raced]
-        alike = _look_alikes(search, found.fit, number, known) if found.seen is None else []
-        more = [_instead(search, found, rest, response) for response in alike]
+        more: list[Contender] = []
+        if found.seen is None:
+            known = [c.candidate.label for c in raced]
+            alike = _look_alikes(search, found.fit, number, known)
+            more = [_like(search, found, rest, response) for response in alike]
+            passing = _stand_ins(search, [own, *raced, *more])
+            more += [_instead(search, found, rest, option, starts) for option, starts in passing]
         if raced or more:
             settled = Contender(member, found.fit, found.on(found.error), settled=True)
             rivals[member.label] = [*raced, settled, *more]
@@ -108,17 +114,46 @@ def _cosine(one: np.ndarray, other: np.ndarray) -> float:
     return float(one @ other) / max(size, TINY_SQUARE)
 
 
-def _instead(search: Search, found: Found, rest: Fit, response: Response) -> Contender:
-    """Return an effect fitted in the place of a cause, beside the others."""
-    option, spread = response.candidate, search.settings.spread
-    starts = [
-        np.concatenate(
-            [rest.values, np.tile(option.towards(response.probe, s), (len(rest.values), 1))], axis=1
-        )
-        for s in spread
-    ]
+def _stand_ins(
+    search: Search, contenders: Sequence[Contender]
+) -> Iterator[tuple[Candidate, list[np.ndarray]]]:
+    """Yield what passes for a cause, or for what does as well, and where its fit starts, (P,) each.
+
+    It starts as large as what it passes for, at each of its probes' phases.
+
+    Args:
+        search: after its run.
+        contenders: for the cause's place, itself the first one.
+    """
+    own = contenders[0]
+    for option in search.stand_ins:
+        for one in contenders:
+            named = one.candidate.name, one.candidate.place
+            if named != (option.passes_for, option.place):
+                continue
+            if as_good(search, one.error, own.error, search.base) is None:
+                continue
+            size = float(np.abs(value_of(one).mean(axis=0)[0]))
+            found = [option.towards(p, size / max(abs(p[0]), TINY_SQUARE)) for p in option.probes]
+            yield option, found
+            break
+
+
+def _like(search: Search, found: Found, rest: Fit, response: Response) -> Contender:
+    """Return what acts like a cause, as it was screened, fitted in its place."""
+    option = response.candidate
+    starts = [option.towards(response.probe, size) for size in search.settings.spread]
+    return _instead(search, found, rest, option, starts)
+
+
+def _instead(
+    search: Search, found: Found, rest: Fit, option: Candidate, starts: Sequence[np.ndarray]
+) -> Contender:
+    """Return an effect fitted in the place of a cause, beside the others, from starts (P,)."""
+    folds = len(rest.values)
+    values = [np.concatenate([rest.values, np.tile(s, (folds, 1))], axis=1) for s in starts]
     members = (*rest.members, option)
-    fit = refine(search.fitting, members, np.array(starts), search.settings.settled_rounds)
+    fit = refine(search.fitting, members, np.array(values), search.settings.settled_rounds)
     error = search.problem.held_out(members, fit.values)
     return Contender(option, fit, found.on(error), settled=True)
 

@@ -28,6 +28,7 @@ def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
     scaled |= {"torque_speed_knee", "hysteretic_compliance", "encoder_eccentricity"}
     scaled |= {"dead_zone", "asymmetric_friction", "thermal_derating"}
     assert set(found) == scaled
+    assert candidates(data, standing_in=True) == []  # it turns through 1.8 rad
     stribeck = found["stribeck_friction"]
     assert stribeck.low[1] > 0.01 and stribeck.high[1] < 10.0  # rad/s
     assert np.ptp(stribeck.probes[:, 1]) > 0

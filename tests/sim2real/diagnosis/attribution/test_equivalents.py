@@ -147,3 +147,28 @@ def test_all_that_is_open_is_told_apart_at_once(tmp_path: Path) -> None:
     ]
     assert found[1][1].mean == pytest.approx([0.02, 0.1, 0.3])
     assert explanations(fit, [[], []]) == ()
+
+
+@pytest.mark.parametrize(
+    ("hidden", "more", "value", "alike"),
+    [
+        ("encoder_eccentricity", {"phase": 1.7}, 0.2, True),
+        ("encoder_offset", {}, 0.05, False),  # no sine is as flat
+    ],
+)
+def test_an_eccentric_encoder_may_pass_for_a_shifted_one(
+    tmp_path: Path, hidden: str, more: dict, value: float, alike: bool
+) -> None:
+    """Where a joint turns little it is no candidate, but named beside what it passes for."""
+    log = arm.make_log((hidden, {"where": "a", **more}, value), noise=1e-3)
+    search = search_of(log, tmp_path, "encoder_offset.a", "coulomb_friction.a")
+    data = search.problem.data
+    assert "encoder_eccentricity" not in {o.name for o in candidates(data)}
+    assert not candidates(data, ["encoder_eccentricity"], standing_in=True)
+    search.stand_ins = candidates(data, standing_in=True)
+    assert {o.label for o in search.stand_ins} == {f"encoder_eccentricity.{j}" for j in "ab"}
+    made = conclude(search, search.run(), np.full(2, FLOOR), np.random.default_rng(0))
+    cause = made.report.causes[0]
+    assert (cause.effect, cause.where) == ("encoder_offset", "a")
+    told = [(e.effect, e.where, e.inseparable) for e in cause.equivalent]
+    assert told == ([("encoder_eccentricity", "a", False)] if alike else [])
