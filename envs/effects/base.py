@@ -323,9 +323,13 @@ class Effect(ABC):
         return [{"side": side, **more} for side in cls.sides] or [more]
 
     def passes_for(self, scale: RobotScale) -> str | None:
-        """Return the effect at the same place that this one looks like on a robot that moved so.
+        """Return the name of an effect at the same place that this one hardly differs from.
 
-        It is then a candidate for that one's place alone. None: it is one like all others.
+        It is then fitted in that one's place alone, from each of its probes, and takes part in no
+        race. None: it is a candidate like all others.
+
+        Args:
+            scale: the robot's sizes, and how it moved.
         """
         return None
 

@@ -199,7 +199,7 @@ class Profile(SubstepRule):
         fresh = rows[limited & ~self.moving[rows]]  # were free: there already
         self._rest(fresh, self.before[fresh])
         self.moving[rows] = limited
-        self.none, self.rows = not limited.any(), spaced(rows[limited])
+        self.rests, self.rows = not limited.any(), spaced(rows[limited])
         self.at = block(self.rows, self.columns)
         bounds = control_range(self.plant, self.rows)[:, self.columns]
         self.ends = bounds[..., 0], bounds[..., 1]
@@ -221,7 +221,7 @@ class Profile(SubstepRule):
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Move the goals by one substep, and make them the commands."""
         rows, dt, change = self.rows, self.dt, self.change
-        if self.none:
+        if self.rests:
             return
         goal, speed, sent = self.goal[rows], self.speed[rows], self.target[rows]
         target = np.minimum(np.maximum(sent, self.ends[0]), self.ends[1])

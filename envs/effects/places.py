@@ -92,10 +92,14 @@ def spaced(index: np.ndarray | slice) -> np.ndarray | slice:
 
 
 def block(rows: np.ndarray | slice, columns: np.ndarray) -> Block:
-    """Return the index of a field's rows (n,) and columns (k,): it yields (n, k, ...).
+    """Return the index of a field's rows and columns: of a field (N, K, ...) it yields (n, k, ...).
 
-    Slices where that is possible, which cost a fifth of lists of numbers in every substep. What
-    they yield is a view: it changes with the field.
+    Slices where that is possible, since in every substep lists of numbers cost more. What slices
+    yield is a view: it changes with the field.
+
+    Args:
+        rows: numbers of rows, (n,), or a slice.
+        columns: numbers of columns, (k,).
     """
     rows = spaced(rows)
     return (rows, spaced(columns)) if isinstance(rows, slice) else (rows[:, None], columns)

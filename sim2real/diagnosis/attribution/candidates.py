@@ -130,19 +130,19 @@ def candidates(
         exclude: names of effects to leave out.
         fixed: effects that are in the model already; more of the same is a candidate where two of
             them add up, and no candidate where they would get into each other's way.
-
         standing_in: return those that in these logs pass for another effect, in whose place alone
             they are looked for, and none of the others.
 
     Raises:
-        Sim2RealError: an unknown name to exclude.
+        Sim2RealError: an unknown name to exclude, or one that an effect says it passes for.
     """
     check_names(exclude)
     scale, spec = robot_scale(data, fixed), untextured(data.specs[0])
     found = []
     for name, effect in EFFECTS.items():
-        never = standing_in and effect.passes_for is Effect.passes_for
-        if effect.closes_gaps and name not in exclude and not never:
+        if standing_in and effect.passes_for is Effect.passes_for:
+            continue  # passes for none, on no robot
+        if effect.closes_gaps and name not in exclude:
             for place, more in itertools.product(effect.places(scale), effect.variants(scale)):
                 candidate = candidate_of(name, {"where": place, **more}, spec, scale)
                 if candidate is None or (candidate.passes_for is not None) != standing_in:
@@ -193,6 +193,11 @@ def candidate_of(
     if effect.place == "body":
         shown = scale.carriers(str(effect.where))
     passes_for, group = effect.passes_for(scale), effect.batch()
+    if passes_for is not None and passes_for not in EFFECTS:
+        raise Sim2RealError(
+            f"{effect.label()}.passes_for returned {passes_for!r}, which is no effect"
+            f"{did_you_mean(passes_for, EFFECTS)}; return one of docs/effects.md, or None"
+        )
     return Candidate(effect, joint, probes, neutral, low, high, group, shown, passes_for)
 
 

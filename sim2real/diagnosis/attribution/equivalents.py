@@ -18,7 +18,7 @@ damping, or a rotor's inertia and that of a link which turns about nothing but i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -53,7 +53,7 @@ def with_rivals(search: Search, found: Found) -> Found:
             alike = _look_alikes(search, found.fit, number, known)
             more = [_like(search, found, rest, response) for response in alike]
             passing = _stand_ins(search, [own, *raced, *more])
-            more += [_instead(search, found, rest, option, starts) for option, starts in passing]
+            more += [_instead(search, found, rest, o, o.probes) for o in passing]
         if raced or more:
             settled = Contender(member, found.fit, found.on(found.error), settled=True)
             rivals[member.label] = [*raced, settled, *more]
@@ -114,29 +114,17 @@ def _cosine(one: np.ndarray, other: np.ndarray) -> float:
     return float(one @ other) / max(size, TINY_SQUARE)
 
 
-def _stand_ins(
-    search: Search, contenders: Sequence[Contender]
-) -> Iterator[tuple[Candidate, list[np.ndarray]]]:
-    """Yield what passes for a cause, or for what does as well, and where its fit starts, (P,) each.
-
-    It starts as large as what it passes for, at each of its probes' phases.
+def _stand_ins(search: Search, contenders: Sequence[Contender]) -> list[Candidate]:
+    """Return what passes for a cause in these logs, or for what does as well.
 
     Args:
         search: after its run.
         contenders: for the cause's place, itself the first one.
     """
-    own = contenders[0]
-    for option in search.stand_ins:
-        for one in contenders:
-            named = one.candidate.name, one.candidate.place
-            if named != (option.passes_for, option.place):
-                continue
-            if as_good(search, one.error, own.error, search.base) is None:
-                continue
-            size = float(np.abs(value_of(one).mean(axis=0)[0]))
-            found = [option.towards(p, size / max(abs(p[0]), TINY_SQUARE)) for p in option.probes]
-            yield option, found
-            break
+    error, base = contenders[0].error, search.base
+    good = [c for c in contenders if as_good(search, c.error, error, base) is not None]
+    places = {(one.candidate.name, one.candidate.place) for one in good}
+    return [option for option in search.stand_ins if (option.passes_for, option.place) in places]
 
 
 def _like(search: Search, found: Found, rest: Fit, response: Response) -> Contender:
@@ -147,7 +135,11 @@ def _like(search: Search, found: Found, rest: Fit, response: Response) -> Conten
 
 
 def _instead(
-    search: Search, found: Found, rest: Fit, option: Candidate, starts: Sequence[np.ndarray]
+    search: Search,
+    found: Found,
+    rest: Fit,
+    option: Candidate,
+    starts: Sequence[np.ndarray] | np.ndarray,
 ) -> Contender:
     """Return an effect fitted in the place of a cause, beside the others, from starts (P,)."""
     folds = len(rest.values)

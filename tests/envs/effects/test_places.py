@@ -77,7 +77,7 @@ def _path(name: str, where: str | None, rows: np.ndarray, count: int) -> np.ndar
     plant.reset(np.arange(count), still, still, np.zeros(count, np.uint64), ctrl=still)
     found = []
     for step in range(STEPS):
-        goal = 0.8 * np.sin(0.2 * step // 3) * np.ones((count, 2))
+        goal = 0.8 * np.sin(step // 15) * np.ones((count, 2))
         plant.step(None, goal, 2)
         found.append(plant.measured(None)[0][rows].copy())
     return np.array(found)
