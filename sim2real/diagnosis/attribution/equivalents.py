@@ -6,7 +6,8 @@
 A race leaves few, and values that were found together (one kind of effect at every joint) never
 raced. So each cause races for its place once; and every effect whose change of the simulation, as
 it was screened, points where the cause's does is fitted in its place as well: what the two do to
-the logs is then all but collinear, whatever their names. So is what passes for the cause in these
+the logs is then all but collinear, whatever their names. So is what makes the same equations of
+motion as the cause, wherever it was screened; and what passes for the cause in these
 logs: an eccentric encoder for a shifted one, where the joint turns little. Held-out errors judge
 them (`alike`).
 
@@ -29,7 +30,7 @@ from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.fit import Fit, columns, refine
 from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.quantify import without
-from sim2real.diagnosis.attribution.same_dynamics import Pair, same_dynamics
+from sim2real.diagnosis.attribution.same_dynamics import Pair, same_dynamics, twins
 from sim2real.diagnosis.attribution.screen import Response
 from sim2real.diagnosis.attribution.suspects import meets
 from sim2real.diagnosis.attribution.ties import as_good
@@ -50,8 +51,11 @@ def with_rivals(search: Search, found: Found) -> Found:
         more: list[Contender] = []
         if found.seen is None:
             known = [c.candidate.label for c in raced]
+            same = _twins(search, found.fit, number, known)
+            more = [_instead(search, found, rest, option, [values]) for option, values in same]
+            known += [option.label for option, _ in same]
             alike = _look_alikes(search, found.fit, number, known)
-            more = [_like(search, found, rest, response) for response in alike]
+            more += [_like(search, found, rest, response) for response in alike]
             passing = _stand_ins(search, [own, *raced, *more])
             more += [_instead(search, found, rest, o, o.probes) for o in passing]
         if raced or more:
@@ -67,6 +71,27 @@ def _others(contenders: Sequence[Contender], member: Candidate) -> list[Contende
 def _rest(fit: Fit, number: int) -> Fit:
     """Return the other causes with their values."""
     return without(fit, [i for i in range(len(fit.members)) if i != number])
+
+
+def _twins(search: Search, fit: Fit, number: int, known: Sequence[str]) -> list[Pair]:
+    """Return what moves the robot as a cause does, with the values that do so.
+
+    Screening may have probed it where it does much less, so that no change points there.
+    """
+    member, data = fit.members[number], search.problem.data
+    if member.group != PLAIN:
+        return []
+    own = member, fit.values.mean(axis=0)[columns(fit.members)[number]]
+    taken = {(m.name, m.effect.where) for m in fit.members}
+    others = (
+        option
+        for option in search.options
+        if option.group == PLAIN
+        and option.label not in known
+        and (option.name, option.effect.where) not in taken
+        and (None in (option.joint, member.joint) or option.joint == member.joint)
+    )
+    return list(twins(data.specs[0], own, others, data.settings.causes))
 
 
 def _look_alikes(search: Search, fit: Fit, number: int, known: Sequence[str]) -> list[Response]:

@@ -1,6 +1,7 @@
 """Whether two effects make the same equations of motion, so that no recording parts them.
 
     same_dynamics(spec, (armature, values), (link_inertia, values), settings.causes)
+    twins(spec, (armature, values), [link_inertia, ...], settings.causes)    # and their values
 
 A hinge on a fixed base turns alike with more rotor and with more inertia of its link, and a motor
 without damping pulls alike with less supply and with less strength. Inertia matrices and forces are
@@ -11,7 +12,9 @@ errors of any size are among them.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from copy import copy
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -49,25 +52,82 @@ def same_dynamics(spec: mujoco.MjSpec, one: Pair, other: Pair, limits: Causes) -
             tried for it as well, where they are as many.
         limits: how near is the same.
     """
-    plants = [Plant(spec, [candidate.effect], 1) for candidate, _ in (one, other)]
-    if not all(map(_acts_alone, plants)):
+    wanted = _Wanted.of(spec, one)
+    apart = wanted and wanted.apart(spec, other[0])
+    if not apart:
         return False
-    states = _States(plants[0].nominal)
-    wanted = states.forces(plants[0], one[1])
-    size = float(np.linalg.norm(wanted - states.forces(plants[0], one[0].neutral)))
-    low, high = other[0].low, other[0].high
+    start = apart.nearest(v for v in (other[1], one[1]) if v.shape == other[0].low.shape)
+    near = apart.size(start) < limits.twin_near
+    return near and apart.size(apart.least(start)) < limits.twin_same
 
-    def wrong(values: np.ndarray) -> np.ndarray:
-        return (states.forces(plants[1], values) - wanted) / size
 
-    if not size > 0:
-        return False
-    starts = [np.clip(v, low, high) for v in (other[1], one[1]) if v.shape == low.shape]
-    off, start = min(((np.linalg.norm(wrong(s)), s) for s in starts), key=lambda pair: pair[0])
-    if not off < limits.twin_near:
-        return False
-    best = least_squares(wrong, start, bounds=(low, high), x_scale="jac", xtol=1e-12)
-    return bool(np.linalg.norm(best.fun) < limits.twin_same)
+def twins(
+    spec: mujoco.MjSpec, one: Pair, others: Iterable[Candidate], limits: Causes
+) -> Iterator[Pair]:
+    """Yield those of other effects that move the robot as one does, and the values that do so.
+
+    The values are looked for from an effect's probes, however far these are from them.
+    """
+    wanted = _Wanted.of(spec, one)
+    if wanted is None:
+        return
+    for other in others:
+        if apart := wanted.apart(spec, other):
+            values = apart.least(apart.nearest(other.probes))
+            if apart.size(values) < limits.twin_same:
+                yield other, values
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What an effect with given values makes of a robot's inertia and forces."""
+
+    states: _States
+    forces: np.ndarray  # inertia and forces in all states, flat
+    change: float  # norm of what the effect changes
+
+    @classmethod
+    def of(cls, spec: mujoco.MjSpec, one: Pair) -> _Wanted | None:
+        """Return it; None for what changes nothing, or acts through more than these."""
+        plant = Plant(spec, [one[0].effect], 1)
+        if not _acts_alone(plant):
+            return None
+        states = _States(plant.nominal)
+        forces = states.forces(plant, one[1])
+        change = float(np.linalg.norm(forces - states.forces(plant, one[0].neutral)))
+        return cls(states, forces, change) if change > 0 else None
+
+    def apart(self, spec: mujoco.MjSpec, other: Candidate) -> _Apart | None:
+        """Return how far apart another effect is; None if it acts through more than these."""
+        plant = Plant(spec, [other.effect], 1)
+        return _Apart(self, plant, other) if _acts_alone(plant) else None
+
+
+@dataclass(frozen=True)
+class _Apart:
+    """How far apart an effect with given values and another one move the robot."""
+
+    wanted: _Wanted
+    plant: Plant  # with the other effect
+    other: Candidate
+
+    def _wrong(self, values: np.ndarray) -> np.ndarray:
+        found = self.wanted.states.forces(self.plant, values)
+        return (found - self.wanted.forces) / self.wanted.change
+
+    def size(self, values: np.ndarray) -> float:
+        """Return the distance with the other's values (P,), of what the first one changes."""
+        return float(np.linalg.norm(self._wrong(values)))
+
+    def nearest(self, starts: Iterable[np.ndarray]) -> np.ndarray:
+        """Return the nearest of values (P,), within the other's bounds."""
+        clipped = [np.clip(start, self.other.low, self.other.high) for start in starts]
+        return min(clipped, key=self.size)
+
+    def least(self, start: np.ndarray) -> np.ndarray:
+        """Return the values (P,) with which the other comes nearest."""
+        bounds = self.other.low, self.other.high
+        return least_squares(self._wrong, start, bounds=bounds, x_scale="jac", xtol=1e-12).x
 
 
 def _acts_alone(plant: Plant) -> bool:

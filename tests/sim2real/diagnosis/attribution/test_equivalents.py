@@ -126,6 +126,22 @@ def test_values_that_never_raced_have_their_look_alikes(tmp_path: Path) -> None:
     assert search.blocks.rms(others[0].error) < 0.2 * search.before
 
 
+def test_a_twin_that_was_screened_far_from_its_value_is_named(tmp_path: Path) -> None:
+    """Three times a link's inertia is answered by a rotor; the link, probed at 1.8, is with it."""
+    log = arm.make_log(("link_inertia", {"where": "upper"}, 3.06), noise=FLOOR)
+    search = search_of(log, tmp_path, "armature.a", "coulomb_friction.a")
+    found = search.run()
+    (member,) = found.fit.members
+    assert member.label == "armature.a"
+    search.options = search_of(log, tmp_path, "armature.a", "link_inertia.upper").options
+    made = conclude(search, found, np.full(2, FLOOR), np.random.default_rng(0))
+    (cause,) = made.report.causes
+    (other,) = cause.equivalent
+    assert (other.effect, other.where, other.inseparable) == ("link_inertia", "a", True)
+    (rival,) = (r for r in with_rivals(search, found).rivals[member.label] if r.candidate != member)
+    assert rival.fit.mean == pytest.approx([3.06], rel=0.02)
+
+
 def test_all_that_is_open_is_told_apart_at_once(tmp_path: Path) -> None:
     """Two causes with a rival each: each is replaced in its turn, beside the other as found."""
     labels = ("coulomb_friction.a", "stribeck_friction.a", "armature.b", "link_mass.lower")

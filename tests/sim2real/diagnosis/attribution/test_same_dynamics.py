@@ -10,7 +10,7 @@ import pytest
 from envs.effects import make
 from envs.plant import Plant
 from sim2real.diagnosis.attribution.equivalents import inseparable
-from sim2real.diagnosis.attribution.same_dynamics import Pair, same_dynamics
+from sim2real.diagnosis.attribution.same_dynamics import Pair, same_dynamics, twins
 from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis import arm
 from tests.sim2real.diagnosis.attribution.test_equivalents import option, search_of
@@ -50,6 +50,23 @@ def test_a_rotor_is_the_inertia_of_a_link_that_turns_about_its_axis_alone(
     assert same((link, size), (rotor[0], 0.9 * rotor[1]))
     assert not same(pairs["armature.b"], pairs["link_inertia.lower"])
     assert not same(rotor, (link, 2 * size))  # other logs gave that
+
+
+def test_a_twin_is_found_however_far_from_its_probes(pairs: dict[str, Pair]) -> None:
+    """A rotor that makes three times a link's inertia: the link's is probed at less than twice."""
+    (rotor, size), (link, times) = pairs["armature.a"], pairs["link_inertia.upper"]
+    wanted = np.array([3.06])
+    assert wanted > 1.5 * link.probes.max()
+    large = size * (wanted - 1) / (times - 1)
+    options = [option for option, _ in pairs.values()]
+    others = [option for option in options if option is not rotor]
+    (found,) = twins(arm.spec(), (rotor, large), others, DEFAULT.causes)
+    assert found[0] is link and found[1] == pytest.approx(wanted)
+    others = [option for option in options if option is not link]
+    (found,) = twins(arm.spec(), (link, wanted), others, DEFAULT.causes)
+    assert found[0] is rotor and found[1] == pytest.approx(large)
+    friction = pairs["viscous_friction.a"]
+    assert list(twins(arm.spec(), friction, options[:2], DEFAULT.causes)) == []
 
 
 def test_the_same_equations_make_the_same_motion(pairs: dict[str, Pair]) -> None:
