@@ -111,6 +111,8 @@ class Search:
             if len(found.fit.members) == 1:
                 with self.work.during("pairs"):
                     self.pair(found)
+            if found.fit.members and self.blocks.rms(found.error) <= self.least:
+                break
             contenders = self.race(found.fit, found.error, found)
             best = contenders[0] if contenders else None
             if best is None or not self.joins(best, found, contenders):
@@ -123,8 +125,6 @@ class Search:
             self.keep(found, best.fit, best.error)
             found.steps.append((best.candidate.label, best.error))
             found.rivals[best.candidate.label] = contenders
-            if self.blocks.rms(found.error) <= self.least:
-                break
         return found
 
     def back(self, found: Found) -> None:

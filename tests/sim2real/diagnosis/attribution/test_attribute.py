@@ -53,10 +53,18 @@ def test_where_nothing_helps_alone_two_are_tried_together(
     def joins_in_pairs(self: Search, best: Contender, *more: Any) -> bool:
         return len(best.fit.members) > 1 and joins(self, best, *more)
 
+    race, beside = Search.race, []
+
+    def noted(self: Search, fit: Fit, *more: Any) -> list[Contender]:
+        beside.append(len(fit.members))
+        return race(self, fit, *more)
+
     monkeypatch.setattr(Search, "joins", joins_in_pairs)
+    monkeypatch.setattr(Search, "race", noted)
     search = Search(problem, options, 3e-4, np.random.default_rng(0), lambda text, share: None)
     found = search.ahead()
     assert {m.label for m in found.fit.members} == set(labels[:2])
+    assert beside == [0]  # they close the gap: nobody races for a third place
     monkeypatch.setattr(Search, "joins", lambda *arguments: False)
     search = Search(problem, options, 3e-4, np.random.default_rng(0), lambda text, share: None)
     assert not search.ahead().fit.members  # and if they do not help either, it ends
