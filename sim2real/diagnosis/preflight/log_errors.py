@@ -10,6 +10,8 @@ friction, delay and tilt of several sizes are replayed beside it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -19,6 +21,7 @@ from envs.errors import EnvsError
 from envs.params import ParamSpace
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import is_scalar
+from sim2real.diagnosis.data.recording import rows_of
 from sim2real.diagnosis.data.trial import Piece, choose, trial
 from sim2real.diagnosis.preflight.corrections import (
     Case,
@@ -31,7 +34,9 @@ from sim2real.diagnosis.preflight.corrections import (
     zero_of_both,
 )
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, LogErrors
+from sim2real.diagnosis.settings import DEFAULT, TINY, LogErrors
+
+Run = tuple[Piece, np.ndarray]  # what a log has, and positions in the order of the model, (T, nq)
 
 
 def find_log_errors(
@@ -47,12 +52,16 @@ def find_log_errors(
     case = case_of(logs, specs, settings)
     if not case.pieces or not case.drives:
         return []
-    now, offsets = _nominal(case)
+    runs = _nominal(case)
+    now = dict(zip(case.drives, _relative(case, runs), strict=True))
     suspects = [joint for joint, error in now.items() if error > settings.suspect]
-    stages = [[*simple(case, suspects), *shifts(case, now, offsets)], [*others(case, suspects)]]
+    stages = [
+        [*simple(case, suspects), *shifts(case, now, _offsets(case, runs))],
+        [*others(case, suspects)],
+    ]
     if any(error > settings.rate_suspect for error in now.values()):
         stages[1] += [rate(case, factor) for factor in settings.rates]
-    judge = _Judge(case, now)
+    judge = _Judge(case, runs)
     for tried in filter(None, stages):
         judge.evaluate(tried)
         if judge.found and set(suspects) <= judge.taken:
@@ -89,17 +98,30 @@ def _drives(model: mujoco.MjModel, log: Log) -> dict[str, str]:
     return found
 
 
-def _errors(case: Case, changes: Sequence[Change]) -> np.ndarray:
-    """Each joint's error under each change, of its motion, (changes, joints)."""
-    runs = []
+def _errors(case: Case, changes: Sequence[Change]) -> tuple[np.ndarray, np.ndarray]:
+    """Each joint's error under each change, of its motion, (changes, joints); rows of each piece.
+
+    A change of the rate keeps a piece's first rows: (changes, pieces) of them.
+    """
+    runs, rows = [], []
     for piece, spec, model in zip(case.pieces, case.specs, case.models, strict=True):
         made = [change(piece) for change in changes]
         paths = trial(spec, [one.recording(model) for one in made])
         runs.append(list(zip(made, paths, strict=True)))
-    return np.array([_relative(case, list(row)) for row in zip(*runs, strict=True)])
+        rows.append([len(one.log) for one in made])
+    errors = [_relative(case, list(row)) for row in zip(*runs, strict=True)]
+    return np.array(errors), np.transpose(rows)
 
 
-def _relative(case: Case, runs: Sequence[tuple[Piece, np.ndarray]]) -> list[float]:
+def _first(runs: Sequence[Run], rows: np.ndarray) -> list[Run]:
+    """Return the first rows of each piece, of which `rows` (pieces,) says how many."""
+    return [
+        (replace(piece, log=rows_of(piece.log, 0, count)), path[:count])
+        for (piece, path), count in zip(runs, map(int, rows), strict=True)
+    ]
+
+
+def _relative(case: Case, runs: Sequence[Run]) -> list[float]:
     """The RMS error of each joint over all pieces, of its motion in them."""
     sizes = []
     for joint in case.drives:
@@ -114,9 +136,7 @@ def _relative(case: Case, runs: Sequence[tuple[Piece, np.ndarray]]) -> list[floa
     return sizes
 
 
-def _apart(
-    case: Case, runs: Sequence[tuple[Piece, np.ndarray]], joint: str
-) -> list[tuple[np.ndarray, np.ndarray]]:
+def _apart(case: Case, runs: Sequence[Run], joint: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """A joint's measured positions and the simulation's distance from them, by piece."""
     return [
         (
@@ -128,29 +148,31 @@ def _apart(
     ]
 
 
-def _nominal(case: Case) -> tuple[dict[str, float], dict[str, float]]:
-    """Each joint's error of its motion, and by how much it reads more than the model says."""
-    runs = [
+def _nominal(case: Case) -> list[Run]:
+    """The pieces as the log has them."""
+    return [
         (piece, trial(spec, [piece.recording(model)])[0])
         for piece, spec, model in zip(case.pieces, case.specs, case.models, strict=True)
     ]
-    now = _relative(case, runs)
+
+
+def _offsets(case: Case, runs: Sequence[Run]) -> dict[str, float]:
+    """By how much each joint reads more than the model says."""
     shift = {}
     for joint in case.drives:
         errors = [error for _, error in _apart(case, runs, joint)]
         shift[joint] = -float(np.nanmedian(np.concatenate(errors))) if errors else 0.0
-    return dict(zip(case.drives, now, strict=True)), shift
+    return shift
 
 
-def _physics(case: Case) -> np.ndarray:
-    """The smallest error of each joint under ordinary effects of several sizes."""
+def _physics(case: Case) -> list[list[Run]]:
+    """The pieces under ordinary effects of several sizes, one list for each size."""
     runs = []
     for piece, spec, model in zip(case.pieces, case.specs, case.models, strict=True):
         effects, values = _panel(model, case.settings)
         rows = [piece.recording(model)] * len(values)
         runs.append([(piece, path) for path in trial(spec, rows, effects, values)])
-    sizes = [_relative(case, list(row)) for row in zip(*runs, strict=False)]
-    return np.min(sizes, axis=0)
+    return [list(row) for row in zip(*runs, strict=False)]
 
 
 def _panel(model: mujoco.MjModel, settings: LogErrors) -> tuple[list[Effect], np.ndarray]:
@@ -187,69 +209,97 @@ def _panel(model: mujoco.MjModel, settings: LogErrors) -> tuple[list[Effect], np
     return effects, np.clip(rows, space.low, space.high)
 
 
+class _Tried(NamedTuple):
+    """A correction, and each joint's error without and with it in the rows that it keeps."""
+
+    correction: Correction
+    before: np.ndarray  # (joints,)
+    after: np.ndarray  # (joints,)
+    rows: np.ndarray  # of each piece, (pieces,)
+
+
 class _Judge:
     """Tries corrections, and keeps those that nothing ordinary explains as well.
 
+    Each is held against the log as it is, and against ordinary effects, in the same rows.
+
     Args:
         case: what to try them on.
-        now: each joint's error as the log is.
+        runs: the pieces as the log has them.
     """
 
-    def __init__(self, case: Case, now: dict[str, float]) -> None:
+    def __init__(self, case: Case, runs: Sequence[Run]) -> None:
         self.found: list[Finding] = []
         self.taken: set[str] = set()  # joints that a finding is about
-        self.tried: list[Correction] = []
-        self.errors = np.zeros((0, len(now)))  # of each correction and joint
-        self._case, self._index = case, list(now)
-        self._before = np.array(list(now.values()))
-        self._rivals: np.ndarray | None = None
+        self.tried: list[_Tried] = []
+        self._case, self._index, self._nominal = case, list(case.drives), runs
+        self._panel: list[list[Run]] | None = None
+        # errors as the log is and under ordinary effects, by rows of each piece
+        self._before: dict[tuple[int, ...], np.ndarray] = {}
+        self._rivals: dict[tuple[int, ...], np.ndarray] = {}
 
     def evaluate(self, tried: Sequence[Correction]) -> None:
         """Try corrections, the one that gains most first, at most one for each joint."""
         if not tried:
             return
-        errors = _errors(self._case, [correction.change for correction in tried])
-        self.tried, self.errors = [*self.tried, *tried], np.vstack([self.errors, errors])
-        gains = np.sum(self._before**2) - np.sum(errors**2, axis=1)
-        for k in np.argsort(-gains):
-            if self.taken.isdisjoint(tried[k].joints) and self._holds(tried[k], errors[k]):
-                self.taken |= set(tried[k].joints)
-                self.found.append(self._finding(tried[k], errors[k]))
+        errors, rows = _errors(self._case, [correction.change for correction in tried])
+        made = [
+            _Tried(correction, self._without(own), after, own)
+            for correction, after, own in zip(tried, errors, rows, strict=True)
+        ]
+        self.tried += made
+        for one in sorted(made, key=lambda one: np.sum(one.after**2) - np.sum(one.before**2)):
+            if self.taken.isdisjoint(one.correction.joints) and self._holds(one):
+                self.taken |= set(one.correction.joints)
+                self.found.append(self._finding(one))
 
-    def _holds(self, correction: Correction, after: np.ndarray) -> bool:
-        before, own, limits = self._before, self._own(correction), self._case.settings
+    def _holds(self, tried: _Tried) -> bool:
+        correction, before, after, _ = tried
+        own, limits = self._own(correction), self._case.settings
         old, new = self._size(before, own), self._size(after, own)
         rest = np.delete(np.arange(len(before)), own)
         if np.any(after[rest] > limits.harm_factor * before[rest] + limits.harm_slack):
             return False  # it harms the others
         if correction.check == "rate":
             moved = before > limits.rate_joint
-            if np.mean(after[moved] < limits.beats * before[moved]) < limits.rate_joints:
+            mended = after[moved] < limits.beats * before[moved]
+            if not mended.size or np.mean(mended) < limits.rate_joints:
                 return False  # a clock is the same for all joints
         closed = limits.closed if old > limits.suspect else limits.closed_small
         if new >= min(closed * old, limits.left_max):
             return False
-        return new < limits.beats * self._size(self._physics(), own)
+        return new < limits.beats * self._size(self._physics(tried.rows), own)
 
     def best(self, check: str, where: str | None, values: Sequence[float]) -> float | None:
         """Return the value of the best correction of a kind that was tried, if it does any good.
 
         The last ones of that kind and place have these values, in this order.
         """
-        rows = [k for k, c in enumerate(self.tried) if (c.check, c.where) == (check, where)]
-        rows = rows[-len(values) :]
-        if len(rows) < len(values):
+        kind = [t for t in self.tried if (t.correction.check, t.correction.where) == (check, where)]
+        kind = kind[-len(values) :]
+        if len(kind) < len(values):
             return None
-        own = self._own(self.tried[rows[0]])
-        sizes = [self._size(self.errors[k], own) for k in rows]
-        k = int(np.argmin(sizes))
-        most = self._case.settings.promising * self._size(self._before, own)
-        return values[k] if sizes[k] < most else None
+        own = self._own(kind[0].correction)
+        left = [self._size(t.after, own) / max(self._size(t.before, own), TINY) for t in kind]
+        k = int(np.argmin(left))
+        return values[k] if left[k] < self._case.settings.promising else None
 
-    def _physics(self) -> np.ndarray:
-        if self._rivals is None:
-            self._rivals = _physics(self._case)
-        return self._rivals
+    def _without(self, rows: np.ndarray) -> np.ndarray:
+        """The error of each joint as the log is, in the first rows of pieces."""
+        key = tuple(map(int, rows))
+        if key not in self._before:
+            self._before[key] = np.array(_relative(self._case, _first(self._nominal, rows)))
+        return self._before[key]
+
+    def _physics(self, rows: np.ndarray) -> np.ndarray:
+        """The smallest error of each joint under ordinary effects, in the first rows of pieces."""
+        if self._panel is None:
+            self._panel = _physics(self._case)
+        key = tuple(map(int, rows))
+        if key not in self._rivals:
+            sizes = [_relative(self._case, _first(runs, rows)) for runs in self._panel]
+            self._rivals[key] = np.min(sizes, axis=0)
+        return self._rivals[key]
 
     def _own(self, correction: Correction) -> np.ndarray:
         return np.array([self._index.index(joint) for joint in correction.joints])
@@ -258,9 +308,10 @@ class _Judge:
     def _size(errors: np.ndarray, own: np.ndarray) -> float:
         return float(np.sqrt(np.mean(errors[own] ** 2)))
 
-    def _finding(self, correction: Correction, after: np.ndarray) -> Finding:
+    def _finding(self, tried: _Tried) -> Finding:
+        correction, before, after, rows = tried
         own = self._own(correction)
-        old, new, rival = (self._size(e, own) for e in (self._before, after, self._physics()))
+        old, new, rival = (self._size(e, own) for e in (before, after, self._physics(rows)))
         text = (
             f"{correction.claim}. Once that is corrected the replay's error falls from {old:.0%} "
             f"to {new:.0%} of the motion, and no ordinary gain, friction, delay or tilt gets it "

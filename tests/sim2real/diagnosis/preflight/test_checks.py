@@ -167,6 +167,15 @@ def test_a_wrong_rate_is_named(channels: tuple[str, ...]) -> None:
     assert factor == pytest.approx(2, rel=0.02)
 
 
+def test_what_goes_wrong_later_is_no_wrong_rate() -> None:
+    """A slower clock keeps only a log's first rows: in these the log as it is does as well."""
+    log = without(make_log(4.0), "sensor", "qvel")
+    pushed = 0.5 * np.sin(2 * np.pi * 2.2 * np.maximum(log.time - 1.5, 0.0))
+    names = ("qpos.shoulder", "qpos.elbow")
+    swung = Log({**log.columns, **{name: log.column(name) + pushed for name in names}})
+    assert ("rate", None) not in named(swung)
+
+
 def test_metadata_and_stamps_that_disagree_are_named() -> None:
     """The rate that the recorder promised is compared with the stamps."""
     log = make_log()
