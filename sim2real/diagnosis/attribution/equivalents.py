@@ -7,9 +7,9 @@ A race leaves few, and values that were found together (one kind of effect at ev
 raced. So each cause races for its place once; and every effect whose change of the simulation, as
 it was screened, points where the cause's does is fitted in its place as well: what the two do to
 the logs is then all but collinear, whatever their names. So is what makes the same equations of
-motion as the cause, wherever it was screened; and what passes for the cause in these
-logs: an eccentric encoder for a shifted one, where the joint turns little. Held-out errors judge
-them (`alike`).
+motion as the cause, wherever it was screened; and what passes for the cause in these logs: an
+eccentric encoder for a shifted one, where the joint turns little. Held-out errors judge them
+(`alike`).
 
 Two kinds of effects are inseparable whatever is recorded of commands and positions: delays of the
 command and of the measurement, unless readings have stamps of their own; and effects that make the

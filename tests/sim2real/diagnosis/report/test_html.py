@@ -217,6 +217,16 @@ def test_it_stays_small(report: Report, tmp_path: Path) -> None:
     assert re.findall(r'"label": "(\d.csv), ', page) == ["3.csv", "2.csv"]
 
 
+def test_it_says_that_axes_of_errors_may_be_logarithmic(report: Report) -> None:
+    """Beside the small pictures and beside the whole recordings, whose axes bend alike."""
+    time = np.arange(0, 6, 0.02)
+    far = Trace("a.csv", 0, "elbow", "rad", time, np.sin(time), np.sin(time) + 1, 0 * time, 0.001)
+    evidence = replace(report.evidence, traces=(far,), signals=())
+    text, _ = read(render(replace(report, evidence=evidence)))
+    assert "go far beyond that band, their axis is logarithmic outside it" in text
+    assert "far beyond twice the noise floor are on an axis that is logarithmic outside it" in text
+
+
 def test_a_notebook_shows_it_in_a_frame(report: Report) -> None:
     """The page is an attribute of a frame that may run scripts and nothing else of the notebook."""
     [(tag, attributes)] = read(report._repr_html_())[1]
