@@ -118,9 +118,9 @@ class BusClient:
         self._lock.release()
 
     @contextmanager
-    def more_patient(self) -> Iterator[None]:
-        """Wait longer for answers in this block, as a busy machine needs."""
-        usual, self.patience = self.patience, MORE_PATIENT * self.patience
+    def more_patient(self, times: float = MORE_PATIENT) -> Iterator[None]:
+        """Wait so many times longer for answers in this block, as a busy machine needs."""
+        usual, self.patience = self.patience, times * self.patience
         try:
             yield
         finally:

@@ -84,7 +84,7 @@ def test_10_unplugged_cable(rig):
     r = rig()
     r.run(20, wave)
     r.port.unplugged = True
-    with pytest.raises(SafetyError, match=r"is the cable in\?.*watchdogs stop them after 0.1 s"):
+    with pytest.raises(SafetyError, match=r"is the cable in\?.*stops after 0.1 s by its watchdog"):
         r.run(5)
     r.world.advance(r.clock.now() + 0.5)
     assert [s.memory["bus_watchdog"] for s in r.world.servos] == [-1] * 3
@@ -366,7 +366,7 @@ def test_22_an_hour_of_twelve_servos(chain):
     assert pace.missed == 0
     assert grown < 5_000
     assert r.counted() == ({},) * 12
-    arming = 1 + 1 + 8  # a reading, a health, 4 writes, each read back
+    arming = 1 + 1 + 1 + 8  # a reading, a health, a limit, 4 writes, each read back
     expected = arming + 180_000 + 180_000 // 12  # readings, and healths in turn
     assert (np.array(r.count("asked")) - before).tolist() == [expected] * 12
     assert r.world.firmware.errors.tolist() == [0] * 12
