@@ -15,6 +15,7 @@ from hardware.bus_client import MORE_PATIENT, BusClient
 from hardware.clock import Clock
 from hardware.config import Robot, Servo
 from hardware.errors import LineError, ServoError, listed
+from hardware.registers import RETRIES
 
 _logger = logging.getLogger(__name__)
 FIRST_PAUSE = 0.1  # s between attempts to reopen a port
@@ -48,13 +49,15 @@ class Torque:
         raise NotImplementedError
 
     def find_powered(self) -> None:
-        """Look which servos have torque that an earlier program left on, and say so.
-
-        Raises:
-            ServoError: a servo does not answer.
-        """
-        servos = self.robot.servos
-        on = {s.name for s in servos if self.read_register(s, "torque_enable")}
+        """Look which servos have torque that an earlier program left on, and say so."""
+        left, on = {servo.id: servo.name for servo in self.robot.servos}, set()
+        for _ in range(RETRIES):
+            for number, reply in self.bus_client.sync_read(self.torque, 1, [*left], False).items():
+                name = left.pop(number)
+                if any(reply.data):
+                    on.add(name)
+            if not left:
+                break
         self._powered |= on
         if on:
             words = "%s: torque is on in %s, left on by an earlier program"

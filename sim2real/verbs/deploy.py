@@ -31,12 +31,12 @@ from sim2real.deployment.deploy import (
     check_reward,
     draw,
     drive,
-    guarding,
     make_machine,
     report,
     servo_task,
 )
 from sim2real.deployment.session import Deployment, load
+from sim2real.deployment.stops import guarding
 from sim2real.deployment.trained import load_trained, one_checkpoint, trained_for
 from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.algorithms.base import Algorithm, Parts

@@ -126,6 +126,7 @@ def test_arming_an_armed_robot_that_fails_stops_it(rig):
     r = rig()
     r.run(20)
     r.world.mechanics.data.qpos[:] = [0.0, 2.6, 0.0]
+    r.world.mechanics.lock(1, True)
     with pytest.raises(SafetyError, match=r"hinge2 is at 2.*outside its limits"):
         r.guard.arm()
     assert r.powered == [False] * 3
