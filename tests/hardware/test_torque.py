@@ -127,6 +127,7 @@ def test_arming_an_armed_robot_that_fails_stops_it(rig):
     r.run(20)
     r.world.mechanics.data.qpos[:] = [0.0, 2.6, 0.0]
     r.world.mechanics.lock(1, True)
+    r.clock.sleep_until(r.clock.now() + 0.005)
     with pytest.raises(SafetyError, match=r"hinge2 is at 2.*outside its limits"):
         r.guard.arm()
     assert r.powered == [False] * 3
