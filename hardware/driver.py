@@ -278,6 +278,16 @@ class Driver(Torque):
         """
         return read_register(self.bus_client, servo, name)
 
+    def slow_link(self) -> str | None:
+        """Say by how much the newest answers were late, if that is more than a machine's jitter."""
+        late, allowed = max((p.bus_client.lateness, p.bus_client.patience) for p in self.parts)
+        if late <= allowed:
+            return None
+        return (
+            f"the link is slow: answers come {1e3 * late:.0f} ms later than the wire explains; "
+            "look at the adapter, the hub, and other programs"
+        )
+
     def cycle_time(self) -> float:
         """Return how long commanding and reading all servos takes on the wire [s]."""
         return cycle_time(self.robot, self.fast)

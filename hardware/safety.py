@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any, NamedTuple, NoReturn, Self
@@ -33,6 +34,7 @@ from hardware.stop_limits import StopLimits
 from hardware.watch import Watch
 from hardware.watchdog import alone
 
+REMEMBERED = 100  # commands
 ASKED = 10  # times that a servo is asked before its torque goes on
 _logger = logging.getLogger(__name__)
 
@@ -65,7 +67,7 @@ class Guard:
         speed = np.array([servo.velocity for servo in robot.servos])
         self.most_step = np.minimum(robot.max_step, speed / robot.rate)
         self.last: np.ndarray | None = None  # the last command [rad], (n,)
-        self._goals = np.zeros(len(driver), np.int64)
+        self._sent: deque[tuple[float, np.ndarray]] = deque(maxlen=REMEMBERED)  # s, counts (n,)
         self._commanded, self._pause = math.nan, 0.0  # s: the last command, the longest pause
         self._turn = 0
         self._watch = Watch(driver, self.limits)
@@ -120,7 +122,9 @@ class Guard:
 
     def _power(self, reading: Reading) -> None:
         """Switch torque on where the robot is."""
-        self.last, self._goals = reading.position.copy(), reading.count.copy()
+        self.last = reading.position.copy()
+        self._sent.clear()
+        self._sent.append((self.driver.clock.now(), reading.count.copy()))
         self.armed, self._slack = True, False
         if not self.dry_run:
             self.driver.torque_on(reading.count)
@@ -153,7 +157,7 @@ class Guard:
         if not self.dry_run:
             sent = self._do(lambda: self.driver.command(exact))
             self._time_command()
-            self._goals = self.driver.counts(sent)
+            self._sent.append((self._commanded, self.driver.counts(sent)))
         return Sent(sent, tuple(limited.tolist()))
 
     def _time_command(self) -> None:
@@ -201,8 +205,7 @@ class Guard:
         if health is None or self._slack:
             return
         if not self.dry_run:
-            goal, pause = int(self._goals[i]), self._longest_pause()
-            self._heed(self._watch.obedience(i, health, goal, pause))
+            self._heed(self._watch.obedience(i, health, self._sent, self._longest_pause()))
         self._heed(self._watch.climate(i, health))
 
     def _heed(self, reason: str | None) -> None:
@@ -374,4 +377,6 @@ class Guard:
             self.stop()
         except ServoError as error:
             raise SafetyError(f"{reason}; and {error}") from error
-        raise SafetyError(f"{reason}; the robot was stopped, torque is off")
+        slow = self.driver.slow_link()
+        link = "" if slow is None else f"; {slow}"
+        raise SafetyError(f"{reason}; the robot was stopped, torque is off{link}")

@@ -18,6 +18,8 @@ from hardware.errors import listed
 from hardware.readings import Health, Reading
 from hardware.stop_limits import StopLimits, full_duty_errors
 
+SentGoals = Sequence[tuple[float, np.ndarray]]  # s, and counts (n,)
+
 
 class Watch:
     """What was seen of each servo since it was armed.
@@ -37,6 +39,7 @@ class Watch:
         self._seen = math.nan
         self._misses, self._unheard = np.zeros(n, int), np.zeros(n, int)
         self._astray, self._refused = np.zeros(n), np.zeros(n, int)
+        self._held = np.zeros(n, np.int64)  # goals at the last look [counts]
 
     def begin(self, state: Sequence[Health]) -> None:
         """Forget what was seen before, and read the limits that the servos have themselves.
@@ -109,13 +112,13 @@ class Watch:
             return f"{name} has {health.voltage:.1f} V, not {volts:.1f} V: the supply"
         return None
 
-    def obedience(self, i: int, health: Health, goal: int, pause: float) -> str | None:
+    def obedience(self, i: int, health: Health, sent: SentGoals, pause: float) -> str | None:
         """Return why a servo that is to have torque does not do what it is commanded.
 
         Args:
             i: its number.
             health: its state.
-            goal: what was sent last [counts].
+            sent: what was sent, the newest last.
             pause: the longest time without a command [s].
         """
         name = self._names[i]
@@ -127,10 +130,18 @@ class Watch:
             )
         if not health.torque:
             return f"{name} has no torque: it rebooted; configure and arm again"
-        self._refused[i] = 0 if health.goal == goal else self._refused[i] + 1
-        if self._refused[i] >= 2:
+        (now, newest), goal = sent[-1], health.goal
+        moves_on, self._held[i] = goal != self._held[i], goal
+        self._refused[i] = 0 if goal == newest[i] else self._refused[i] + 1
+        if self._refused[i] < 2:
+            return None
+        held = next((time for time, goals in reversed(sent) if goals[i] == goal), None)
+        if held is not None and moves_on:
             return (
-                f"{name} does not take its goals: it holds {health.goal}, {goal} was sent; its own "
-                "position limits may be narrower than the robot's file says"
+                f"{name} holds the goal of {1e3 * (now - held):.0f} ms before the newest: the link "
+                "is slow, or loses commands"
             )
-        return None
+        return (
+            f"{name} does not take its goals: it holds {goal}, {newest[i]} was sent; its own "
+            "position limits may be narrower than the robot's file says"
+        )

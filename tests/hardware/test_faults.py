@@ -320,6 +320,11 @@ def test_21_latency_timer(rig, tmp_path, monkeypatch):
     monkeypatch.setattr(handshake, "ADAPTERS", tmp_path)
     with pytest.raises(ServoError, match=r"latency timer is 16 ms.*says 1; run: setserial"):
         r.driver.connect()
+    link = tmp_path / "usb-FTDI_USB__-__Serial_Converter-if00-port0"
+    link.symlink_to(r.port.port_name)
+    monkeypatch.setattr(r.port, "port_name", str(link))
+    with pytest.raises(ServoError, match=r"^loopback:chain3: its latency timer is 16 ms"):
+        r.driver.connect()
     timer.write_text("1\n")
     r.driver.connect()
 
