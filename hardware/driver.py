@@ -45,6 +45,7 @@ _logger = logging.getLogger(__name__)
 HEALTH, HEALTH_SIZE = 64, 83  # torque enable to present temperature
 TORQUE, ERROR_STATUS, WATCHDOG, GOAL = 64, 70, 98, 116
 TURN = 4096
+LOAD_STEP = 0.001  # of the full load, a step of the register that takes the current's place
 Values = tuple[float, float, float, float]
 Replies = dict[int, Reply]
 LONGEST_PAUSE = 1.0  # s between attempts to reconnect
@@ -77,6 +78,7 @@ class Driver(Torque):
         self._step = np.array([kind.units.angle for kind in self._types])
         self._speed = np.array([kind.units.velocity for kind in self._types])
         self._amps = np.array([kind.current or 0.0 for kind in self._types])
+        self._effort = np.array([kind.current or LOAD_STEP for kind in self._types])
         self._full = np.array([float(kind.units.full_pwm) for kind in self._types])
         self._turns = np.zeros(n)  # whole turns between the register and the joint
         self._values = np.zeros((4, n))  # PWM, current, velocity, position registers
@@ -216,6 +218,7 @@ class Driver(Torque):
             position=self._sign * (count + TURN * self._turns - self._zero) * self._step,
             velocity=self._sign * velocity * self._speed,
             current=self._sign * current * self._amps,
+            effort=self._sign * current * self._effort,
             duty=self._sign * pwm / self._full,
             stamp=self._stamp.copy(),
             count=count.astype(np.int64),

@@ -13,8 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hardware.config import Servo
 from hardware.driver import Driver
-from hardware.errors import listed
+from hardware.errors import ServoError, listed
 from hardware.readings import Health, Reading
 from hardware.stop_limits import StopLimits, full_duty_errors
 
@@ -36,10 +37,11 @@ class Watch:
         self._servos, self._names = robot.servos, robot.names
         self._stray = np.maximum(limits.stray, full_duty_errors(robot))
         self._hottest = np.full(n, math.inf)  # degrees Celsius
+        self._most = np.full(n, math.inf)  # A, or part of the full load
         self._seen = math.nan
         self._misses, self._unheard = np.zeros(n, int), np.zeros(n, int)
-        self._astray, self._refused = np.zeros(n), np.zeros(n, int)
-        self._held = np.zeros(n, np.int64)  # goals at the last look [counts]
+        self._astray, self._strained = np.zeros(n), np.zeros(n)  # s
+        self._refused = np.zeros(n, int)
 
     def begin(self, state: Sequence[Health]) -> None:
         """Forget what was seen before, and read the limits that the servos have themselves.
@@ -50,12 +52,13 @@ class Watch:
         self.state = list(state)
         own = [self._driver.read_register(servo, "temperature_limit") for servo in self._servos]
         self._hottest = np.array(own) - self._limits.hottest
+        self._most = np.array([self._most_effort(servo) for servo in self._servos])
         self._misses[:], self._unheard[:] = 0, 0
         self.settle()
 
     def settle(self) -> None:
         """Forget how far joints were from where they should be: they are to stay where they are."""
-        self._astray[:], self._refused[:] = 0, 0
+        self._astray[:], self._strained[:], self._refused[:] = 0, 0, 0
 
     def reading(self, reading: Reading, expected: np.ndarray | None) -> str | None:
         """Return why a reading means to stop.
@@ -71,6 +74,11 @@ class Watch:
             return f"{name} gave no new answer {limits.misses} times in a row"
         passed = 0.0 if math.isnan(self._seen) else reading.time - self._seen
         self._seen = reading.time
+        over = (np.abs(reading.effort) > self._most) & reading.fresh
+        self._strained = np.where(over, self._strained + passed, 0.0)
+        i = int(np.argmax(self._strained))
+        if self._strained[i] > limits.patience:
+            return self._overload(i, abs(reading.effort[i]))
         if expected is None:
             return None
         far = np.abs(reading.position - expected) > self._stray
@@ -82,6 +90,27 @@ class Watch:
                 f"{expected[i]:.2f}: it is stuck, or its horn slipped"
             )
         return None
+
+    def _most_effort(self, servo: Servo) -> float:
+        """Return the largest current [A], or part of the full load, that a servo may report.
+
+        The robot's file says it; a limit that the servo has itself holds, too.
+        """
+        kind = servo.type
+        given = servo.load if kind.current is None else servo.current
+        limits = [] if given is None else [given]
+        if kind.current is not None and "current_limit" in kind.registers:
+            own = self._driver.read_register(servo, "current_limit")
+            limits.append(own * kind.current)
+        return min(limits, default=math.inf)
+
+    def _overload(self, i: int, effort: float) -> str:
+        """Say how far over its limit a servo is."""
+        unit, most = self._servos[i].type.current, self._most[i]
+        words = f"for more than {self._limits.patience:g} s; find what it pushes against"
+        if unit is None:
+            return f"{self._names[i]} is at {effort:.0%} of its load, over its {most:.0%}, {words}"
+        return f"{self._names[i]} draws {effort:.2f} A, over its {most:.2f} A, {words}"
 
     def trouble(self, i: int, health: Health | None) -> str:
         """Return what a servo that reports an error says it is."""
@@ -131,17 +160,26 @@ class Watch:
         if not health.torque:
             return f"{name} has no torque: it rebooted; configure and arm again"
         (now, newest), goal = sent[-1], health.goal
-        moves_on, self._held[i] = goal != self._held[i], goal
         self._refused[i] = 0 if goal == newest[i] else self._refused[i] + 1
         if self._refused[i] < 2:
             return None
+        words = f"{name} does not take its goals: it holds {goal}, {newest[i]} was sent"
         held = next((time for time, goals in reversed(sent) if goals[i] == goal), None)
-        if held is not None and moves_on:
-            return (
-                f"{name} holds the goal of {1e3 * (now - held):.0f} ms before the newest: the link "
-                "is slow, or loses commands"
-            )
-        return (
-            f"{name} does not take its goals: it holds {goal}, {newest[i]} was sent; its own "
-            "position limits may be narrower than the robot's file says"
-        )
+        low, high = self._own_limits(i)
+        if not low <= newest[i] <= high:
+            return f"{words}; its own position limits are narrower than the robot's file says"
+        if held is None:
+            return f"{words}; another program may command it, or it refuses this goal"
+        return f"{words} {1e3 * (now - held):.0f} ms later: the link is slow, or loses commands"
+
+    def _own_limits(self, i: int) -> tuple[float, float]:
+        """Return between which counts a servo takes goals, as far as it says so."""
+        servo, single = self._servos[i], self._servos[i].type.position_mode
+        if self._driver.robot.registers_of(servo).get("operating_mode", single) != single:
+            return -math.inf, math.inf  # other modes have no such limits
+        names = ("min_position_limit", "max_position_limit")
+        try:
+            low, high = (self._driver.read_register(servo, name) for name in names)
+        except ServoError:
+            return -math.inf, math.inf
+        return low, high

@@ -149,5 +149,5 @@ def test_22_ten_seconds_of_twelve_servos(chain):
     asked = np.array([r.driver.bus_client.counters[n].asked for n in r.driver.ids]) - before
     healths = np.array([500 // 12 + (1 <= i <= 500 % 12) for i in range(12)])
     np.testing.assert_array_equal(asked - healths, np.full(12, asked[0] - healths[0]))
-    arming = 1 + 1 + 1 + 8  # a reading, a health, a limit, 4 writes, each read back
+    arming = 1 + 1 + 2 + 8  # a reading, a health, 2 limits, 4 writes, each read back
     assert asked[0] - healths[0] == 500 + arming

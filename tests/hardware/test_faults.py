@@ -371,7 +371,7 @@ def test_22_an_hour_of_twelve_servos(chain):
     assert pace.missed == 0
     assert grown < 5_000
     assert r.counted() == ({},) * 12
-    arming = 1 + 1 + 1 + 8  # a reading, a health, a limit, 4 writes, each read back
+    arming = 1 + 1 + 2 + 8  # a reading, a health, 2 limits, 4 writes, each read back
     expected = arming + 180_000 + 180_000 // 12  # readings, and healths in turn
     assert (np.array(r.count("asked")) - before).tolist() == [expected] * 12
     assert r.world.firmware.errors.tolist() == [0] * 12
