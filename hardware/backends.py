@@ -91,7 +91,7 @@ class ServoBackend:
         settle: how long the pose of the start is held before an episode begins [s]: an emulated
             robot comes to rest, a real one is put back on its feet.
         world: the emulated robot; None makes one as the file says.
-        dry_run: read everything and compute commands, but write nothing to the servos.
+        dry_run: switch torque off, then read everything and compute commands, but send none.
         sensors: an IMU or a tracker beside the servos, in place of the IMU at the port that the
             robot's file names; the emulated robot has its own.
         limits: when the guard stops the robot.
@@ -174,7 +174,9 @@ class ServoBackend:
             if isinstance(self.sensors, SerialImu):
                 self.sensors.open()
             driver.connect()
-            if not self.dry_run:
+            if self.dry_run:
+                driver.torque_off()
+            else:
                 driver.configure()
         except BaseException:
             self._let_go(driver)
