@@ -169,7 +169,7 @@ class ServoBackend:
         """
         if self._guard is not None:
             return
-        driver = make_driver(self.robot, self.world, self._clock)
+        driver = self.make_driver()
         try:
             if isinstance(self.sensors, SerialImu):
                 self.sensors.open()
@@ -183,6 +183,10 @@ class ServoBackend:
             raise
         self._driver = driver
         self._guard = Guard(driver, self._limits, self.dry_run).__enter__()
+
+    def make_driver(self) -> Driver:
+        """Return the driver of the robot's buses; nothing is opened yet."""
+        return make_driver(self.robot, self.world, self._clock)
 
     def arm(self) -> None:
         """Switch torque on where the robot is; whoever calls this has cleared the space around it.

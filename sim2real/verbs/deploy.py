@@ -10,8 +10,8 @@
 
 Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. Everything is
 checked before torque goes on: the interface that the policy was trained for, the calibration, each
-servo, the rate that the bus can reach. The robot goes slowly to where each episode starts, and parks
-when all is done, or anything else ends it.
+servo, the rate that the bus can reach. The robot goes slowly to where each episode starts, and
+parks when all is done, or anything else ends it.
 
 The policy is run as trained; then it adapts, one episode after the other, as `adapt` says; then the
 result is run from the same starts. After each episode all is on disk: what was interrupted goes on
