@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from hardware.backends import ServoBackend
@@ -56,9 +57,9 @@ def documented() -> dict[str, list[str]]:
 def test_an_orderly_exit_parks_a_loaded_robot_before_torque_goes_off(tmp_path, monkeypatch):
     """The joints are where the first episode began when torque goes off, not where they were."""
     backend = ServoBackend(robot(tmp_path), 0.1)
-    backend.start([0.0] * 3)
+    backend.start(np.zeros(3))
     for _ in range(40):
-        backend.command([0.8] * 3)
+        backend.command(np.full(3, 0.8))
         backend.wait()
     world, places = backend.world, []
     assert world is not None
