@@ -65,7 +65,7 @@ def driver(robot: Robot) -> Driver:
     made = Driver(robot, LoopbackPort(World(robot), clock), clock)
     made.connect()
     made.configure()
-    made.torque_on()
+    made.torque_on(made.read().count)
     return made
 
 

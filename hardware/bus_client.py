@@ -89,6 +89,7 @@ class BusClient:
         self._parser = self._make_parser()
         self._doubtful = False  # an answer failed to come; it may still be on its way
         self.patience = clock.jitter  # s that an answer may be late by the machine's fault
+        self.lateness = 0.0  # s by which the newest good answer was later than the wire explains
 
     def _make_parser(self) -> PacketParser:
         return Parser()
@@ -118,9 +119,9 @@ class BusClient:
         self._lock.release()
 
     @contextmanager
-    def more_patient(self) -> Iterator[None]:
-        """Wait longer for answers in this block, as a busy machine needs."""
-        usual, self.patience = self.patience, MORE_PATIENT * self.patience
+    def more_patient(self, times: float = MORE_PATIENT) -> Iterator[None]:
+        """Wait so many times longer for answers in this block, as a busy machine needs."""
+        usual, self.patience = self.patience, times * self.patience
         try:
             yield
         finally:
@@ -269,11 +270,14 @@ class BusClient:
             span += waits * (self.return_delay + TURN_ROUND) + self.latency + self.patience
             self.port.setPacketTimeoutMillis(span * 1000)
             # the SDK's own deadline is of the wall clock, which can be set
-            deadline = self.clock.now() + span
+            deadline, patience = self.clock.now() + span, self.patience
 
         def finish() -> list[Packet]:
             with self._cable():
-                return self._receive(wanted, deadline, span, to_the_end, fast)
+                good = self._receive(wanted, deadline, span, to_the_end, fast)
+                if good and not to_the_end:
+                    self.lateness = max(self.clock.now() - (deadline - patience), 0.0)
+                return good
 
         return finish
 

@@ -355,6 +355,7 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
         raise RobotError(f"{place}: velocity {servo.velocity} rad/s is not above 0")
     if servo.torque is not None and not servo.torque > 0:
         raise RobotError(f"{place}: torque {servo.torque} N·m is not above 0; null means no limit")
+    _check_effort(servo, place)
     for name, value in robot.registers_of(servo).items():
         register = kind.register(name)
         if not register.writable:
@@ -362,6 +363,17 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
         low, high = register.fixed_range
         if not low <= value <= high:
             raise RobotError(f"{place}: registers: {name} = {value}; it can be {low} to {high}")
+
+
+def _check_effort(servo: Servo, place: str) -> None:
+    """Check the limit of current or of load, whichever the servo reports."""
+    reports = "load" if servo.type.current is None else "current"
+    other = "current" if reports == "load" else "load"
+    if getattr(servo, other) is not None:
+        raise RobotError(f"{place}: {other}: a {servo.model} reports its {reports}; give {reports}")
+    value = getattr(servo, reports)
+    if value is not None and not 0 < value <= (1.0 if reports == "load" else math.inf):
+        raise RobotError(f"{place}: {reports} {value}; it is above 0, a load at most 1")
 
 
 def _model(name: Any, place: str) -> Path:

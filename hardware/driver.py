@@ -5,7 +5,7 @@
     driver.configure()
     reading = driver.read()                 # Reading(position, velocity, current, fresh, ...)
     driver.command(angles)
-    driver.torque_off()                     # verified servo by servo
+    driver.torque_off()                     # verified servo by servo; see `hardware/torque.py`
 
 Nothing moves here by itself, and no limit is checked: `hardware/safety.py` does that.
 
@@ -30,11 +30,12 @@ from hardware.bus_client import BusClient, Reply
 from hardware.clock import Clock
 from hardware.config import Robot, Servo
 from hardware.counters import Counters
-from hardware.errors import LineError, ServoError, listed
+from hardware.errors import LineError, ServoError
 from hardware.freshness import Freshness
 from hardware.readings import Health, Reading, errors_of
 from hardware.registers import RETRIES, read_register, write_register
 from hardware.timing import BLOCK, BLOCK_SIZE, cycle_time, sample_times
+from hardware.torque import FIRST_PAUSE, Torque
 
 if TYPE_CHECKING:
     from dynamixel_sdk import PortHandler
@@ -44,12 +45,13 @@ _logger = logging.getLogger(__name__)
 HEALTH, HEALTH_SIZE = 64, 83  # torque enable to present temperature
 TORQUE, ERROR_STATUS, WATCHDOG, GOAL = 64, 70, 98, 116
 TURN = 4096
+LOAD_STEP = 0.001  # of the full load, a step of the register that takes the current's place
 Values = tuple[float, float, float, float]
 Replies = dict[int, Reply]
-FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0  # s between attempts to reconnect
+LONGEST_PAUSE = 1.0  # s between attempts to reconnect
 
 
-class Driver:
+class Driver(Torque):
     """The servos of a robot over a port.
 
     Args:
@@ -76,6 +78,7 @@ class Driver:
         self._step = np.array([kind.units.angle for kind in self._types])
         self._speed = np.array([kind.units.velocity for kind in self._types])
         self._amps = np.array([kind.current or 0.0 for kind in self._types])
+        self._effort = np.array([kind.current or LOAD_STEP for kind in self._types])
         self._full = np.array([float(kind.units.full_pwm) for kind in self._types])
         self._turns = np.zeros(n)  # whole turns between the register and the joint
         self._values = np.zeros((4, n))  # PWM, current, velocity, position registers
@@ -85,6 +88,7 @@ class Driver:
         self._alert = np.zeros(n, bool)
         self.fast = True
         self._rehearsed = False
+        self._powered = set()
 
     def __len__(self) -> int:
         return len(self.robot.servos)
@@ -114,6 +118,7 @@ class Driver:
         self._rehearsed = False
         self._ages, self._health_ages = ([Freshness() for _ in self.ids] for _ in range(2))
         with self.bus_client.more_patient():
+            self.find_powered()
             self._adopt()
             self._values[3] = self._zero
             self.fast = self._answers_fast()
@@ -213,6 +218,7 @@ class Driver:
             position=self._sign * (count + TURN * self._turns - self._zero) * self._step,
             velocity=self._sign * velocity * self._speed,
             current=self._sign * current * self._amps,
+            effort=self._sign * current * self._effort,
             duty=self._sign * pwm / self._full,
             stamp=self._stamp.copy(),
             count=count.astype(np.int64),
@@ -275,67 +281,15 @@ class Driver:
         """
         return read_register(self.bus_client, servo, name)
 
-    def torque_on(self) -> None:
-        """Switch all torque on, and verify.
-
-        Raises:
-            ServoError: a servo stays off; one that has shut itself down needs a reboot.
-        """
-        for servo in self.robot.servos:
-            try:
-                self.write_register(servo, "torque_enable", 1)
-            except ServoError as error:
-                raise ServoError(
-                    f"{servo.name} (ID {servo.id}): its torque stays off; if it shut itself down, "
-                    "find the reason, then reboot it"
-                ) from error
-
-    def torque_off(self) -> None:
-        """Switch all torque off, first all at once, then one by one until each has confirmed.
-
-        Raises:
-            ServoError: a servo did not confirm; it may still be powered: cut the supply.
-        """
-        self.cry_off()
-        unsure = []
-        with self.bus_client.more_patient():
-            for servo in self.robot.servos:
-                try:
-                    self.write_register(servo, "torque_enable", 0)
-                except ServoError:
-                    unsure.append(servo.name)
-        if unsure:
-            raise ServoError(f"torque may still be on in {listed(unsure)}: cut the supply")
-
-    def cry_off(self) -> None:
-        """Tell all servos at once to switch their torque off; nobody answers."""
-        for _ in range(2):
-            self.bus_client.write_all(self.torque, b"\x00")
-
-    def torque_off_when_back(self, patience: float) -> None:
-        """Open the port again and again until torque is off, and verified, in every servo.
-
-        Args:
-            patience: how long to try [s].
-
-        Raises:
-            LineError: the port did not come back in that time.
-            ServoError: it did, or was never gone, but a servo did not confirm.
-        """
-        end = self.clock.now() + patience
-        while True:
-            try:
-                return self.reopen_and_switch_off()
-            except (LineError, ServoError):
-                if self.clock.now() + FIRST_PAUSE > end:
-                    raise
-            self.clock.sleep_until(self.clock.now() + FIRST_PAUSE)
-
-    def reopen_and_switch_off(self) -> None:
-        """Open the port anew and switch torque off; raises what `open` and `torque_off` raise."""
-        self.bus_client.close()
-        self.bus_client.open(self.robot.bus.baud)
-        self.torque_off()
+    def slow_link(self) -> str | None:
+        """Say by how much the newest answers were late, if that is more than a machine's jitter."""
+        late, allowed = max((p.bus_client.lateness, p.bus_client.patience) for p in self.parts)
+        if late <= allowed:
+            return None
+        return (
+            f"the link is slow: answers come {1e3 * late:.0f} ms later than the wire explains; "
+            "look at the adapter, the hub, and other programs"
+        )
 
     def cycle_time(self) -> float:
         """Return how long commanding and reading all servos takes on the wire [s]."""

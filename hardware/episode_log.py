@@ -1,11 +1,11 @@
 """The log of an episode on a robot, one row per control step: measured, requested and sent.
 
     log = EpisodeLog(robot, folder=Path("logs"))
-    log.begin(measured)
+    log.begin(measured)                                         # logs/episode-0000.csv.part
     log.add(time, action, wanted, sent, health, counters)       # as the command is written
     log.outcome(reward, late)                                   # what came of it
     log.follow(measured)                                        # the next row's measurement
-    log.finish({"missed": 0})                                   # writes logs/episode-0000.csv
+    log.finish({"missed": 0})                                   # logs/episode-0000.csv
 
 Beside the columns of every log there are `obs.<i>` and `action.<i>` (what the policy saw and said),
 `action.<servo>` (the goal that the task made of it) where `ctrl.<servo>` is what was sent;
@@ -29,7 +29,8 @@ from hardware.body import columns
 from hardware.config import Robot
 from hardware.counters import Counters
 from hardware.driver import Health
-from hardware.log import Log, write_log
+from hardware.log import Log
+from hardware.log_writer import LogWriter
 from hardware.record import joint_names
 from hardware.safety import Sent
 
@@ -42,19 +43,29 @@ class EpisodeLog:
     Args:
         robot: whose log it is.
         folder: where the files go; those there are numbered on from. None writes none.
+        driven: whether commands reach the servos; else the log says that their torque is off.
     """
 
-    def __init__(self, robot: Robot, folder: Path | None = None) -> None:
-        self.robot, self.folder = robot, folder
+    def __init__(self, robot: Robot, folder: Path | None = None, driven: bool = True) -> None:
+        self.robot, self.folder, self.driven = robot, folder, driven
         self.last: Log | None = None  # of the episode that ended last
         self._joints = joint_names(robot)
         self._number = 0 if folder is None else _next_number(folder)
         self._rows: list[Row] = []
         self._measured: Measured | None = None
+        self._writer: LogWriter | None = None
 
-    def begin(self, measured: Measured) -> None:
-        """Start an episode with what was measured first."""
+    def begin(self, measured: Measured, facts: Mapping[str, Any] | None = None) -> None:
+        """Start an episode with what was measured first.
+
+        Args:
+            measured: the first measurement.
+            facts: what the metadata shall say beside the robot's settings, as far as is known.
+        """
         self._rows, self._measured = [], measured
+        if self.folder is not None:
+            path = self.folder / f"episode-{self._number:04d}.csv"
+            self._writer = LogWriter(path, self._meta(facts or {}))
 
     def add(
         self,
@@ -78,10 +89,14 @@ class EpisodeLog:
             observation: what the policy saw, (O,).
         """
         assert self._measured is not None
-        row = {"time": time, **self._measurement(self._measured)}
+        self._write_last()
+        place = {"episode": float(self._number), "time": time}
+        row = place | self._measurement(self._measured)
         names = self.robot.names
         for i, name in enumerate(names):
             row[f"ctrl.{name}"], row[f"action.{name}"] = float(sent.angles[i]), float(wanted[i])
+        if not self.driven:
+            row |= dict.fromkeys((f"torque.{name}" for name in names), 0.0)
         row |= {f"action.{i}": float(value) for i, value in enumerate(action)}
         row |= {f"obs.{i}": float(value) for i, value in enumerate(observation)}
         row["flag.limited"] = float(any(sent.limited))
@@ -118,25 +133,25 @@ class EpisodeLog:
             facts: what the metadata shall say beside the robot's settings.
         """
         rows, measured = self._rows, self._measured
-        self._rows, self._measured = [], None
-        if not rows or measured is None:
-            return None
-        if measured.time > rows[-1]["time"]:
+        if rows and measured is not None and measured.time > rows[-1]["time"]:
+            self._write_last()
             rows.append(rows[-1] | {"time": measured.time, **self._measurement(measured)})
             rows[-1] |= {"reward": 0.0, "flag.late": 0.0, "flag.end": 1.0}
+        self._write_last()
+        self._rows, self._measured, meta = [], None, self._meta(facts)
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.close(meta)
         if len(rows) < 2:
             return None
-        names = list(dict.fromkeys(name for row in rows for name in row))
-        columns: dict[str, Any] = {"episode": np.full(len(rows), self._number)}
-        for name in names:
-            values = _filled([row.get(name) for row in rows])
-            columns[name] = np.array(values)
-        self.last = Log(columns, self._meta(facts))
-        if self.folder is not None:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            write_log(self.folder / f"episode-{self._number:04d}.csv", self.last)
+        self.last = Log({name: np.array([row[name] for row in rows]) for name in rows[0]}, meta)
         self._number += 1
         return self.last
+
+    def _write_last(self) -> None:
+        """Write the newest row, which is whole now."""
+        if self._rows and self._writer is not None:
+            self._writer.add(self._rows[-1])
 
     def _measurement(self, measured: Measured) -> Row:
         reading, row = measured.reading, {}
@@ -171,16 +186,7 @@ class EpisodeLog:
         }
 
 
-def _filled(values: list[float | None]) -> list[float]:
-    """Replace what was not known yet by the first value that was."""
-    known = next((value for value in values if value is not None), 0.0)
-    filled = []
-    for value in values:
-        known = known if value is None else value
-        filled.append(known)
-    return filled
-
-
 def _next_number(folder: Path) -> int:
-    numbers = [int(path.stem.split("-")[1]) for path in folder.glob("episode-*.csv")]
+    names = [path.name for path in folder.glob("episode-*.csv*")]
+    numbers = [int(name.split("-")[1].split(".")[0]) for name in names]
     return max(numbers, default=-1) + 1

@@ -18,6 +18,7 @@ SPEEDS_OF = {
     "dynamixel": SPEEDS,
     "feetech": (1_000_000, 500_000, 115200, 57600, 38400, 19200),
 }
+SLOWEST = 0.5  # s, the longest that an answer is waited for
 ADAPTERS = Path("/sys/bus/usb-serial/devices")
 BY_SETUP = "(python -m hardware setup does)"
 
@@ -45,7 +46,7 @@ def check_latency_timer(robot: Robot, client: BusClient) -> None:
     Raises:
         ServoError: with the command that sets it.
     """
-    name = Path(client.port.port_name).name
+    name = Path(client.port.port_name).resolve().name  # by-id names are links
     timer = ADAPTERS / name / "latency_timer"
     allowed = robot.bus.latency
     if timer.is_file() and float(timer.read_text()) / 1000 > allowed:
@@ -108,8 +109,22 @@ def _dangers(robot: Robot, client: BusClient, servo: Servo) -> list[str]:
         return [f"{each.sentence} {BY_SETUP}" for each in dangers(client, robot, servo)]
 
 
+def _lateness(client: BusClient, servo: Servo) -> float | None:
+    """Return how late a servo answers that did not in time [s], or None if it does not at all."""
+    register = servo.type.register("id")
+    with client.more_patient(SLOWEST / client.patience):
+        reply = client.read(servo.id, register.address, register.size)
+    return None if reply is None else client.lateness
+
+
 def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:
-    """Look for missing servos at other speeds, and say what was found."""
+    """Look for missing servos behind a slow link and at other speeds, and say what was found."""
+    late = _lateness(client, missing[0])
+    if late is not None:
+        return (
+            f"{missing[0].name} answers {1e3 * late:.0f} ms later than the wire explains: the link "
+            "is slow; look at the adapter, the hub, and other programs"
+        )
     names = listed(f"{servo.id} ({servo.name})" for servo in missing)
     baud, found = robot.bus.baud, []
     for speed in SPEEDS_OF[robot.servos[0].type.maker]:

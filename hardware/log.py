@@ -22,7 +22,8 @@ Columns (SI units):
 
 Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
 name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log
-is finite, so a reader need not ask.
+is finite, so a reader need not ask. A robot's log is `NAME.csv.part` until it is whole
+(`hardware/log_writer.py`); one that was left over by a killed program is read like any other.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class Log:
     def __post_init__(self) -> None:
         columns = {name: np.asarray(values, float) for name, values in self.columns.items()}
         place = str(self.path or "the log")
-        _check(columns, place, 2 if self.path and self.path.suffix == ".csv" else None)
+        _check(columns, place, 2 if self.path and csv_file.is_log(self.path) else None)
         columns["episode"] = columns["episode"].astype(np.int64)
         object.__setattr__(self, "columns", columns)
 
@@ -184,23 +185,32 @@ def write_log(path: str | Path, log: Log) -> Path:
         LogError: the ending is neither, or pyarrow is needed and missing.
     """
     path = Path(path)
-    sidecar, meta = path.with_suffix(".json"), dict(log.meta)
-    if Path(meta.get("model", "")).is_absolute():
-        meta["model"] = os.path.relpath(meta["model"], path.parent.resolve())
     if path.suffix == ".parquet":
-        parquet.write(path, log.columns, meta)
+        parquet.write(path, log.columns, _placed(path, log.meta))
         return path
     if path.suffix != ".csv":
         raise LogError(f"{path}: a log is a .csv or a .parquet file; this name ends in neither")
     with whole_file(path) as temporary:
         csv_file.write(temporary, log.columns)
-        if meta:
-            with whole_file(sidecar) as text:
-                words = json.dumps(meta, indent=1, ensure_ascii=False)
-                text.write_text(words + "\n", encoding="utf-8")
-        else:
-            sidecar.unlink(missing_ok=True)
+        write_meta(path, log.meta)
     return path
+
+
+def write_meta(path: Path, meta: Mapping[str, Any]) -> None:
+    """Write the JSON file of a CSV log, whole or not at all; without metadata remove it."""
+    sidecar = path.with_suffix(".json")
+    if not meta:
+        return sidecar.unlink(missing_ok=True)
+    with whole_file(sidecar) as text:
+        words = json.dumps(_placed(path, meta), indent=1, ensure_ascii=False)
+        text.write_text(words + "\n", encoding="utf-8")
+
+
+def _placed(path: Path, meta: Mapping[str, Any]) -> dict[str, Any]:
+    """Return metadata with the model's path as seen from the log."""
+    if not Path(meta.get("model", "")).is_absolute():
+        return dict(meta)
+    return {**meta, "model": os.path.relpath(meta["model"], path.parent.resolve())}
 
 
 def check_names(

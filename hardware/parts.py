@@ -26,6 +26,9 @@ class Servo:
         torque: largest torque [N·m], None for all it has.
         registers: registers of this servo beside the robot's.
         bus: the name of its bus, where the robot has several.
+        current: largest current [A] that the guard lets it draw for longer than `stops.patience`;
+            None for the servo's own limit.
+        load: the same of a servo that reports its load, as a part of the full one, above 0 to 1.
     """
 
     name: str
@@ -38,6 +41,8 @@ class Servo:
     torque: float | None
     registers: Mapping[str, int] = field(default_factory=dict)
     bus: str | None = None
+    current: float | None = None
+    load: float | None = None
 
     @property
     def type(self) -> ServoType:

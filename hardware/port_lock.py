@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import time
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -24,7 +25,7 @@ from hardware.errors import LineError
 
 ENDING = 1.0  # s that a lock without a visible holder is waited for
 PROCESSES = Path("/proc")
-SERVER = "/dev/ptmx"  # who has this open serves pseudo terminals, and is no client of theirs
+SERVERS = ("/dev/ptmx", "/dev/pts/ptmx")  # near ends of pseudo terminals
 
 
 class PortLock:
@@ -86,12 +87,28 @@ class PortLock:
 
 
 def _holders(name: str) -> Iterator[str]:
-    """Yield "'command' (process N)" for each other program that has the device open."""
+    """Yield "'command' (process N)" for each other program that is a client of the device."""
     device = os.path.realpath(name)
     for process in PROCESSES.glob("[0-9]*"):
-        files = set(_open_files(process))
-        if device in files and SERVER not in files and process.name != str(os.getpid()):
+        files = dict(_open_files(process))
+        mine = process.name == str(os.getpid())
+        if device in files.values() and not mine and not _serves(process, files, device):
             yield f"{_command(process)!r} (process {process.name})"
+
+
+def _serves(process: Path, files: dict[str, str], device: str) -> bool:
+    """Say whether a process holds the near end of this pseudo terminal, so is no client of it."""
+    for descriptor, file in files.items():
+        if file not in SERVERS:
+            continue
+        try:
+            facts = (process / "fdinfo" / descriptor).read_text(encoding="ascii")
+        except OSError:
+            continue
+        number = re.search(r"^tty-index:\s*(\d+)$", facts, re.MULTILINE)
+        if number is not None and device == f"/dev/pts/{number[1]}":
+            return True
+    return False
 
 
 def _command(process: Path) -> str:
@@ -103,10 +120,10 @@ def _command(process: Path) -> str:
         return "a program that has just ended"
 
 
-def _open_files(process: Path) -> Iterator[str]:
-    """Yield the paths of a process's open files, as far as this user may see them."""
+def _open_files(process: Path) -> Iterator[tuple[str, str]]:
+    """Yield the descriptors of a process and their files, as far as this user may see them."""
     try:
         for descriptor in (process / "fd").iterdir():
-            yield os.readlink(descriptor)
+            yield descriptor.name, os.readlink(descriptor)
     except OSError:  # another user's process, or one that has just ended
         return

@@ -14,6 +14,7 @@ class Reading(NamedTuple):
     position: np.ndarray  # rad
     velocity: np.ndarray  # rad/s
     current: np.ndarray  # A (0 for servos without such a sensor)
+    effort: np.ndarray  # A, or of servos without such a sensor the load, a part of their full one
     duty: np.ndarray  # of full PWM, -1 to 1
     stamp: np.ndarray  # s, when each was measured, as the wire's timing has it
     count: np.ndarray  # int64, the raw position register

@@ -12,7 +12,8 @@ the guard, Ctrl-C or anything else ends early.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,24 +21,15 @@ import numpy as np
 from hardware.body import OF_THE_IMU, BodySensors
 from hardware.body import columns as list_columns
 from hardware.config import Robot
-from hardware.driver import Health, Reading
+from hardware.driver import Reading
 from hardware.errors import LineError, LogError
 from hardware.excite import Plan
 from hardware.log import Log
+from hardware.log_writer import LogWriter
 from hardware.pace import Pace
 from hardware.safety import Guard
 
-
-class _Row(NamedTuple):
-    """One control step."""
-
-    time: float  # s from the first row's
-    wanted: np.ndarray  # rad, (n,)
-    sent: np.ndarray  # rad, (n,)
-    reading: Reading
-    driven: bool
-    health: list[Health | None]
-    body: Mapping[str, np.ndarray]  # of the IMU
+Row = dict[str, float]
 
 
 def joint_names(robot: Robot) -> list[str]:
@@ -60,13 +52,22 @@ class Recording:
         guard: armed servos.
         episode: its number.
         sensors: what is beside the servos, of which an IMU is written down; None for nothing.
+        path: the CSV file that gets each row as it comes, see `LogWriter`; None writes none.
     """
 
-    def __init__(self, guard: Guard, episode: int = 0, sensors: BodySensors | None = None) -> None:
+    def __init__(
+        self,
+        guard: Guard,
+        episode: int = 0,
+        sensors: BodySensors | None = None,
+        path: Path | None = None,
+    ) -> None:
         self._guard, self._episode, self._sensors = guard, episode, sensors
-        self._rows: list[_Row] = []
+        self._rows: list[Row] = []
         self._start: float | None = None
+        self._joints = joint_names(guard.driver.robot)
         self.stopped: str | None = None  # why the plan was not driven to its end
+        self._writer = None if path is None else LogWriter(path, self._meta())
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -107,8 +108,40 @@ class Recording:
             guard.stiffen() if torque else guard.limp()
         sent = guard.command(wanted).angles if torque else reading.position
         driven = torque and not guard.dry_run
-        row = _Row(now - self._start, wanted, sent, reading, driven, list(guard.health), body)
+        row = self._row(now - self._start, wanted, sent, reading, driven, body)
         self._rows.append(row)
+        if self._writer is not None:
+            self._writer.add(row)
+
+    def _row(
+        self,
+        time: float,
+        wanted: np.ndarray,
+        sent: np.ndarray,
+        reading: Reading,
+        driven: bool,
+        body: Mapping[str, np.ndarray],
+    ) -> Row:
+        """Return the columns of a control step, its time [s] from the first row's."""
+        robot, row = self._guard.driver.robot, {"episode": float(self._episode), "time": time}
+        pairs, start = list(zip(robot.names, self._joints, strict=True)), self._start or 0.0
+        row |= {f"ctrl.{name}": float(sent[i]) for i, name in enumerate(robot.names)}
+        for kind, values in (("qpos", reading.position), ("qvel", reading.velocity)):
+            row |= {f"{kind}.{joint}": float(values[i]) for i, joint in enumerate(self._joints)}
+        for i, (name, joint) in enumerate(pairs):
+            row[f"stamp.{joint}"] = float(reading.stamp[i]) - start
+            row[f"current.{name}"] = float(reading.current[i])
+            if (health := self._guard.health[i]) is not None:
+                row[f"voltage.{name}"] = health.voltage
+                row[f"temperature.{name}"] = health.temperature
+            row[f"torque.{name}"] = float(driven)
+            row[f"sensor.duty_{name}"] = float(reading.duty[i])
+            row[f"sensor.count_{name}"] = float(reading.count[i])
+            row[f"action.{name}"] = float(wanted[i])
+        site = None if robot.imu is None else robot.imu.site
+        for name, values in body.items():
+            row |= zip(list_columns(name, len(values), site), map(float, values), strict=True)
+        return row | {"flag.fresh": float(reading.fresh.all())}
 
     def _sense(self, now: float) -> Mapping[str, np.ndarray]:
         """Return what an IMU measures; stop the robot if it does not."""
@@ -134,45 +167,16 @@ class Recording:
         Raises:
             LogError: there are fewer than two rows.
         """
-        robot, rows = self._guard.driver.robot, self._rows
+        rows = self._rows
         if len(rows) < 2:
-            raise LogError(f"{robot.name}: {len(rows)} rows were recorded, a log has at least 2")
-        columns: dict[str, Any] = {
-            "episode": np.full(len(rows), self._episode),
-            "time": np.array([row.time for row in rows]),
-        }
-        pairs = list(zip(robot.names, joint_names(robot), strict=True))
-        for i, (name, _) in enumerate(pairs):
-            columns[f"ctrl.{name}"] = np.array([row.sent[i] for row in rows])
-        for kind, field in (("qpos", "position"), ("qvel", "velocity")):
-            for i, (_, joint) in enumerate(pairs):
-                columns[f"{kind}.{joint}"] = np.array([getattr(r.reading, field)[i] for r in rows])
-        for i, (name, joint) in enumerate(pairs):
-            columns |= self._servo_columns(i, name, joint)
-        site = None if robot.imu is None else robot.imu.site
-        for name, first in rows[0].body.items():
-            values = np.array([row.body[name] for row in rows])
-            columns |= zip(list_columns(name, len(first), site), values.T, strict=True)
-        columns["flag.fresh"] = np.array([float(row.reading.fresh.all()) for row in rows])
+            name = self._guard.driver.robot.name
+            raise LogError(f"{name}: {len(rows)} rows were recorded, a log has at least 2")
+        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
         return Log(columns, self._meta())
 
-    def _servo_columns(self, i: int, name: str, joint: str) -> dict[str, np.ndarray]:
-        rows, start = self._rows, self._start or 0.0
-        readings = [row.reading for row in rows]
-        columns = {
-            f"stamp.{joint}": np.array([r.stamp[i] - start for r in readings]),
-            f"current.{name}": np.array([r.current[i] for r in readings]),
-        }
-        told = [health for row in rows if (health := row.health[i]) is not None]
-        if len(told) == len(rows):
-            columns[f"voltage.{name}"] = np.array([health.voltage for health in told])
-            columns[f"temperature.{name}"] = np.array([health.temperature for health in told])
-        return columns | {
-            f"torque.{name}": np.array([float(row.driven) for row in rows]),
-            f"sensor.duty_{name}": np.array([r.duty[i] for r in readings]),
-            f"sensor.count_{name}": np.array([r.count[i] for r in readings]),
-            f"action.{name}": np.array([row.wanted[i] for row in rows]),
-        }
+    def close(self) -> bool:
+        """Give the file its name, and say whether there is one; does nothing the second time."""
+        return self._writer is not None and self._writer.close(self._meta())
 
     def _meta(self) -> dict[str, Any]:
         robot = self._guard.driver.robot

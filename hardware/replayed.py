@@ -98,6 +98,7 @@ class LogBackend:
             position=self._row_of("qpos", joints),
             velocity=self._row_of("qvel", joints),
             current=current,
+            effort=current,
             duty=self._row_of("sensor", [f"duty_{name}" for name in names]),
             stamp=self._row_of("stamp", joints),
             count=self._row_of("sensor", [f"count_{name}" for name in names]).astype(np.int64),

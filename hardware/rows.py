@@ -82,7 +82,7 @@ class RobotRows:
         self._to_robot = np.array([self.names.index(name) for name in robot.names])
         self.action_low, self.action_high = task.action_range(model)  # (A,)
         self.action_size, self.max_steps = len(self.action_low), task.max_steps
-        self.log = EpisodeLog(robot, folder)
+        self.log = EpisodeLog(robot, folder, driven=not getattr(backend, "dry_run", False))
         self.stopped: str | None = None
         self.over = True  # no episode is going on
         self.facts: dict[str, Any] = {}  # further metadata of the logs, such as "policy"
@@ -137,7 +137,7 @@ class RobotRows:
         measured = self.backend.start(pose[self._to_robot])
         goal = np.clip(pose, self.task.machine.low, self.task.machine.high)[None]
         self._take(measured, np.zeros((1, self.action_size)), goal)
-        self.log.begin(measured)
+        self.log.begin(measured, self._facts())
         self.note, self.over = self._blank_note(goal[0]), False
         self._last = self.task.observe(self._state)
         return self._last.copy()
@@ -224,10 +224,14 @@ class RobotRows:
         yes, no = np.ones(1, bool), np.zeros(1, bool)
         return Step(self._last.copy(), np.zeros(1), yes, no, yes)
 
+    def _facts(self) -> dict[str, Any]:
+        """Return what a log's metadata say of the task, and of who commands the robot."""
+        return {"task": type(self.task).__name__, **self.facts}
+
     def finish(self) -> None:
         """End the present episode, and write its log."""
         self.over = True
-        facts: dict[str, Any] = {"task": type(self.task).__name__, **self.facts}
+        facts = self._facts()
         backend = self.backend
         if isinstance(backend, ServoBackend) and self._measured is not None:
             facts["counters"] = {name: c.as_dict() for name, c in backend.counters.items()}

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any, NamedTuple, NoReturn, Self
@@ -27,10 +28,14 @@ import numpy as np
 
 from hardware.driver import Driver, Health, Reading
 from hardware.ending import Ending
-from hardware.errors import LineError, SafetyError, ServoError, listed
+from hardware.errors import HardwareError, LineError, SafetyError, ServoError, listed
 from hardware.pace import Pace
-from hardware.stop_limits import StopLimits, full_duty_errors
+from hardware.stop_limits import StopLimits
+from hardware.watch import Watch
+from hardware.watchdog import alone
 
+REMEMBERED = 100  # commands
+ASKED = 10  # times that a servo is asked before its torque goes on
 _logger = logging.getLogger(__name__)
 
 
@@ -62,16 +67,10 @@ class Guard:
         speed = np.array([servo.velocity for servo in robot.servos])
         self.most_step = np.minimum(robot.max_step, speed / robot.rate)
         self.last: np.ndarray | None = None  # the last command [rad], (n,)
-        self.health: list[Health | None] = [None] * len(driver)  # the newest of each servo
-        self._stray = np.maximum(self.limits.stray, full_duty_errors(robot))
-        self._goals = np.zeros(len(driver), np.int64)
+        self._sent: deque[tuple[float, np.ndarray]] = deque(maxlen=REMEMBERED)  # s, counts (n,)
         self._commanded, self._pause = math.nan, 0.0  # s: the last command, the longest pause
-        self._misses = np.zeros(len(driver), int)
-        self._astray = np.zeros(len(driver))
-        self._seen = math.nan
         self._turn = 0
-        self._unheard = np.zeros(len(driver), int)
-        self._hopeless = np.zeros(len(driver), int)
+        self._watch = Watch(driver, self.limits)
         self._ending = Ending(self.stop)
 
     def __enter__(self) -> Self:
@@ -86,39 +85,57 @@ class Guard:
     ) -> None:
         self._ending.__exit__(kind, error, trace)
 
+    @property
+    def health(self) -> list[Health | None]:
+        """The newest state of each servo."""
+        return self._watch.state
+
     def arm(self) -> Reading:
         """Switch torque on without a movement, and return where the robot is.
 
         Raises:
             SafetyError: a servo is outside its limits, or reports an error.
             ServoError: this machine or port is too slow for the robot's rate or watchdog, or a
-                servo does not follow its command; torque is off again.
+                servo does not follow its command.
+            HardwareError: whatever it is, torque is off again, or the message says where it may
+                not be.
         """
+        try:
+            return self._arm()
+        except HardwareError as error:
+            self._stop_after(error)
+            raise
+
+    def _arm(self) -> Reading:
         driver = self.driver
         driver.rehearse()
         reading = self._whole_reading()
         self._check_start(reading)
-        self.health = [driver.health(i) for i in range(len(driver))]
-        self.last = reading.position.copy()
-        if self.dry_run:
-            self.armed = True
-            return reading
-        try:
-            driver.set_watchdogs(0)
-            for servo, goal in zip(driver.robot.servos, reading.count.tolist(), strict=True):
-                driver.write_register(servo, "goal_position", goal)
-            self._goals = reading.count.copy()
-            driver.set_watchdogs(round(driver.robot.watchdog / 0.02))
-            self.armed = True
-            driver.torque_on()
-        except (ServoError, LineError):
-            self.armed = True
-            self.stop()
-            raise
-        self._misses[:], self._astray[:], self._unheard[:] = 0, 0, 0
-        self._hopeless[:] = 0
+        self._watch.begin([self._state(i) for i in range(len(driver))])
+        if not (self.armed or self.dry_run):
+            level = logging.INFO if driver.robot.port is None else logging.WARNING
+            words = "torque goes on; killed, or on a bus that stays away, %s stay powered"
+            _logger.log(level, words, alone(driver.robot, driver.robot.names))
+        self._power(reading)
         self._commanded, self._pause = driver.clock.now(), 0.0
         return reading
+
+    def _power(self, reading: Reading) -> None:
+        """Switch torque on where the robot is."""
+        self.last = reading.position.copy()
+        self._sent.clear()
+        self._sent.append((self.driver.clock.now(), reading.count.copy()))
+        self.armed, self._slack = True, False
+        if not self.dry_run:
+            self.driver.torque_on(reading.count)
+        self._watch.settle()
+
+    def _stop_after(self, error: HardwareError) -> None:
+        """Stop the robot after an error, and raise what keeps torque from going off."""
+        try:
+            self.stop()
+        except ServoError as still:
+            raise ServoError(f"{error}; {still}") from error
 
     def command(self, angles: np.ndarray) -> Sent:
         """Send what is safe of the wanted angles [rad], (n,), and return what was sent.
@@ -140,7 +157,7 @@ class Guard:
         if not self.dry_run:
             sent = self._do(lambda: self.driver.command(exact))
             self._time_command()
-            self._goals = self.driver.counts(sent)
+            self._sent.append((self._commanded, self.driver.counts(sent)))
         return Sent(sent, tuple(limited.tolist()))
 
     def _time_command(self) -> None:
@@ -167,7 +184,11 @@ class Guard:
         """
         reading = self._do(self.driver.read)
         if self.armed:
-            self._check_reading(reading)
+            follows = not (self.dry_run or self._slack)
+            self._heed(self._watch.reading(reading, self.last if follows else None))
+            if reading.alert.any():
+                i = int(np.argmax(reading.alert))
+                self._stop_for(self._watch.trouble(i, self._do(lambda: self.driver.health(i))))
         return reading
 
     def inspect(self) -> None:
@@ -176,9 +197,21 @@ class Guard:
         Raises:
             SafetyError: with the servo and the reason; the robot is stopped.
         """
-        if self.armed:
-            self._turn = (self._turn + 1) % len(self.driver)
-            self._check_health(self._turn, self._do(lambda: self.driver.health(self._turn)))
+        if not self.armed:
+            return
+        i = self._turn = (self._turn + 1) % len(self.driver)
+        health = self._do(lambda: self.driver.health(i))
+        self._heed(self._watch.health(i, health))
+        if health is None or self._slack:
+            return
+        if not self.dry_run:
+            self._heed(self._watch.obedience(i, health, self._sent, self._longest_pause()))
+        self._heed(self._watch.climate(i, health))
+
+    def _heed(self, reason: str | None) -> None:
+        """Stop the robot if there is a reason."""
+        if reason is not None:
+            self._stop_for(reason)
 
     def move_to(self, angles: np.ndarray, speed: float = 0.5) -> Reading:
         """Go to a pose [rad], (n,), at this speed [rad/s], and return the last reading.
@@ -218,21 +251,14 @@ class Guard:
         Raises:
             SafetyError: a joint is outside its limits, or a servo does not obey.
         """
-        driver = self.driver
-        reading = self._whole_reading()
-        self._slack = False
-        edge = self.limits.outside
-        outside = (reading.position < self.low - edge) | (reading.position > self.high + edge)
-        if outside.any():
-            i = int(np.argmax(outside))
-            name, angle = driver.robot.names[i], reading.position[i]
-            self._stop_for(f"{name} swung to {angle:.2f} rad, outside its limits")
-        self.last = reading.position.copy()
-        self._goals = reading.count.copy()
-        if not self.dry_run:
-            self._do(lambda: driver.command(reading.position))
-            self._switch(driver.torque_on)
-        self._astray[:], self._hopeless[:] = 0, 0
+        try:
+            reading = self._whole_reading()
+            outside = self._outside(reading)
+            if outside is not None:
+                self._stop_for(f"{outside}: it swung there")
+            self._power(reading)
+        except (ServoError, LineError) as error:
+            self._stop_for(str(error))
         return reading
 
     def _switch(self, action: Callable[[], None]) -> None:
@@ -244,7 +270,8 @@ class Guard:
     def stop(self) -> None:
         """Switch torque off and verify; safe to call at any time, as often as you like.
 
-        A bus that is gone is tried again for `return_time`.
+        A bus that is gone is tried again for `return_time`. Signals that come meanwhile are noted,
+        and end the program afterwards.
 
         Raises:
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
@@ -252,39 +279,37 @@ class Guard:
         if not self.armed or self.dry_run:
             self.armed = False
             return
-        self.armed = self._slack = False
-        try:
-            self.driver.torque_off()
-        except (LineError, ServoError) as error:
-            self._switch_off_when_back(error)
+        with self._ending.held():
+            try:
+                self._switch_off()
+            except ServoError as error:
+                self.armed = False
+                _logger.critical("%s", error)
+                raise
+            self.armed = self._slack = False
 
-    def _switch_off_when_back(self, reason: Exception) -> None:
-        """Switch torque off on a bus that is gone, as soon as it is back.
+    def _switch_off(self) -> None:
+        """Switch torque off, on a bus that is gone as soon as it is back.
 
         Raises:
             ServoError: it did not come back, or a servo did not confirm.
         """
-        patience = self.limits.return_time
-        _logger.error("%s; trying for %g s to switch torque off", reason, patience)
+        driver, patience = self.driver, self.limits.return_time
         try:
-            self.driver.torque_off_when_back(patience)
+            return driver.torque_off()
+        except (LineError, ServoError) as error:
+            _logger.error("%s; trying for %g s to switch torque off", error, patience)
+        try:
+            driver.torque_off_when_back(patience)
         except (LineError, ServoError) as error:
             raise ServoError(
                 f"torque could not be switched off within {patience:g} s ({error}); "
-                f"{self._watchdogs}: cut the supply"
+                f"{alone(driver.robot, driver.powered)} may still be powered: cut the supply"
             ) from error
-
-    @property
-    def _watchdogs(self) -> str:
-        """What the servos do by themselves when nobody commands them."""
-        span = self.driver.robot.watchdog
-        if span == 0:
-            return "the servos have no watchdog and continue to their last goals"
-        return f"the servos' watchdogs stop them after {span:g} s, but keep them powered"
 
     def _whole_reading(self) -> Reading:
         """Read until every servo has answered anew."""
-        for _ in range(10):
+        for _ in range(ASKED):
             reading = self.driver.read()
             if reading.fresh.all():
                 return reading
@@ -292,80 +317,36 @@ class Guard:
         silent = [
             n for n, new in zip(self.driver.robot.names, reading.fresh, strict=True) if not new
         ]
-        raise SafetyError(f"no answers from {listed(silent)}: torque stays off")
+        raise SafetyError(f"no answers from {listed(silent)}")
+
+    def _state(self, i: int) -> Health:
+        """Ask a servo for its state until it tells."""
+        for _ in range(ASKED):
+            health = self.driver.health(i)
+            if health is not None:
+                return health
+        raise SafetyError(f"{self.driver.robot.names[i]} does not report its state")
+
+    def _outside(self, reading: Reading) -> str | None:
+        """Say which joint is too far outside its limits, or None."""
+        edge = self.limits.outside
+        for servo, q in zip(self.driver.robot.servos, reading.position.tolist(), strict=True):
+            if not servo.position[0] - edge <= q <= servo.position[1] + edge:
+                return (
+                    f"{servo.name} is at {q:.3f} rad, outside its limits {list(servo.position)} "
+                    f"by more than {edge:g}"
+                )
+        return None
 
     def _check_start(self, reading: Reading) -> None:
-        edge = self.limits.outside
-        for i, servo in enumerate(self.driver.robot.servos):
-            q = reading.position[i]
-            if not servo.position[0] - edge <= q <= servo.position[1] + edge:
-                raise SafetyError(
-                    f"{servo.name} is at {q:.3f} rad, outside its limits {list(servo.position)} "
-                    f"by more than {edge:g}; move it by hand, or calibrate"
-                )
-            if reading.alert[i]:
-                health = self.driver.health(i)
-                what = listed(health.errors) if health else "an error"
-                raise SafetyError(f"{servo.name} reports {what}: find the reason, then reboot it")
-
-    def _check_reading(self, reading: Reading) -> None:
-        limits, names = self.limits, self.driver.robot.names
-        self._misses = np.where(reading.fresh, 0, self._misses + 1)
-        if self._misses.max() >= limits.misses:
-            name = names[int(np.argmax(self._misses))]
-            self._stop_for(f"{name} gave no new answer {limits.misses} times in a row")
+        outside = self._outside(reading)
+        if outside is not None:
+            raise SafetyError(f"{outside}; move it by hand, or calibrate")
         if reading.alert.any():
             i = int(np.argmax(reading.alert))
-            health = self._do(lambda: self.driver.health(i))
-            what = listed(health.errors) if health else "a hardware error"
-            self._stop_for(f"{names[i]} reports {what}; find the reason, then reboot it")
-        now = reading.time
-        passed = 0.0 if math.isnan(self._seen) else now - self._seen
-        self._seen = now
-        if self.last is not None and not self.dry_run and not self._slack:
-            far = np.abs(reading.position - self.last) > self._stray
-            self._astray = np.where(far & reading.fresh, self._astray + passed, 0.0)
-            if self._astray.max() > limits.patience:
-                i = int(np.argmax(self._astray))
-                self._stop_for(
-                    f"{names[i]} is at {reading.position[i]:.2f} rad and should be at "
-                    f"{self.last[i]:.2f}: it is stuck, or its horn slipped"
-                )
-
-    def _check_health(self, i: int, health: Health | None) -> None:
-        servo, limits = self.driver.robot.servos[i], self.limits
-        self._unheard[i] = 0 if health else self._unheard[i] + 1
-        self.health[i] = health or self.health[i]
-        if health is None:
-            if self._unheard[i] >= limits.misses:
-                self._stop_for(f"{servo.name} does not report its state")
-            return
-        limit = servo.type.defaults["temperature_limit"] - limits.hottest
-        volts = self.driver.robot.supply.voltage
-        if health.errors:
-            self._stop_for(f"{servo.name} reports {listed(health.errors)}; find the reason")
-        if self._slack:
-            return
-        if not self.dry_run and health.watchdog < 0:
-            pause, allowed = 1e3 * self._longest_pause(), 1e3 * self.driver.robot.watchdog
-            self._stop_for(
-                f"{servo.name}: its bus watchdog tripped: {pause:.0f} ms went by without a "
-                f"command, and {allowed:.0f} ms are allowed"
-            )
-        if not self.dry_run and not health.torque:
-            self._stop_for(f"{servo.name} has no torque: it rebooted; configure and arm again")
-        if health.temperature >= limit:
-            self._stop_for(f"{servo.name} has {health.temperature:.0f} °C; let it cool")
-        if abs(health.voltage - volts) > limits.odd_voltage * volts:
-            self._stop_for(
-                f"{servo.name} has {health.voltage:.1f} V, not {volts:.1f} V: the supply"
-            )
-        self._hopeless[i] = 0 if health.goal == self._goals[i] else self._hopeless[i] + 1
-        if not self.dry_run and self._hopeless[i] >= 2:
-            self._stop_for(
-                f"{servo.name} does not take its goals: it holds {health.goal}, {self._goals[i]} "
-                "was sent; its own position limits may be narrower than the robot's file says"
-            )
+            health = self.driver.health(i)
+            what, name = listed(health.errors) if health else "an error", self.driver.robot.names[i]
+            raise SafetyError(f"{name} reports {what}: find the reason, then reboot it")
 
     def _longest_pause(self) -> float:
         """The longest time without a command since arming, the present one included [s]."""
@@ -379,9 +360,8 @@ class Guard:
         except LineError as error:
             if not self.armed or self.dry_run:
                 raise SafetyError(str(error)) from error
-            self.armed = self._slack = False
             try:
-                self._switch_off_when_back(error)
+                self.stop()
             except ServoError as still:
                 raise SafetyError(f"{error}; {still}") from error
             raise SafetyError(f"{error}; it came back, and torque is off") from error
@@ -397,4 +377,6 @@ class Guard:
             self.stop()
         except ServoError as error:
             raise SafetyError(f"{reason}; and {error}") from error
-        raise SafetyError(f"{reason}; the robot was stopped, torque is off")
+        slow = self.driver.slow_link()
+        link = "" if slow is None else f"; {slow}"
+        raise SafetyError(f"{reason}; the robot was stopped, torque is off{link}")

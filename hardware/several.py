@@ -11,15 +11,18 @@ of the others.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from hardware.bus_client import MORE_PATIENT
 from hardware.config import Robot, Servo
 from hardware.counters import Counters
-from hardware.driver import FIRST_PAUSE, Driver
+from hardware.driver import Driver
 from hardware.errors import LineError, ServoError
 from hardware.readings import Health, Reading
+from hardware.torque import FIRST_PAUSE
 
 
 class SeveralDriver(Driver):
@@ -37,6 +40,15 @@ class SeveralDriver(Driver):
             np.array([robot.names.index(name) for name in part.robot.names]) for part in drivers
         ]
         self._rehearsed = False
+
+    @property
+    def powered(self) -> set[str]:
+        """The servos that may have torque, as the drivers of the buses know it."""
+        return set().union(*(part.powered for part in self._drivers))
+
+    def mark_powered(self, servo: Servo) -> None:
+        """Remember that a servo may have torque."""
+        self._of(servo).mark_powered(servo)
 
     @property
     def parts(self) -> Sequence[Driver]:
@@ -129,15 +141,18 @@ class SeveralDriver(Driver):
         """
         self._on_all(Driver.cry_off)
 
-    def torque_off(self) -> None:
+    def torque_off(self, times: float = MORE_PATIENT) -> None:
         """Switch all torque off: first on every bus at once, then verified bus by bus.
+
+        Args:
+            times: how much longer than usual each answer is waited for.
 
         Raises:
             LineError: a port cannot be used; on the others torque is off.
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
         """
         failed = _failed(self._drivers, Driver.cry_off)
-        failed |= _failed(self._drivers, Driver.torque_off)
+        failed |= _failed(self._drivers, lambda part: part.torque_off(times))
         _raise(failed)
 
     def _on_all(self, action: Callable[[Driver], None]) -> None:
@@ -154,9 +169,10 @@ class SeveralDriver(Driver):
             ServoError: it did, or was never gone, but a servo did not confirm.
         """
         _failed(self._drivers, Driver.cry_off)
-        end, left = self.clock.now() + patience, self._drivers
+        end, left, attempts = self.clock.now() + patience, self._drivers, itertools.count()
         while True:
-            failed = _failed(left, Driver.reopen_and_switch_off)
+            attempt = next(attempts)
+            failed = _failed(left, lambda part, k=attempt: part.reopen_and_switch_off(k))
             left = list(failed)
             if not failed or self.clock.now() + FIRST_PAUSE > end:
                 return _raise(failed)

@@ -18,10 +18,10 @@ class StopLimits:
 
     Args:
         misses: stop after so many readings in a row without one servo's answer.
-        hottest: stop this far below the servo's own temperature limit [K].
+        hottest: stop this far below the servo's temperature limit, read from its register [K].
         stray: stop when a joint is this far from its command [rad], or so far that a soft servo
-            drives at full duty if that is further, ...
-        patience: ... for this long [s].
+            drives at full duty if that is further, for longer than `patience`.
+        patience: how long a joint may stray, or a servo be over its limit of current or load [s].
         outside: arm only if no joint is further outside its limits than this [rad]; the first
             commands then lead it back in.
         odd_voltage: stop when the supply differs from the robot's file by this part of it.

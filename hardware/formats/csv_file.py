@@ -18,11 +18,17 @@ from hardware.formats.sidecar import read_meta
 
 _logger = logging.getLogger(__name__)
 LONGEST = 1_000_000  # characters of a header
+PART = ".part"  # ends the name of a log that is being written
 
 
 def is_log(path: Path) -> bool:
-    """Say whether a path is a CSV file."""
-    return path.suffix.lower() == ".csv"
+    """Say whether a path is a CSV file, or one that was not written to its end."""
+    return whole(path).suffix.lower() == ".csv"
+
+
+def whole(path: Path) -> Path:
+    """Return the path of a log once it is whole: `log.csv` for `log.csv.part`."""
+    return path.with_suffix("") if path.suffix == PART else path
 
 
 def read_log(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -31,7 +37,11 @@ def read_log(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     Raises:
         LogError: see `read` and `read_meta`.
     """
-    return read(path), read_meta(path.with_suffix(".json"))
+    columns = read(path)
+    if path != whole(path):
+        rows = len(next(iter(columns.values()), []))
+        _logger.warning("%s: its program was ended before it was whole; %d rows", path, rows)
+    return columns, read_meta(whole(path).with_suffix(".json"))
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
@@ -87,8 +97,9 @@ def _numbers(path: Path, columns: list[int] | None, separator: str) -> np.ndarra
     with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*input contained no data")
         next(file)
+        lines = file if path == whole(path) else (line for line in file if line.endswith("\n"))
         return np.loadtxt(
-            file, delimiter=separator, ndmin=2, comments=None, quotechar='"', usecols=columns
+            lines, delimiter=separator, ndmin=2, comments=None, quotechar='"', usecols=columns
         )
 
 

@@ -10,13 +10,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from envs.errors import did_you_mean
 from envs.loose import refusal
 from envs.simulation import Simulation
 from envs.tasks.servo import ServoTask
@@ -25,8 +23,9 @@ from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import Robot, make_robot
 from hardware.errors import SafetyError
 from hardware.rows import RobotRows
-from hardware.safety import StopLimits
+from sim2real.deployment.fit import check_interface
 from sim2real.deployment.session import STATE, Deployment, Turn, save
+from sim2real.deployment.stops import guarding as guarding
 from sim2real.deployment.trained import task_of
 from sim2real.learning.adapt import Adaptation, IdentifySession, Steps
 from sim2real.learning.environment import Environment
@@ -71,18 +70,6 @@ def make_machine(
     if calibration is not None:
         machine = apply_calibration(machine, read_calibration(calibration))
     return machine
-
-
-def guarding(stops: dict[str, float] | None) -> StopLimits:
-    """Return when to stop the robot; raises Sim2RealError for a name that a guard does not know."""
-    known = [field.name for field in fields(StopLimits)]
-    for name, value in (stops or {}).items():
-        if name not in known or not isinstance(value, int | float) or not value > 0:
-            raise Sim2RealError(
-                f"stops.{name}={value}{did_you_mean(name, known)}: a guard has numbers above 0 for "
-                f"{', '.join(known)}"
-            )
-    return StopLimits(**(stops or {}))  # type: ignore[arg-type]
 
 
 def check_reward(rows: RobotRows, adapt: Adaptation) -> None:
@@ -137,9 +124,11 @@ def drive(
         resume: the folder that a message says to continue; None for `out`.
 
     Raises:
+        Sim2RealError: the policy was trained for another robot, before anything moves.
         SafetyError: the guard stopped the robot; what was done is on disk.
         Stopped: after Ctrl-C; torque is off.
     """
+    check_interface(trained, rows.backend.robot)
     save(out / STATE, deployment)
     again = f"continue with resume={resume or out}"
     try:

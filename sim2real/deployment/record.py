@@ -24,7 +24,7 @@ from hardware.connect import make_driver
 from hardware.emulator.world import World
 from hardware.excite import Kind, excite, suiting
 from hardware.imu.reader import make_imu
-from hardware.log import Log, write_log
+from hardware.log import Log
 from hardware.record import Recording, joint_names
 from hardware.safety import Guard, StopLimits
 from sim2real.runs.errors import Sim2RealError
@@ -89,8 +89,8 @@ def drive(
         motions: kinds of motion; those that do not suit the robot are left out, see `suiting`.
         seconds: the duration of all of them.
         rng: the random generator of phases, poses and sizes.
-        path: where the log goes, also one that the guard, Ctrl-C or anything else ended early;
-            None writes none.
+        path: where the log goes, row by row, also one that the guard, Ctrl-C or anything else
+            ended early; None writes none.
         size: part of the way from the pose to the nearer limit that is used, in (0, 1].
         pose: the middle of the motion [rad], (n,), to which the robot goes slowly; None: where it
             is.
@@ -106,7 +106,8 @@ def drive(
     driver = make_driver(robot, world)
     imu = make_imu(robot)
     emulated = EmulatedBody(world) if world is not None and robot.imu is not None else None
-    recording = Recording(guard := Guard(driver, limits), sensors=emulated or imu)
+    guard = Guard(driver, limits)
+    recording = Recording(guard, sensors=emulated or imu, path=path)
     try:
         if imu is not None:
             imu.open()
@@ -122,8 +123,7 @@ def drive(
         driver.close()
         if imu is not None:
             imu.close()
-        if path is not None and len(recording) > 1:
-            write_log(path, recording.log())
+        if recording.close() and path is not None:
             log_.info("%d rows in %s", len(recording), path.name)
     return recording.log()
 

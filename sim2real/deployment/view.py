@@ -28,7 +28,8 @@ from hardware.emulator.world import World
 from hardware.excite import Kind, excite, suiting
 from hardware.record import record
 from hardware.rows import RobotRows
-from sim2real.deployment.deploy import guarding, play
+from sim2real.deployment.deploy import play
+from sim2real.deployment.stops import guarding
 from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.film import Camera, write_mp4

@@ -3,6 +3,7 @@
     python -m sim2real run=record robot=bench1                       # the emulated robot
     python -m sim2real run=record robot=bench1 robot.hidden=effects.yaml motions=[ramp,swing]
     python -m sim2real run=record robot=bench1 port=/dev/ttyUSB0 calibration=bench1.json arm=true
+    python -m sim2real run=record robot=bench1 'stops={return_time: 10}'
 
 Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. A real robot
 moves only with `arm=true`; torque is off again when the motion, or anything else, ends it.
@@ -19,6 +20,7 @@ import numpy as np
 from hardware.excite import Kind
 from hardware.log import Log
 from sim2real.deployment.record import draw, drive, prepared
+from sim2real.deployment.stops import guarding
 
 
 def run(
@@ -30,6 +32,7 @@ def run(
     motions: Sequence[Kind],
     seconds: float,
     size: float,
+    stops: dict[str, float] | None,
     seed: int,
     out: Path,
 ) -> Log:
@@ -43,8 +46,10 @@ def run(
         motions: kinds of motion, one after the other; see `hardware.excite`.
         seconds: the duration of all of them, shared evenly.
         size: part of the way from where the robot is to the nearer limit that is used, in (0, 1].
+        stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
         seed: the seed of phases, poses and sizes.
-        out: the run's folder; gets log.csv, log.json and plots/log.png.
+        out: the run's folder; gets log.csv (log.csv.part until it is whole), log.json and
+            plots/log.png.
 
     Returns:
         The log.
@@ -54,8 +59,9 @@ def run(
         HardwareError: a robot that is wrong, is not there, or stopped on the way; the rows until
             then are in log.csv, whose metadata say why.
     """
+    limits = guarding(stops)
     machine = prepared(robot, port, calibration, arm, seconds, size)
     rng, path = np.random.default_rng(seed), Path(out) / "log.csv"
-    log = drive(machine, motions, seconds, rng, path, size)
+    log = drive(machine, motions, seconds, rng, path, size, limits=limits)
     draw(log, machine, Path(out) / "plots" / "log.png")
     return log

@@ -149,6 +149,5 @@ def test_22_ten_seconds_of_twelve_servos(chain):
     asked = np.array([r.driver.bus_client.counters[n].asked for n in r.driver.ids]) - before
     healths = np.array([500 // 12 + (1 <= i <= 500 % 12) for i in range(12)])
     np.testing.assert_array_equal(asked - healths, np.full(12, asked[0] - healths[0]))
-    assert (
-        asked[0] - healths[0] == 500 + 1 + 1 + 8
-    )  # arming: a reading, a health, 4 writes, read back
+    arming = 1 + 1 + 2 + 8  # a reading, a health, 2 limits, 4 writes, each read back
+    assert asked[0] - healths[0] == 500 + arming

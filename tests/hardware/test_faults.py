@@ -84,7 +84,7 @@ def test_10_unplugged_cable(rig):
     r = rig()
     r.run(20, wave)
     r.port.unplugged = True
-    with pytest.raises(SafetyError, match=r"is the cable in\?.*watchdogs stop them after 0.1 s"):
+    with pytest.raises(SafetyError, match=r"is the cable in\?.*stops after 0.1 s by its watchdog"):
         r.run(5)
     r.world.advance(r.clock.now() + 0.5)
     assert [s.memory["bus_watchdog"] for s in r.world.servos] == [-1] * 3
@@ -320,6 +320,11 @@ def test_21_latency_timer(rig, tmp_path, monkeypatch):
     monkeypatch.setattr(handshake, "ADAPTERS", tmp_path)
     with pytest.raises(ServoError, match=r"latency timer is 16 ms.*says 1; run: setserial"):
         r.driver.connect()
+    link = tmp_path / "usb-FTDI_USB__-__Serial_Converter-if00-port0"
+    link.symlink_to(r.port.port_name)
+    monkeypatch.setattr(r.port, "port_name", str(link))
+    with pytest.raises(ServoError, match=r"^loopback:chain3: its latency timer is 16 ms"):
+        r.driver.connect()
     timer.write_text("1\n")
     r.driver.connect()
 
@@ -366,7 +371,7 @@ def test_22_an_hour_of_twelve_servos(chain):
     assert pace.missed == 0
     assert grown < 5_000
     assert r.counted() == ({},) * 12
-    arming = 1 + 1 + 8  # a reading, a health, 4 writes, each read back
+    arming = 1 + 1 + 2 + 8  # a reading, a health, 2 limits, 4 writes, each read back
     expected = arming + 180_000 + 180_000 // 12  # readings, and healths in turn
     assert (np.array(r.count("asked")) - before).tolist() == [expected] * 12
     assert r.world.firmware.errors.tolist() == [0] * 12

@@ -16,6 +16,8 @@ HOLD = (
     "import sys, time; sys.path.insert(0, {root!r}); from hardware.port_lock import PortLock; "
     "PortLock({device!r}).take(); print('held', flush=True); time.sleep(60)"
 )
+PROXY = "import os, time; os.openpty(); os.open({device!r}, os.O_RDWR); print('held', flush=True); \
+time.sleep(60)"
 OPEN = "import os, time; os.open({device!r}, os.O_RDWR); print('held', flush=True); time.sleep(60)"
 
 
@@ -46,7 +48,9 @@ def program(device):
         process.wait()
 
 
-@pytest.mark.parametrize("source", [HOLD, OPEN], ids=["locks it", "only opens it"])
+@pytest.mark.parametrize(
+    "source", [HOLD, OPEN, PROXY], ids=["locks it", "only opens it", "serves another terminal"]
+)
 def test_who_holds_the_port_is_named(device, program, source):
     """Command and process of the holder are told; once it has ended, the port is free."""
     process = program(source)
@@ -91,3 +95,19 @@ def test_pyserials_exclusive_is_the_same_lock(device):
         serial.Serial(device, exclusive=True)
     lock.release()
     serial.Serial(device, exclusive=True).close()
+
+
+def test_the_emulator_of_a_device_is_no_client_of_it():
+    """A program that serves the device, and keeps its far end open too, does not hold it."""
+    served = (
+        "import os, time; m, s = os.openpty(); print(os.ttyname(s), flush=True); time.sleep(60)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", served], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        lock = PortLock(process.stdout.readline().strip())
+        lock.take()
+        lock.release()
+    finally:
+        process.kill()
+        process.wait()

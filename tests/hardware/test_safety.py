@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hardware.config import make_robot
 from hardware.emulator.faults import Fault
-from hardware.errors import SafetyError
+from hardware.errors import RobotError, SafetyError
+from tests.hardware.conftest import bench_data
 from tests.hardware.rig import wave
 
 
@@ -74,3 +76,60 @@ def test_a_start_just_outside_is_led_back(rig):
     assert sent.angles[0] == pytest.approx(2.0, abs=2e-3)
     assert sent.limited[0] == "limit"
     assert r.powered == [True] * 3
+
+
+def test_a_current_over_the_limit_of_the_robots_file_stops(rig, chain):
+    """A servo that pushes against a stop is named with what it draws and what it may."""
+    robot = chain(3)
+    servos = tuple(replace(s, current=0.4) for s in robot.servos)
+    r = rig(Fault("stuck", servo=2), robot=replace(robot, servos=servos))
+    with pytest.raises(
+        SafetyError, match=r"hinge2 draws \d\.\d\d A, over its 0\.40 A, for more than 0\.5 s"
+    ):
+        r.run(200, lambda k: np.full(3, min(0.02 * k, 0.45)))
+    assert r.powered == [False] * 3
+
+
+def test_a_short_peak_of_current_stops_nothing(rig, chain):
+    """What a quick step draws for a moment is no overload."""
+    robot = chain(3)
+    servos = tuple(replace(s, current=0.2) for s in robot.servos)
+    r = rig(robot=replace(robot, servos=servos))
+    r.run(100, lambda k: np.full(3, 0.5 * (k // 10 % 2)))
+    assert max(np.abs(x.current).max() for x in r.readings) > 0.2
+    assert r.powered == [True] * 3
+
+
+def test_a_load_over_the_limit_stops(rig, chain):
+    """A servo without a sensor of current reports its load."""
+    robot = chain(3, supply={"voltage": 11.1, "resistance": 0.0})
+    servos = tuple(replace(s, model="xl430-w250", load=0.15) for s in robot.servos)
+    registers = {"position_p_gain": 800}
+    robot = replace(robot, servos=servos, registers=registers)
+    r = rig(Fault("stuck", servo=3), robot=robot)
+    with pytest.raises(SafetyError, match=r"hinge3 is at \d+% of its load, over its 15%"):
+        r.run(200, lambda k: np.full(3, min(0.02 * k, 0.45)))
+    assert r.powered == [False] * 3
+
+
+def test_the_servos_own_limits_hold(rig):
+    """Limits of current and temperature are read from the servos' registers, not assumed."""
+    r = rig(Fault("stuck", servo=2), registers={"hinge2": {"current_limit": 300}})
+    with pytest.raises(SafetyError, match=r"hinge2 draws .* A, over its 0\.30 A"):
+        r.run(200, lambda k: np.full(3, min(0.02 * k, 0.45)))
+    r = rig(registers={"hinge1": {"temperature_limit": 28}})
+    with pytest.raises(SafetyError, match=r"hinge1 has 2\d °C; let it cool \(at most 23"):
+        r.run(20)
+    assert r.powered == [False] * 3
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [("load", 0.5, "reports its current; give current"), ("current", 0.0, "it is above 0")],
+)
+def test_a_limit_that_cannot_be_meant_is_refused(chain, key, value, words):
+    """A servo has the limit of what it reports."""
+    data = bench_data(3, model=str(chain(3).model))
+    data["servos"]["hinge2"][key] = value
+    with pytest.raises(RobotError, match=rf"servos.hinge2: .*{words}"):
+        make_robot(data)

@@ -33,6 +33,7 @@ def go(out: Path, **changes: Any) -> Path:
         "motions": ["ramp", "steps", "swing"],
         "seconds": 6.0,
         "size": 0.6,
+        "stops": None,
         "seed": 0,
         "out": out,
     }
@@ -102,3 +103,11 @@ def test_every_robot_is_recorded_as_the_verb_stands(tmp_path: Path, name: str) -
     log = read_log(go(tmp_path, robot=machine, motions=standing, seconds=15.0))
     assert len(log) >= 15 * machine["rate"]
     assert "stopped" not in log.meta
+
+
+def test_the_guard_s_limits_are_settings(tmp_path: Path) -> None:
+    """`stops` is as in deploy: a wrong name is refused, a strict limit stops the recording."""
+    with pytest.raises(Sim2RealError, match=r"stops\.return_tim=9 \(did you mean 'return_time'"):
+        go(tmp_path / "a", stops={"return_tim": 9})
+    with pytest.raises(SafetyError, match=r"hinge has \d+ °C; let it cool"):
+        go(tmp_path / "b", stops={"hottest": 60.0})

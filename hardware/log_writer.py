@@ -1,0 +1,78 @@
+"""A trajectory log on disk row by row: whatever ends the program, the rows until then are there.
+
+    writer = LogWriter(Path("swing.csv"), {"robot": "bench1"})
+    writer.add({"episode": 0, "time": 0.0, "ctrl.hinge": 0.1, ...})     # swing.csv.part, and .json
+    writer.close({"stopped": "Ctrl-C"})                                 # swing.csv
+
+The first row's names are the columns. `hardware.log` reads a `.part` that was left over.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Mapping
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Any
+
+from hardware.formats.csv_file import PART
+from hardware.formats.names import INTEGER_KINDS
+from hardware.log import write_meta
+
+LEAST = 2  # rows of a log
+KILLED = "the program ended before it could close this log"
+
+
+class LogWriter:
+    """Writes one CSV log as its rows come.
+
+    Args:
+        path: where the whole log is to be, `.csv`.
+        meta: what is known of it before its first row.
+    """
+
+    def __init__(self, path: Path, meta: Mapping[str, Any]) -> None:
+        self.path, self._meta = path, dict(meta)
+        self._part = path.with_name(path.name + PART)
+        self._file: TextIOWrapper | None = None
+        self._names: list[str] = []
+        self._rows = 0
+
+    def add(self, row: Mapping[str, float]) -> None:
+        """Write a row; the system has it when this returns."""
+        if self._file is None:
+            self._begin(row)
+        assert self._file is not None
+        cells = [row[name] for name in self._names]
+        csv.writer(self._file, lineterminator="\n").writerow(
+            int(cell) if name.partition(".")[0] in INTEGER_KINDS else float(cell)
+            for name, cell in zip(self._names, cells, strict=True)
+        )
+        self._file.flush()
+        self._rows += 1
+
+    def close(self, meta: Mapping[str, Any] | None = None) -> bool:
+        """Give the log its name, and say whether there is one: it has at least two rows.
+
+        Args:
+            meta: the metadata of the whole log; None keeps what was known before.
+        """
+        if self._file is None:
+            return False
+        self._file.close()
+        self._file = None
+        if self._rows < LEAST:
+            self._part.unlink()
+            self.path.with_suffix(".json").unlink()
+            return False
+        write_meta(self.path, self._meta if meta is None else meta)
+        os.replace(self._part, self.path)
+        return True
+
+    def _begin(self, row: Mapping[str, float]) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        write_meta(self.path, {**self._meta, "stopped": KILLED})
+        self._names = list(row)
+        self._file = self._part.open("w", encoding="utf-8", newline="")
+        csv.writer(self._file, lineterminator="\n").writerow(self._names)

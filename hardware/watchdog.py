@@ -1,0 +1,34 @@
+"""What servos do by themselves once nobody commands them.
+
+    alone(robot, robot.names)
+    # "'hip', 'knee' (each stops after 0.1 s by its watchdog, then holds its position with torque)"
+
+A tripped bus watchdog of the X series holds in the position modes, and lets go in current mode.
+Feetech servos have none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from hardware.config import Robot, Servo
+from hardware.errors import listed
+
+CURRENT_MODE = 0  # operating mode; the others hold or brake
+
+
+def alone(robot: Robot, names: Iterable[str]) -> str:
+    """Say what each of these servos does when commands stay away, those alike together."""
+    groups: dict[str, list[str]] = {}
+    for servo in robot.servos:
+        if servo.name in set(names):
+            groups.setdefault(_habit(robot, servo), []).append(servo.name)
+    return " and ".join(f"{listed(each)} (each {habit})" for habit, each in groups.items())
+
+
+def _habit(robot: Robot, servo: Servo) -> str:
+    if robot.watchdog == 0 or servo.type.maker == "feetech":
+        return "has no watchdog, continues to its last goal and holds it with torque"
+    mode = robot.registers_of(servo).get("operating_mode", servo.type.position_mode)
+    ends = "lets go" if mode == CURRENT_MODE else "holds its position with torque"
+    return f"stops after {robot.watchdog:g} s by its watchdog, then {ends}"
