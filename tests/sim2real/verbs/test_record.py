@@ -26,16 +26,9 @@ def robot(**changes: Any) -> dict[str, Any]:
 def go(out: Path, **changes: Any) -> Path:
     """Record six seconds of the bench, and return the log's path."""
     given: dict[str, Any] = {
-        "robot": robot(),
-        "port": None,
-        "calibration": None,
-        "arm": False,
-        "motions": ["ramp", "steps", "swing"],
-        "seconds": 6.0,
-        "size": 0.6,
-        "seed": 0,
-        "out": out,
-    }
+        "robot": robot(), "port": None, "calibration": None, "arm": False,
+        "motions": ["ramp", "steps", "swing"], "seconds": 6.0, "size": 0.6, "seed": 0, "out": out,
+    }  # fmt: skip
     record.run(**(given | changes))
     return out / "log.csv"
 

@@ -24,23 +24,14 @@ NAV2D = (
     "adapt.queries=4",
 )
 PPO = (
-    "env=inverted_pendulum",
-    "algorithm=ppo",
-    "iterations=40",
-    "checkpoint_every=3",
-    "algorithm.num_rows=8",
-    "algorithm.epochs=2",
-)
+    "env=inverted_pendulum", "algorithm=ppo", "iterations=40", "checkpoint_every=3",
+    "algorithm.num_rows=8", "algorithm.epochs=2",
+)  # fmt: skip
 SAC = (
-    "env=inverted_pendulum",
-    "algorithm=sac",
-    "policy.actor.num_cells=[16]",
-    "policy.qvalue.num_cells=[16]",
-    "iterations=40",
-    "checkpoint_every=3",
-    "algorithm.steps=20",
+    "env=inverted_pendulum", "algorithm=sac", "policy.actor.num_cells=[16]",
+    "policy.qvalue.num_cells=[16]", "iterations=40", "checkpoint_every=3", "algorithm.steps=20",
     "algorithm.batch_size=16",
-)
+)  # fmt: skip
 HOPPER = ("+experiment=esmaml", "frames=null", "iterations=20", "checkpoint_every=2")
 
 
