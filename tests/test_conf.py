@@ -18,7 +18,10 @@ from sim2real.learning.algorithms.base import build as make_algorithm
 
 FILES = sorted(CONF.rglob("*.yaml"))
 KEY = re.compile(r"^(?P<indent>[ -]*)(?P<key>[A-Za-z_][\w.]*|override /\w+):(?P<value>.*)$")
-CHOICES = [(g, o) for g in groups() if g not in ("run", "experiment") for o in options(g)]
+APART = ("run", "experiment")  # they choose of other groups
+ALONE = ("algorithm", "transforms", "buffer", "robot", "exam", "identify", "bayrn")
+CHOICES = [(g, o) for g in groups() if g in ALONE for o in options(g)]
+TOGETHER = [g for g in groups() if g not in (*APART, *ALONE)]
 
 
 def unexplained(path: Path, root: Path = CONF) -> list[str]:
@@ -79,6 +82,14 @@ def test_choices_compose(group: str, option: str) -> None:
     tree = compose([*verb, *words, f"{group}={option}"])
     name = {"robot": "name", "transforms": "randomize_params"}.get(group, "_target_")
     assert tree[group] is None or tree[group][name]
+
+
+@pytest.mark.parametrize("number", range(max(len(options(g)) for g in TOGETHER)))
+def test_choices_compose_together(number: int) -> None:
+    """Each choice of each other group composes beside one of all the rest, and fits likewise."""
+    chosen = {g: options(g)[number % len(options(g))] for g in TOGETHER}
+    tree = compose(["algorithm=ppo", *(f"{g}={option}" for g, option in chosen.items())])
+    assert all(tree[group] is None or tree[group]["_target_"] for group in TOGETHER)
 
 
 def alone(name: str) -> Any:

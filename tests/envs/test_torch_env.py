@@ -31,15 +31,9 @@ from envs.toys import Nav2D, NavGoals
 
 MASS, FRICTION = ("params", "link_mass.torso"), ("params", "ground_friction")
 TASKS = [
-    Hopper(),
-    HopperPolito(),
-    Walker2d(),
-    HalfCheetah(),
-    Swimmer(),
-    InvertedPendulum(),
-    Ant(),
+    Hopper(), HopperPolito(), Walker2d(), HalfCheetah(), Swimmer(), InvertedPendulum(), Ant(),
     Ant(contact_forces="exact"),
-]
+]  # fmt: skip
 
 
 def randomization(per: str = "reset") -> Randomization:

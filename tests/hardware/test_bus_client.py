@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from itertools import product
 
 import dynamixel_sdk as sdk
 import numpy as np
@@ -131,18 +132,12 @@ def test_defect_6_missing_servo_is_missing(connect):
     assert client.counters[2].timeout == 1
 
 
-@pytest.mark.parametrize("place", range(-15, 15))
-def test_a_damaged_byte_anywhere_is_never_a_value(connect, place):
-    """An answer with any one byte inverted is left out; the next request is clean."""
-    client = connect(Fault("corrupt", servo=1, value=place, count=1))
-    assert client.read(1, 132, 4) is None
-    assert client.read(1, 132, 4).data == struct.pack("<i", 2048)
-
-
-@pytest.mark.parametrize("length", range(15))
-def test_a_truncated_answer_is_never_a_value(connect, length):
-    """An answer cut anywhere, even to one byte, is left out; the next request is clean."""
-    client = connect(Fault("truncate", servo=1, value=length, count=1))
+@pytest.mark.parametrize(
+    ("fault", "value"), [*product(["corrupt"], range(-15, 15)), *product(["truncate"], range(15))]
+)
+def test_a_damaged_or_cut_answer_is_never_a_value(connect, fault, value):
+    """With any one byte inverted, or cut anywhere, it is left out; the next request is clean."""
+    client = connect(Fault(fault, servo=1, value=value, count=1))
     assert client.read(1, 132, 4) is None
     assert client.read(1, 132, 4).data == struct.pack("<i", 2048)
 

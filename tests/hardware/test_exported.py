@@ -8,31 +8,21 @@ import pytest
 from hardware.exported import ExportedPolicy, PolicyError
 
 ARRAYS = {
-    "mean": np.array([1.0, -1.0]),
-    "std": np.array([2.0, 0.5]),
-    "low": np.array([-0.5]),
-    "high": np.array([1.5]),
-    "weight_0": np.array([[1.0, -2.0, 0.5], [0.0, 1.0, 3.0]], np.float32),
+    "mean": np.array([1.0, -1.0]), "std": np.array([2.0, 0.5]), "low": np.array([-0.5]),
+    "high": np.array([1.5]), "weight_0": np.array([[1.0, -2.0, 0.5], [0.0, 1.0, 3.0]], np.float32),
     "bias_0": np.array([0.1, 0.0, -0.2], np.float32),
-    "weight_1": np.array([[1.0], [-1.0], [0.5]], np.float32),
-    "bias_1": np.array([0.3], np.float32),
-}
+    "weight_1": np.array([[1.0], [-1.0], [0.5]], np.float32), "bias_1": np.array([0.3], np.float32),
+}  # fmt: skip
 SEEN = np.array([[1.5, -0.75], [1.0, -1.0], [40.0, 3.0]])
 
 
 def policy(activation: str, squash: str, **changes: object) -> ExportedPolicy:
     """Return a policy of two observations and one action."""
     facts = {
-        "schema": 1,
-        "robot": "bench1",
-        "rate": 50.0,
-        "joints": ["hinge"],
-        "observation": {"names": ["angle", "speed"]},
-        "layers": 2,
-        "activation": activation,
-        "squash": squash,
-        "golden": {"observation": SEEN.tolist(), "action": [[0.0]] * 3},
-    }
+        "schema": 1, "robot": "bench1", "rate": 50.0, "joints": ["hinge"],
+        "observation": {"names": ["angle", "speed"]}, "layers": 2, "activation": activation,
+        "squash": squash, "golden": {"observation": SEEN.tolist(), "action": [[0.0]] * 3},
+    }  # fmt: skip
     return ExportedPolicy(facts | changes, ARRAYS)
 
 

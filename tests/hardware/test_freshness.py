@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from hardware.freshness import Freshness
 
@@ -49,24 +50,25 @@ def test_an_answer_to_the_question_before_is_old_however_slow_some_were():
         asked += 0.04
 
 
-def test_doubled_and_late_answers_are_old():
-    """The same counter again, or one from 6 ms before, is not new."""
-    age = Freshness()
-    assert take(age, 1000, 1.0)
-    assert not take(age, 1000, 1.02)
-    assert not take(age, 1000, 1.001)
-    assert take(age, 1040, 1.04)
-    assert not take(age, 1054, 1.06)
-    assert take(age, 1080, 1.08)
+ANSWERS = {  # the counter, when it was asked for, and whether it is taken
+    "doubled and late": [  # the same again, or one from 6 ms before, is not new
+        *[(1000, 1.0, True), (1000, 1.02, False), (1000, 1.001, False)],
+        *[(1040, 1.04, True), (1054, 1.06, False), (1080, 1.08, True)],
+    ],
+    "started anew": [  # the first after a reboot is doubted, the next that agrees with it taken
+        *[(20000, 20.0, True), (120, 20.3, False), (140, 20.32, True), (160, 20.34, True)],
+    ],
+    "first one late": [  # what comes afterwards is newer than it should be, and is believed
+        *[(19900, 20.0, True), (20020, 20.02, False), (20040, 20.04, True)],
+    ],
+}
 
 
-def test_a_servo_that_started_anew():
-    """After a reboot the first answer is doubted, the second that agrees with it is taken."""
+@pytest.mark.parametrize("answers", ANSWERS.values(), ids=ANSWERS)
+def test_what_does_not_fit_the_time_is_doubted(answers):
+    """Old answers never pass; a servo whose counter jumped is believed at its second one."""
     age = Freshness()
-    assert take(age, 20000, 20.0)
-    assert not take(age, 120, 20.3)
-    assert take(age, 140, 20.32)
-    assert take(age, 160, 20.34)
+    assert [take(age, tick, asked) for tick, asked, _ in answers] == [new for *_, new in answers]
 
 
 def test_answers_that_are_all_late_by_the_same_time():
@@ -76,11 +78,3 @@ def test_answers_that_are_all_late_by_the_same_time():
     for step in range(1, 20):
         assert not take(age, 20000 + 20 * (step - 1), 20.0 + 0.02 * step)
     assert take(age, 20400, 20.4)
-
-
-def test_a_first_answer_that_was_late():
-    """What comes afterwards is newer than it should be, twice, and is believed."""
-    age = Freshness()
-    assert take(age, 19900, 20.0)
-    assert not take(age, 20020, 20.02)
-    assert take(age, 20040, 20.04)

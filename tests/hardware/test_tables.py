@@ -13,16 +13,10 @@ from hardware.tables import servo_by_number, servo_type, servo_types
 from tests.hardware.conftest import bench_data
 
 PLACES = {
-    "id": (7, 1),
-    "torque_enable": (64, 1),
-    "hardware_error_status": (70, 1),
-    "position_p_gain": (84, 2),
-    "bus_watchdog": (98, 1),
-    "goal_position": (116, 4),
-    "realtime_tick": (120, 2),
-    "present_position": (132, 4),
-    "present_temperature": (146, 1),
-}
+    "id": (7, 1), "torque_enable": (64, 1), "hardware_error_status": (70, 1),
+    "position_p_gain": (84, 2), "bus_watchdog": (98, 1), "goal_position": (116, 4),
+    "realtime_tick": (120, 2), "present_position": (132, 4), "present_temperature": (146, 1),
+}  # fmt: skip
 
 
 DYNAMIXEL = [name for name in servo_types() if servo_type(name).maker == "dynamixel"]

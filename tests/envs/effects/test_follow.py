@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -29,22 +30,20 @@ def goals() -> np.ndarray:
     return np.where(TIMES < 1.8, swing, np.where(TIMES < 2.1, 0.3, -0.3))
 
 
+@cache
+def truth_of(robot: Pendulum) -> np.ndarray:
+    """Return the angles of motor and link through the swing, (T, 2)."""
+    return follow(robot, goals(), TIMES)
+
+
 def simulated(
     robot: Pendulum, effects: Mapping[Effect, Sequence[float]], step: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the link's true angle and what the log's encoder says, (T,) each."""
     mass = robot.weight / GRAVITY / ARM
-    text = PENDULUM.format(
-        step=step,
-        arm=ARM,
-        mass=mass,
-        own=robot.link - mass * ARM**2,
-        rotor=robot.rotor,
-        kp=robot.kp,
-        kv=f'kv="{robot.kd}"' if robot.kd else "",
-        emf=robot.emf,
-        limit=robot.limit,
-    )
+    own, kv = robot.link - mass * ARM**2, f'kv="{robot.kd}"' if robot.kd else ""
+    servo = {"rotor": robot.rotor, "kp": robot.kp, "emf": robot.emf, "limit": robot.limit}
+    text = PENDULUM.format(step=step, arm=ARM, mass=mass, own=own, kv=kv, **servo)
     plant = Plant(mujoco.MjSpec.from_string(text), fixed=list(effects.items()), threads=1)
     row, rest, sent = np.zeros(1, int), np.zeros((1, 1)), goals()
     plant.reset(row, rest, rest, np.zeros(1, np.uint64), sent[:1, None])
@@ -79,7 +78,7 @@ def test_a_swing_over_play_or_spring(name: str, sizes: dict, side: str, encoder:
     damping = {} if robot.play else {"damping": robot.spring_damping}
     effect = make(name, where="j", side=side, encoder=encoder, **damping)
     value = robot.play or robot.softness
-    truth = follow(robot, goals(), TIMES)
+    truth = truth_of(robot)
     link, seen = simulated(robot, {effect: (value,)}, 1e-3)
     read = truth[:, ("motor", "link").index(encoder)]
     assert apart(truth[:, 1], link) < BOUND
@@ -103,7 +102,7 @@ def test_a_swing_with_bristles(kind: str, step: float) -> None:
     """Friction that falls fast with the speed, and gives way before it breaks away."""
     own = FRICTIONS[kind]
     robot = Pendulum(friction=own, emf=0.06)
-    truth = follow(robot, goals(), TIMES)[:, 1]
+    truth = truth_of(robot)[:, 1]
     excess, bend = own.static - own.coulomb, own.static / own.stiffness
     dry = make("coulomb_friction", where="j")
     bent = make("stribeck_friction", where="j", speed=own.speed, bristle=bend)

@@ -111,19 +111,11 @@ def test_a_servo_that_is_off_lets_go_and_takes_hold_again() -> None:
 
 
 DRIVES = {
-    "position_gain": 0.5,
-    "derivative_gain": 3.0,
-    "motor_strength": 0.5,
-    "torque_limit": 0.5,
-    "dead_zone": 0.1,
-    "torque_speed_knee": 0.5,
-    "actuator_lag": 0.02,
-    "integral_action": 5.0,
-    "thermal_derating": 0.5,
-    "profile_velocity": 0.5,
-    "profile_acceleration": 2.0,
+    "position_gain": 0.5, "derivative_gain": 3.0, "motor_strength": 0.5, "torque_limit": 0.5,
+    "dead_zone": 0.1, "torque_speed_knee": 0.5, "actuator_lag": 0.02, "integral_action": 5.0,
+    "thermal_derating": 0.5, "profile_velocity": 0.5, "profile_acceleration": 2.0,
     "command_delay": 0.01,
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", sorted(DRIVES))

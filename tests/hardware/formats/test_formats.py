@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,42 +66,32 @@ def test_a_recording_without_a_mapping_says_what_it_holds(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("place", "change", "sentence"),
     [
-        ({"topic": "/comands"}, r"no message of '/comands'.*did you mean '/commands'"),
-        ({"field": "dat"}, r"topic /commands: its messages have no field 'dat'"),
-        ({"names": ["pan"]}, r"'data' has 2 numbers, 1 names"),
-        ({"to": "control"}, "no column 'control'"),
-        ({"unit": "degree"}, "unit 'degree' is not known"),
-    ],
-)
-def test_a_wrong_mapping_of_topics_is_named(tmp_path: Path, change: dict, sentence: str) -> None:
-    """File, topic and what there is stand in the sentence."""
-    path = mcap(tmp_path, run())
-    tree = yaml.safe_load((tmp_path / "topics.yaml").read_text())
-    tree["channels"][0] |= change
-    (tmp_path / "topics.yaml").write_text(yaml.safe_dump(tree))
-    with pytest.raises(LogError, match=sentence):
-        read_log(path)
-
-
-@pytest.mark.parametrize(
-    ("column", "entry", "sentence"),
-    [
+        (0, {"topic": "/comands"}, r"no message of '/comands'.*did you mean '/commands'"),
+        (0, {"field": "dat"}, r"topic /commands: its messages have no field 'dat'"),
+        (0, {"names": ["pan"]}, r"'data' has 2 numbers, 1 names"),
+        (0, {"to": "control"}, "no column 'control'"),
+        (0, {"unit": "degree"}, "unit 'degree' is not known"),
         ("qpos.pan", {"from": "pan pos"}, "there is no 'pan pos'"),
         ("qpos.pan", {"form": "x"}, "`from` is needed"),
         ("position.pan", "pan qpos", "a log has no column 'position.pan'"),
         ("qpos.pan", {"from": "pan qpos", "unit": "grad"}, "unit 'grad' is not known"),
     ],
 )
-def test_a_wrong_mapping_of_columns_is_named(
-    tmp_path: Path, column: str, entry: object, sentence: str
+def test_a_wrong_mapping_is_named(
+    tmp_path: Path, place: int | str, change: Any, sentence: str
 ) -> None:
-    """File, column and the nearest name stand in the sentence."""
-    path = renamed_csv(tmp_path, run())
-    tree = yaml.safe_load((tmp_path / "columns.yaml").read_text())
-    tree["columns"][column] = entry
-    (tmp_path / "columns.yaml").write_text(yaml.safe_dump(tree))
+    """File, topic or column, and what there is or the nearest name stand in the sentence."""
+    of_topics = isinstance(place, int)
+    path = (mcap if of_topics else renamed_csv)(tmp_path, run())
+    file = tmp_path / ("topics.yaml" if of_topics else "columns.yaml")
+    tree = yaml.safe_load(file.read_text())
+    if of_topics:
+        tree["channels"][place] |= change
+    else:
+        tree["columns"][place] = change
+    file.write_text(yaml.safe_dump(tree))
     with pytest.raises(LogError, match=sentence):
         read_log(path)
 

@@ -125,18 +125,12 @@ def test_an_export_of_ours_knows_its_normalizer(tmp_path):
     np.savez(tmp_path / "policy.npz", **arrays)
     digest = hashlib.sha256((tmp_path / "policy.npz").read_bytes()).hexdigest()
     facts = {
-        "schema": SCHEMA,
-        "robot": "bench1",
-        "rate": 50.0,
-        "task": "Bench1",
-        "joints": ["hinge"],
+        "schema": SCHEMA, "robot": "bench1", "rate": 50.0, "task": "Bench1", "joints": ["hinge"],
         "observation": {"names": ["a", "b"], "mean": [1.0, 2.0], "std": [2.0, 4.0]},
-        "activation": "tanh",
-        "squash": "clip",
-        "layers": 1,
+        "activation": "tanh", "squash": "clip", "layers": 1,
         "golden": {"observation": [[1.0, 2.0]], "action": [[0.0]]},
         "sha256": {"policy.npz": digest},
-    }
+    }  # fmt: skip
     (tmp_path / "policy.json").write_text(json.dumps(facts))
     for path in (tmp_path, tmp_path / "policy.npz", tmp_path / "policy.json"):
         actor = load_actor(path)

@@ -42,15 +42,8 @@ def test_git_revision_and_dirty_flag(tmp_path: Path) -> None:
 
     def run(*arguments: str) -> str:
         command = [
-            "git",
-            "-C",
-            str(tmp_path),
-            "-c",
-            "user.name=a",
-            "-c",
-            "user.email=a@b.c",
-            *arguments,
-        ]
+            "git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b.c", *arguments,
+        ]  # fmt: skip
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
     run("init", "-q")

@@ -43,17 +43,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def go(out: Path, log: Path | None, **changes: Any) -> Any:
     """Identify, quickly."""
     given: dict[str, Any] = {
-        "log": log and str(log),
-        "model": None,
-        "effects": None,
-        "candidates": None,
-        "params": RANGES,
-        "identify": Matching(KStep(), Cma(generations=6)),
-        "seed": 0,
-        "checkpoint": None,
-        "resume": None,
-        "out": out,
-    }
+        "log": log and str(log), "model": None, "effects": None, "candidates": None,
+        "params": RANGES, "identify": Matching(KStep(), Cma(generations=6)), "seed": 0,
+        "checkpoint": None, "resume": None, "out": out,
+    }  # fmt: skip
     return identify.run(**(given | changes))
 
 

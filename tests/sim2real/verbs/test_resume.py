@@ -16,31 +16,17 @@ import pytest
 
 from sim2real.runs.checkpoint import find, listing
 
-NAV2D = (
-    "+experiment=nav2d",
-    "iterations=40",
-    "checkpoint_every=3",
-    "algorithm.pairs=8",
-    "adapt.queries=4",
-)
+NAV2D = ("+experiment=nav2d", "iterations=40", "checkpoint_every=3")
+NAV2D += ("algorithm.pairs=8", "adapt.queries=4")
 PPO = (
-    "env=inverted_pendulum",
-    "algorithm=ppo",
-    "iterations=40",
-    "checkpoint_every=3",
-    "algorithm.num_rows=8",
-    "algorithm.epochs=2",
-)
+    "env=inverted_pendulum", "algorithm=ppo", "iterations=40", "checkpoint_every=3",
+    "algorithm.num_rows=8", "algorithm.epochs=2",
+)  # fmt: skip
 SAC = (
-    "env=inverted_pendulum",
-    "algorithm=sac",
-    "policy.actor.num_cells=[16]",
-    "policy.qvalue.num_cells=[16]",
-    "iterations=40",
-    "checkpoint_every=3",
-    "algorithm.steps=20",
+    "env=inverted_pendulum", "algorithm=sac", "policy.actor.num_cells=[16]",
+    "policy.qvalue.num_cells=[16]", "iterations=40", "checkpoint_every=3", "algorithm.steps=20",
     "algorithm.batch_size=16",
-)
+)  # fmt: skip
 HOPPER = ("+experiment=esmaml", "frames=null", "iterations=20", "checkpoint_every=2")
 
 
@@ -115,24 +101,17 @@ def check(experiment: tuple[str, ...], folder: Path, last: int, seconds: float) 
 
 
 @pytest.mark.slow
-def test_nav2d_survives_three_kills(tmp_path: Path) -> None:
-    """SIGKILL at three random points of Nav-2D changes no bit of state or metrics."""
-    check(NAV2D, tmp_path, 40, 0.05)
-
-
-@pytest.mark.slow
-def test_ppo_survives_three_kills(tmp_path: Path) -> None:
-    """The same for PPO, whose episodes in progress are part of its state."""
-    check(PPO, tmp_path, 40, 0.05)
-
-
-@pytest.mark.slow
-def test_sac_survives_three_kills(tmp_path: Path) -> None:
-    """The same for SAC, with all that it remembers."""
-    check(SAC, tmp_path, 40, 0.3)
-
-
-@pytest.mark.slow
-def test_hopper_survives_three_kills(tmp_path: Path) -> None:
-    """The same for the main job, in two threads."""
-    check(HOPPER, tmp_path, 20, 1.0)
+@pytest.mark.parametrize(
+    ("experiment", "last", "seconds"),
+    [
+        pytest.param(NAV2D, 40, 0.05, id="nav2d"),
+        pytest.param(PPO, 40, 0.05, id="ppo"),  # episodes in progress are part of its state
+        pytest.param(SAC, 40, 0.3, id="sac"),  # with all that it remembers
+        pytest.param(HOPPER, 20, 1.0, id="hopper"),  # the main job, in two threads
+    ],
+)
+def test_it_survives_three_kills(
+    experiment: tuple[str, ...], last: int, seconds: float, tmp_path: Path
+) -> None:
+    """SIGKILL at three random points changes no bit of state or metrics."""
+    check(experiment, tmp_path, last, seconds)

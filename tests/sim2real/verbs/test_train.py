@@ -69,22 +69,11 @@ def world(toy: Any = Nav2D) -> Parts:
 def go(out: Path, events: dict[int, Any] | None = None, **changes: Any) -> Walk:
     """Train a walk for 10 iterations with a checkpoint every 4."""
     given: dict[str, Any] = {
-        "parts": world(),
-        "effects": None,
-        "algorithm": lambda parts: Walk(parts, events),
-        "eval": None,
-        "logger": Loggers([]),
-        "seed": 0,
-        "iterations": 10,
-        "frames": None,
-        "checkpoint_every": 4,
-        "keep_checkpoints": 5,
-        "start": None,
-        "resume": None,
-        "video": None,
-        "cluster": None,
-        "out": out,
-    }
+        "parts": world(), "effects": None, "algorithm": lambda parts: Walk(parts, events),
+        "eval": None, "logger": Loggers([]), "seed": 0, "iterations": 10, "frames": None,
+        "checkpoint_every": 4, "keep_checkpoints": 5, "start": None, "resume": None, "video": None,
+        "cluster": None, "out": out,
+    }  # fmt: skip
     learner = verb.run(**(given | changes))
     assert isinstance(learner, Walk)
     return learner

@@ -44,7 +44,7 @@ def test_where_nothing_helps_alone_two_are_tried_together(
 ) -> None:
     """Each may be of no use without the other; that no single one joins is not the end."""
     truth = [("coulomb_friction", {"where": "a"}, 0.1), ("position_gain", {"where": "b"}, 0.7)]
-    data = arm.data_of(arm.make_log(*truth, noise=3e-4), tmp_path)
+    data = arm.data_of(arm.make_log(*truth, noise=3e-4, seconds=4.0), tmp_path)
     labels = ("coulomb_friction.a", "position_gain.b", "armature.a")
     options = [c for c in candidates(data) if c.label in labels]
     problem = Problem(data, Simulator(data, threads=1))

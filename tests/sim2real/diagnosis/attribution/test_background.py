@@ -23,7 +23,7 @@ HIDDEN = ("motor_strength", {"where": "a"}, 0.4)
 
 def searched(folder: Path, *hidden: tuple[str, dict, float], seed: int = 0) -> tuple[Search, Fit]:
     """Return a search in a log of the arm, and a fit of the motor's strength."""
-    data = arm.data_of(arm.make_log(*hidden, noise=NOISE, seed=seed), folder)
+    data = arm.data_of(arm.make_log(*hidden, noise=NOISE, seed=seed, seconds=4.0), folder)
     option = next(c for c in candidates(data) if c.label == "motor_strength.a")
     problem, rng = Problem(data, Simulator(data, threads=1)), np.random.default_rng(0)
     search = Search(problem, [option], NOISE, rng, lambda text, share: None)

@@ -176,7 +176,7 @@ def test_an_eccentric_encoder_may_pass_for_a_shifted_one(
     tmp_path: Path, hidden: str, more: dict, value: float, alike: bool
 ) -> None:
     """Where a joint turns little it is no candidate, but named beside what it passes for."""
-    log = arm.make_log((hidden, {"where": "a", **more}, value), noise=1e-3)
+    log = arm.make_log((hidden, {"where": "a", **more}, value), noise=1e-3, seconds=4.0)
     search = search_of(log, tmp_path, "encoder_offset.a", "coulomb_friction.a")
     data = search.problem.data
     assert "encoder_eccentricity" not in {o.name for o in candidates(data)}

@@ -20,14 +20,9 @@ from tests.sim2real.diagnosis import arm
 
 TRUTH = (("coulomb_friction", {"where": "a"}, 0.1), ("position_gain", {"where": "b"}, 0.7))
 LABELS = (
-    "coulomb_friction.a",
-    "stribeck_friction.a",
-    "viscous_friction.a",
-    "position_gain.b",
-    "motor_strength.b",
-    "armature.b",
-    "command_delay",
-)
+    "coulomb_friction.a", "stribeck_friction.a", "viscous_friction.a", "position_gain.b",
+    "motor_strength.b", "armature.b", "command_delay",
+)  # fmt: skip
 NOISE = 3e-4
 
 

@@ -44,12 +44,27 @@ def ask(
     return next_experiment(members, spec, FLOOR, **given)
 
 
-def test_fast_motion_and_free_swings_tell_friction_from_a_weaker_motor() -> None:
+PAIR = (
+    member("viscous_friction", [0.02], where="hinge"),
+    member("motor_strength", [0.8], where="hinge"),
+)
+SAME = (member("encoder_offset", [0.05], where="hinge"), member("gravity_tilt", [0.0, 0.05]))
+
+
+@pytest.fixture(scope="module")
+def plan() -> Experiment:
+    """Return the experiment that tells friction from a weaker motor."""
+    return ask(*PAIR)
+
+
+@pytest.fixture(scope="module")
+def none() -> Experiment:
+    """Return what is said of two that are one."""
+    return ask(*SAME)
+
+
+def test_fast_motion_and_free_swings_tell_friction_from_a_weaker_motor(plan: Experiment) -> None:
     """Slow ramps ask little of either; a chirp is braked by one, and without torque one is gone."""
-    plan = ask(
-        member("viscous_friction", [0.02], where="hinge"),
-        member("motor_strength", [0.8], where="hinge"),
-    )
     ranked = dict(plan.ranking)
     assert min(ranked["a chirp"], ranked["swings with the torque off"]) > 100
     assert ranked["slow ramps with reversals"] < 30
@@ -57,14 +72,10 @@ def test_fast_motion_and_free_swings_tell_friction_from_a_weaker_motor() -> None
     assert f"run=record robot=bench1 motions=[{plan.item.motions[0]}]" in plan.text
 
 
-def test_more_of_a_known_effect_is_an_explanation() -> None:
+def test_more_of_a_known_effect_is_an_explanation(plan: Experiment) -> None:
     """An explanation may add to what is known at its joint."""
-    pair = (
-        member("viscous_friction", [0.02], where="hinge"),
-        member("motor_strength", [0.8], where="hinge"),
-    )
     known = [(make("viscous_friction", where="hinge"), (0.01,))]
-    assert 10 < ask(*pair, fixed=known).separation < ask(*pair).separation
+    assert 10 < ask(*PAIR, fixed=known).separation < plan.separation
 
 
 def test_drawn_motions_are_named_so_that_record_repeats_them() -> None:
@@ -118,27 +129,22 @@ def test_a_pair_that_no_motion_parts_has_no_say() -> None:
     assert none.least(np.array([1.0, 2.0])) == 2.0
 
 
-def test_explanations_that_no_motion_separates_are_called_so() -> None:
+def test_explanations_that_no_motion_separates_are_called_so(none: Experiment) -> None:
     """A pendulum whose encoder is shifted and one on a tilted base are one and the same."""
-    plan = ask(member("encoder_offset", [0.05], where="hinge"), member("gravity_tilt", [0.0, 0.05]))
-    assert "no motion that was looked at separates them" in plan.text
-    assert plan.separation <= plan.most < 1
+    assert "no motion that was looked at separates them" in none.text
+    assert none.separation <= none.most < 1
 
 
-@pytest.mark.parametrize("exact", [0, 1])
-def test_two_that_are_one_do_not_hide_what_can_be_parted(exact: int) -> None:
+@pytest.mark.parametrize("exact", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_two_that_are_one_do_not_hide_what_can_be_parted(exact: int, none: Experiment) -> None:
     """A shifted encoder and a tilted base are one; friction is parted from both all the same."""
-    same = (
-        member("encoder_offset", [0.05], where="hinge"),
-        member("gravity_tilt", [0.0, 0.05]),
-    )
     other = member("viscous_friction", [0.05], where="hinge")
-    plan = ask(*same, other, exact=exact)
+    plan = ask(*SAME, other, exact=exact)
     assert plan.most >= plan.separation > DEFAULT.experiment.apart_sure
     assert (
         "but no motion that was looked at separates encoder_offset from gravity_tilt" in plan.text
     )
-    assert ask(*same, exact=exact).most < 1
+    assert (ask(*SAME, exact=exact) if exact else none).most < 1
 
 
 def test_an_arm_that_would_fall_is_not_let_go() -> None:

@@ -68,7 +68,7 @@ def test_beside_what_is_known_only_the_likely_are_simulated(tmp_path: Path) -> N
 
 def test_friction_of_motors_without_a_limit_is_found(tmp_path: Path) -> None:
     """Their size comes from the logged torques, so that friction of that size is looked at."""
-    data = Data.of([motors.make_log(friction=0.1, seconds=6.0)], motors.model(tmp_path))
+    data = Data.of([motors.make_log(friction=0.1, seconds=3.0)], motors.model(tmp_path))
     problem = Problem(data, Simulator(data, threads=1))
     nothing = Fit((), np.zeros((2, 0)), np.zeros(2))
     best = screen(problem, nothing, candidates(data)).guesses[0]

@@ -116,6 +116,7 @@ def test_a_verdict_says_so_unless_usual_errors_make_as_much(
         assert ("the simulator's own" in words.details(report)) == bool(told_so)
 
 
+@pytest.mark.slow
 def test_a_contender_that_explains_there_as_well_contests_it(search: Search) -> None:
     """What shortcuts hid they may have hidden of another cause; one that stays wrong is none."""
     judge, fit, error = fitted(search, "coulomb_friction", [0.05])

@@ -32,6 +32,12 @@ def pieces(
     return Pieces(curve, down, after, count * ROWS, False, np.ones(1))
 
 
+def mixed(made: Pieces, turn: np.ndarray) -> Pieces:
+    """Return pieces whose columns are the rows of `turn` of what they were."""
+    curve = np.einsum("ij,bjk,lk->bil", turn, made.curve, turn)
+    return made._replace(curve=curve, down=made.down @ turn.T)
+
+
 @pytest.mark.parametrize("sided", [False, True], ids=["differences", "sides"])
 def test_alarms_are_as_rare_as_promised(sided: bool) -> None:
     """Of 200 sets of pieces in which nothing changed, about 5 % alarm: never above 10 %."""
@@ -64,8 +70,7 @@ def test_what_others_make_as_well_is_not_told() -> None:
     made = pieces(rng, np.array([0.0, 0.5, 0, 0, 0]))
     turn = np.eye(COLUMNS)
     turn[0] = [0, 1, 1, 0, 0]  # the first column becomes the second plus the third
-    curve = np.einsum("ij,bjk,lk->bil", turn, made.curve, turn)
-    made = made._replace(curve=curve, down=made.down @ turn.T)
+    made = mixed(made, turn)
     columns = [_named(k) for k in range(COLUMNS - 1)]
     found = find_changes(made, columns, [1, 2], [], [], np.zeros(4), rng, Compared(draws=200))
     assert found.untold == (0,)
@@ -78,8 +83,7 @@ def test_what_is_known_of_the_others_tells_two_apart() -> None:
     made = pieces(rng, np.array([1.5, 0.0, 0.0, 0, 0]), 24)
     turn = np.eye(COLUMNS)
     turn[2] = [1, 1, 0, 0, 0]  # the third column is both
-    curve = np.einsum("ij,bjk,lk->bil", turn, made.curve, turn)
-    made = made._replace(curve=curve, down=made.down @ turn.T)
+    made = mixed(made, turn)
     permuted, free = Permuted(made, rng, 200), np.full(COLUMNS, np.inf)
     alike = permuted.of([0, 1], [2, 4], 0.05)
     assert alike.fall[0] == pytest.approx(alike.fall[1], rel=1e-6)
@@ -98,8 +102,7 @@ def test_the_clearest_is_named_and_its_likeness_beside_it() -> None:
     made = pieces(rng, np.array([0.6, 0.0, 0.0, 0, 0]), 24)
     turn = np.eye(COLUMNS)
     turn[1] = [1.0, 0.02, 0, 0, 0]
-    curve = np.einsum("ij,bjk,lk->bil", turn, made.curve, turn)
-    made = made._replace(curve=curve, down=made.down @ turn.T)
+    made = mixed(made, turn)
     columns = [_named(k) for k in range(COLUMNS - 1)]
     found = find_changes(made, columns, [], [], [], np.zeros(4), rng, Compared(draws=400))
     assert {found.named[0].column, *found.named[0].alike} == {0, 1}

@@ -17,14 +17,10 @@ from tests.sim2real.diagnosis import arm, motors
 PENDULUM = ASSETS / "pendulum.xml"
 
 
-def test_torques_for_servos_are_refused() -> None:
-    """The sentence says how much closer they come as torques."""
+def test_commands_of_another_kind_are_refused() -> None:
+    """Torques for servos, with how much closer they come as such; positions for motors."""
     with pytest.raises(Sim2RealError, match=r"servos at a, b.*act like torques.*closer"):
         refuse_kinds(motors.make_log(0.05, 6.0), arm.spec())
-
-
-def test_positions_for_motors_are_refused() -> None:
-    """Joints that go where they are told are no torque's."""
     with pytest.raises(Sim2RealError, match="follow the commands of a, b like desired positions"):
         refuse_kinds(arm.make_log(seconds=6.0), motors.spec())
 

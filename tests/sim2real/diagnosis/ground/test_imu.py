@@ -13,6 +13,7 @@ from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import errors_as_given
+from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.settings import DEFAULT
@@ -59,9 +60,8 @@ def late(log: Log) -> Log:
     return with_imu(log, Rotation.from_quat(turn.as_quat()[before]), spin[before])
 
 
-def left(log: Log, name: str | None, values: list[float]) -> float:
+def left(estimates: list[Estimate], name: str | None, values: list[float]) -> float:
     """Return what windows leave with an effect in the model, root mean square [rad]."""
-    estimates = estimate_all([log], None, DEFAULT.ground)
     fixed = [] if name is None else [(make(name), tuple(values))]
     data = grounded(Data.of([one.log for one in estimates]), estimates, fixed)
     error = errors_as_given(data, data.windows, fixed)
@@ -72,15 +72,17 @@ def left(log: Log, name: str | None, values: list[float]) -> float:
 
 def test_an_imu_that_is_askew_is_not_blamed_on_the_ground(log: Log) -> None:
     """The mounting leaves a third of what the model as given leaves, or less; a slope does not."""
-    given, right = left(askew(log), None, []), left(askew(log), "imu_mounting", MOUNT)
-    slope = min(left(askew(log), "gravity_tilt", [s * MOUNT[0], s * MOUNT[1]]) for s in (1, -1))
+    seen = estimate_all([askew(log)], None, DEFAULT.ground)
+    given, right = left(seen, None, []), left(seen, "imu_mounting", MOUNT)
+    slope = min(left(seen, "gravity_tilt", [s * MOUNT[0], s * MOUNT[1]]) for s in (1, -1))
     assert right < given / 3
     assert right < slope / 2
 
 
 def test_an_imu_that_is_late_is_followed(log: Log) -> None:
     """With the delay of one row less than half is left."""
-    given, right = left(late(log), None, []), left(late(log), "imu_delay", [0.02])
+    seen = estimate_all([late(log)], None, DEFAULT.ground)
+    given, right = left(seen, None, []), left(seen, "imu_delay", [0.02])
     assert right < given / 2
 
 

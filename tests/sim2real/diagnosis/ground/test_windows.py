@@ -77,16 +77,18 @@ def test_a_log_that_holds_its_base_is_cut_as_before(cut: Cut) -> None:
         estimate_all([log, replace(log, columns=bare)], None, DEFAULT.ground)
 
 
-def test_a_push_is_told_and_left_out() -> None:
+def pushed(size: float) -> tuple[Data, list[Estimate]]:
+    """Return the windows of a trot that is pushed at 2 s, and what they start from."""
+    log = without(trot(seconds=4.0, push=size).log, "accelerometer")
+    estimates = estimate_all([log], None, DEFAULT.ground)
+    return grounded(Data.of([one.log for one in estimates]), estimates), estimates
+
+
+def test_a_push_is_told_and_left_out(cut: Cut) -> None:
     """Windows around it, and no others; without one none goes."""
-    gone = []
-    for push in (0.0, 1.0):
-        log = without(trot(seconds=4.0, push=push).log, "accelerometer")
-        estimates = estimate_all([log], None, DEFAULT.ground)
-        data = grounded(Data.of([one.log for one in estimates]), estimates)
-        gone.append(check_pushes(data, estimates, DEFAULT.ground))
-    assert gone[0] == []
-    (finding,) = gone[1]
+    _, data, estimates = cut
+    assert check_pushes(data, estimates, DEFAULT.ground) == []
+    (finding,) = check_pushes(*pushed(1.0), DEFAULT.ground)
     moments = [float(part) for part in re.findall(r"\d\.\d\d", finding.finding)]
     assert 0 < len(moments) < 3
     assert all(1.6 < moment < 2.1 for moment in moments)
@@ -94,9 +96,7 @@ def test_a_push_is_told_and_left_out() -> None:
 
 def test_a_light_push_makes_its_window_count_for_less() -> None:
     """No window goes; those about the push weigh less, and the report tells when."""
-    log = without(trot(seconds=4.0, push=0.3).log, "accelerometer")
-    estimates = estimate_all([log], None, DEFAULT.ground)
-    data = grounded(Data.of([one.log for one in estimates]), estimates)
+    data, estimates = pushed(0.3)
     assert data.nuisance is not None
     light = [w for w, k in zip(data.windows, data.nuisance.weight, strict=True) if k < 1]
     assert 0 < len(light) < 3

@@ -6,6 +6,7 @@ import html
 import json
 import subprocess
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,12 @@ def drive(
     return answer["told"]
 
 
+@pytest.fixture
+def page(browser: str, tmp_path: Path) -> Any:
+    """Return what drives the page in a browser."""
+    return partial(drive, browser, tmp_path)
+
+
 def sample() -> Report:
     """Return a report with a robot, and with a log whose name is too long for a phone."""
     made = report()
@@ -79,11 +86,9 @@ def sample() -> Report:
     return replace(made, evidence=replace(made.evidence, traces=traces, inputs=inputs))
 
 
-def test_one_cursor_reads_all_joints(browser: str, tmp_path: Path) -> None:
+def test_one_cursor_reads_all_joints(page: Any) -> None:
     """Pointing at one plot shows the values of every line at that moment, in all plots."""
-    told = drive(
-        browser,
-        tmp_path,
+    told = page(
         """
         mouse("mouseenter", over(0), 0.25, 0.5); mouse("mousemove", over(0), 0.25, 0.5);
         await later();
@@ -102,11 +107,9 @@ def test_one_cursor_reads_all_joints(browser: str, tmp_path: Path) -> None:
     assert len(set(told["crosses"])) == 1
 
 
-def test_it_zooms_and_pans(browser: str, tmp_path: Path) -> None:
+def test_it_zooms_and_pans(page: Any) -> None:
     """Drag, wheel, keys, one finger and two: all plots follow; double-click shows all again."""
-    told = drive(
-        browser,
-        tmp_path,
+    told = page(
         """
         const found = { all: await span() };
         drag(over(0), [0.25, 0.5], [0.5, 0.52]); await later(); found.drag = await span(3);
@@ -148,11 +151,9 @@ def test_it_zooms_and_pans(browser: str, tmp_path: Path) -> None:
     assert told["tap"] == pytest.approx(sum(told["pan"]) / 2, abs=0.1) and told["values"]
 
 
-def test_causes_joints_and_signals_are_switched(browser: str, tmp_path: Path) -> None:
+def test_causes_joints_and_signals_are_switched(page: Any) -> None:
     """Without a cause the line is that of the others; joints, errors and currents come and go."""
-    told = drive(
-        browser,
-        tmp_path,
+    told = page(
         """
         const tick = async (host, n) => { all(`#${host} input`)[n].click(); await later(); };
         const read = async () => { mouse("mouseenter", over(0), 0.3, 0.5);
@@ -191,11 +192,9 @@ def test_causes_joints_and_signals_are_switched(browser: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_it_is_light_or_dark(browser: str, tmp_path: Path, dark: bool) -> None:
+def test_it_is_light_or_dark(page: Any, dark: bool) -> None:
     """The page is as the system is; the button turns it round, the plots with it."""
-    told = drive(
-        browser,
-        tmp_path,
+    told = page(
         """
         const shade = () => getComputedStyle(document.querySelector("section")).backgroundColor;
         const system = matchMedia("(prefers-color-scheme: dark)").matches;
@@ -212,11 +211,9 @@ def test_it_is_light_or_dark(browser: str, tmp_path: Path, dark: bool) -> None:
         assert told["system"]
 
 
-def test_it_fits_a_phone(browser: str, tmp_path: Path) -> None:
+def test_it_fits_a_phone(page: Any) -> None:
     """At 390 px nothing is wider than the page, and small text stays readable."""
-    told = drive(
-        browser,
-        tmp_path,
+    told = page(
         """
         const wide = document.documentElement.scrollWidth;
         const sizes = all("main *").filter((one) => one.checkVisibility() && !one.closest("svg"))
@@ -239,7 +236,7 @@ def test_it_fits_a_phone(browser: str, tmp_path: Path) -> None:
     assert told["plots"] == 4
 
 
-def test_names_from_a_log_run_nothing(browser: str, tmp_path: Path) -> None:
+def test_names_from_a_log_run_nothing(page: Any) -> None:
     """Joints, logs and actuators whose names are markup are text wherever the script puts them."""
     evil = '<img src="x" onerror="window.evil = 1"><script>window.evil = 1</script>'
     made = report()
@@ -248,9 +245,7 @@ def test_names_from_a_log_run_nothing(browser: str, tmp_path: Path) -> None:
     evidence = replace(made.evidence, traces=traces, signals=signals)
     causes = tuple(replace(cause, where=evil) for cause in made.causes)
     where = (replace(made.where[0], joint=evil),)
-    told = drive(
-        browser,
-        tmp_path,
+    told = page(
         """
         all("#kinds input").forEach((box) => { if (!box.checked) box.click(); });
         all('[data-view]:not([hidden])').forEach((link) => link.click());
@@ -264,11 +259,9 @@ def test_names_from_a_log_run_nothing(browser: str, tmp_path: Path) -> None:
     assert f"{evil}, current, A" in told["titles"]
 
 
-def test_what_is_shown_can_be_saved(browser: str, tmp_path: Path) -> None:
+def test_what_is_shown_can_be_saved(page: Any) -> None:
     """A table of the recording, the answer, and a picture of the plots."""
-    told = drive(
-        browser,
-        tmp_path,
+    told = page(
         """
         const saved = {};
         URL.createObjectURL = (blob) => { saved.blob = blob; return "#"; };

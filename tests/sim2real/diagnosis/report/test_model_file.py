@@ -17,21 +17,15 @@ from sim2real.diagnosis.report import model_file
 ASSETS = Path(model_file.__file__).parents[3] / "envs" / "assets"
 CASES: list[tuple[str, dict[str, Any], tuple[float, ...]]] = [
     ("coulomb_friction", {"where": "hinge"}, (0.03,)),
-    ("viscous_friction", {"where": "hinge"}, (0.01,)),
-    ("armature", {"where": "hinge"}, (0.002,)),
+    ("viscous_friction", {"where": "hinge"}, (0.01,)), ("armature", {"where": "hinge"}, (0.002,)),
     ("backlash", {"where": "hinge", "side": "motor"}, (0.05,)),
     ("joint_compliance", {"where": "hinge", "side": "motor", "damping": 0.002}, (0.3,)),
-    ("position_gain", {"where": "hinge"}, (0.5,)),
-    ("motor_strength", {}, (0.7,)),
-    ("torque_limit", {"where": "hinge"}, (0.2,)),
-    ("supply_voltage", {}, (0.8,)),
-    ("command_delay", {}, (0.0213,)),
-    ("encoder_offset", {"where": "hinge"}, (0.1,)),
-    ("link_mass", {"where": "arm"}, (0.05,)),
-    ("center_of_mass", {"where": "arm"}, (-0.02,)),
-    ("payload", {"where": "arm"}, (0.08,)),
-    ("gravity_tilt", {}, (0.1, 0.2)),
-]
+    ("position_gain", {"where": "hinge"}, (0.5,)), ("motor_strength", {}, (0.7,)),
+    ("torque_limit", {"where": "hinge"}, (0.2,)), ("supply_voltage", {}, (0.8,)),
+    ("command_delay", {}, (0.0213,)), ("encoder_offset", {"where": "hinge"}, (0.1,)),
+    ("link_mass", {"where": "arm"}, (0.05,)), ("center_of_mass", {"where": "arm"}, (-0.02,)),
+    ("payload", {"where": "arm"}, (0.08,)), ("gravity_tilt", {}, (0.1, 0.2)),
+]  # fmt: skip
 
 
 def swing(model: mujoco.MjModel) -> Recording:

@@ -26,14 +26,9 @@ def data(tmp_path: Path) -> Data:
     time, episode = np.tile(np.arange(0, 9, 0.02), 2), np.repeat([0, 1], 450)
     q = 0.5 * np.sin(2 * time) + 0.2 * episode
     columns = {
-        "episode": episode,
-        "time": time,
-        "ctrl.servo": q,
-        "ctrl.torque": 0 * q,
-        "qpos.hinge": q,
-        "current.servo": 0.1 * q,
-        "flag.fresh": (np.arange(900) % 100 != 7).astype(float),
-    }
+        "episode": episode, "time": time, "ctrl.servo": q, "ctrl.torque": 0 * q, "qpos.hinge": q,
+        "current.servo": 0.1 * q, "flag.fresh": (np.arange(900) % 100 != 7).astype(float),
+    }  # fmt: skip
     return Data.of([Log(columns)], path)
 
 

@@ -18,14 +18,9 @@ from sim2real.runs.errors import Sim2RealError
 pytestmark = pytest.mark.slow
 pytest.importorskip("dartpy", reason="needs DART: pip install 'sim2real[engines]'")
 SMALL: dict[str, Any] = {
-    "kinds": list(KINDS),
-    "cases_per_kind": 2,
-    "half": "calibration",
-    "engine": "dart",
-    "seconds": 8.0,
-    "longest": 600.0,
-    "block": 8,
-}
+    "kinds": list(KINDS), "cases_per_kind": 2, "half": "calibration", "engine": "dart",
+    "seconds": 8.0, "longest": 600.0, "block": 8,
+}  # fmt: skip
 
 
 def test_a_seed_draws_the_same_cases_and_halves_share_none() -> None:

@@ -35,16 +35,9 @@ OPERATORS = {
     ),
 }
 EPISODES = {
-    "none": 0,
-    "gradient": 6,
-    "pivot": 6,
-    "sequential": 3,
-    "average": 16,
-    "batch": 13,
-    "again": 9,
-    "annealed": 5,
-    "one fifth": 7,
-}
+    "none": 0, "gradient": 6, "pivot": 6, "sequential": 3, "average": 16, "batch": 13, "again": 9,
+    "annealed": 5, "one fifth": 7,
+}  # fmt: skip
 operators = pytest.mark.parametrize("name", list(OPERATORS))
 
 

@@ -29,35 +29,16 @@ HIDDEN = partial(mlp_policy, hidden=(8,), activation="tanh", output="tanh", init
 CLIMB = HillClimb(mode="sequential", queries=20, parallel=1, sigma=0.1)
 GRADIENT = GradientAdaptation(queries=20, sigma=0.1, rate=0.05, baseline="mean")
 OPTIONS: dict[str, Any] = {
-    "num_rows": 256,
-    "shards": 1,
-    "refill": 64,
-    "pairs": 50,
-    "sigma": 0.1,
-    "learning_rate": 0.02,
-    "optimizer": "sgd",
-    "estimator": "antithetic",
-    "shaping": "standardized",
-    "top_k": 0,
-    "orthogonal": False,
-    "weight_decay": 0.0,
-    "paired_tasks": True,
-    "tasks_per_member": 1,
-    "final_episodes": 1,
-    "step_cost": 0.0,
-    "normalize_observations": False,
-    "meta_estimator": "zeroth_order",
-    "first_order_queries": 30,
-    "clean_final": (),
-}
+    "num_rows": 256, "shards": 1, "refill": 64, "pairs": 50, "sigma": 0.1, "learning_rate": 0.02,
+    "optimizer": "sgd", "estimator": "antithetic", "shaping": "standardized", "top_k": 0,
+    "orthogonal": False, "weight_decay": 0.0, "paired_tasks": True, "tasks_per_member": 1,
+    "final_episodes": 1, "step_cost": 0.0, "normalize_observations": False,
+    "meta_estimator": "zeroth_order", "first_order_queries": 30, "clean_final": (),
+}  # fmt: skip
 QUICK = HillClimb(mode="sequential", queries=2, parallel=1, sigma=0.1)
 SMALL = {
-    "pairs": 4,
-    "num_rows": 6,
-    "refill": 1,
-    "normalize_observations": True,
-    "optimizer": "adam",
-}
+    "pairs": 4, "num_rows": 6, "refill": 1, "normalize_observations": True, "optimizer": "adam",
+}  # fmt: skip
 
 
 def made(env: Any, tasks: Any, policy: Any, adapt: Adaptation, seed: int, **options: Any) -> ESMAML:

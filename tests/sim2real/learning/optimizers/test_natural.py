@@ -13,12 +13,8 @@ from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
 SETTINGS: dict[str, Any] = {
-    "max_kl": 0.01,
-    "cg_iterations": 20,
-    "damping": 0.0,
-    "backtracks": 5,
-    "shrink": 0.5,
-}
+    "max_kl": 0.01, "cg_iterations": 20, "damping": 0.0, "backtracks": 5, "shrink": 0.5,
+}  # fmt: skip
 START = torch.zeros(4, dtype=torch.float64)
 GRADIENT = torch.tensor([1.0, -2.0, 0.5, 3.0], dtype=torch.float64)
 STRETCH = torch.tensor([4.0, 1.0, 0.5, 2.0], dtype=torch.float64)

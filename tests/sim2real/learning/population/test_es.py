@@ -22,13 +22,9 @@ START = np.array([1.0, -1.0, 0.5, 2.0])
 def make(**changes) -> EvolutionStrategy:
     """Strategy on the quadratic."""
     options = {
-        "pairs": 8,
-        "sigma": 0.1,
-        "learning_rate": 1.0,
-        "optimizer": "sgd",
-        "estimator": "antithetic",
-        "shaping": "none",
-    }
+        "pairs": 8, "sigma": 0.1, "learning_rate": 1.0, "optimizer": "sgd",
+        "estimator": "antithetic", "shaping": "none",
+    }  # fmt: skip
     return EvolutionStrategy(
         START, np.random.default_rng(0), StrategySettings(**(options | changes))
     )
