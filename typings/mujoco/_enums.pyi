@@ -103,6 +103,10 @@ class mjtSensor(_Enum):
 
 class mjtSleepPolicy(_Enum): ...
 
+class mjtSolver(_Enum):
+    mjSOL_CG: mjtSolver
+    mjSOL_NEWTON: mjtSolver
+
 class mjtStage(_Enum):
     mjSTAGE_NONE: mjtStage
 

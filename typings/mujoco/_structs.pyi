@@ -231,6 +231,7 @@ class MjOption:
     iterations: _Int
     ls_iterations: _Int
     ls_tolerance: _Float
+    solver: _Int
     timestep: _Float
     tolerance: _Float
 
