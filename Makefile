@@ -1,4 +1,4 @@
-# make run, test, test-long, bench, bench-long, lint, docs: each sets up first what it needs, once.
+# make run, test, test-long, coverage, bench, bench-long, lint, docs: each sets up first what it needs, once.
 # Needs Python 3.11 or newer (make PYTHON=...), make and a C compiler.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
@@ -8,7 +8,7 @@ TORCH := $(shell sed -n 's/^torch==/torch==/p' constraints.txt)
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test test-long docs bench bench-long lint setup graphics clean
+.PHONY: run test test-long coverage docs bench bench-long lint setup graphics clean
 
 run: setup
 	$(BIN)/python -m sim2real +experiment=esmaml
@@ -20,6 +20,13 @@ test: setup
 test-long: setup $(VENV)/.engines
 	$(BIN)/python -m pytest -m slow
 
+# The default suite, each branch counted; pyproject.toml says of what.
+coverage: setup
+	$(BIN)/coverage erase
+	$(BIN)/coverage run -m pytest -n 2 --dist loadfile
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report
+
 bench: $(VENV)/.bench graphics
 	$(BIN)/python -m benchmarks
 
@@ -28,6 +35,7 @@ bench-long: $(VENV)/.bench graphics
 
 lint: setup
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
 docs: $(VENV)/.docs
@@ -70,4 +78,4 @@ graphics:
 	else echo "For videos install EGL (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri); the rest works without."; fi
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist .coverage .coverage.* .pytest_cache .ruff_cache

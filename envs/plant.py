@@ -38,6 +38,7 @@ from envs.errors import EffectError, TaskError
 from envs.memory import refuse_larger, row_bytes
 from envs.params import ParamSpace
 from envs.quiet import quiet_engine
+from envs.sparse_fault import warn_of_sparse_fault
 from envs.substeps import Substeps
 
 Fixed = tuple[Effect, Sequence[float]]
@@ -97,6 +98,7 @@ class Plant:
             )
         self.nominal = spec.copy().compile() if nominal is None else nominal
         self.model, keep = edited(spec, self.nominal, every)
+        warn_of_sparse_fault(self.model)
         self.effects = tuple(effects)
         own = [effect.parameters(self.model) for effect in every]
         drawn = own[len(fixed) :]

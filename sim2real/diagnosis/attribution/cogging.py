@@ -36,7 +36,7 @@ def with_ripples(candidate: Candidate, data: Data, error: np.ndarray) -> Candida
     """
     joint = next(i for i, j in enumerate(data.joints) if j.name == candidate.joint)
     limits = data.settings.cogging
-    stiff = _stiffness(candidate, data)
+    stiff = _stiffness(data.joints[joint].name, data)
     inside = data.mask & _on(data) if stiff is None else data.mask & _slow(data, joint)
     q, rest = data.measured[..., joint][inside], error[..., joint][inside] * data.scale[joint]
     if len(q) < limits.rows_min:
@@ -46,7 +46,11 @@ def with_ripples(candidate: Candidate, data: Data, error: np.ndarray) -> Candida
         return candidate
     if stiff is None:
         span = _Span(data, joint, inside)
-        smooth, show, stiff = np.linalg.qr(span.trend())[0], span, _inertia(candidate, data)
+        smooth, show, stiff = (
+            np.linalg.qr(span.trend())[0],
+            span,
+            _inertia(data.joints[joint].name, data),
+        )
     else:
         order = limits.trend_order if np.ptp(q) > limits.turned else 0
         smooth, show = np.linalg.qr(q[:, None] ** np.arange(order + 1))[0], _Still(q)
@@ -137,10 +141,10 @@ def _on(data: Data) -> np.ndarray:
     return np.array([[window.off < share] for window in data.windows])
 
 
-def _stiffness(candidate: Candidate, data: Data) -> float | None:
-    """Return the stiffness of the servo at a candidate's joint [N·m/rad]; None without a servo."""
+def _stiffness(joint: str, data: Data) -> float | None:
+    """Return the stiffness of the servo at a joint [N·m/rad]; None without a servo."""
     model, least = data.models[0], data.settings.cogging.stiffness_min
-    place = model.joint(candidate.joint).id
+    place = model.joint(joint).id
     for i in range(model.nactuator):
         if int(model.actuator_trnid[i, 0]) == place:
             gear, held = float(model.actuator_gear[i, 0]), float(-model.actuator_biasprm[i, 1])
@@ -148,7 +152,7 @@ def _stiffness(candidate: Candidate, data: Data) -> float | None:
     return None
 
 
-def _inertia(candidate: Candidate, data: Data) -> float:
-    """Return what has to be moved at a candidate's joint in the model's pose [kg·m²]."""
+def _inertia(joint: str, data: Data) -> float:
+    """Return what has to be moved at a joint in the model's pose [kg·m²]."""
     model = data.models[0]
-    return float(model.dof_M0[int(model.joint(candidate.joint).dofadr[0])])
+    return float(model.dof_M0[int(model.joint(joint).dofadr[0])])

@@ -15,7 +15,7 @@ motor's. What is between them is a play with rigid, inelastic ends, a spring, or
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -70,7 +70,7 @@ class Pendulum:
         return -self.weight * np.sin(angle)
 
 
-def follow(robot: Pendulum, goals: Sequence[float], times: np.ndarray) -> np.ndarray:
+def follow(robot: Pendulum, goals: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return the angles of motor and link at times [s], the goal of each held to the next, (T, 2).
 
     It starts at rest, hanging, in the middle of the play.
@@ -126,7 +126,7 @@ def _spring(robot: Pendulum) -> Callable[[float, np.ndarray], list[float]]:
     return law
 
 
-def _with_play(robot: Pendulum, goals: Sequence[float], times: np.ndarray) -> np.ndarray:
+def _with_play(robot: Pendulum, goals: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Integrate piece by piece: free, or in contact at an end (side 1: the link leads)."""
     half, state, side = robot.play / 2, np.zeros(4), 0
     path = [(0.0, 0.0)]

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,7 @@ def test_a_loop_of_load_and_deflection_costs_four_times_friction_and_amplitude(b
 
 
 @pytest.mark.parametrize("side", ["motor", "link"])
-def test_a_swing_over_a_spring_with_friction(side: str) -> None:
+def test_a_swing_over_a_spring_with_friction(side: Literal["motor", "link"]) -> None:
     """It follows an independent integration, which a spring without friction does not."""
     robot = Pendulum(servo=side, softness=0.25, spring_damping=0.005, spring_friction=0.06)
     truth = follow(robot, goals(), TIMES)[:, 1]

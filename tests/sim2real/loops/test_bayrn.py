@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,6 +117,8 @@ def test_what_cannot_be_told_or_asked_is_refused() -> None:
     assert session.best in (0, 1)
     with pytest.raises(Sim2RealError, match="nobody asked for"):
         session.tell(1.0)
-    for wrong in ({"first": 1}, {"first": 9, "rounds": 8}, {"narrowest": 0.4}, {"narrowest": 0.0}):
+    wrongs: list[dict[str, Any]] = [{"first": 1}, {"first": 9, "rounds": 8}]
+    wrongs += [{"narrowest": 0.4}, {"narrowest": 0.0}]
+    for wrong in wrongs:
         with pytest.raises(Sim2RealError, match="bayrn: "):
             BayRn(**wrong)

@@ -56,7 +56,8 @@ def test_what_is_lacking_is_said(tmp_path: Path, policy: Path) -> None:
         go(tmp_path)
     known = (f"checkpoint={policy}", "log=x.csv")
     arguments = prepare(compose(["+experiment=garat", *known]), tmp_path)[1]
+    arguments["identify"] = None
     with pytest.raises(Sim2RealError, match="score=critic_gp"):
-        run(**arguments | {"identify": None})
+        run(**arguments)
     with pytest.raises(Sim2RealError, match="frames=0"):
         go(tmp_path, *known, "frames=0")

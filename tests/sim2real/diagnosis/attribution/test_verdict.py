@@ -227,9 +227,8 @@ def test_less_than_an_encoder_resolves_is_nothing_left(
     """One count is the limit, not two: a wrong spring left 1.7 of them and nine tenths closed."""
     count = 2 * np.pi / 4096
     log = arm.make_log(seconds=8.0)
-    for name in ("qpos.a", "qpos.b"):
-        log.columns[name] = np.round(log.columns[name] / count) * count
-    data = arm.data_of(log, tmp_path)
+    read = {n: np.round(log.columns[n] / count) * count for n in ("qpos.a", "qpos.b")}
+    data = arm.data_of(replace(log, columns={**log.columns, **read}), tmp_path)
     assert [joint.count for joint in data.joints] == pytest.approx([count, count])
     error = np.where(data.mask[..., None], counts * count, 0.0)
     assert is_open(error, data, np.array([count, count]) / np.sqrt(12)) == open_

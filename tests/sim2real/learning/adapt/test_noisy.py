@@ -101,4 +101,4 @@ def test_it_is_composed() -> None:
     assert isinstance(adapt, Noisy) and str(adapt).endswith(
         "one_sided errors of 0.5 in the returns"
     )
-    assert adapt.operator.mode == "average"
+    assert isinstance(adapt.operator, HillClimb) and adapt.operator.mode == "average"

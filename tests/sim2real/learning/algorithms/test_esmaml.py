@@ -167,7 +167,8 @@ def test_warm_up_scores_candidates_as_they_are() -> None:
     np.testing.assert_array_equal(warm.theta, plain.theta)
     assert first["train/return"] == first["train/return_before"]
     before = warm.frames
-    warm.iterate(), plain.iterate()
+    warm.iterate()
+    plain.iterate()
     assert warm.frames - before > 2 * (plain.frames - before)  # three episodes each, and one more
     with pytest.raises(ValueError, match="warm_up=-1 must not be negative"):
         make_cartpole(warm_up=-1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
@@ -21,6 +21,7 @@ from envs.pixels.env import PixelsEnv
 from envs.tasks import HopperPolito, InvertedPendulum
 from sim2real.config.compose import compose, prepare
 from sim2real.learning.algorithms.base import build
+from sim2real.learning.algorithms.on_policy import OnPolicy
 from sim2real.learning.algorithms.ppo import PPO
 from sim2real.runs.checkpoint import CheckpointStore, restore
 from sim2real.runs.errors import CheckpointError, Sim2RealError
@@ -31,7 +32,7 @@ HOPPER: partial[Any] = partial(MujocoEnv, task=HopperPolito(max_steps=40))
 def learner(
     *words: str,
     preset: str = "ppo_sb3",
-    base: partial[EnvBase] = HOPPER,
+    base: Callable[..., EnvBase] = HOPPER,
     seed: int = 0,
     device: str = "cpu",
     kind: type[Any] = PPO,
@@ -52,7 +53,7 @@ def linears(module: nn.Module) -> list[nn.Linear]:
     return [layer for layer in module.modules() if isinstance(layer, nn.Linear)]
 
 
-def log_std(ours: PPO) -> nn.Parameter:
+def log_std(ours: OnPolicy) -> nn.Parameter:
     """Return the parameter that no layer has."""
     return next(p for name, p in ours.policy.actor.named_parameters() if "scale" in name)
 
@@ -87,7 +88,7 @@ def values(algorithm: PPO, data: TensorDictBase) -> tuple[list[float], float]:
     return found[:-1], found[-1]
 
 
-def judged(algorithm: PPO, data: TensorDictBase) -> TensorDictBase:
+def judged(algorithm: OnPolicy, data: TensorDictBase) -> TensorDictBase:
     """Return steps with their advantages."""
     with torch.no_grad():
         return algorithm._advantage(data.clone())
@@ -135,7 +136,7 @@ def test_actions_are_drawn_unclipped_and_taken_clipped() -> None:
     torch.testing.assert_close(data["action_log_prob"], law.log_prob(data["action"]))
 
 
-def copy_weights(ours: PPO, theirs: Any, back: bool = False) -> None:
+def copy_weights(ours: OnPolicy, theirs: Any, back: bool = False) -> None:
     """Give a policy of Stable-Baselines3 our weights, or ours its own."""
     mlp = theirs.mlp_extractor
     pairs = [(log_std(ours), theirs.log_std)]
