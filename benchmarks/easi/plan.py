@@ -201,8 +201,3 @@ def truth(plan: Plan, effects: tuple) -> dict[str, float]:
     given = [*made.fixed(), *(load_effects(plan.effects) if plan.effects else ())]
     own = {e.label(): v[0] if e.how == hows.get(e.label()) else np.nan for e, v in given}
     return {p.name: float(own.get(p.name, p.neutral)) for p in space.parameters}
-
-
-def within(values: np.ndarray, target: float, share: float) -> int:
-    """Return how many values are within a share of the target."""
-    return int((np.abs(values / target - 1) <= share).sum())

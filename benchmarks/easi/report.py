@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from benchmarks.easi.parameters import histories, read_csv
 from benchmarks.easi.plan import ROUNDS, ROWS, Plan, truth
 from benchmarks.easi.steps import prior
 from benchmarks.robots import cpu_minutes
@@ -251,3 +251,22 @@ def legend(ax: object) -> None:
     handles.append(Line2D([], [], color=FAINT, linewidth=6, label="population's deviation"))
     ax.axis("off")  # type: ignore[attr-defined]
     ax.legend(handles=handles, loc="center", title="a line a seed, over generations")  # type: ignore[attr-defined]
+
+
+def histories(folder: Path) -> np.ndarray | None:
+    """Return mean and deviation of each generation's points, (G, 2, P); None without a journal."""
+    file = folder / "journal.npz"
+    if not file.is_file():
+        return None
+    with np.load(file, allow_pickle=False) as arrays:
+        count = len([name for name in arrays.files if name.startswith("asked.")])
+        asked = [arrays[f"asked.{i}"] for i in range(count)]
+    return np.array([(points.mean(axis=0), points.std(axis=0)) for points in asked])
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table; none if it is not there."""
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))

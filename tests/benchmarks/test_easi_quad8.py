@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.easi import quad8, quad8_report, response
 from benchmarks.easi.__main__ import main
-from benchmarks.easi.parameters import read_csv
 from benchmarks.easi.plan import SHIFTS, Plan, truth
 from benchmarks.easi.quad8_report import gain, lag
+from benchmarks.easi.report import read_csv
 from benchmarks.easi.response import Answer, apart, measured, played, tracking
 from benchmarks.easi.steps import prior
 from envs.distribution import Distribution
