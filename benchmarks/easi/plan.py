@@ -121,7 +121,6 @@ ROUNDS: tuple[tuple[Row, ...], ...] = (  # the most telling first
     (
         Row("narrow", "EASI's final width about the prior's mean", source="easi_200"),
         Row("point", "EASI's mean alone", source="easi_200"),
-        Row("garat", "GARAT: the prior's mean, actions changed by 200 trajectories"),
         Row("tuned", "trained on from udr, on the target, for the steps of 200 trajectories"),
         Row("paper_200", "EASI as published, 200 trajectories", "easi_paper"),
     ),
@@ -132,6 +131,9 @@ ROUNDS: tuple[tuple[Row, ...], ...] = (  # the most telling first
     ),
 )
 ROWS = {row.name: row for rows in ROUNDS for row in rows}
+ENDED = (  # rows whose figures are those of the tag
+    Row("garat", "GARAT: the prior's mean, actions changed by 200 trajectories, at studies-1"),
+)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from benchmarks.easi.plan import ROUNDS, ROWS, Plan, truth
+from benchmarks.easi.plan import ENDED, ROUNDS, ROWS, Plan, truth
 from benchmarks.easi.steps import prior
 from benchmarks.robots import cpu_minutes
 from envs.distribution import Distribution
@@ -25,7 +25,7 @@ DRAWS, ORACLE, COLLAPSE = 5000, 0.95, 5.0  # resamples; share of the oracle's; r
 TOLD = (  # keys that the study gives its runs
     *("experiment", "seed", "video", "keep_checkpoints", "hydra.run.dir", "resume", "frames"),
     *("params", "params.path", "effects", "start", "run", "log", "model", "checkpoint", "identify"),
-    *("eval", "eval.robots.target.effects", "transforms", "transforms.ground.path"),
+    *("eval", "eval.robots.target.effects"),
 )
 ACROSS, WIDE, HIGH = 4, 2.6, 1.9  # panels in a row; inches of one
 Figures = dict[str, dict[int, float]]  # return on the target by row and seed
@@ -103,8 +103,6 @@ def folders(plan: Plan, name: str, seed: int) -> list[Path]:
     found = [(plan.home if name == "udr" else plan).folder(seed, name)]
     if row.identify:
         found.append(plan.folder(seed, f"identify_{row.identify}_{row.budget}"))
-    if name == "garat":
-        found.append(plan.folder(seed, f"ground_{row.budget}"))
     return found
 
 
@@ -118,7 +116,7 @@ def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str
         told: settings beside the study's, by row.
     """
     table = Table(("robots of the training", "the seed", "ours", "seeds"))
-    for rows in ROUNDS:
+    for rows in (*ROUNDS, ENDED):
         for row in rows:
             own = plan.study.published.get(row.name) if plan.target is None else None
             theirs = "–" if own is None else f"{own[0]:g} ± {own[1]:g}"

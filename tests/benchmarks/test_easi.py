@@ -23,13 +23,12 @@ from envs.simulation import Simulation
 from envs.tasks import CartPole
 from hardware.log import Log
 from sim2real.identification.outcome import FILE
-from sim2real.learning.grounding import FILE as GROUNDING
 
 pytestmark = pytest.mark.slow  # trainings and walks: a minute together
 
 LEVELS = {"udr": 160.0, "oracle": 185.0, "easi_200": 180.0, "narrow": 150.0, "point": 179.0}
 SIMULATED = [name for name in STUDIES if name != "quad8"]  # whose targets are simulated, too
-LEVELS |= {"tuned": 170.0, "garat": 165.0}
+LEVELS |= {"tuned": 170.0}
 PRIOR = Distribution(
     (Entry(make("position_gain", where="slider"), (Law("uniform", 1.6, 0.7, 0.33, 3.0),)),)
 )
@@ -69,9 +68,6 @@ class Shell:
             write(folder / FILE, FOUND)
             points = {f"asked.{i}": np.full((4, 1), 1.0 + 0.1 * i) for i in range(3)}
             np.savez(folder / "journal.npz", allow_pickle=False, **points)
-            return True
-        if given.get("+experiment") == "garat":
-            (folder / GROUNDING).write_text("")
             return True
         level = LEVELS[folder.name] + int(given["seed"])
         robots = {"target": {"changes": {}, "returns": [level], "lengths": [200], "failed": 0}}
@@ -122,22 +118,6 @@ def test_fine_tuning_goes_on_from_uniform_randomization(tmp_path, monkeypatch) -
     job = shell.jobs[-1]
     assert (job["params"], job["frames"]) == ("none", str(1000 + 200 * CartPole().max_steps))
     assert Path(job["start"]).name == "udr"
-
-
-def test_garat_changes_actions_in_the_middle_of_the_randomization(tmp_path, monkeypatch) -> None:
-    """Once, by the demonstrations; then a policy is trained there, and is judged on the target."""
-    shell = Shell(monkeypatch)
-    assert go(tmp_path, "--rows", "garat", "--seeds", "0") == 1  # no policy yet
-    for _ in range(2):
-        assert go(tmp_path, "--target", "far", "--rows", "udr", "garat", "--seeds", "0") == 0
-    *_, ground, last = shell.jobs
-    assert len(shell.jobs) == 4
-    assert Path(ground["log"]).name == LOG
-    assert ground["effects"] == last["effects"]
-    assert read(ground["effects"]).mean[0] == pytest.approx(1.6)  # of the prior that is randomized
-    assert last["transforms.ground.path"] == f"{ground['hydra.run.dir']}/{GROUNDING}"
-    assert (last["transforms"], last["params"]) == ("grounded", "none")
-    assert last["+eval.robots.target.effects"].endswith("cartpole_far.yaml")
 
 
 def test_another_target_is_identified_anew(tmp_path, monkeypatch) -> None:
