@@ -34,9 +34,12 @@ def renamed(key: str) -> str:
 
 
 ENDED = {  # verbs, and experiments of their name
+    "bayrn": "type sim2real improve by=returns +experiment=udr +env@target=TASK (or robot=NAME)",
+    "close_loop": "type sim2real improve RUN +env@target=TASK, which also trains on",
     "garat": "GARAT was a baseline of EASI's study alone; identify=easi finds a distribution of "
     "simulators from the same demonstrations: sim2real identify LOG.csv MODEL.xml identify=easi "
     "checkpoint=RUN",
+    "relearn": "type sim2real improve RUN robot=NAME, with RUN the training of the policy",
 }
 
 
