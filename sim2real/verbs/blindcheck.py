@@ -1,15 +1,8 @@
 """The verb `blindcheck`: hide effects, diagnose the logs without knowing them, score the answers.
 
-    python -m sim2real run=blindcheck                                  # the exam of the docs: hours
-    python -m sim2real +experiment=blindcheck_small                    # a sample of it
-    python -m sim2real +experiment=blindcheck_drake                    # robots that Drake moves
-    python -m sim2real +experiment=blindcheck resume=outputs/mine      # go on where it stopped
-    python -m sim2real +experiment=blindcheck resume=outputs/mine exam.most=0   # score it
-
-Logs and model of each case lie in `logs/`, what was hidden in `keys/`. Cases come in blocks: all of
-a block are made and sealed before the first one is diagnosed. Each diagnosis is a process of its
-own that is given one folder of `logs/`, and leaves its answer in `answers/`. Only then are the keys
-of the answered cases read, and checked against the hashes that were written with the logs.
+Cases come in blocks: all of a block are made and sealed before the first one is diagnosed. Each
+diagnosis is a process of its own that is given one folder of `logs/`. Only then are the keys of
+the answered cases read, and checked against the hashes that were written with the logs.
 """
 
 from __future__ import annotations
@@ -28,11 +21,11 @@ def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> Sequence
     Several of these programs may work on one exam; whoever is last scores it.
 
     Args:
-        exam: which cases.
+        exam: which cases; with `most: 0` none is made, and those answered are scored.
         seed: the seed of the draw.
         resume: the folder of an exam that was stopped; None starts one in `out`.
-        out: the run's folder; gets logs/, keys/, answers/, table.md, the tables as CSV, score.json
-            and pictures in plots/.
+        out: the run's folder; gets logs/ (logs and model of each case), keys/ (what was hidden),
+            answers/, table.md, the tables as CSV, score.json and pictures in plots/.
 
     Returns:
         The exam's marks of every case that was answered.

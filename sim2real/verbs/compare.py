@@ -1,11 +1,6 @@
 """The verb `compare`: has the robot changed since its last recording?
 
-    python -m sim2real run=compare before=golden/ after=today.csv model=arm.xml
-    python -m sim2real run=compare ci=robot_ci.yaml after=today.csv       # for a cron job
-    python -m sim2real run=compare units=[a.csv,b.csv,c.csv] model=arm.xml  # a fleet
-
 Exit status: 0 where nothing changed, 3 where something did, 4 where the logs cannot tell.
-docs/compare.md explains what a recording must be like, and `robot_ci.yaml`.
 """
 
 from __future__ import annotations
@@ -44,8 +39,8 @@ def run(
         before: logs of the robot as it was: a log, a folder, or a list of these.
         after: logs of the robot as it is.
         units: of a fleet, in place of the two: a log or folder for each robot.
-        ci: a robot_ci.yaml, which says `before` and all others but `after`; what is given beside
-            it holds.
+        ci: a robot_ci.yaml (docs/compare.md), which says `before` and all others but `after`; what
+            is given beside it holds.
         model: an MJCF for all logs; None takes the one that each log names.
         effects: an effects.yaml of what the robot had before; None fits what both sides share.
         watch: names of effects that may change; empty for the usual ones.

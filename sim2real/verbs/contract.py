@@ -1,12 +1,5 @@
 """The verb `contract`: did the policy see and do what it was trained on?
 
-    python -m sim2real run=contract log=logs/                              # a log of run=deploy
-    python -m sim2real run=contract log=logs/ actor=policy.onnx observation=OBS.yaml
-
-Logs of `run=deploy` say which task and policy they are of; our exports and checkpoints say the
-task, too. Any other policy needs `observation=`: an OBS.yaml (docs/contract.md), or a
-ready-made description. Nothing in the policy's file is executed.
-
 Exit status: 0 where the contract holds, 3 where it is broken, 4 where the log held nothing that
 could be compared.
 """
@@ -38,8 +31,8 @@ def run(
         log: a log, a folder of logs, or a list of these.
         actor: the policy: ONNX, a torch.export archive, an export or a run of ours; None
             takes the one that the logs name, if any.
-        observation: an OBS.yaml or the name of a ready-made one; None takes what the
-            logs name, else that of their task or of the policy's.
+        observation: an OBS.yaml (docs/contract.md) or the name of a ready-made one; None takes what
+            the logs name, else that of their task or of the policy's.
         out: the run's folder; gets contract.json and contract.html.
 
     Returns:

@@ -1,11 +1,4 @@
-"""The verb `convert`: logs of other tools as this project's own.
-
-    sim2real convert run.mcap out=logs/run               # needs topics.yaml beside it
-    sim2real convert run.csv columns=columns.yaml        # writes a first columns.yaml to read over
-    sim2real convert sage/custom out=logs joints=[pan,lift] model=arm.xml
-
-Nothing has to be converted: every verb reads every format (docs/logs.md).
-"""
+"""The verb `convert`: logs of other tools as this project's own."""
 
 from __future__ import annotations
 

@@ -1,14 +1,4 @@
-"""The verb `diagnose`: which unmodelled effect separates a robot's logs from its simulation.
-
-On the command line it is `python -m sim2real run=diagnose log=swing.csv model=arm.xml`, and in
-Python
-
-    report = diagnose("logs/", "arm.xml", exclude=["backlash"])
-    report.verdict, [(cause.effect, cause.where, cause.value) for cause in report.causes]
-
-The run's folder gets `report.json`, `report.html`, `effects.yaml` and `model.xml`; any of them is
-whole or absent.
-"""
+"""The verb `diagnose`: which unmodelled effect separates a robot's logs from its simulation."""
 
 from __future__ import annotations
 
@@ -54,7 +44,8 @@ def run(
         actor: the policy that wrote the log: a run, a checkpoint, or an export; None for the one
             that the log names, if any. It plays in the corrected simulator.
         seed: the seed of the bootstrap.
-        out: the run's folder.
+        out: the run's folder; gets report.json, report.html, effects.yaml and model.xml, each whole
+            or absent.
 
     Returns:
         The report.

@@ -1,14 +1,7 @@
 """The verb `evaluate`: a policy on robots that it was never trained on, before and after it adapts.
 
-    python -m sim2real run=evaluate checkpoint=outputs/train/esmaml/2026-11-21_10-00-00
-    python -m sim2real run=evaluate checkpoint=[RUN_A,RUN_B,RUN_C]     # several seeds, one table
-    python -m sim2real run=evaluate checkpoint=RUN adapt=batch         # RUN of PPO or SAC, too
-
-In each cell of the grid the policy adapts several times, each time from the trained parameters,
-with its own perturbations and random numbers. Each result is scored on fresh episodes whose start
-noise the adaptation has not seen, and the policy before adaptation on the same episodes, so that
-random starts cancel in the difference. Every cell, adaptation and episode is a row of the same
-batches.
+Each adaptation starts from the trained parameters. Both policies play the same fresh episodes, so
+that random starts cancel in the difference.
 """
 
 from __future__ import annotations

@@ -1,15 +1,8 @@
 """The verb `export`: a trained policy as files for a small computer.
 
-    python -m sim2real run=export checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00
-
-    policy.pt2   torch.export: torch.export.load(path).module() needs torch, nothing of this project
-    policy.npz   the same numbers for NumPy: `hardware.exported.ExportedPolicy`
-    policy.json  robot, servos, rate, what each observation is, normalizer, limits, origin, pairs of
-                 observation and action to check against, hashes of the files, policy_interface
-
 A run that was trained before runs had a policy_interface.json gets one, from today's task and
-robot's file; where they have changed since, correct it. The normalizer is in the program. Before
-anything is written, all three are compared on a thousand observations, wild ones among them.
+robot's file; where they have changed since, correct it. Before anything is written, policy.pt2,
+policy.npz and the policy itself are compared on a thousand observations, wild ones among them.
 """
 
 from __future__ import annotations
@@ -45,7 +38,9 @@ def run(
         algorithm: makes the algorithm from its parts.
         checkpoint: a checkpoint, or a run's folder.
         seed: the seed of the observations that are compared.
-        out: the run's folder; gets policy.pt2, policy.npz and policy.json.
+        out: the run's folder; gets policy.pt2 (torch.export), policy.npz (for
+            `hardware.exported.ExportedPolicy`) and policy.json (robot, servos, rate, observations,
+            limits, pairs to check against, hashes).
 
     Returns:
         The folder.

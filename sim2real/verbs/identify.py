@@ -1,16 +1,4 @@
-r"""The verb `identify`: from a robot's logs to a distribution of simulators.
-
-    python -m sim2real run=identify log=swing.csv candidates=outputs/diagnose/default/<time>
-    python -m sim2real run=identify log=logs/ candidates=[coulomb_friction,link_mass]
-    python -m sim2real run=identify log=logs/ params=udr identify/score=one_step
-    python -m sim2real run=identify log=logs/ params=udr identify=easi checkpoint=RUN
-    python -m sim2real +experiment=udr params=distribution params.path=.../distribution.yaml
-
-The prior is what a diagnosis leaves open (`candidates`, a report.json), effects by name, or what a
-training draws (`params`). The run's folder gets distribution.yaml, table.md and table.csv,
-identify.json and plots/parameters.png; any of them is whole or absent. A run that was stopped goes
-on with `resume=FOLDER` and the same other keys.
-"""
+"""The verb `identify`: from a robot's logs to a distribution of simulators."""
 
 from __future__ import annotations
 
@@ -61,8 +49,9 @@ def run(
         identify: the method; its provider, score and search are its own.
         seed: all randomness follows from it.
         checkpoint: the training whose policy made the logs, for a provider that rolls out.
-        resume: the folder of a run to go on from; None starts anew.
-        out: the run's folder.
+        resume: the folder of a run to go on from, all other keys the same; None starts anew.
+        out: the run's folder; gets distribution.yaml, table.md, table.csv, identify.json and
+            plots/parameters.png, each whole or absent.
 
     Returns:
         The distribution, its prior, and what held-out recordings say.

@@ -1,13 +1,4 @@
-"""The verb `investigate`: record, diagnose and design the next recording until causes are parted.
-
-    python -m sim2real run=investigate robot=bench1 budget=120
-    python -m sim2real run=investigate robot=bench1 robot.hidden=effects.yaml budget=60 seconds=15
-    python -m sim2real run=investigate robot=bench1 port=/dev/ttyUSB0 arm=true budget=120
-
-The first recording is that of `record`: `motions` for `seconds`. A real robot moves only with
-`arm=true`, and its torque is off between recordings. `log=` starts from recordings that are there,
-such as those of an investigation that was stopped.
-"""
+"""The verb `investigate`: record, diagnose, design the next recording, until causes are parted."""
 
 from __future__ import annotations
 

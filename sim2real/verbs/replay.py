@@ -1,13 +1,6 @@
 """The verb `replay`: how far a log is from its simulation, with nothing fitted.
 
-    python -m sim2real run=replay log=swing.csv model=arm.xml
-    python -m sim2real run=replay log=logs/ effects=effects.yaml
-
-The recorded commands go into the model, and the positions that come out are compared with the
-measured ones, each at the moment when it was read (`stamp.<joint>`, where the log has it). The
-time that the robot's bus takes (`command_delay` in the log's metadata) is part of the model.
-`effects` puts known effects into the simulator first: the difference of the two gaps is what they
-explain.
+The time that the robot's bus takes (`command_delay` in the log's metadata) is part of the model.
 """
 
 from __future__ import annotations

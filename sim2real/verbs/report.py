@@ -1,13 +1,6 @@
 """The verb `report`: what many training runs say together about transfer.
 
-    python -m sim2real run=report runs=outputs/train
-    python -m sim2real run=report runs=[outputs/train/udr,outputs/train/ppo_source]
-
-Runs that were evaluated with `eval=transfer` are put into groups: an experiment, and what was swept
-within it. The report is report.md with report.csv (one row for each group and robot),
-returns.csv (one for each run and robot), claims.csv, and pictures: learning curves, and bars over
-each sweep. Everything is over training runs: intervals resample whole runs, since episodes of one
-policy say nothing about the next.
+Intervals resample whole runs, since episodes of one policy say nothing about the next.
 """
 
 from __future__ import annotations
@@ -43,7 +36,8 @@ def run(
         runs: a folder of runs, or a list; a text may name several with commas between.
         baseline: the experiment that every row is compared with; None for no comparison.
         seed: the seed of the bootstrap.
-        out: the report's folder.
+        out: the report's folder; gets report.md, report.csv (one row for each group and robot),
+            returns.csv (one for each run and robot), claims.csv and plots/.
 
     Returns:
         What became of the claims.

@@ -1,19 +1,7 @@
 """The verb `train`: improve a policy until its budget is spent, then evaluate and show it.
 
-    python -m sim2real +experiment=esmaml
-    python -m sim2real +experiment=esmaml resume=outputs/train/esmaml/2026-11-21_10-00-00
-    python -m sim2real start=outputs/train/esmaml/RUN effects=effects.yaml iterations=150
-
-`start` takes over a policy, and nothing else, into a new run of the same task, on other robots.
-
-A resumed run computes, to the last bit, what an uninterrupted one would have: it starts from the
-newest checkpoint of the run that it continues (or the one that is named), takes over its rows of
-metrics.csv up to there, and goes on in its own folder. Wall-clock numbers are in timing.csv, apart,
-because they cannot repeat.
-
-Ctrl-C or SIGTERM: the iteration in progress is finished, a checkpoint written, and one line says
-how to resume. A second Ctrl-C abandons the iteration. On a full disk the run stops; its checkpoints
-up to there are whole.
+A resumed run computes, to the last bit, what an uninterrupted one would have. Wall-clock numbers
+are in timing.csv, apart, because they cannot repeat.
 """
 
 from __future__ import annotations
@@ -77,7 +65,8 @@ def run(
     Raises:
         Sim2RealError: input that cannot work, before any work starts.
         DiskError: when the run's files could not be written.
-        Stopped: after a signal.
+        Stopped: after Ctrl-C or SIGTERM, once the iteration in progress is finished and a
+            checkpoint written; a second Ctrl-C abandons the iteration.
     """
 
     def after(learner: Algorithm, files: RunFiles) -> None:

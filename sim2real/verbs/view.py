@@ -1,12 +1,7 @@
 """The verb `view`: the emulated robot live in a window, driven over its emulated bus.
 
-    python -m sim2real run=view robot=quad8                            # along the motions of record
-    python -m sim2real run=view robot=quad8 checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00
-    python -m sim2real run=view robot=quad8 checkpoint=RUN video=film  # no display: a film instead
-    python -m sim2real run=view log=swing.csv viewer=rerun             # a log and its simulation
-
 What is seen is the robot that the driver talks to, hidden effects and all, not the model that the
-policy was trained in; also while it is armed, goes to its start, and parks.
+policy was trained in.
 """
 
 from __future__ import annotations

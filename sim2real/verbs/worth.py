@@ -1,11 +1,7 @@
 """The verb `worth`: what each cause of a gap costs a policy.
 
-    python -m sim2real run=worth checkpoint=RUN effects=effects.yaml
-    python -m sim2real run=worth checkpoint=RUN effects=effects.yaml diagnosis=report.json
-
-The policy stays as it is, and plays the same episodes on robots with every subset of the causes
-(of more than five: on drawn ones). `diagnosis=` tells which share of the gap each cause closes, and
-what the logs do not exclude: it is played at the ends of its interval. docs/worth.md explains all.
+The policy plays the same episodes on robots with every subset of the causes (of more than five: on
+drawn ones).
 """
 
 from __future__ import annotations
@@ -44,7 +40,8 @@ def run(
         checkpoint: a checkpoint, or a run's folder.
         effects: an effects.yaml or distribution.yaml with the causes.
         diagnosis: report.json of the diagnosis that found them, or a compare.json, or the folder of
-            one; None prices the causes alone.
+            one: which share of the gap each cause closes, and what the logs do not exclude, which
+            is played at the ends of its interval. None prices the causes alone.
         rollouts: episodes on each robot.
         seed: of starts, noise, values and orders.
         out: the run's folder; gets worth.json, table.md, table.csv and plots/worth.png.
