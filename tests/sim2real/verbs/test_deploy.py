@@ -90,6 +90,7 @@ def test_it_adapts_episode_by_episode(run, tmp_path):
     assert "after 4 episodes of adaptation" in (tmp_path / "table.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_policy_is_deployed_with_the_adaptation_that_it_was_trained_for(tmp_path, caplog):
     """Without adapt= the run's own operator is used; another one is told, and both say its cost."""
     caplog.set_level(logging.INFO)
@@ -142,6 +143,7 @@ def test_a_state_that_does_not_fit_is_refused(run, tmp_path):
         go(run, tmp_path / "b", f"resume={tmp_path / 'a'}")
 
 
+@pytest.mark.slow
 def test_a_policy_of_ppo_adapts_too(tmp_path):
     """An actor's parameters are a vector as well; without change it is the actor itself."""
     run = train(tmp_path / "run", SMALL_PPO)
