@@ -107,6 +107,7 @@ def test_a_policy_is_deployed_with_the_adaptation_that_it_was_trained_for(tmp_pa
     assert "was trained for sequential hill climbing, 2 episodes" in caplog.text
 
 
+@pytest.mark.slow
 def test_what_was_interrupted_goes_on_as_if_it_had_not_been(run, tmp_path, monkeypatch):
     """Ctrl-C in the middle of adapting: torque off, a sentence; resumed, the same returns."""
     whole = go(run, tmp_path / "whole", *CLIMB)
