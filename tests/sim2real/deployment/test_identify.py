@@ -44,6 +44,7 @@ def deployed(run: Path, out: Path, *words: str) -> Any:
     return verb(**arguments)
 
 
+@pytest.mark.slow
 def test_the_hidden_robot_is_found_on_the_bus_and_resumed(run: Path, tmp_path: Path) -> None:
     """From the bytes of two episodes to what was hidden, within a fortieth of the prior."""
     first = deployed(run, tmp_path / "a", "adapt=identify", "adapt.episodes=2")

@@ -28,7 +28,10 @@ def test_a_robot_on_a_stand_has_its_driven_joints_alone(name: str, tmp_path: Pat
     assert data.qpos == pytest.approx(before.key("home").qpos[-model.nq :])
 
 
-@pytest.mark.parametrize(("name", "limit"), [("bench1", 2.5e-3), ("quad8", 2.0e-3)])
+SLOW = pytest.param("quad8", 2.0e-3, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("name", "limit"), [("bench1", 2.5e-3), SLOW])
 def test_the_nominal_model_is_right_where_nothing_is_hidden(
     name: str, limit: float, tmp_path: Path
 ) -> None:

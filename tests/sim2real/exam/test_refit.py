@@ -27,6 +27,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
+@pytest.mark.slow
 def test_a_payload_passes_for_a_heavier_link_and_a_play_does_not(robot) -> None:
     """On a pendulum both masses pull alike; nothing else has that shape."""
     plan = plans(robot, 1)["a"]

@@ -86,6 +86,7 @@ def demonstrations(count: int = 8) -> Log:
 DATA = Recordings([demonstrations()], world=World(lambda effects, n: Pendulums(n), act, "Pendulum"))
 
 
+@pytest.mark.slow
 def test_a_length_is_found_from_rollouts() -> None:
     """From a prior whose middle is 1.67 times the truth, EASI with `critic_gp` comes near it."""
     method = Easi(Critic("gp", batch=800), EasiEs(population=40, generations=20))

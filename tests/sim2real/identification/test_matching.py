@@ -67,6 +67,7 @@ def truths(found: Distribution, truth: list[float]) -> bool:
     return bool((np.abs(found.mean - truth) <= NINETY * found.columns("uncertainty")).all())
 
 
+@pytest.mark.slow
 def test_intervals_of_a_linear_system_hold_the_truth_nine_times_in_ten() -> None:
     """120 systems of six episodes with a spread: means are covered, and spreads are unbiased."""
     rng, held, spreads = np.random.default_rng(0), [], []
@@ -82,6 +83,7 @@ def test_intervals_of_a_linear_system_hold_the_truth_nine_times_in_ten() -> None
     assert np.sqrt(np.mean(spreads, axis=0)) == pytest.approx(spread, rel=0.2)
 
 
+@pytest.mark.slow
 def test_draws_of_six_robots_hold_a_seventh_nine_times_in_ten() -> None:
     """150 systems: few robots tell their spread badly, and draws are wider for it."""
     rng, held = np.random.default_rng(2), []

@@ -25,6 +25,7 @@ TASKS: Any = Randomization(
 FRICTION = 0.35
 
 
+@pytest.mark.slow
 def test_a_slippery_ground_is_found_without_the_bases_pose() -> None:
     """A quadruped that draws its legs apart slips; its base is estimated."""
     data = Recordings([stretch(FRICTION).log], ASSETS / "quad8.xml")

@@ -67,6 +67,7 @@ def walked(folder: Path, order: np.ndarray) -> None:
     rows.close()
 
 
+@pytest.mark.slow
 def test_the_walk_of_a_trained_quadruped(tmp_path):
     """Its own policy on the emulated bus, through a noisy IMU: sound, or two hips swapped."""
     walked(tmp_path / "sound", np.arange(12))

@@ -15,6 +15,7 @@ from sim2real.config.compose import compose, prepare
 DEMO = ASSETS / "demo" / "arm2.csv"
 
 
+@pytest.mark.slow
 def test_the_shipped_log_is_made_by_its_experiment(tmp_path: Path) -> None:
     """Recording the emulated arm with what it hides gives the same rows, to rounding."""
     verb, arguments = prepare(compose(["+experiment=record_demo"]), tmp_path)

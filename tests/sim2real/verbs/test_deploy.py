@@ -90,6 +90,7 @@ def test_it_adapts_episode_by_episode(run, tmp_path):
     assert "after 4 episodes of adaptation" in (tmp_path / "table.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_policy_is_deployed_with_the_adaptation_that_it_was_trained_for(tmp_path, caplog):
     """Without adapt= the run's own operator is used; another one is told, and both say its cost."""
     caplog.set_level(logging.INFO)
@@ -106,6 +107,7 @@ def test_a_policy_is_deployed_with_the_adaptation_that_it_was_trained_for(tmp_pa
     assert "was trained for sequential hill climbing, 2 episodes" in caplog.text
 
 
+@pytest.mark.slow
 def test_what_was_interrupted_goes_on_as_if_it_had_not_been(run, tmp_path, monkeypatch):
     """Ctrl-C in the middle of adapting: torque off, a sentence; resumed, the same returns."""
     whole = go(run, tmp_path / "whole", *CLIMB)
@@ -142,6 +144,7 @@ def test_a_state_that_does_not_fit_is_refused(run, tmp_path):
         go(run, tmp_path / "b", f"resume={tmp_path / 'a'}")
 
 
+@pytest.mark.slow
 def test_a_policy_of_ppo_adapts_too(tmp_path):
     """An actor's parameters are a vector as well; without change it is the actor itself."""
     run = train(tmp_path / "run", SMALL_PPO)

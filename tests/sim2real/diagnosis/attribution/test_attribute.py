@@ -100,6 +100,7 @@ def test_only_what_moves_the_same_joint_can_take_a_place() -> None:
     assert meets(option("command_delay", None), elbow)
 
 
+@pytest.mark.slow
 def test_a_promise_is_no_judge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a linear look ranks fifteenth races too, and wins if it closes the gap."""
     data = arm.data_of(arm.make_log(("motor_strength", {"where": "a"}, 0.6), noise=3e-4), tmp_path)

@@ -40,6 +40,7 @@ def dirty(rng: np.random.Generator, folder: Path, size: float) -> list[tuple[str
     ]
 
 
+@pytest.mark.slow
 def test_values_are_as_far_off_as_told(tmp_path: Path) -> None:
     """Of robots whose every mass, inertia and gain is 3 % off, whatever they hide."""
     rng, off, told = np.random.default_rng(0), [], []

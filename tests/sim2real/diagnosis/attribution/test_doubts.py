@@ -38,6 +38,7 @@ def test_a_cause_without_a_witness_is_told(tmp_path: Path) -> None:
     assert doubts([clock], frozenset({("clock_drift", None)})) == []
 
 
+@pytest.mark.slow
 def test_what_imitates_a_withheld_effect_does_not_explain_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -168,7 +168,7 @@ def test_all_that_is_open_is_told_apart_at_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("hidden", "more", "value", "alike"),
     [
-        ("encoder_eccentricity", {"phase": 1.7}, 0.2, True),
+        pytest.param("encoder_eccentricity", {"phase": 1.7}, 0.2, True, marks=pytest.mark.slow),
         ("encoder_offset", {}, 0.05, False),  # no sine is as flat
     ],
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.grip import check_grip
 from sim2real.diagnosis.attribution.problem import Problem
@@ -32,6 +34,7 @@ def test_of_feet_that_hardly_slip_it_is_said_that_nothing_is_known() -> None:
     assert "With 0.56 and 1.2 in place of 0.8" in found[None]
 
 
+@pytest.mark.slow
 def test_feet_that_slip_tell_their_friction() -> None:
     """Front legs drawn against back legs, on a ground that grips less than it might."""
     assert None not in {finding.where for finding in said(stretch(0.8))}

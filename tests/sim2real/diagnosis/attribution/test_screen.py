@@ -66,6 +66,7 @@ def test_beside_what_is_known_only_the_likely_are_simulated(tmp_path: Path) -> N
     assert blind[0].gain == pytest.approx(full[0].gain, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_friction_of_motors_without_a_limit_is_found(tmp_path: Path) -> None:
     """Their size comes from the logged torques, so that friction of that size is looked at."""
     data = Data.of([motors.make_log(friction=0.1, seconds=3.0)], motors.model(tmp_path))

@@ -98,6 +98,7 @@ def test_a_right_cause_explains_what_the_shortcuts_hide(search: Search) -> None:
     assert "bristle=0.001" in finding.fix
 
 
+@pytest.mark.slow
 def test_a_verdict_says_so_unless_usual_errors_make_as_much(
     search: Search, monkeypatch: pytest.MonkeyPatch
 ) -> None:

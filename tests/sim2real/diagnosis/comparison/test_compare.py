@@ -99,6 +99,7 @@ def test_other_motions_are_compared_too(model) -> None:
     assert answer.changes[0].change == pytest.approx(0.05, rel=0.3)
 
 
+@pytest.mark.slow
 def test_what_all_joints_share_is_put_down_to_temperature(model) -> None:
     """20 % more friction in all joints is a change at the same temperature, and none at another."""
     known = {"temperature": 30.0, "voltage": 12.0}
@@ -123,6 +124,7 @@ def test_a_supply_that_was_measured_needs_no_statistics(model) -> None:
     assert passed.tolerated[0].effect == "supply_voltage"
 
 
+@pytest.mark.slow
 def test_limits_let_changes_pass_or_ask_for_more(model, changed: Comparison) -> None:
     """A change within its limit is tolerated; a limit below the resolution cannot be judged."""
     known = {"temperature": 30.0, "voltage": 12.0}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -70,8 +72,14 @@ def whole(data: Data) -> Data:
     return replace(data, windows=windows, fold=folds, mask=mask, measured=measured)
 
 
-@pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS)
-@pytest.mark.parametrize("robot", ["bench1", "hopper2", "arm6"])
+def cases() -> Iterator[Any]:
+    """Yield every robot with each of the effects; heat takes seconds where joints are many."""
+    for robot, name in product(("bench1", "hopper2", "arm6"), EFFECTS):
+        marks = [pytest.mark.slow] if name == "heat" and robot != "bench1" else []
+        yield pytest.param(robot, EFFECTS[name], id=f"{robot}-{name}", marks=marks)
+
+
+@pytest.mark.parametrize(("robot", "effects"), list(cases()))
 def test_both_verbs_replay_a_log_alike(
     robot: str, effects: tuple[tuple[str, dict, float], ...]
 ) -> None:

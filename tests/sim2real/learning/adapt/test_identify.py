@@ -130,6 +130,7 @@ def _fresh(adapt: Identify, theta: np.ndarray, seed: int) -> np.ndarray:
     return rng.integers(0, 2**63, size=3, dtype=np.uint64)[1:]
 
 
+@pytest.mark.slow
 def test_the_grid_is_scored_before_and_after(tmp_path: Path) -> None:
     """`run=evaluate adapt=identify` tells the middle before, and what was found after."""
     axes = "eval.grid.axes=[{parameter: link_mass.torso, low: 2.0, high: 8.0, count: 2}]"

@@ -90,6 +90,7 @@ def test_training_resumes_bit_for_bit() -> None:
     assert first.unit == second.unit > 1.0
 
 
+@pytest.mark.slow
 def test_it_learns_where_ppo_leads() -> None:
     """The return after two rounds of PPO rises by half, and is above that of the rounds."""
     search = {"pairs": 12, "num_rows": 24, "sigma": 0.3, "learning_rate": 0.2}
@@ -119,7 +120,7 @@ def test_what_is_trained_is_the_actor_and_its_critic() -> None:
     assert scores.after.shape == (1, 2)
 
 
-@pytest.mark.parametrize("name", ["es_ppo", "es_ppo_lite"])
+@pytest.mark.parametrize("name", ["es_ppo", pytest.param("es_ppo_lite", marks=pytest.mark.slow)])
 def test_the_experiments_search_the_whole_policy(name: str, tmp_path: Path) -> None:
     """Two small iterations: 64 or 192 pairs of actor, log-deviation and critic [128, 64]."""
     few = ["algorithm.pairs=2", "algorithm.num_rows=4", "adapt.steps=16", "env.task.max_steps=12"]

@@ -25,8 +25,6 @@ from tests.sim2real.trained import train
 
 SMALL = ("algorithm.task_batch=3", "adapt.trajectories=4", "algorithm.steps=15")
 SMALL += ("env.max_steps=15", "policy.actor.num_cells=[8]", "algorithm.fisher_states=60")
-QUICK = ("algorithm.task_batch=10", "adapt.trajectories=10", "algorithm.fisher_states=1000")
-QUICK += ("algorithm.steps=40", "env.max_steps=40", "policy.log_std=-1.0")
 
 
 def learner(*words: str, experiment: str = "nav2d_pg") -> PGMAML:
@@ -102,12 +100,6 @@ def test_a_loaded_state_goes_on_to_the_last_bit(tmp_path: Path) -> None:
         assert torch.equal(*vectors) and second.iteration == 4
 
 
-def test_it_learns_to_adapt_within_seconds() -> None:
-    """Ten short episodes of a new goal are worth more after eight iterations than at first."""
-    since_the_start, by_adapting = learned(learner(*QUICK), 8)
-    assert since_the_start > 6 and by_adapting > 15
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("words", [(), ("algorithm.first_order=true",)])
 def test_it_learns_to_adapt(words: tuple[str, ...]) -> None:
@@ -142,6 +134,7 @@ def test_without_a_direction_it_says_so_and_stays(caplog: pytest.LogCaptureFixtu
     assert torch.equal(before, parameters_to_vector(algorithm.policy.parameters()))
 
 
+@pytest.mark.slow
 def test_a_checkpoint_is_evaluated_by_its_own_adaptation(tmp_path: Path) -> None:
     """`run=evaluate` scores a grid of goals before and after, also by another operator."""
     words = ["+experiment=nav2d_pg", *SMALL, "iterations=1", "eval=none"]

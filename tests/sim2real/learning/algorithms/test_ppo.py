@@ -200,33 +200,38 @@ class InTheirOrder:
 
 
 @pytest.mark.skipif(not find_spec("stable_baselines3"), reason="needs stable-baselines3")
-def test_an_iteration_of_preset_sb3_is_that_of_stable_baselines3() -> None:
+@pytest.mark.parametrize(
+    ("epochs", "steps", "within"),
+    [(1, 4, 1e-5), pytest.param(10, 128, 1e-4, marks=pytest.mark.slow)],
+)
+def test_an_iteration_of_preset_sb3_is_that_of_stable_baselines3(
+    epochs: int, steps: int, within: float
+) -> None:
     """Equal weights and experience, 2048 samples with falls and time limits: equal after training.
 
     One update agrees to 1e-5, and so do the parameters after the 320 of an iteration to 1e-4.
     """
     gymnasium, sb3 = pytest.importorskip("gymnasium"), pytest.importorskip("stable_baselines3")
     torch.manual_seed(0)  # of weights: a ratio at its clip can fall on either side by rounding
-    for epochs, steps, within in ((1, 4, 1e-5), (10, 128, 1e-4)):
-        ours = learner(epochs=epochs, steps=steps)
-        vector = sb3.common.vec_env.DummyVecEnv([lambda: gymnasium.make("Hopper-v5")] * 16)
-        theirs = sb3.PPO("MlpPolicy", vector, n_steps=steps, n_epochs=epochs, device="cpu")
-        copy_weights(ours, theirs.policy)
-        data = ours.collecting.next()
-        fill(theirs.rollout_buffer, data, theirs.policy, theirs.gamma)
-        theirs._setup_learn(10**9)
-        theirs._current_progress_remaining = 1.0
-        ours._buffer = InTheirOrder()  # type: ignore[assignment]
-        np.random.seed(0)  # what Stable-Baselines3 sorts by
-        before = nn.utils.parameters_to_vector(ours.policy.parameters()).detach().clone()
-        theirs.train()
-        ours._learn(judged(ours, data))
-        trained = learner(epochs=epochs, steps=steps)
-        moved = nn.utils.parameters_to_vector(ours.policy.parameters()).detach()
-        copy_weights(trained, theirs.policy, back=True)
-        assert float((moved - before).abs().max()) > 10 * within
-        expected = nn.utils.parameters_to_vector(trained.policy.parameters()).detach()
-        torch.testing.assert_close(moved, expected, atol=within, rtol=0)
+    ours = learner(epochs=epochs, steps=steps)
+    vector = sb3.common.vec_env.DummyVecEnv([lambda: gymnasium.make("Hopper-v5")] * 16)
+    theirs = sb3.PPO("MlpPolicy", vector, n_steps=steps, n_epochs=epochs, device="cpu")
+    copy_weights(ours, theirs.policy)
+    data = ours.collecting.next()
+    fill(theirs.rollout_buffer, data, theirs.policy, theirs.gamma)
+    theirs._setup_learn(10**9)
+    theirs._current_progress_remaining = 1.0
+    ours._buffer = InTheirOrder()  # type: ignore[assignment]
+    np.random.seed(0)  # what Stable-Baselines3 sorts by
+    before = nn.utils.parameters_to_vector(ours.policy.parameters()).detach().clone()
+    theirs.train()
+    ours._learn(judged(ours, data))
+    trained = learner(epochs=epochs, steps=steps)
+    moved = nn.utils.parameters_to_vector(ours.policy.parameters()).detach()
+    copy_weights(trained, theirs.policy, back=True)
+    assert float((moved - before).abs().max()) > 10 * within
+    expected = nn.utils.parameters_to_vector(trained.policy.parameters()).detach()
+    torch.testing.assert_close(moved, expected, atol=within, rtol=0)
 
 
 @pytest.mark.skipif(not find_spec("stable_baselines3"), reason="needs stable-baselines3")
@@ -277,6 +282,7 @@ def test_a_loaded_state_goes_on_to_the_last_bit(preset: str, tmp_path: Path) -> 
         assert torch.equal(one, other)
 
 
+@pytest.mark.slow
 def test_it_learns_to_balance_a_pole() -> None:
     """Within 60000 steps, seconds of work, the actor alone keeps the pole up for all 200."""
     pendulum: partial[Any] = partial(MujocoEnv, task=InvertedPendulum(max_steps=200))
@@ -332,8 +338,8 @@ def test_weights_that_are_not_finite_stop_the_run() -> None:
 
 def test_divergence_ends_the_epochs() -> None:
     """A limit that any update passes leaves one epoch; none leaves them all."""
-    assert learner(target_kl=1e-9).iterate()["train/epochs"] == 1
-    assert learner(epochs=3).iterate()["train/epochs"] == 3
+    assert learner(target_kl=1e-9, steps=16).iterate()["train/epochs"] == 1
+    assert learner(epochs=3, steps=16).iterate()["train/epochs"] == 3
 
 
 def test_a_state_of_other_settings_is_refused() -> None:

@@ -173,10 +173,10 @@ def copy_back(ours: SAC, theirs: Any, log_alpha: float) -> None:
 def test_a_loaded_state_goes_on_to_the_last_bit(kept: int, tmp_path: Path) -> None:
     """Before and after the replay buffer is full, a run from a checkpoint equals the saved one."""
     words = (*SMALL, f"buffer.storage.max_size={kept}")
-    first = learner(*words, steps=25)
+    first = learner(*words, steps=25, update_ratio=0.25)
     for _ in range(3):
         first.iterate()
-    second = learner(*words, seed=5, steps=25)
+    second = learner(*words, seed=5, steps=25, update_ratio=0.25)
     path = CheckpointStore(tmp_path, keep_last=1).save(first, 3, {}, 0.0)
     restore(path, second, {})
     for _ in range(2):
@@ -187,7 +187,8 @@ def test_a_loaded_state_goes_on_to_the_last_bit(kept: int, tmp_path: Path) -> No
 
 def test_random_steps_resume_as_such(tmp_path: Path) -> None:
     """A run that is saved before it has learned goes on acting at random for as long."""
-    first, second = learner(warmup_frames=800), learner(warmup_frames=800, seed=5)
+    slow = {"warmup_frames": 800, "update_ratio": 0.1}
+    first, second = learner(**slow), learner(seed=5, **slow)
     first.iterate()
     restore(CheckpointStore(tmp_path, keep_last=1).save(first, 1, {}, 0.0), second, {})
     for _ in range(2):
@@ -226,6 +227,7 @@ def test_what_is_remembered_is_what_happened() -> None:
     assert 0.9 < float(kept["action"].abs().max()) <= 1
 
 
+@pytest.mark.slow
 def test_it_learns_to_balance_a_pole() -> None:
     """Within 6000 steps the deterministic actor keeps the pole up for 95 of 100."""
     words = (*SMALL, "optimizer.lr=1e-3", "loss.alpha_init=0.1")

@@ -132,6 +132,7 @@ def test_options_mean_what_they_mean_there(options: dict[str, Any]) -> None:
     compare(lambda: world(*NORMALIZED[:2], InitTracker), actor(), **options)
 
 
+@pytest.mark.slow
 def test_any_policy_and_any_transform_goes_through() -> None:
     """A squashed Gaussian, a memory with its primer, a transform that keeps frames of its own."""
     compare(world, actor(TanhNormal))
