@@ -16,14 +16,12 @@ move) and writes one JSON file a part: figures, hashes, command lines, versions.
 | `esmaml` | three iterations of the main job, and a small evaluation | be identical |
 | `deploy` | quad8 on the emulated bus after three iterations | be identical |
 | `nav2d` | thirty iterations, and the evaluation of all goals | be identical |
-| `demo` | the report on the shipped log | be identical |
-| `exam` | the reports on twelve cases of the exam | be identical |
 | `ppo` | 50,000 steps, 20 seeds | be identical, or train to the same mean return within 15 % |
 | `ppo_sb3`, `sac` | 50,000 and 10,000 steps, 5 seeds each | be printed |
 
 Bits are those of one machine and one set of packages: on another, record the old code anew with
-`--tree`. The logs of the exam are made once, by the exam itself, into `--logs`; whoever has them
-already names their folder.
+`--tree`. Records of diagnoses, of an engine that no longer exists, are at `studies-1`; what a
+diagnosis answers is held by the exams.
 """
 
 from __future__ import annotations
@@ -40,11 +38,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.golden_compare import compared, judged, markdown
-from benchmarks.golden_parts import EXAMS, KEYS, PARTS, Job, sha256
+from benchmarks.golden_parts import PARTS, Job, sha256
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = Path(__file__).parent / "results" / "golden"
-OUT, LOGS = Path("outputs/golden"), Path("outputs/golden/logs")
+OUT = Path("outputs/golden")
 DONE = "golden.json"  # in the folder of a run that came to its end: what ran, its CPU seconds
 CODE = ("conf", "envs", "hardware", "sim2real")  # folders of a checkout that answers depend on
 THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -58,14 +56,12 @@ class Recorder(NamedTuple):
         tree: the checkout whose code is run.
         code: hash of that code.
         out: folder of the records; runs go below it.
-        logs: folder of the exam's logs.
         fresh: whether runs that are there are repeated.
     """
 
     tree: Path
     code: str
     out: Path
-    logs: Path
     fresh: bool
 
     @property
@@ -75,9 +71,7 @@ class Recorder(NamedTuple):
 
     def record(self, part: str) -> Path:
         """Run the jobs of a part and write its record; return the file."""
-        if part == "exam":
-            self.make_logs()
-        jobs = PARTS[part].jobs(self.logs)
+        jobs = PARTS[part].jobs()
         found = {job.name: self.recorded(job) for job in jobs}
         made = {"code": self.code, **manifest(self.runs / jobs[0].name)}
         file = self.out / f"{part}.json"
@@ -114,8 +108,7 @@ class Recorder(NamedTuple):
         Raises:
             SystemExit: it failed.
         """
-        places = {"RUNS": str(self.runs), "LOGS": str(self.logs)}
-        filled = [argument.format(**places) for argument in arguments]
+        filled = [argument.format(RUNS=self.runs) for argument in arguments]
         command = [sys.executable, "-m", "sim2real", *filled]
         environment = {**os.environ, **THREADS, "PYTHONPATH": str(self.tree)}
         process = subprocess.Popen(command, cwd=self.tree, env=environment)
@@ -124,27 +117,6 @@ class Recorder(NamedTuple):
         if process.returncode:
             sys.exit(f"{' '.join(command)} ended with status {process.returncode}")
         return usage.ru_utime + usage.ru_stime
-
-    def make_logs(self) -> None:
-        """Let the exams make their cases, unless the logs are there; keep logs and keys."""
-        if self.logs.is_dir():
-            return
-        staged = self.logs.with_name(f"{self.logs.name}.part")
-        shutil.rmtree(staged, ignore_errors=True)
-        made = [Job(f"exam/made{i}", asked, lambda _: {}) for i, asked in enumerate(EXAMS)]
-        for job in made:
-            self.run(job)
-        cases = [case for job in made for case in shown(self.runs / job.name)]
-        for number, (logs, keys) in enumerate(cases):
-            shutil.copytree(logs, staged / f"case_{number:03d}")
-            shutil.copytree(keys, staged / KEYS / f"case_{number:03d}")
-        staged.rename(self.logs)
-
-
-def shown(exam: Path) -> list[tuple[Path, Path]]:
-    """Return the folders of logs and of keys of the cases that an exam's robots could show."""
-    keys = sorted(file.parent for file in (exam / "keys").glob("*/key.json"))
-    return [(exam / "logs" / key.name, key) for key in keys]
 
 
 def fingerprint(tree: Path) -> str:
@@ -217,7 +189,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add = recording.add_argument
     add("--out", type=Path, default=OUT, help="folder of records and runs (default: %(default)s)")
     add("--tree", type=Path, default=ROOT, help="checkout whose code is run; default: this one")
-    add("--logs", type=Path, default=LOGS, help="the exam's logs, made if missing (%(default)s)")
     add("--fresh", action="store_true", help="repeat runs that are there")
     add = comparing.add_argument
     add("--new", type=Path, default=OUT, help="folder of the new records (default: %(default)s)")
@@ -227,8 +198,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parts = chosen_parts(chosen.only, parser)
     if chosen.command == "compare":
         return compare(chosen.new, chosen.old, parts, chosen.every)
-    tree, out, logs = (p.resolve() for p in (chosen.tree, chosen.out, chosen.logs))
-    recorder = Recorder(tree, fingerprint(tree), out, logs, chosen.fresh)
+    tree, out = chosen.tree.resolve(), chosen.out.resolve()
+    recorder = Recorder(tree, fingerprint(tree), out, chosen.fresh)
     for part in parts:
         print(recorder.record(part))
     return 0

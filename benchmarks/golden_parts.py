@@ -1,7 +1,7 @@
 """The parts of the golden files: which jobs each runs, and which figures it keeps of their folders.
 
-    for job in PARTS["ppo"].jobs(logs):
-        job.arguments        # of python -m sim2real; {RUNS} and {LOGS} stand for folders
+    for job in PARTS["ppo"].jobs():
+        job.arguments        # of python -m sim2real; {RUNS} stands for their folder
         job.figures(folder)  # what is compared
 
 A part's rule says what a comparison asks of it: "identical" to the last digit, "alike" (the mean
@@ -21,35 +21,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 
 Figures = dict[str, Any]  # nested; leaves are numbers, text, truth values and None
 Rule = Literal["identical", "alike", "printed"]
 RETURNS = ("training_return", "source_return", "target_return")  # the first one scatters least
-KEYS = "keys"  # folder among the exam's logs that says what is hidden in them
-ASKED = ("exam.most=1", "exam.longest=1")  # all cases are made before one is asked, for a second
-EXAMS = (  # twelve cases: seven hide one effect, three two, one none, and one is removed
-    (
-        "+experiment=blindcheck",
-        "exam.two=10",
-        "exam.none=3",
-        "exam.excluded=3",
-        "exam.sample=12",
-        "exam.block=12",
-        "seed=17",
-        *ASKED,
-    ),
-    (
-        "+experiment=blindcheck_small",
-        "exam.two=0",
-        "exam.none=0",
-        "exam.excluded=0",
-        "exam.sample=2",
-        "exam.block=2",
-        "seed=5",
-        *ASKED,
-    ),
-)
 
 
 @dataclass(frozen=True)
@@ -58,7 +33,7 @@ class Job:
 
     Args:
         name: of its folder below the runs.
-        arguments: of `python -m sim2real`; `{RUNS}` and `{LOGS}` stand for folders.
+        arguments: of `python -m sim2real`; `{RUNS}` stands for the folder of all runs.
         figures: reads what is compared from its folder.
     """
 
@@ -72,12 +47,12 @@ class Part:
     """What belongs together in one file.
 
     Args:
-        jobs: makes the jobs, in their order, from the folder of the exam's logs.
+        jobs: makes the jobs, in their order.
         rule: what a comparison asks.
         figures: whose means over the jobs a comparison tells; "alike" is about the first.
     """
 
-    jobs: Callable[[Path], list[Job]]
+    jobs: Callable[[], list[Job]]
     rule: Rule = "identical"
     figures: tuple[str, ...] = RETURNS
 
@@ -155,73 +130,35 @@ def deployed(run: Path) -> Figures:
     return {"returns": columns(run / "returns.csv"), "table": table, "logs": logs}
 
 
-def diagnosed(run: Path) -> Figures:
-    """Return a report without its seconds, the effects with all digits, and the model's hash."""
-    report = json.loads((run / "report.json").read_text(encoding="utf-8"))
-    report.pop("seconds")
-    effects = yaml.safe_load((run / "effects.yaml").read_text(encoding="utf-8"))
-    model = run / "model.xml"
-    return {
-        "report": report,
-        "effects": effects,
-        "model.xml": hashed(model) if model.is_file() else None,
-    }
-
-
-def esmaml(_: Path) -> list[Job]:
+def esmaml() -> list[Job]:
     """Return the main job, short, with a small evaluation of what it ended with."""
     limits = ("iterations=3", "frames=null", "algorithm.warm_up=0", "video=none", "logger=csv")
     small = ("eval.adaptations=1", "eval.episodes=1", "eval.draws=200")
     return [Job("esmaml", ("+experiment=esmaml", *limits, *small), evaluated)]
 
 
-def nav2d(_: Path) -> list[Job]:
+def nav2d() -> list[Job]:
     """Return a short training of the toy and its evaluation on all goals."""
     return [Job("nav2d", ("+experiment=nav2d", "iterations=30"), evaluated)]
 
 
-def deploy(_: Path) -> list[Job]:
+def deploy() -> list[Job]:
     """Return a short training of the quad8, and its policy on the emulated bus."""
     short = ("+experiment=quad8_es", "iterations=3", "video=none", "eval=none")
     bus = ("run=deploy", "checkpoint={RUNS}/deploy/trained", "robot=quad8")
     return [Job("deploy/trained", short, trained), Job("deploy/bus", bus, deployed)]
 
 
-def trainings(name: str, seeds: int, *arguments: str) -> Callable[[Path], list[Job]]:
+def trainings(name: str, seeds: int, *arguments: str) -> Callable[[], list[Job]]:
     """Return what makes a job of each seed."""
 
-    def jobs(_: Path) -> list[Job]:
+    def jobs() -> list[Job]:
         return [
             Job(f"{name}/seed{seed}", (*arguments, f"seed={seed}"), transferred)
             for seed in range(seeds)
         ]
 
     return jobs
-
-
-def demo(_: Path) -> list[Job]:
-    """Return the diagnosis of the shipped log."""
-    return [Job("demo", ("+experiment=diagnose_demo",), diagnosed)]
-
-
-def exam(logs: Path) -> list[Job]:
-    """Return a diagnosis of each case among the exam's logs."""
-    return [_case(folder) for folder in sorted(logs.glob("case_*"))]
-
-
-def _case(folder: Path) -> Job:
-    task = json.loads((folder / "task.json").read_text(encoding="utf-8"))
-    given = {file.name: hashed(file) for file in sorted(folder.glob("*.csv"))}
-    given["model.xml"] = hashed(folder / "model.xml")
-    key = json.loads((folder.parent / KEYS / folder.name / "key.json").read_text(encoding="utf-8"))
-    given |= {name: key[name] for name in ("kind", "robot", "truths")}
-    exclude = f"exclude=[{','.join(task['exclude'])}]"
-    log = f"log={{LOGS}}/{folder.name}"
-    return Job(
-        f"exam/{folder.name}",
-        ("run=diagnose", log, exclude, f"seed={task['seed']}"),
-        lambda run: {"given": given, **diagnosed(run)},
-    )
 
 
 SOURCE = "+experiment=ppo_source"
@@ -232,6 +169,4 @@ PARTS = {
     "ppo_sb3": Part(trainings("ppo_sb3", 5, SOURCE, "frames=50000"), "printed"),
     "sac": Part(trainings("sac", 5, "+experiment=sac_source", "frames=10000"), "printed"),
     "nav2d": Part(nav2d),
-    "demo": Part(demo),
-    "exam": Part(exam),
 }

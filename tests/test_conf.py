@@ -74,7 +74,7 @@ def test_choices_compose(group: str, option: str) -> None:
     """Each choice of each group composes with the defaults of the rest and fits its signatures."""
     verb = {"robot": ["run=record"], "exam": ["run=blindcheck"]}.get(group, [])  # else train
     verb = ["run=identify", "log=run.csv"] if group == "identify" else verb
-    verb = ["run=bayrn"] if group == "bayrn" else verb
+    verb = ["run=improve"] if group == "bayrn" else verb
     words = {"transforms": ["algorithm=ppo"], "buffer": ["algorithm=ppo"]}.get(group, [])
     tree = compose([*verb, *words, f"{group}={option}"])
     name = {"robot": "name", "transforms": "randomize_params"}.get(group, "_target_")

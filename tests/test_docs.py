@@ -36,6 +36,7 @@ PROGRAM = re.compile(
     r"(?:sim2real(?= )|python -m [\w.]+|make(?= [a-z-]+(?: +#|$))|pip install|\.\.\.(?= \S+=))"
 )
 INLINE = re.compile(r"`([^`\n]+)`")
+ENDED = re.compile(r"at `studies-1` by `[^`]+`")  # a command of the tag, which is gone since
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
 STANDS_FOR = {  # what a reader replaces, and a value that composes
@@ -61,7 +62,7 @@ class ParsedError(Exception):
 
 def lines_of(path: Path) -> Iterator[str]:
     """Yield a page's code, inline and in fences without a language; a source's indented lines."""
-    text = path.read_text(encoding="utf-8").replace("\\\n", " ")
+    text = ENDED.sub("", path.read_text(encoding="utf-8").replace("\\\n", " "))
     if path.suffix == ".py":
         yield from (line.strip() for line in text.splitlines() if line.startswith("    "))
         return

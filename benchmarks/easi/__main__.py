@@ -4,12 +4,11 @@
     python -m benchmarks.easi --rows udr oracle easi_200 --seeds 0 1 2
     python -m benchmarks.easi --target far --rows udr oracle easi_200
     python -m benchmarks.easi --task quad8 --rows udr oracle easi_200
-    python -m benchmarks.easi --parameters --seeds 0 1 2 3 4 5 6 7 8 9
     python -m benchmarks.easi --report                           # the tables of what there is
 
 For each seed: SAC under uniform randomization, demonstrations of its policy on the target, EASI,
-and SAC under what it found; beside it the target itself, EASI's mean alone, EASI's final width
-about the prior's mean, and GARAT. With --target all of that is done for another robot (conf/shift),
+and SAC under what it found; beside it the target itself, EASI's mean alone, and EASI's final width
+about the prior's mean. With --target all of that is done for another robot (conf/shift),
 of which uniform randomization knows nothing: its policy is the same, and EASI looks twice as far.
 Each run has a folder of its own: what is complete is skipped, what was interrupted is continued.
 Several of these programs may run at once and share the work.
@@ -22,7 +21,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.easi import parameters, quad8, quad8_report, steps
+from benchmarks.easi import quad8, quad8_report, steps
 from benchmarks.easi.plan import ROWS, STUDIES, Plan, targets
 from benchmarks.easi.report import report
 
@@ -42,7 +41,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--rows", nargs="+", choices=ROWS, metavar="ROW", help=f"default: all of {', '.join(ROWS)}")
     add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
     add("--frames", type=int, help="environment steps of every training; default: the task's")
-    add("--parameters", action="store_true", help="find parameters of the cart-pole, train nothing")
     add("--report", action="store_true", help="run nothing, write the tables")
     add("--out", type=Path, default=Path("outputs/bench_long/easi"), help="folder of the runs")
     add("--results", type=Path, default=RESULTS, help="folder of the tables and pictures")
@@ -50,11 +48,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--identify", nargs="*", default=[], metavar="KEY=VALUE", help="and of every EASI run")
     chosen = parser.parse_args(arguments)
     plan = plan_of(parser, chosen)
-    if chosen.parameters:
-        if chosen.report:
-            parameters.report(plan)
-            return 0
-        return int(parameters.run(plan) > 0)
     if chosen.task == "quad8":
         failed = 0 if chosen.report else quad8.run(plan)
         quad8_report.report(plan)
@@ -68,8 +61,6 @@ def plan_of(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> Plan
     """Return what was asked for; what cannot be ends the program with a sentence."""
     if min(chosen.seeds) < 0 or (chosen.frames or 1) < 1:
         parser.error("--seeds must not be negative and --frames at least 1")
-    if chosen.parameters and (chosen.task, chosen.target) != ("cartpole", None):
-        parser.error("--parameters is a study of the cart-pole; leave --task and --target out")
     if chosen.target is not None and chosen.target not in (known := targets(chosen.task)):
         there = ", ".join(known) or "none"
         parser.error(f"--target {chosen.target}: {chosen.task} has no such target; it has: {there}")

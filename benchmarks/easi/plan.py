@@ -121,7 +121,6 @@ ROUNDS: tuple[tuple[Row, ...], ...] = (  # the most telling first
     (
         Row("narrow", "EASI's final width about the prior's mean", source="easi_200"),
         Row("point", "EASI's mean alone", source="easi_200"),
-        Row("garat", "GARAT: the prior's mean, actions changed by 200 trajectories"),
         Row("tuned", "trained on from udr, on the target, for the steps of 200 trajectories"),
         Row("paper_200", "EASI as published, 200 trajectories", "easi_paper"),
     ),
@@ -132,6 +131,9 @@ ROUNDS: tuple[tuple[Row, ...], ...] = (  # the most telling first
     ),
 )
 ROWS = {row.name: row for rows in ROUNDS for row in rows}
+ENDED = (  # rows whose figures are those of the tag
+    Row("garat", "GARAT: the prior's mean, actions changed by 200 trajectories, at studies-1"),
+)
 
 
 @dataclass(frozen=True)
@@ -201,8 +203,3 @@ def truth(plan: Plan, effects: tuple) -> dict[str, float]:
     given = [*made.fixed(), *(load_effects(plan.effects) if plan.effects else ())]
     own = {e.label(): v[0] if e.how == hows.get(e.label()) else np.nan for e, v in given}
     return {p.name: float(own.get(p.name, p.neutral)) for p in space.parameters}
-
-
-def within(values: np.ndarray, target: float, share: float) -> int:
-    """Return how many values are within a share of the target."""
-    return int((np.abs(values / target - 1) <= share).sum())

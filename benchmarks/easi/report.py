@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from benchmarks.easi.parameters import histories, read_csv
-from benchmarks.easi.plan import ROUNDS, ROWS, Plan, truth
+from benchmarks.easi.plan import ENDED, ROUNDS, ROWS, Plan, truth
 from benchmarks.easi.steps import prior
 from benchmarks.robots import cpu_minutes
 from envs.distribution import Distribution
@@ -25,7 +25,7 @@ DRAWS, ORACLE, COLLAPSE = 5000, 0.95, 5.0  # resamples; share of the oracle's; r
 TOLD = (  # keys that the study gives its runs
     *("experiment", "seed", "video", "keep_checkpoints", "hydra.run.dir", "resume", "frames"),
     *("params", "params.path", "effects", "start", "run", "log", "model", "checkpoint", "identify"),
-    *("eval", "eval.robots.target.effects", "transforms", "transforms.ground.path"),
+    *("eval", "eval.robots.target.effects"),
 )
 ACROSS, WIDE, HIGH = 4, 2.6, 1.9  # panels in a row; inches of one
 Figures = dict[str, dict[int, float]]  # return on the target by row and seed
@@ -103,8 +103,6 @@ def folders(plan: Plan, name: str, seed: int) -> list[Path]:
     found = [(plan.home if name == "udr" else plan).folder(seed, name)]
     if row.identify:
         found.append(plan.folder(seed, f"identify_{row.identify}_{row.budget}"))
-    if name == "garat":
-        found.append(plan.folder(seed, f"ground_{row.budget}"))
     return found
 
 
@@ -118,7 +116,7 @@ def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str
         told: settings beside the study's, by row.
     """
     table = Table(("robots of the training", "the seed", "ours", "seeds"))
-    for rows in ROUNDS:
+    for rows in (*ROUNDS, ENDED):
         for row in rows:
             own = plan.study.published.get(row.name) if plan.target is None else None
             theirs = "–" if own is None else f"{own[0]:g} ± {own[1]:g}"
@@ -251,3 +249,22 @@ def legend(ax: object) -> None:
     handles.append(Line2D([], [], color=FAINT, linewidth=6, label="population's deviation"))
     ax.axis("off")  # type: ignore[attr-defined]
     ax.legend(handles=handles, loc="center", title="a line a seed, over generations")  # type: ignore[attr-defined]
+
+
+def histories(folder: Path) -> np.ndarray | None:
+    """Return mean and deviation of each generation's points, (G, 2, P); None without a journal."""
+    file = folder / "journal.npz"
+    if not file.is_file():
+        return None
+    with np.load(file, allow_pickle=False) as arrays:
+        count = len([name for name in arrays.files if name.startswith("asked.")])
+        asked = [arrays[f"asked.{i}"] for i in range(count)]
+    return np.array([(points.mean(axis=0), points.std(axis=0)) for points in asked])
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table; none if it is not there."""
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))

@@ -18,7 +18,6 @@ from sim2real.config.compose import compose
 from sim2real.config.targets import build
 from sim2real.identification.outcome import FILE
 from sim2real.identification.prior import of_tasks
-from sim2real.learning.grounding import FILE as GROUNDING
 from sim2real.runs.files import claimed
 
 LOG = "demonstrations.csv"
@@ -110,8 +109,6 @@ def found(plan: Plan, row: Row, seed: int) -> list[str] | None:
         return target(plan)
     if row.name == "tuned":
         return tuned(plan, row, seed)
-    if row.name == "garat":
-        return grounded(plan, row, seed)
     source = ROWS[row.source] if row.source else row
     distribution = identified(plan, source, seed)
     if distribution is None:
@@ -137,31 +134,6 @@ def tuned(plan: Plan, row: Row, seed: int) -> list[str] | None:
         return None
     steps = behind + row.budget * plan.study.task().max_steps
     return [*target(plan), f"start={policy}", f"frames={steps}"]
-
-
-def grounded(plan: Plan, row: Row, seed: int) -> list[str] | None:
-    """Let GARAT change actions in the middle of the randomization; return a training's settings.
-
-    None where that failed.
-    """
-    policy, log = demonstrations(plan, row, seed)
-    if log is None:
-        return None
-    folder, middle = plan.folder(seed, f"ground_{row.budget}"), prior_file(plan.home)
-    if not (folder / GROUNDING).is_file():
-        with timed(folder):
-            sim2real(
-                "+experiment=garat",
-                f"log={log}",
-                f"checkpoint={policy}",
-                f"effects={middle}",
-                f"seed={seed}",
-                f"hydra.run.dir={folder}",
-            )
-    if not (folder / GROUNDING).is_file():
-        return None
-    found = f"transforms.ground.path={folder / GROUNDING}"
-    return ["params=none", f"effects={middle}", "transforms=grounded", found]
 
 
 def identified(plan: Plan, row: Row, seed: int) -> Path | None:

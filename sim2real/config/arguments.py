@@ -17,6 +17,7 @@ import re
 from pathlib import Path
 
 from sim2real.config.catalogue import CONF, EXPERIMENT, options
+from sim2real.config.renamed import ended
 from sim2real.config.targets import ConfigError
 
 MODELS = (".xml", ".mjcf", ".urdf")  # what a model's name ends in
@@ -65,9 +66,11 @@ def as_overrides(arguments: list[str]) -> list[str]:
         arguments: the words as typed, without the program's name.
 
     Raises:
-        ConfigError: a word in a place where the verb takes none, or a key that is nearly
-            `experiment`.
+        ConfigError: a verb that ended, a word in a place where the verb takes none, or a key that
+            is nearly `experiment`.
     """
+    if gone := ended(arguments):
+        raise ConfigError(gone)
     first = next((a for a in arguments if not a.startswith("-")), None)
     verb = first if first in options("run") else None
     rest = [a for n, a in enumerate(arguments) if not (verb and n == arguments.index(verb))]

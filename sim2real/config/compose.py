@@ -91,7 +91,7 @@ class Config:
     size: float
     budget: float
     target: dict[str, Any] | None
-    episodes: int
+    by: str
     log: str | list[str] | None
     candidates: str | list[str] | None
     identify: dict[str, Any]
@@ -228,7 +228,7 @@ def with_checkpoint(overrides: list[str]) -> list[str]:
     text = (folder / ".hydra" / "overrides.yaml").read_text(encoding="utf-8")
     kept = []
     for line in yaml.safe_load(text):
-        root = _key(line).split(".")[0]
+        root = root_of(line)
         if root in (*INHERITED, EXPERIMENT) and root not in given and _key(line) not in given:
             kept.append(line)
     return kept + overrides
@@ -385,5 +385,11 @@ def _roots(overrides: list[str]) -> list[str]:
     return [(o.package or o.key_or_group).split(".")[0].split("/")[0] for o in parsed]
 
 
+def root_of(override: str) -> str:
+    """Return the root key that an override sets: `target` for `+env@target=hopper`."""
+    return _key(override).split(".")[0].split("/")[0]
+
+
 def _key(override: str) -> str:
-    return override.partition("=")[0].lstrip("+~").partition("@")[0]
+    group, _, package = override.partition("=")[0].lstrip("+~").partition("@")
+    return package or group

@@ -1,6 +1,8 @@
-"""Renamed keys: whoever types the old name is given the new one."""
+"""Renamed keys and verbs that ended: whoever types the old name is given the new one."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 RENAMED = {
     "algorithm.adam_eps": "optimizer.eps",
@@ -29,3 +31,23 @@ def renamed(key: str) -> str:
     """Return " (it is now ...)" for an old key, "" for any other."""
     new = RENAMED.get(key)
     return f" (it is now {new})" if new else ""
+
+
+ENDED = {  # verbs, and experiments of their name
+    "bayrn": "type sim2real improve by=returns +experiment=udr +env@target=TASK (or robot=NAME)",
+    "close_loop": "type sim2real improve RUN +env@target=TASK, which also trains on",
+    "garat": "GARAT was a baseline of EASI's study alone; identify=easi finds a distribution of "
+    "simulators from the same demonstrations: sim2real identify LOG.csv MODEL.xml identify=easi "
+    "checkpoint=RUN",
+    "relearn": "type sim2real improve RUN robot=NAME, with RUN the training of the policy",
+}
+
+
+def ended(arguments: Sequence[str]) -> str | None:
+    """Return what to type instead of a verb that ended, in one sentence; None: there is none."""
+    words = [word.removeprefix("run=").removeprefix("+experiment=") for word in arguments]
+    bare = next((word for word in arguments if not word.startswith("-")), None)
+    for word, typed in zip(words, arguments, strict=True):
+        if word in ENDED and (word != typed or typed == bare):
+            return f"{word} has ended: {ENDED[word]}"
+    return None

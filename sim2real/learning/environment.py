@@ -152,14 +152,10 @@ class Environment:
         return replace(self, base=partial(self.base.func, task, *self.base.args[1:], **others))
 
     def over(self, base: partial[EnvBase]) -> Environment:
-        """Return the same transforms over another base, whose robots are what they are.
-
-        Those that correct a simulator are left out.
-        """
+        """Return the same transforms over another base, whose robots are what they are."""
         told = self.told
         made = self if told is None else self.telling(told)
-        kept = {name: one for name, one in made.transforms.items() if not _corrects(one)}
-        return replace(made, base=base, transforms=kept, tasks=Randomization(), fixed=())
+        return replace(made, base=base, tasks=Randomization(), fixed=())
 
     def telling(self, told: Told) -> Environment:
         """Return this with policies that are told the same, whatever its robots differ in."""
@@ -340,10 +336,6 @@ def _argument(base: partial[EnvBase], name: str) -> Any:
 
 def _randomizes(one: Callable[..., Transform]) -> bool:
     return _made(one) is RandomizeParams
-
-
-def _corrects(one: Callable[..., Transform]) -> bool:
-    return getattr(_made(one), "corrects_simulator", False)
 
 
 def _tells(one: Callable[..., Transform]) -> bool:

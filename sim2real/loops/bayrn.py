@@ -48,13 +48,12 @@ class BayRn:
         widest: largest.
 
     Raises:
-        Sim2RealError: the library is not installed, or a number out of its range.
+        Sim2RealError: a number out of its range.
     """
 
     def __init__(
         self, first: int = 8, rounds: int = 20, narrowest: float = 0.02, widest: float = 0.3
     ) -> None:
-        require("bayrn")
         if not 2 <= first <= rounds:
             raise Sim2RealError(
                 f"bayrn: first={first} must be at least 2 and at most rounds={rounds}"
@@ -72,7 +71,11 @@ class BayRn:
         Args:
             prior: the ends between which distributions lie, P parameters.
             seed: of all that is random.
+
+        Raises:
+            Sim2RealError: the library is not installed.
         """
+        require("improve by=returns")
         return Session(self, prior, seed)
 
 

@@ -5,9 +5,12 @@ r"""The verb `improve`: deploy a policy, find what its simulator lacks, retrain,
     python -m sim2real run=improve robot=bench1 checkpoint=RUN port=/dev/ttyUSB0 arm=true
     python -m sim2real run=improve robot=bench1 checkpoint=RUN log=logs/ port=/dev/ttyUSB0 arm=true
     python -m sim2real run=improve robot=quad8 checkpoint=RUN resume=outputs/improve/default/...
+    python -m sim2real +experiment=hopper_gap checkpoint=RUN
+    python -m sim2real run=improve by=returns +experiment=udr +env@target=hopper_polito
 
-Without a port the robot is the emulated one. A real one moves only with `arm=true`, and its
-operator is asked before it does. docs/improve.md explains rounds, files and ends.
+Without a port the robot is the emulated one, or `target`, a task that stands for it. A real one
+moves only with `arm=true`, and its operator is asked before it does. docs/improve.md explains
+rounds, files and ends.
 """
 
 from __future__ import annotations
@@ -15,21 +18,28 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+from torchrl.envs import EnvBase
 
 from hardware.excite import Kind
 from hardware.log import Log, read_logs
 from sim2real.deployment import deploy
 from sim2real.deployment.trained import load_trained
 from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.loops.bayrn import BayRn, Session
 from sim2real.loops.improve.improve import Improvement, Plan, improve
 from sim2real.loops.improve.operator import Operator
+from sim2real.loops.improve.returns import improve_by_returns
 from sim2real.loops.improve.site import Site
+from sim2real.loops.improve.target import Target
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.loggers import Loggers
 
 log_ = logging.getLogger(__name__)
+WAYS = ("diagnosis", "returns")  # what moves the simulator between rounds
 
 
 def run(
@@ -37,6 +47,9 @@ def run(
     parts: Parts,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
+    by: str,
+    bayrn: BayRn | None,
+    target: partial[EnvBase] | None,
     robot: dict[str, Any],
     port: str | list[str] | None,
     imu_port: str | None,
@@ -61,14 +74,19 @@ def run(
     seed: int,
     resume: str | None,
     out: Path,
-) -> Improvement:
+) -> Improvement | Session:
     """Improve a policy on a robot.
 
     Args:
         parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like
             the algorithm, a checkpoint's own unless something else was chosen.
         algorithm: makes the algorithm from its parts.
-        checkpoint: the policy as given: a checkpoint, or a run's folder.
+        checkpoint: the policy as given: a checkpoint, or a run's folder; by returns it may be None,
+            and each round's policy is then trained from scratch.
+        by: what moves the simulator between rounds: "diagnosis" of the robot's recordings, or the
+            "returns" of policies, by Bayesian optimization.
+        bayrn: how that chooses distributions.
+        target: makes what stands for the robot; None for the robot.
         robot: the content of conf/robot/NAME.yaml.
         port: its serial port, or those of its buses; None for its own, or the emulated robot.
         imu_port: the serial port of its IMU; None for the robot's own, or none.
@@ -99,34 +117,34 @@ def run(
         How it ended; its `exit_status` is that of the process.
 
     Raises:
-        Sim2RealError: a policy, a robot and settings that do not fit, or a real robot that was not
-            armed, before anything moves.
+        Sim2RealError: a policy, a robot and settings that do not fit, a target beside a port or
+            logs, or a real robot that was not armed, before anything moves.
         HardwareError: a robot that is not as its file says.
         Stopped: after Ctrl-C; torque is off, and what was done is on disk.
     """
-    machine = deploy.make_machine(robot, port, calibration, imu_port)
-    if machine.port is not None and not arm:
+    if by not in WAYS:
+        raise Sim2RealError(f"by={by} is none of {', '.join(WAYS)}")
+    if log and (target is not None or by == "returns"):
         raise Sim2RealError(
-            f"{machine.name} at {machine.port} would move; clear the space around it, then "
-            "add arm=true: you are asked before each motion"
+            "log= is of a servo robot whose logs are diagnosed; leave it, target= or by=returns out"
         )
     if model is not None and not log:
         raise Sim2RealError("model= is of the logs that a loop starts from; give log=PATH with it")
-    logs = _recordings(log, model)
-    site = Site(
-        machine,
-        parts.environment,
-        Operator(),
-        trials,
-        settle,
-        deploy.guarding(stops),
-        stand,
-        tuple(motions),
-        seconds,
-        seed,
-    )
-    absent = bool(logs) and machine.port is None and machine.hidden is None
-    plan = Plan(rounds, tolerance, rollouts, logs, absent)
+    site: Site | Target
+    if target is not None:
+        if port is not None:
+            raise Sim2RealError("target= stands for the robot: leave port= out, or target=")
+        site = Target(parts.environment.over(target), parts.environment, trials, seed)
+    else:
+        machine = deploy.make_machine(robot, port, calibration, imu_port)
+        if machine.port is not None and not arm:
+            raise Sim2RealError(
+                f"{machine.name} at {machine.port} would move; clear the space around it, then "
+                "add arm=true: you are asked before each motion"
+            )
+        limits, kinds = deploy.guarding(stops), tuple(motions)
+        about = (trials, settle, limits, stand, kinds, seconds, seed)
+        site = Site(machine, parts.environment, Operator(), *about)
     training = {
         "algorithm": algorithm,
         "iterations": iterations,
@@ -135,8 +153,14 @@ def run(
         "checkpoint_every": checkpoint_every,
         "keep_checkpoints": keep_checkpoints,
     }
-    first = load_trained(checkpoint, parts, algorithm)
     folder = Path(resume or out)
+    if by == "returns":
+        first = None if checkpoint is None else load_trained(checkpoint, parts, algorithm)
+        return improve_by_returns(site, parts, training, bayrn or BayRn(), first, folder)
+    logs = _recordings(log, model)
+    absent = bool(logs) and isinstance(site, Site) and site.absent
+    plan = Plan(rounds, tolerance, rollouts, logs, absent)
+    first = load_trained(checkpoint, parts, algorithm)
     told = improve(site, parts, training, first, plan, folder)
     if told.story.rounds:
         log_.info("%s", told.story.table().markdown())

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.easi import parameters, steps
+from benchmarks.easi import steps
 from benchmarks.easi.__main__ import main
 from benchmarks.easi.demonstrations import record
-from benchmarks.easi.parameters import read_csv, scale_is_flat
 from benchmarks.easi.plan import SHIFTS, STUDIES, Plan, targets, truth
+from benchmarks.easi.report import read_csv
 from benchmarks.easi.steps import LOG, prior
-from envs.distribution import Distribution, Entry, Flat
+from envs.distribution import Distribution, Entry
 from envs.distribution_file import read, write
 from envs.effects import make
 from envs.laws import Law
@@ -23,13 +23,12 @@ from envs.simulation import Simulation
 from envs.tasks import CartPole
 from hardware.log import Log
 from sim2real.identification.outcome import FILE
-from sim2real.learning.grounding import FILE as GROUNDING
 
 pytestmark = pytest.mark.slow  # trainings and walks: a minute together
 
 LEVELS = {"udr": 160.0, "oracle": 185.0, "easi_200": 180.0, "narrow": 150.0, "point": 179.0}
 SIMULATED = [name for name in STUDIES if name != "quad8"]  # whose targets are simulated, too
-LEVELS |= {"tuned": 170.0, "garat": 165.0}
+LEVELS |= {"tuned": 170.0}
 PRIOR = Distribution(
     (Entry(make("position_gain", where="slider"), (Law("uniform", 1.6, 0.7, 0.33, 3.0),)),)
 )
@@ -69,9 +68,6 @@ class Shell:
             write(folder / FILE, FOUND)
             points = {f"asked.{i}": np.full((4, 1), 1.0 + 0.1 * i) for i in range(3)}
             np.savez(folder / "journal.npz", allow_pickle=False, **points)
-            return True
-        if given.get("+experiment") == "garat":
-            (folder / GROUNDING).write_text("")
             return True
         level = LEVELS[folder.name] + int(given["seed"])
         robots = {"target": {"changes": {}, "returns": [level], "lengths": [200], "failed": 0}}
@@ -124,22 +120,6 @@ def test_fine_tuning_goes_on_from_uniform_randomization(tmp_path, monkeypatch) -
     assert Path(job["start"]).name == "udr"
 
 
-def test_garat_changes_actions_in_the_middle_of_the_randomization(tmp_path, monkeypatch) -> None:
-    """Once, by the demonstrations; then a policy is trained there, and is judged on the target."""
-    shell = Shell(monkeypatch)
-    assert go(tmp_path, "--rows", "garat", "--seeds", "0") == 1  # no policy yet
-    for _ in range(2):
-        assert go(tmp_path, "--target", "far", "--rows", "udr", "garat", "--seeds", "0") == 0
-    *_, ground, last = shell.jobs
-    assert len(shell.jobs) == 4
-    assert Path(ground["log"]).name == LOG
-    assert ground["effects"] == last["effects"]
-    assert read(ground["effects"]).mean[0] == pytest.approx(1.6)  # of the prior that is randomized
-    assert last["transforms.ground.path"] == f"{ground['hydra.run.dir']}/{GROUNDING}"
-    assert (last["transforms"], last["params"]) == ("grounded", "none")
-    assert last["+eval.robots.target.effects"].endswith("cartpole_far.yaml")
-
-
 def test_another_target_is_identified_anew(tmp_path, monkeypatch) -> None:
     """One training of UDR for all targets; the rest is of, and judged on, the target's effects."""
     shell = Shell(monkeypatch)
@@ -168,7 +148,7 @@ def test_a_target_that_is_not_there_is_refused(tmp_path, capsys) -> None:
     """With those that are."""
     with pytest.raises(SystemExit):
         go(tmp_path, "--target", "fat")
-    assert "cartpole has no such target; it has: bare, far, soft" in capsys.readouterr().err
+    assert "cartpole has no such target; it has: far, soft" in capsys.readouterr().err
 
 
 def test_what_failed_is_tried_again(tmp_path, monkeypatch) -> None:
@@ -180,36 +160,6 @@ def test_what_failed_is_tried_again(tmp_path, monkeypatch) -> None:
     shell.fails = set()
     assert go(tmp_path, "--rows", "udr", "easi_200", "--seeds", "0") == 0
     assert len(shell.jobs) == 4
-
-
-def test_the_study_of_parameters(tmp_path, monkeypatch) -> None:
-    """Both methods, each seed once, and a page; a search of another task is refused."""
-    shell = Shell(monkeypatch)
-    assert go(tmp_path, "--parameters", "--seeds", "0") == 1  # no policy yet
-    go(tmp_path, "--rows", "udr", "--seeds", "0")
-    assert go(tmp_path, "--parameters", "--seeds", "0", "1") == 0
-    assert len(shell.jobs) == 1 + 2 * len(parameters.METHODS)
-    assert all(job["effects"] == parameters.EFFECTS for job in shell.jobs[1:])
-    assert "position_gain.slider" in (tmp_path / "results" / "easi_parameters.md").read_text()
-    with pytest.raises(SystemExit):
-        go(tmp_path, "--parameters", "--task", "ant")
-
-
-def test_a_flat_scale_is_seen() -> None:
-    """Masses, gains and dampings in one direction; a direction of the length alone is none."""
-    places = {"link_mass": "cart", "position_gain": "slider", "derivative_gain": "slider"}
-    places |= {"viscous_friction": "hinge", "armature": "hinge"}
-    law = (Law("normal", 1.0, 0.1, 0.3, 3.0),)
-    entries = tuple(Entry(make(n, where=w, how="scale"), law) for n, w in places.items())
-    entries += (Entry(make("link_length", where="pole"), law),)
-    names = [entry.effect.label() for entry in entries]
-
-    def with_flat(weights: dict[str, float], method: str = "matching") -> Distribution:
-        return Distribution(entries, flat=(Flat(weights, 0.0),), made_by={"method": method})
-
-    assert scale_is_flat(with_flat(dict.fromkeys(names[:5], -(5**-0.5)))) == "yes"
-    assert scale_is_flat(with_flat({"link_length.pole": 1.0})) == "no"
-    assert scale_is_flat(with_flat({}, "easi")) == "–"
 
 
 def test_demonstrations_are_whole_episodes_of_the_target() -> None:

@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.easi import quad8, quad8_report, response
 from benchmarks.easi.__main__ import main
-from benchmarks.easi.parameters import read_csv
 from benchmarks.easi.plan import SHIFTS, Plan, truth
 from benchmarks.easi.quad8_report import gain, lag
+from benchmarks.easi.report import read_csv
 from benchmarks.easi.response import Answer, apart, measured, played, tracking
 from benchmarks.easi.steps import prior
 from envs.distribution import Distribution
@@ -122,8 +122,8 @@ def test_the_stand_tells_the_robot_from_its_model(tmp_path: Path) -> None:
 def test_what_quad8_has_not_is_refused(capsys: pytest.CaptureFixture) -> None:
     """Targets that are no file of conf/shift, and rows that are of simulated targets alone."""
     with pytest.raises(SystemExit):
-        main(["--task", "quad8", "--rows", "garat"])
-    assert "--rows garat: quad8 has: udr, oracle, easi_1" in capsys.readouterr().err
+        main(["--task", "quad8", "--rows", "tuned"])
+    assert "--rows tuned: quad8 has: udr, oracle, easi_1" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["--task", "quad8", "--target", "iced"])
     assert "quad8 has no such target; it has: low_friction, servos" in capsys.readouterr().err

@@ -107,7 +107,6 @@ def test_too_few_or_too_scattered_trainings_show_nothing() -> None:
 @pytest.fixture
 def recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> golden.Recorder:
     """A recorder whose runs only write a manifest and a figure, and are counted there."""
-    logs = tmp_path / "logs"
 
     def call(self: golden.Recorder, arguments: list[str]) -> float:
         run = Path(arguments[-1].removeprefix("hydra.run.dir="))
@@ -121,10 +120,10 @@ def recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> golden.Recorder
     def read(run: Path) -> Figures:
         return {"runs": len((tmp_path / "calls").read_text())}
 
-    part = Part(lambda _: [Job("one", ("+experiment=esmaml",), read)])
+    part = Part(lambda: [Job("one", ("+experiment=esmaml",), read)])
     monkeypatch.setitem(PARTS, "esmaml", part)
     monkeypatch.setattr(golden.Recorder, "call", call)
-    return golden.Recorder(tmp_path, "code1", tmp_path / "out", logs, fresh=False)
+    return golden.Recorder(tmp_path, "code1", tmp_path / "out", fresh=False)
 
 
 def test_a_run_is_repeated_only_for_other_code(recorder: golden.Recorder) -> None:

@@ -9,8 +9,20 @@ import pytest
 
 from benchmarks import hopper_branches
 from benchmarks.hopper_branches import contrast, interval, main
+from sim2real.evaluation.scores import GridScores
 from sim2real.runs.statistics import Interval
-from tests.benchmarks.test_conditioned import scores
+from tests.benchmarks.test_hopper_grid import GRID, PARAMETERS
+
+
+def scores(level: float) -> GridScores:
+    """Return a run that gets `level` after adapting and 100 less before."""
+    after = np.full((1, GRID.size, 1), level)
+    counts = (3_000_000,), (100,)
+    box = {GRID.names[0]: (-1e9, 1e9)}
+    spread = np.ones_like(after)
+    return GridScores(
+        GRID, PARAMETERS, box, ("seed 0",), *counts, 3, 3, after - 100, after, spread, spread
+    )
 
 
 def found(own: tuple[float, ...], other: tuple[float, ...]) -> dict:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, DEVELOPED, ROUNDING, setting
 
-GLANCE = "judgement: kept the exact top five in six cases of `benchmarks.screening`, seed 77"
+GLANCE = "judgement: kept the exact top five in six cases (benchmarks.screening at studies-1)"
 
 
 @dataclass(frozen=True)

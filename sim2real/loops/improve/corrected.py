@@ -23,7 +23,7 @@ from envs.laws import Law
 from envs.params import Parameter
 from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import EXPERIMENT
-from sim2real.config.compose import INHERITED
+from sim2real.config.compose import INHERITED, root_of
 from sim2real.evaluation.worth import Cause, Robots
 from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.environment import Environment
@@ -83,12 +83,7 @@ def describe(place: Path, loop: Path, distribution: Path) -> None:
     lines = [
         line
         for line in yaml.safe_load(given.read_text(encoding="utf-8"))
-        if (root := _root(line)) in (*INHERITED, EXPERIMENT) and root not in REPLACED
+        if (root := root_of(line)) in (*INHERITED, EXPERIMENT) and root not in REPLACED
     ]
     more = ["params=distribution", f"params.path={path_value(str(distribution.resolve()))}"]
     write_text(place / OVERRIDES, yaml.safe_dump([*lines, *more], allow_unicode=True))
-
-
-def _root(line: str) -> str:
-    """Return the first name of an override's key."""
-    return line.partition("=")[0].lstrip("+~").partition("@")[0].split(".")[0].split("/")[0]

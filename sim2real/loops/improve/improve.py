@@ -40,7 +40,7 @@ from sim2real.loops.improve.corrected import FILE, corrected, describe
 from sim2real.loops.improve.looks import facts, interface, priced
 from sim2real.loops.improve.operator import DeclinedError
 from sim2real.loops.improve.site import DEPLOYED, Site
-from sim2real.loops.improve.steps import diagnosed, learn
+from sim2real.loops.improve.steps import diagnosed, learn, longer
 from sim2real.loops.improve.story import (
     GOES_ON,
     RESULT,
@@ -51,7 +51,7 @@ from sim2real.loops.improve.story import (
     table_of,
     words_of,
 )
-from sim2real.runs.checkpoint import read_metadata
+from sim2real.loops.improve.target import Target
 from sim2real.runs.errors import Sim2RealError, Stopped
 from sim2real.runs.tables import show
 
@@ -107,12 +107,17 @@ class Improvement:
 
 
 def improve(
-    site: Site, parts: Parts, training: dict[str, Any], first: Trained, plan: Plan, out: Path
+    site: Site | Target,
+    parts: Parts,
+    training: dict[str, Any],
+    first: Trained,
+    plan: Plan,
+    out: Path,
 ) -> Improvement:
     """Run rounds until there is nothing to gain, nothing to find, or somebody ends it.
 
     Args:
-        site: the robot.
+        site: the robot, or what stands for it.
         parts: what trained the policy.
         training: `algorithm`, further settings of `train`, and how many iterations or frames each
             round adds.
@@ -146,7 +151,7 @@ def improve(
 
 @dataclass
 class _Loop:
-    site: Site
+    site: Site | Target
     parts: Parts
     training: dict[str, Any]
     first: Trained
@@ -165,7 +170,7 @@ class _Loop:
         unit = "m less the task's other costs" if site.by_distance else "as the task pays"
         return {
             "given": str(Path(self.first.source or "").resolve()),
-            "robot": site.machine.name,
+            "robot": site.name,
             "seed": site.seed,
             "trials": site.trials,
             "stand": site.stand,
@@ -244,7 +249,7 @@ class _Loop:
         log_.info("round %d: training on in the corrected simulator", self.number)
         parts = corrected(self.parts, causes, place)
         describe(place / POLICY, self.out, place / FILE)
-        made = learn(place, POLICY, parts, self._longer(source), start=source)
+        made = learn(place, POLICY, parts, longer(self.training, source), start=source)
         robot = None if self.plan.absent else site.deploy(made, place / "deploy")
         score = site.score(made, [(cause.effect, cause.values) for cause in causes])
         told = facts(place)
@@ -253,12 +258,6 @@ class _Loop:
         self.add(one)
         table_of(one, told["gap"]).write(place / "table", f"Round {self.number}")
         return made
-
-    def _longer(self, source: Path) -> dict[str, Any]:
-        """Return the settings of a training that adds a round's budget to a checkpoint's."""
-        done, own = read_metadata(source), self.training
-        more = {"iterations": done["iteration"], "frames": done["frames"]}
-        return own | {k: own[k] and int(own[k]) + int(spent) for k, spent in more.items()}
 
     def _known(self) -> Path | None:
         """Write down what the policy's simulator had from the start."""

@@ -77,10 +77,7 @@ class Site:
     seed: int
 
     def __post_init__(self) -> None:
-        if self.trials < 2:
-            raise Sim2RealError(
-                f"trials={self.trials}: at least 2 episodes are needed to know their noise"
-            )
+        check_trials(self.trials)
         if not self.seconds > 0 or self.settle < 0:
             raise Sim2RealError(
                 f"seconds={self.seconds} must be above 0, and settle={self.settle} not below 0 s"
@@ -90,9 +87,19 @@ class Site:
         _ = self.task
 
     @property
+    def name(self) -> str:
+        """What it is called in the loop's files."""
+        return self.machine.name
+
+    @property
     def real(self) -> bool:
         """Whether it is more than an emulation."""
         return self.machine.port is not None
+
+    @property
+    def absent(self) -> bool:
+        """Whether neither a robot nor an emulation that hides something stands for its logs."""
+        return self.machine.port is None and self.machine.hidden is None
 
     def _refuse_loose(self) -> None:
         """Refuse the ground for a robot of whose base nothing tells where it is."""
@@ -197,3 +204,9 @@ class Site:
             self.operator.consents(f"{self.machine.name} at {self.machine.port} {what}")
         else:
             log_.info("%s %s", self.machine.name, what.split(". ")[0])
+
+
+def check_trials(trials: int) -> None:
+    """Raise Sim2RealError for too few episodes of a policy."""
+    if trials < 2:
+        raise Sim2RealError(f"trials={trials}: at least 2 episodes are needed to know their noise")

@@ -31,7 +31,7 @@ from sim2real.diagnosis.report import words
 from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.trained import Trained
 from sim2real.learning.training import train
-from sim2real.runs.checkpoint import FOLDER, find
+from sim2real.runs.checkpoint import FOLDER, find, read_metadata
 from sim2real.runs.errors import Stopped
 from sim2real.runs.files import whole_folder
 
@@ -74,6 +74,13 @@ def learn(
         text = f"stopped while it trained {name}; continue with resume={folder}"
         raise Stopped(text, stopped.exit_code) from None
     return replace(learner.trained(), source=find(place))
+
+
+def longer(settings: dict[str, Any], source: Path) -> dict[str, Any]:
+    """Return the settings of a training that adds its budget to what a checkpoint has spent."""
+    done = read_metadata(source)
+    more = {"iterations": done["iteration"], "frames": done["frames"]}
+    return settings | {k: settings[k] and int(settings[k]) + int(n) for k, n in more.items()}
 
 
 def on_stand(

@@ -8,6 +8,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from sim2real.config.arguments import as_overrides, path_value, shadowing
+from sim2real.config.renamed import ENDED
 from sim2real.config.targets import ConfigError
 
 
@@ -69,3 +70,12 @@ def test_a_package_that_hides_ours_is_named(tmp_path: Path) -> None:
     """Packages that are found elsewhere than beside conf/ are not ours."""
     assert shadowing() is None
     assert str(shadowing(tmp_path)).startswith("envs (")
+
+
+@pytest.mark.parametrize("verb", ENDED)
+@pytest.mark.parametrize("typed", ["{}", "run={}", "+experiment={}"])
+def test_a_verb_that_ended_names_what_replaces_it(verb: str, typed: str) -> None:
+    """In one sentence with a command; a file or a value of that name is none of its business."""
+    with pytest.raises(ConfigError, match=rf"^{verb} has ended: .*sim2real \w+"):
+        as_overrides([typed.format(verb), "seed=1"])
+    assert as_overrides(["evaluate", verb]) == ["run=evaluate", f"checkpoint={verb}"]

@@ -1,4 +1,4 @@
-"""The verb bayrn: trainings under distributions, judged on a target or on the emulated bus."""
+"""Improve by returns: trainings under distributions, judged on a target or on the emulated bus."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ import pytest
 from envs.distribution import Distribution
 from envs.distribution_file import read
 from sim2real.config.compose import compose, prepare
+from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.trained import train
 
 pytest.importorskip("botorch", reason="pip install 'sim2real[botorch]'")
 
 from sim2real.loops.improve import steps
-from sim2real.verbs.bayrn import run
+from sim2real.verbs.improve import run
 
-SHORT = ["run=bayrn", "iterations=1", "trials=2", "algorithm.pairs=2", "keep_checkpoints=1"]
-SHORT += ["bayrn.first=2", "bayrn.rounds=3"]
+SHORT = ["run=improve", "by=returns", "iterations=1", "trials=2", "algorithm.pairs=2"]
+SHORT += ["keep_checkpoints=1", "bayrn.first=2", "bayrn.rounds=3"]
 HOPPER = ["env=hopper_polito", "params=udr", "+env@target=hopper_polito"]
 HOPPER += ["target.task.domain=target"]
 
@@ -66,15 +68,33 @@ def test_an_emulated_robot_pays_returns_too(tmp_path: Path, worlds: list[Any]) -
         tmp_path, "env=hopper2", "params=hopper2_dr", "robot=hopper2", "env.task.seconds=0.4"
     )
     assert np.isfinite(found.values).all()
-    assert len(list((tmp_path / "03" / "logs").glob("*"))) >= 2
+    assert len(list((tmp_path / "03" / "deploy" / "logs").glob("*.csv"))) == 2
 
 
 def test_what_cannot_be_searched_is_refused(tmp_path: Path) -> None:
     """Without ranges, without trials, on a robot that people stand beside."""
     with pytest.raises(Sim2RealError, match="ranges of a randomization"):
         go(tmp_path, *HOPPER, "params=none")
-    with pytest.raises(Sim2RealError, match="trials=0"):
-        go(tmp_path, *HOPPER, trials=0)
-    robot = compose(["run=record", "robot=hopper2"])["robot"] | {"port": "/dev/ttyUSB0"}
-    with pytest.raises(Sim2RealError, match="a training lies between any two of its turns"):
-        go(tmp_path, "env=hopper2", "params=hopper2_dr", robot=robot)
+    with pytest.raises(Sim2RealError, match="trials=1"):
+        go(tmp_path, *HOPPER, trials=1)
+    with pytest.raises(Sim2RealError, match="arm=true"):
+        go(tmp_path, "env=hopper2", "params=hopper2_dr", "robot=hopper2", "port=/dev/there-is-none")
+
+
+def test_an_operator_s_no_ends_it(
+    tmp_path: Path, worlds: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A real robot is asked for before each deployment; what was trained stays."""
+    monkeypatch.setattr("builtins.input", lambda question: "n")
+    words = ("env=hopper2", "params=hopper2_dr", "robot=hopper2", "env.task.seconds=0.4")
+    found = go(tmp_path, *words, "port=/dev/there-is-none", "arm=true")
+    assert found.values == [] and len(worlds) == 1
+    assert (tmp_path / "01" / "checkpoints").is_dir()
+
+
+def test_a_policy_that_is_given_is_trained_on(tmp_path: Path, worlds: list[Any]) -> None:
+    """Each round adds its iterations to those of the checkpoint, from its parameters."""
+    given = train(tmp_path / "run", [*HOPPER[:2], "iterations=2", "algorithm.pairs=2"])
+    found = go(tmp_path / "out", *HOPPER[2:], f"checkpoint={given}")
+    assert len(found.values) == 3 and len(worlds) == 3
+    assert read_metadata(find(tmp_path / "out" / "01"))["iteration"] == 3
