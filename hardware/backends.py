@@ -91,7 +91,7 @@ class ServoBackend:
         settle: how long the pose of the start is held before an episode begins [s]: an emulated
             robot comes to rest, a real one is put back on its feet.
         world: the emulated robot; None makes one as the file says.
-        dry_run: read everything and compute commands, but write nothing to the servos.
+        dry_run: switch torque off, then read everything and compute commands, but send none.
         sensors: an IMU or a tracker beside the servos, in place of the IMU at the port that the
             robot's file names; the emulated robot has its own.
         limits: when the guard stops the robot.
@@ -169,18 +169,24 @@ class ServoBackend:
         """
         if self._guard is not None:
             return
-        driver = make_driver(self.robot, self.world, self._clock)
+        driver = self.make_driver()
         try:
             if isinstance(self.sensors, SerialImu):
                 self.sensors.open()
             driver.connect()
-            if not self.dry_run:
+            if self.dry_run:
+                driver.torque_off()
+            else:
                 driver.configure()
         except BaseException:
             self._let_go(driver)
             raise
         self._driver = driver
         self._guard = Guard(driver, self._limits, self.dry_run).__enter__()
+
+    def make_driver(self) -> Driver:
+        """Return the driver of the robot's buses; nothing is opened yet."""
+        return make_driver(self.robot, self.world, self._clock)
 
     def arm(self) -> None:
         """Switch torque on where the robot is; whoever calls this has cleared the space around it.

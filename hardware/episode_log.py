@@ -43,10 +43,11 @@ class EpisodeLog:
     Args:
         robot: whose log it is.
         folder: where the files go; those there are numbered on from. None writes none.
+        driven: whether commands reach the servos; else the log says that their torque is off.
     """
 
-    def __init__(self, robot: Robot, folder: Path | None = None) -> None:
-        self.robot, self.folder = robot, folder
+    def __init__(self, robot: Robot, folder: Path | None = None, driven: bool = True) -> None:
+        self.robot, self.folder, self.driven = robot, folder, driven
         self.last: Log | None = None  # of the episode that ended last
         self._joints = joint_names(robot)
         self._number = 0 if folder is None else _next_number(folder)
@@ -94,6 +95,8 @@ class EpisodeLog:
         names = self.robot.names
         for i, name in enumerate(names):
             row[f"ctrl.{name}"], row[f"action.{name}"] = float(sent.angles[i]), float(wanted[i])
+        if not self.driven:
+            row |= dict.fromkeys((f"torque.{name}" for name in names), 0.0)
         row |= {f"action.{i}": float(value) for i, value in enumerate(action)}
         row |= {f"obs.{i}": float(value) for i, value in enumerate(observation)}
         row["flag.limited"] = float(any(sent.limited))

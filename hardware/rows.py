@@ -82,7 +82,7 @@ class RobotRows:
         self._to_robot = np.array([self.names.index(name) for name in robot.names])
         self.action_low, self.action_high = task.action_range(model)  # (A,)
         self.action_size, self.max_steps = len(self.action_low), task.max_steps
-        self.log = EpisodeLog(robot, folder)
+        self.log = EpisodeLog(robot, folder, driven=not getattr(backend, "dry_run", False))
         self.stopped: str | None = None
         self.over = True  # no episode is going on
         self.facts: dict[str, Any] = {}  # further metadata of the logs, such as "policy"

@@ -7,6 +7,7 @@ itself has confirmed that it is off.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -99,10 +100,15 @@ class Torque:
         Raises:
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
         """
+        self._verify_off(self.robot.servos, times)
+
+    def _verify_off(self, servos: Sequence[Servo], times: float) -> None:
+        """Tell all servos to switch torque off, and let each of these confirm it."""
         self.cry_off()
         unsure = []
         with self.bus_client.more_patient(times):
-            for servo in self.robot.servos:
+            for servo in servos:
+                self.mark_powered(servo)
                 try:
                     self.write_register(servo, "torque_enable", 0)
                     self._powered.discard(servo.name)
@@ -142,9 +148,10 @@ class Torque:
             self.clock.sleep_until(self.clock.now() + FIRST_PAUSE)
 
     def reopen_and_switch_off(self, attempt: int = 0) -> None:
-        """Open the port anew and switch torque off; raises what `open` and `torque_off` raise."""
+        """Open the port anew and switch off who has not confirmed it; raises as `torque_off`."""
         client = self.bus_client
         client.close()
         client.open(self.robot.bus.baud)
         most = max(LATEST / client.patience, MORE_PATIENT)
-        self.torque_off(min(MORE_PATIENT * 2.0**attempt, most))
+        left = [servo for servo in self.robot.servos if servo.name in self._powered]
+        self._verify_off(left, min(MORE_PATIENT * 2.0**attempt, most))

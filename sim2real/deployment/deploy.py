@@ -26,6 +26,7 @@ from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import Robot, make_robot
 from hardware.errors import SafetyError
 from hardware.rows import RobotRows
+from sim2real.deployment.fit import check_interface
 from sim2real.deployment.robot_env import play, robot_of
 from sim2real.deployment.session import STATE, Deployment, Turn, save
 from sim2real.deployment.stops import guarding as guarding
@@ -126,11 +127,13 @@ def drive(
         resume: the folder that a message says to continue; None for `out`.
 
     Raises:
+        Sim2RealError: the policy was trained for another robot, before anything moves.
         SafetyError: the guard stopped the robot; what was done is on disk.
         Stopped: after Ctrl-C; torque is off.
     """
-    save(out / STATE, deployment)
     again, rows = f"continue with resume={resume or out}", robot_of(env)
+    check_interface(trained, rows.backend.robot)
+    save(out / STATE, deployment)
     try:
         rows.arm()
         while (turn := deployment.next()) is not None:

@@ -5,7 +5,7 @@
     policy.pt2   torch.export: torch.export.load(path).module() needs torch, nothing of this project
     policy.npz   the same numbers for NumPy: `hardware.exported.ExportedPolicy`
     policy.json  robot, servos, rate, what each observation is, normalizer, limits, origin, pairs of
-                 observation and action to check against, hashes of the files
+                 observation and action to check against, hashes of the files, policy_interface
 
 The normalizer is in the program. Before anything is written, all three are compared on a thousand
 observations, wild ones among them.
@@ -25,10 +25,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from envs.tasks.base import Commanded
 from envs.tasks.servo import ServoTask
 from hardware.exported import SCHEMA, TOLERANCE, ExportedPolicy
 from hardware.files import whole_file
+from sim2real.learning.interface import interface, observation_names, read_interface
 from sim2real.learning.told import Told
 from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
@@ -160,16 +160,24 @@ def describe(trained: Trained, task: ServoTask, arrays: Arrays) -> dict[str, Any
         "joints": [model.actuator(i).name for i in range(model.nu)],
         "goals": {"low": machine.low.tolist(), "high": machine.high.tolist(), "unit": "rad"},
         "observation": {
-            "names": [*names(task), *([] if told is None else told.names)],
+            "names": [*observation_names(task), *([] if told is None else told.names)],
             "mean": arrays["mean"].tolist(),
             "std": arrays["std"].tolist(),
         },
+        "policy_interface": learned_for(trained),
         "parameters": [] if told is None else parameters(told),
         "action": {"low": arrays["low"].tolist(), "high": arrays["high"].tolist()},
         "checkpoint": None if trained.source is None else trained.source.name,
         "frames": trained.frames,
         "versions": {name: metadata.version(name) for name in ("torch", "numpy", "mujoco")},
     }
+
+
+def learned_for(trained: Trained) -> dict[str, Any] | None:
+    """Return the interface that a policy was trained for, as its run says or its environment."""
+    if trained.source is None:
+        return interface(trained.environment)
+    return read_interface(trained.source)
 
 
 def parameters(told: Told) -> list[dict[str, Any]]:
@@ -182,39 +190,3 @@ def parameters(told: Told) -> list[dict[str, Any]]:
         {"name": p.name, "unit": p.unit, "how": p.how, "low": float(low), "high": float(high)}
         for p, low, high in zip(told.parameters, told.low, told.high, strict=True)
     ]
-
-
-def names(task: ServoTask) -> list[str]:
-    """Say what each number of an observation is: the measurements that it changes with.
-
-    Found by changing one measurement after the other, so it cannot say anything else than what the
-    task does.
-    """
-    model = task.spec().compile()
-    servos = [model.actuator(i).name for i in range(model.nu)]
-    rest = np.asarray(task.rest(model))[None]
-    size = len(task.action_range(model)[0])
-    turn = np.array([[0.96, 0.16, 0.2, 0.1]])
-
-    def see(
-        angle: np.ndarray, speed: np.ndarray, time: float, action: np.ndarray, **body: np.ndarray
-    ) -> np.ndarray:
-        command = Commanded(np.array([time]), action, rest)
-        return task.observe(task.measured(angle, speed, command, **body))[0]
-
-    zero, idle = np.zeros_like(rest), np.zeros((1, size))
-    changes: dict[str, np.ndarray] = {}
-    for i, servo in enumerate(servos):
-        one = np.eye(len(servos))[i : i + 1] * 0.1
-        changes[f"angle.{servo}"] = see(rest + one, zero, 0.0, idle)
-        changes[f"speed.{servo}"] = see(rest, zero + one, 0.0, idle)
-    for i in range(size):
-        changes[f"action.{i}"] = see(rest, zero, 0.0, np.eye(size)[i : i + 1] * 0.1)
-    turned = turn / np.linalg.norm(turn)
-    changes["orientation"] = see(rest, zero, 0.0, idle, orientation=turned)
-    changes["gyro"] = see(rest, zero, 0.0, idle, gyro=np.full((1, 3), 0.1))
-    changes["time"] = see(rest, zero, 0.0371, idle)
-    plain = see(rest, zero, 0.0, idle)
-    moved = {name: seen != plain for name, seen in changes.items()}
-    found = ["+".join(name for name in moved if moved[name][k]) for k in range(len(plain))]
-    return [name or "constant" for name in found]

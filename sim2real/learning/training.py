@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sim2real.learning.algorithms.base import Algorithm, Parts, build
+from sim2real.learning.interface import write_interface
 from sim2real.learning.population.cluster import Cluster
 from sim2real.runs.checkpoint import find, restore
 from sim2real.runs.errors import Sim2RealError, Stopped
@@ -169,6 +170,8 @@ def train(
         budget.refuse_spent(learner, start)
     files = RunFiles(Path(out), learner.identity, checkpoint_every, keep_checkpoints)
     files.begin(learner, source)
+    with files.writing():
+        write_interface(files.out, parts.environment)
     with cluster.attached(learner) if cluster else nullcontext():
         with logger.opened(files.out, files.config):
             learn(learner, budget, files, logger)

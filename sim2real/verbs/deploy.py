@@ -3,14 +3,15 @@
     python -m sim2real run=deploy checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00 robot=quad8
     python -m sim2real run=deploy checkpoint=RUN robot=quad8 robot.hidden=effects.yaml adapt=batch
     python -m sim2real run=deploy checkpoint=RUN robot=bench1 robot.hidden=PATH adapt=identify
+    python -m sim2real run=deploy checkpoint=RUN robot=bench1 port=/dev/ttyUSB0 dry_run=true
     python -m sim2real run=deploy checkpoint=RUN robot=bench1 port=/dev/ttyUSB0 arm=true
     python -m sim2real run=deploy checkpoint=RUN robot=quad8 port=/dev/a imu_port=/dev/b arm=true
     python -m sim2real run=deploy checkpoint=RUN robot=bench1 resume=outputs/deploy/default/...
 
 Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. Everything is
-checked before torque goes on: the policy's robot, the calibration, each servo, the rate that the
-bus can reach. The robot goes slowly to where each episode starts, and parks when all is done, or
-anything else ends it.
+checked before torque goes on: the interface that the policy was trained for, the calibration, each
+servo, the rate that the bus can reach. The robot goes slowly to where each episode starts, and
+parks when all is done, or anything else ends it.
 
 The policy is run as trained; then it adapts, one episode after the other, as `adapt` says; then the
 result is run from the same starts. After each episode all is on disk: what was interrupted goes on
@@ -34,6 +35,7 @@ from sim2real.deployment.deploy import (
     report,
     servo_task,
 )
+from sim2real.deployment.dry_run import tell_commands
 from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment, load
 from sim2real.deployment.stops import guarding
@@ -75,7 +77,8 @@ def run(
         imu_port: the serial port of its IMU; None for the robot's own, or none.
         calibration: zeros, signs and limits as `python -m hardware calibrate` wrote them.
         arm: whether a real robot may move.
-        dry_run: compute actions from what is measured, send nothing, and do not adapt.
+        dry_run: run the whole loop with torque off: compute commands from what is measured, write
+            the log, say what would have been commanded, and do not adapt.
         trials: episodes of the policy as trained, and as many of what it adapted to.
         settle: how long the start is held before each episode [s].
         stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
@@ -119,6 +122,8 @@ def run(
     finally:
         if deployment.done == deployment.total:  # also where parking failed
             report(deployment, trained, task, out)
+            if dry_run:
+                tell_commands(rows.log.last, out)
             draw(rows, deployment, out / "plots")
     return deployment
 

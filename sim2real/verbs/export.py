@@ -5,14 +5,16 @@
     policy.pt2   torch.export: torch.export.load(path).module() needs torch, nothing of this project
     policy.npz   the same numbers for NumPy: `hardware.exported.ExportedPolicy`
     policy.json  robot, servos, rate, what each observation is, normalizer, limits, origin, pairs of
-                 observation and action to check against, hashes of the files
+                 observation and action to check against, hashes of the files, policy_interface
 
-The normalizer is in the program. Before anything is written, all three are compared on a thousand
-observations, wild ones among them.
+A run that was trained before runs had a policy_interface.json gets one, from today's task and
+robot's file; where they have changed since, correct it. The normalizer is in the program. Before
+anything is written, all three are compared on a thousand observations, wild ones among them.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +24,9 @@ from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.export import export
 from sim2real.deployment.trained import load_trained, one_checkpoint
 from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.interface import interface_file, write_interface
+
+log_ = logging.getLogger(__name__)
 
 
 def run(
@@ -51,4 +56,7 @@ def run(
     one_checkpoint(checkpoint)
     task = servo_task(parts.environment)
     trained = load_trained(checkpoint, parts, algorithm)
+    if trained.source is not None and not interface_file(trained.source).is_file():
+        added = write_interface(interface_file(trained.source).parent, trained.environment)
+        log_.warning("added %s from today's task and robot's file: look whether it holds", added)
     return export(trained, task, Path(out), np.random.default_rng(seed))

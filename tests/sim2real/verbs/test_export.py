@@ -19,8 +19,9 @@ from envs import MujocoEnv
 from envs.tasks import Bench1, Quad8
 from hardware.exported import ExportedPolicy, PolicyError
 from sim2real.config.compose import compose, prepare
-from sim2real.deployment.export import ExportError, compare, dense, export, names
+from sim2real.deployment.export import ExportError, compare, dense, export
 from sim2real.learning.environment import Environment
+from sim2real.learning.interface import observation_names as names
 from sim2real.learning.trained import Trained, of_module
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, SMALL_PPO, train
