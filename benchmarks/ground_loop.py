@@ -26,8 +26,8 @@ from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import World
 from hardware.log import Log
-from hardware.rows import RobotRows
-from sim2real.deployment.deploy import play
+from sim2real.deployment.deploy import servo_task
+from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.diagnosis.closed_loop.check import Drawn, check_closed_loop
 from sim2real.diagnosis.schema import ClosedLoop, Estimate
 from sim2real.diagnosis.settings import DEFAULT
@@ -65,15 +65,15 @@ def feedback(task: ServoTask) -> Trained:
 
 def deployed(robot: str, trained: Trained, hidden: Sequence[Entry], seed: int) -> list[Log]:
     """Return the logs of a policy's episodes on an emulated robot that hides effects."""
-    machine, task = load_robot(robot), trained.environment.task
+    machine, task = load_robot(robot), servo_task(trained.environment)
     world = World(machine, hidden=make_hidden(list(hidden), machine), seed=seed)
-    rows = RobotRows(task, ServoBackend(machine, 0.5, world, seed=seed))
-    found = []
+    env = on_robot(trained, task, ServoBackend(machine, 0.5, world, seed=seed))
+    actor, log, found = trained.acting(env), robot_of(env).log, []
     for number in range(EPISODES):
-        play(rows, trained.pilot(), seed + number)
-        if rows.log.last is not None:
-            found.append(rows.log.last)
-    rows.close()
+        play(env, actor, seed + number)
+        if log.last is not None:
+            found.append(log.last)
+    env.close()
     return found
 
 

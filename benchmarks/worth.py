@@ -30,9 +30,9 @@ from hardware.backends import ServoBackend
 from hardware.config import Robot, load_robot
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import World
-from hardware.rows import RobotRows
 from hardware.safety import StopLimits
-from sim2real.deployment.deploy import play, servo_task
+from sim2real.deployment.deploy import servo_task
+from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.trained import load_policy
 from sim2real.evaluation.worth import Cause, Game, price
 from sim2real.learning.trained import Trained
@@ -89,17 +89,18 @@ def earned(
     """Return what a policy earns on an emulated robot, (E,); None if its guard stopped it."""
     world = World(robot, hidden=make_hidden(list(hidden), robot), seed=noise)
     backend = ServoBackend(robot, SETTLE, world, limits=STOPS, seed=noise)
-    rows = RobotRows(servo_task(policy.environment), backend)
+    env = on_robot(policy, servo_task(policy.environment), backend)
+    rows = robot_of(env)
     returns = []
     try:
         rows.arm()
-        pilot = policy.pilot()
+        actor = policy.acting(env)
         for seed in seeds:
-            returns.append(play(rows, pilot, int(seed)))
+            returns.append(play(env, actor, int(seed))[0])
             if rows.stopped is not None:
                 return None
     finally:
-        rows.close()
+        env.close()
     return np.array(returns)
 
 

@@ -32,6 +32,7 @@ class MujocoEnv(RowsEnv):
         seed: the seed of the episodes.
         tasks: draws each episode's parameters (see `RowsEnv`).
         fixed: effects that every row has, with their values, as `load_effects` returns them.
+        cut: whether actions are cut at their limits (see `RowsEnv`).
 
     Raises:
         EffectError: an effect that the robot cannot have.
@@ -48,9 +49,10 @@ class MujocoEnv(RowsEnv):
         seed: int = 0,
         tasks: Tasks | None = None,
         fixed: Sequence[Fixed] = (),
+        cut: bool = True,
     ) -> None:
         simulation = Simulation(task, num_envs, effects, threads, fixed)
-        super().__init__(simulation, device, dtype, seed, tasks)
+        super().__init__(simulation, device, dtype, seed, tasks, cut)
 
     @property
     def simulation(self) -> Simulation:

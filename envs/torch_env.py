@@ -6,7 +6,8 @@
 
 Rows that end are reset by mask while the others go on, as TorchRL's collectors do by themselves.
 Parameters travel in the tensordict under ("params", name): at a reset the environment writes those
-that it is given into the rows that reset, and keeps the rest. Actions are cut at their limits.
+that it is given into the rows that reset, and keeps the rest. Actions are cut at their limits,
+unless `cut=False`.
 
     env.reset(values=values, seeds=seeds)               # these robots (N, P), with these seeds (N,)
     state = env.episodes()                              # the episodes in progress, as plain data
@@ -40,6 +41,10 @@ class RowsEnv(EnvBase):
         seed: the seed of the episodes; `set_seed` changes it.
         tasks: draws the parameters, as `RandomizeParams` does, but faster: an environment without
             transforms restarts its rows without TorchRL's general machinery.
+        cut: whether actions are cut at their limits before the rows take them.
+
+    Attributes:
+        rewards: of the last step, (N,) float64, as the rows paid them.
 
     Raises:
         ParameterError: tasks that do not fit the rows' parameters.
@@ -52,6 +57,7 @@ class RowsEnv(EnvBase):
         dtype: torch.dtype = torch.float32,
         seed: int = 0,
         tasks: Tasks | None = None,
+        cut: bool = True,
     ) -> None:
         super().__init__(device=device, batch_size=torch.Size([rows.num_rows]))
         self.rows, self._float = rows, dtype
@@ -63,7 +69,8 @@ class RowsEnv(EnvBase):
         self._seeds = np.zeros(count, np.uint64)
         self._ages = np.zeros(count, np.int64)  # steps of the episode so far
         self._actions = np.zeros((0, count, rows.action_size))  # of the episodes so far
-        self._low, self._high = rows.action_low, rows.action_high
+        self._limits = (rows.action_low, rows.action_high) if cut else (-np.inf, np.inf)
+        self.rewards = np.zeros(count)
         self._make_specs()
         self._set_seed(seed)
         self.tasks: Tasks | None = None
@@ -163,11 +170,10 @@ class RowsEnv(EnvBase):
             self._drawn[ids] = True
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict.get("action").detach().cpu().numpy().astype(np.float64)
-        action = np.minimum(np.maximum(action, self._low), self._high)  # NaN stays, and fails
+        action = self.taken(tensordict)
         step = self.rows.step(None, action)
         self._note(action)
-        self._last = step.observation
+        self._last, self.rewards = step.observation, step.reward
         return self._tensordict(
             {
                 **self._seen(None),
@@ -178,6 +184,12 @@ class RowsEnv(EnvBase):
                 "failed": self._tensor(step.failed[:, None], torch.bool),
             }
         )
+
+    def taken(self, tensordict: TensorDictBase) -> np.ndarray:
+        """Return the actions that the rows take of an entry "action" (N, A), float64."""
+        action = tensordict.get("action").detach().cpu().numpy().astype(np.float64)
+        low, high = self._limits
+        return np.minimum(np.maximum(action, low), high)  # NaN stays, and fails
 
     def _note(self, action: np.ndarray) -> None:
         """Keep the actions (N, A) of the episodes in progress."""

@@ -59,6 +59,7 @@ class HardwareEnv(RowsEnv):
         dtype: the dtype of observations, actions and rewards.
         seed: the seed of the episodes' starting poses.
         num_envs: 1: there is one robot.
+        cut: whether actions are cut at the task's limits (see `RowsEnv`).
 
     Raises:
         RobotError: several robots, the task of another one, or a sensor that there is not.
@@ -73,10 +74,11 @@ class HardwareEnv(RowsEnv):
         dtype: torch.dtype = torch.float32,
         seed: int = 0,
         num_envs: int = 1,
+        cut: bool = True,
     ) -> None:
         if num_envs != 1:
             raise RobotError(f"num_envs={num_envs}: {backend.robot.name} is one robot; give 1")
-        super().__init__(_Rows(task, backend, folder), device, dtype, seed)
+        super().__init__(_Rows(task, backend, folder), device, dtype, seed, cut=cut)
 
     @property
     def robot(self) -> RobotRows:

@@ -1,6 +1,7 @@
 """A trained policy on the robot: what the verb `deploy` is made of.
 
-    drive(rows, trained, deployment, out)             # the episodes that are left; then it parks
+    env = on_robot(trained, task, backend, out / "logs")      # see robot_env.py
+    drive(env, trained, deployment, out)              # the episodes that are left; then it parks
     report(deployment, trained, task, out)            # returns on the robot, and in its simulator
 
 After each episode all is on disk, so that what was interrupted goes on with `load`.
@@ -10,13 +11,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from torchrl.envs import TransformedEnv
 
 from envs.loose import refusal
-from envs.simulation import Simulation
+from envs.mujoco import MujocoEnv
 from envs.tasks.servo import ServoTask
 from hardware.backends import Backend
 from hardware.calibration import apply_calibration, read_calibration
@@ -24,12 +27,13 @@ from hardware.config import Robot, make_robot
 from hardware.errors import SafetyError
 from hardware.rows import RobotRows
 from sim2real.deployment.fit import check_interface
+from sim2real.deployment.robot_env import play, robot_of
 from sim2real.deployment.session import STATE, Deployment, Turn, save
 from sim2real.deployment.stops import guarding as guarding
 from sim2real.deployment.trained import task_of
-from sim2real.learning.adapt import Adaptation, IdentifySession, Steps
+from sim2real.learning.adapt import Adaptation, IdentifySession
 from sim2real.learning.environment import Environment
-from sim2real.learning.trained import Pilot, Trained
+from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError, Stopped
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -37,7 +41,6 @@ from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
-ROW, NO_VALUES = np.arange(1), np.zeros((1, 0))
 DRAWS = 2000  # resamples of an interval
 
 
@@ -104,7 +107,7 @@ def is_felt(backend: Backend) -> bool:
 
 
 def drive(
-    rows: RobotRows,
+    env: TransformedEnv,
     trained: Trained,
     deployment: Deployment,
     out: Path,
@@ -114,7 +117,7 @@ def drive(
     """Run the episodes that are left, and park.
 
     Args:
-        rows: the robot.
+        env: the robot, see `on_robot`.
         trained: the policy.
         deployment: which episodes are left.
         out: gets state.npz and returns.csv after each episode, and parameters.csv where the robot's
@@ -128,19 +131,16 @@ def drive(
         SafetyError: the guard stopped the robot; what was done is on disk.
         Stopped: after Ctrl-C; torque is off.
     """
+    again, rows = f"continue with resume={resume or out}", robot_of(env)
     check_interface(trained, rows.backend.robot)
     save(out / STATE, deployment)
-    again = f"continue with resume={resume or out}"
     try:
         rows.arm()
         while (turn := deployment.next()) is not None:
-            steps = None
             rows.facts = made_by(trained) if turn.phase == "before" else {}
-            if deployment.explores(turn):
-                pilot = trained.pilot(turn.theta, explore=turn.seed % 2**63)
-                value, steps = explore(rows, pilot, turn.seed)
-            else:
-                value = play(rows, trained.pilot(turn.theta), turn.seed)
+            explores, actor = deployment.explores(turn), trained.acting(env, turn.theta)
+            value, steps = play(env, actor, turn.seed, explores)
+            rows.finish()  # where a transform ended the episode before its task
             if rows.stopped is not None:
                 raise SafetyError(
                     f"{rows.stopped} (in episode {deployment.done + 1} of {deployment.total}); "
@@ -157,44 +157,12 @@ def drive(
         done = f"stopped after {deployment.done} of {deployment.total} episodes, torque is off"
         raise Stopped(f"{done}; {again}", 130) from None
     finally:
-        rows.close()
+        env.close()
 
 
 def made_by(trained: Trained) -> dict[str, Any]:
     """Return what the metadata of a log say of the policy that made it, as it was trained."""
     return {} if trained.source is None else {"policy": str(trained.source.resolve())}
-
-
-def play(rows: RobotRows | Simulation, pilot: Pilot, seed: int) -> float:
-    """Run one episode in the one row there is, and return its return."""
-    total = 0.0
-    pilot.forget()
-    observation = rows.reset(ROW, NO_VALUES, np.array([seed], np.uint64))
-    while True:
-        step = rows.step(None, pilot(observation))
-        observation, total = step.observation, total + float(step.reward[0])
-        if step.terminated[0] or step.truncated[0]:
-            return total
-
-
-def explore(rows: RobotRows | Simulation, pilot: Pilot, seed: int) -> tuple[float, Steps]:
-    """Run one episode whose actions are drawn; return its return and its steps."""
-    seen, drawn, paid = [], [], []
-    pilot.forget()
-    observation = rows.reset(ROW, NO_VALUES, np.array([seed], np.uint64))
-    while True:
-        step = rows.step(None, pilot(observation))
-        acted = pilot.acted
-        seen.append(acted.get("observation")[0].numpy().astype(np.float32))
-        drawn.append(acted.get("action")[0].numpy().astype(np.float32))
-        paid.append(float(step.reward[0]))
-        observation = step.observation
-        if step.terminated[0] or step.truncated[0]:
-            end = None
-            if not step.terminated[0]:
-                pilot(observation)  # to see it as the policy does
-                end = pilot.acted.get("observation")[0].numpy().astype(np.float32)
-            return sum(paid), Steps(np.stack(seen), np.stack(drawn), np.array(paid), end)
 
 
 def list_returns(deployment: Deployment) -> Table:
@@ -219,10 +187,16 @@ def list_found(session: IdentifySession) -> Table:
     return table
 
 
-def simulated(task: ServoTask, pilot: Pilot, seeds: np.ndarray) -> list[float]:
-    """Return what the policy earns in its own simulator from the same starts."""
-    simulation = Simulation(task, 1, threads=1)
-    return [play(simulation, pilot, int(seed)) for seed in seeds]
+def simulated(
+    trained: Trained, task: ServoTask, theta: np.ndarray, seeds: np.ndarray
+) -> list[float]:
+    """Return what a policy earns in its own simulator from the same starts."""
+    env = trained.over(partial(MujocoEnv, task))
+    try:
+        actor = trained.acting(env, theta)
+        return [play(env, actor, int(seed))[0] for seed in seeds]
+    finally:
+        env.close()
 
 
 def report(deployment: Deployment, trained: Trained, task: ServoTask, out: Path) -> Table:
@@ -235,7 +209,7 @@ def report(deployment: Deployment, trained: Trained, task: ServoTask, out: Path)
         name = f"after {deployment.adapt.episodes} episodes of adaptation"
         phases.append((name, deployment.after, deployment.session.result))
     for name, returns, theta in phases:
-        twin = simulated(task, trained.pilot(theta), deployment.fresh)
+        twin = simulated(trained, task, theta, deployment.fresh)
         table.add(name, len(returns), estimate(returns, rng), estimate(twin, rng))
     if len(deployment.fresh) > 1:
         note = (

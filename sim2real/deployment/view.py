@@ -27,8 +27,7 @@ from hardware.config import Robot
 from hardware.emulator.world import World
 from hardware.excite import Kind, excite, suiting
 from hardware.record import record
-from hardware.rows import RobotRows
-from sim2real.deployment.deploy import play
+from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.stops import guarding
 from sim2real.learning.trained import Trained
 from sim2real.runs.errors import Sim2RealError
@@ -205,12 +204,13 @@ def along(
 
 def by_policy(task: ServoTask, trained: Trained, seed: int) -> Callable[[ServoBackend], None]:
     """Return what drives a robot by a policy, episode after episode."""
-    rng, pilot = np.random.default_rng(seed), trained.pilot()
+    rng = np.random.default_rng(seed)
 
     def drive(backend: ServoBackend) -> None:
-        rows = RobotRows(task, backend)
+        env = on_robot(trained, task, backend)
+        rows, actor = robot_of(env), trained.acting(env)
         while rows.stopped is None:
-            play(rows, pilot, int(rng.integers(2**63)))
+            play(env, actor, int(rng.integers(2**63)))
         raise Sim2RealError(f"the guard stopped the robot: {rows.stopped}")
 
     return drive

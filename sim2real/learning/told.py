@@ -199,17 +199,17 @@ class WithParams(Transform):
         return observation_spec
 
 
-def believe(env: TransformedEnv, said: np.ndarray) -> None:
+def believe(env: TransformedEnv, said: np.ndarray | None) -> None:
     """Tell the policies of an environment something else than the truth.
 
     Args:
-        env: with a `WithParams` among its transforms.
-        said: -1 to 1 over the ranges, (N, P), or (P,) for all rows.
+        env: its `WithParams` tell it; without one nobody is told anything.
+        said: -1 to 1 over the ranges, (N, P), or (P,) for all rows; None tells the truth again.
     """
     chain: Any = env.transform
     for one in chain:
         if isinstance(one, WithParams):
-            one.believed = np.clip(said, -one.limit, one.limit)
+            one.believed = None if said is None else np.clip(said, -one.limit, one.limit)
 
 
 class ToldRows:

@@ -14,7 +14,6 @@ Behind them may stand what a policy that is told its robot's parameters is to be
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
@@ -28,14 +27,14 @@ from tensordict.nn import TensorDictModuleBase
 from torch import nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from torchrl.envs import EnvBase, Transform, TransformedEnv
-from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
+from torchrl.envs.utils import step_mdp
 
 from envs.params import ParamSpace
 from envs.rows import Step
 from envs.torch_env import RowsEnv
 from sim2real.learning.environment import Environment
 from sim2real.learning.modules.acting import Acting, Actor
-from sim2real.learning.modules.randomness import Randomness
+from sim2real.learning.modules.randomness import Randomness, drawn
 from sim2real.learning.modules.value import Critic
 from sim2real.learning.population.rollout import Played, Watch, play
 from sim2real.learning.told import Told, believe
@@ -103,11 +102,8 @@ class Trained:
     ) -> Played:
         """Run an episode for each seed; see `population.rollout.play`, and `world`."""
         env = self.world(len(seeds), environment)
-        own, said = self.split(theta)
-        if said is not None:
-            believe(env, said)
         try:
-            return play(env, self.actor(own), values, seeds, watch)
+            return play(env, self.acting(env, theta), values, seeds, watch)
         finally:
             env.close()
 
@@ -130,6 +126,31 @@ class Trained:
         env.transform.eval()
         return env
 
+    def over(self, base: partial[EnvBase], num_envs: int = 1) -> TransformedEnv:
+        """Make the environment of the policy over another base, such as a robot; see `world`.
+
+        Args:
+            base: takes the `dtype` of what the policy sees and whether its actions are `cut`.
+            num_envs: N.
+        """
+        like: partial[EnvBase] = partial(base, dtype=self.dtype, cut=self.cut)
+        return self.world(num_envs, self.environment.over(like), threads=1)
+
+    def acting(
+        self, env: TransformedEnv, theta: np.ndarray | None = None, said: np.ndarray | None = None
+    ) -> TensorDictModuleBase:
+        """Return the policy in an environment of it, which from now on tells it what to believe.
+
+        Args:
+            env: made by `world` or `over`.
+            theta: parameters, (P,), see `split`; None for the trained ones.
+            said: what it believes of its robots, (N, P) or (P,), -1 to 1 over the ranges; None for
+                what stands behind theta, or else the truth.
+        """
+        own, behind = self.split(theta)
+        believe(env, behind if said is None else said)
+        return self.actor(own)
+
     def pilot(
         self,
         theta: np.ndarray | None = None,
@@ -146,14 +167,8 @@ class Trained:
             said: what a policy that is told its robot's parameters believes, (N, P) or (P,), -1 to
                 1 over the ranges; None for what stands behind theta, or else the middle.
         """
-        shown = self.environment.shown()
-        base: partial[EnvBase] = partial(FedEnv, *shown, dtype=self.dtype)
-        env = self.world(num_rows, self.environment.over(base))
-        own, behind = self.split(theta)
-        said = behind if said is None else said
-        if said is not None:
-            believe(env, said)
-        return Pilot(env, self.actor(own), self.cut, explore)
+        env = self.over(partial(FedEnv, *self.environment.shown()), num_rows)
+        return Pilot(env, self.acting(env, theta, said), explore)
 
 
 def of_module(module: nn.Module, environment: Environment, frames: int) -> Trained:
@@ -272,7 +287,7 @@ def of_all_rows(state: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class FedEnv(RowsEnv):
-    """`Fed` rows as a TorchRL environment; see there."""
+    """`Fed` rows as a TorchRL environment; see there, and `RowsEnv`."""
 
     def __init__(
         self,
@@ -282,38 +297,29 @@ class FedEnv(RowsEnv):
         num_envs: int = 1,
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float32,
+        cut: bool = True,
     ) -> None:
-        super().__init__(Fed(num_envs, observation_size, action_low, action_high), device, dtype)
+        self.fed = Fed(num_envs, observation_size, action_low, action_high)
+        super().__init__(self.fed, device, dtype, cut=cut)
 
 
 class Pilot:
     """A policy as a function: the next observations of the same robots to their actions.
 
     Args:
-        env: over `Fed` rows.
+        env: over a `FedEnv`.
         actor: the policy.
-        cut: whether actions are cut at their limits.
         explore: seed of actions that are drawn; None for the means.
     """
 
     def __init__(
-        self,
-        env: TransformedEnv,
-        actor: TensorDictModuleBase,
-        cut: bool,
-        explore: int | None = None,
+        self, env: TransformedEnv, actor: TensorDictModuleBase, explore: int | None = None
     ) -> None:
-        self._env, self._actor, self._cut = env, actor, cut
-        rows: Any = env.base_env.rows
-        self._fed: Fed = rows
+        self._env, self._actor = env, actor
+        base: Any = env.base_env
+        self._base: FedEnv = base
         self._now: TensorDictBase | None = None
-        self._random = None if explore is None else Randomness(explore, "cpu")
-
-    @property
-    def acted(self) -> TensorDictBase:
-        """What the policy saw last and drew, before anything cuts it, (N,)."""
-        assert self._now is not None
-        return self._now
+        self._randomness = None if explore is None else Randomness(explore, "cpu")
 
     def forget(self) -> None:
         """Start an episode: the next observation is its first."""
@@ -322,13 +328,9 @@ class Pilot:
     @torch.no_grad()
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """Map raw observations (N, O) to actions (N, A) float64."""
-        self._fed.observation = np.asarray(observation, np.float64)
-        drawn = self._random is not None
-        how = ExplorationType.RANDOM if drawn else ExplorationType.DETERMINISTIC
-        with set_exploration_type(how), self._random or nullcontext():
+        self._base.fed.observation = np.asarray(observation, np.float64)
+        with drawn(self._randomness):
             before = self._now
             now = self._env.reset() if before is None else step_mdp(self._env.step(before))
             self._now = self._actor(now)
-            acted = self._env.transform.inv(self._now)  # in the units of the robot's limits
-        action = acted.get("action").numpy().astype(np.float64)
-        return np.clip(action, self._fed.action_low, self._fed.action_high) if self._cut else action
+            return self._base.taken(self._env.transform.inv(self._now))

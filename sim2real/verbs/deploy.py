@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Any
 
 from hardware.backends import ServoBackend
-from hardware.rows import RobotRows
 from sim2real.deployment.deploy import (
     check_base,
     check_reward,
@@ -37,6 +36,7 @@ from sim2real.deployment.deploy import (
     servo_task,
 )
 from sim2real.deployment.dry_run import tell_commands
+from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment, load
 from sim2real.deployment.stops import guarding
 from sim2real.deployment.trained import load_trained, one_checkpoint, trained_for
@@ -105,11 +105,11 @@ def run(
     if settle < 0:
         raise Sim2RealError(f"settle={settle} must not be below 0 s")
     backend = ServoBackend(machine, settle, dry_run=dry_run, limits=guarding(stops), seed=seed)
-    rows = RobotRows(task, backend, out / "logs")
-    adapt = NoAdaptation() if dry_run else parts.adapt
+    trained = load_trained(checkpoint, parts, algorithm)
+    env = on_robot(trained, task, backend, out / "logs")
+    rows, adapt = robot_of(env), NoAdaptation() if dry_run else parts.adapt
     check_reward(rows, adapt)
     check_base(rows, adapt)
-    trained = load_trained(checkpoint, parts, algorithm)
     adapt = adapt.of(trained.actor(trained.theta), trained.critic).within(trained.environment)
     deployment = Deployment(trained.theta, adapt, trials, seed)
     tell(deployment, trained_for(checkpoint))
@@ -118,7 +118,7 @@ def run(
         log_.info("continuing after %d of %d episodes", deployment.done, deployment.total)
     try:
         if deployment.done < deployment.total:
-            drive(rows, trained, deployment, out)
+            drive(env, trained, deployment, out)
     finally:
         if deployment.done == deployment.total:  # also where parking failed
             report(deployment, trained, task, out)

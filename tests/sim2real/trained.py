@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import pytest
 import yaml
+from torchrl.envs import EnvBase, TransformedEnv
 
 from sim2real.config.compose import compose, prepare
 
@@ -23,3 +26,19 @@ def train(out: Path, overrides: list[str]) -> Path:
     verb, arguments = prepare(compose(overrides), out)
     verb(**arguments)
     return out
+
+
+def note_worlds(monkeypatch: pytest.MonkeyPatch) -> list[EnvBase]:
+    """Return a list that gets each environment that is built from now on.
+
+    A `TransformedEnv` is none of its own.
+    """
+    built, make = list[EnvBase](), EnvBase.__init__
+
+    def noted(self: EnvBase, *arguments: Any, **named: Any) -> None:
+        make(self, *arguments, **named)
+        if not isinstance(self, TransformedEnv):
+            built.append(self)
+
+    monkeypatch.setattr(EnvBase, "__init__", noted)
+    return built

@@ -7,9 +7,12 @@ with randomness:
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from types import TracebackType
 
 import torch
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 Tensor = torch.Tensor
 
@@ -46,3 +49,11 @@ class Randomness:
         trace: TracebackType | None,
     ) -> None:
         self.state = self._swap(self._outside)
+
+
+@contextmanager
+def drawn(randomness: Randomness | None) -> Iterator[None]:
+    """Let policies draw their actions from there; None lets them take the means."""
+    how = ExplorationType.DETERMINISTIC if randomness is None else ExplorationType.RANDOM
+    with set_exploration_type(how), randomness or nullcontext():
+        yield

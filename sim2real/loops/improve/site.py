@@ -31,6 +31,7 @@ from hardware.log import Log, read_logs
 from hardware.rows import RobotRows
 from hardware.safety import StopLimits
 from sim2real.deployment.deploy import drive, is_felt, servo_task
+from sim2real.deployment.robot_env import on_robot
 from sim2real.deployment.session import STATE, Deployment, Turn, load
 from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.environment import Environment
@@ -167,9 +168,9 @@ class Site:
             f"will run {plan.total - plan.done} episodes of the policy of {folder.parent.name}. "
             "Put it where episodes start, and clear the space around it."
         )
-        rows = RobotRows(self.task, self._backend(), folder / "logs")
+        env = on_robot(trained, self.task, self._backend(), folder / "logs")
         measure = self._measure if self.by_distance else None
-        drive(rows, trained, plan, folder, measure, resume=folder.parent.parent)
+        drive(env, trained, plan, folder, measure, resume=folder.parent.parent)
         return plan.before
 
     def _measure(self, turn: Turn) -> float:

@@ -1,4 +1,4 @@
-"""The robot is stepped by the collector of training, with the transforms of training."""
+"""The robot is stepped as its simulation is: by a collector, with somebody's own parts."""
 
 from __future__ import annotations
 
@@ -6,17 +6,31 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pytest
 import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
+from torchrl.data import Composite, Unbounded
+from torchrl.envs import StepCounter, Transform
 
+from envs.mujoco import MujocoEnv
 from envs.tasks import Bench1
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.env import HardwareEnv
 from sim2real.config.compose import compose, prepare
+from sim2real.deployment.deploy import drive
+from sim2real.deployment.robot_env import on_robot, robot_of
+from sim2real.deployment.session import Deployment
+from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.algorithms.base import build
+from sim2real.learning.environment import Environment
+from sim2real.learning.trained import Trained
 
 WORDS = ["env=bench1", "env.task.seconds=0.4", "algorithm=ppo", "algorithm.num_rows=4"]
 WORDS += ["algorithm.steps=32", "algorithm.minibatch_size=32", "algorithm.epochs=1"]
+STEPS = 20  # of an episode that a transform ends
 
 
 def test_a_collector_drives_the_emulated_bus_as_it_drives_the_simulation() -> None:
@@ -46,3 +60,65 @@ def test_a_collector_drives_the_emulated_bus_as_it_drives_the_simulation() -> No
         assert float(std.min()) < 0.9
     finally:
         env.close()
+
+
+class Before(Transform):
+    """Shows the step before beside the present one, and turns actions about."""
+
+    def __init__(self) -> None:
+        super().__init__(["observation"], ["both"], ["action"], ["action"])
+        self.before = torch.zeros(0)
+
+    def _show(self, after: TensorDictBase, before: torch.Tensor) -> TensorDictBase:
+        self.before = after.get("observation")
+        return after.set("both", torch.cat([before, self.before], -1))
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return self._show(next_tensordict, self.before)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._show(tensordict_reset, tensordict_reset.get("observation"))
+
+    def _inv_apply_transform(self, action: torch.Tensor) -> torch.Tensor:
+        return -action
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Return the specs with both steps."""
+        seen = observation_spec["observation"]
+        both = torch.Size((*seen.shape[:-1], 2 * seen.shape[-1]))
+        observation_spec["both"] = Unbounded(both, dtype=seen.dtype, device=seen.device)
+        return observation_spec
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_somebody_s_own_transform_and_actor_drive_the_emulated_bus(
+    cut: bool, tmp_path: Path
+) -> None:
+    """The log has what they say of what the task observed; returns are not rounded on the way.
+
+    An episode may end by a transform before its task ends it.
+    """
+    task = Bench1(seconds=0.6)
+    transforms: Any = {"before": Before, "steps": partial(StepCounter, max_steps=STEPS)}
+    own = Environment(partial(MujocoEnv, task), transforms=transforms)
+    size, low, high = own.shown()
+    gains = torch.linspace(-1.5, 1.5, 2 * size)[:, None]
+    actor = TensorDictModule(lambda both: both @ gains, ["both"], ["action"])
+    trained = Trained(np.zeros(0, np.float32), lambda theta: actor, own, {}, 0, cut=cut)
+    deployment = Deployment(trained.theta, NoAdaptation(), trials=2, seed=0)
+    backend = ServoBackend(load_robot("bench1"), settle=0.1)
+    env = on_robot(trained, task, backend, tmp_path / "logs")
+    drive(env, trained, deployment, tmp_path)
+    log = robot_of(env).log.last
+    assert log is not None and len(log) == STEPS + 1 < task.max_steps
+    seen = np.stack([log.column(f"obs.{i}") for i in range(size)], 1)[:STEPS]
+    both = np.concatenate([np.vstack([seen[:1], seen[:-1]]), seen], 1)
+    said = -both @ gains.double().numpy()
+    asked = np.clip(said, low, high) if cut else said
+    np.testing.assert_allclose(log.column("action.0")[:STEPS], asked[:, 0], atol=1e-5)
+    assert ((said < low) | (said > high)).any() and ((said > low) & (said < high)).any()
+    paid = log.column("reward")[:STEPS]
+    assert deployment.before[1] == np.cumsum(paid)[-1]
+    assert deployment.before[1] != np.cumsum(paid.astype(np.float32), dtype=float)[-1]

@@ -17,6 +17,7 @@ from envs.tasks import Bench1, Hopper2, Quad8
 from hardware.backends import ServoBackend
 from hardware.body import EmulatedBody
 from hardware.config import load_robot
+from hardware.env import HardwareEnv
 from hardware.rows import RobotRows
 from sim2real.config.compose import compose, prepare
 from sim2real.evaluation.worth import Cause
@@ -25,6 +26,7 @@ from sim2real.loops.improve.operator import DeclinedError, Operator
 from sim2real.loops.improve.site import Site
 from sim2real.loops.improve.story import Round, Story
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.trained import note_worlds
 
 ROW, NO_VALUES, SEED = np.arange(1), np.zeros((1, 0)), np.array([3], np.uint64)
 
@@ -125,7 +127,9 @@ def test_where_nothing_tracks_the_robot_its_operator_measures(
     operator = Operator(lambda question: "0.5")
     site = the_site(given["parts"].environment, "quad8", operator)
     assert site.by_distance
+    built = note_worlds(monkeypatch)
     returns = site.deploy(trained, tmp_path / "deploy")
+    assert [type(one) for one in built] == [HardwareEnv]
     rows = RobotRows(site.task, backend(site))
     assert rows.needs()[1] == {"position"}
     assert all(0.3 < one < 0.5 for one in returns)  # the distance less the energy

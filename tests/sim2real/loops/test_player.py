@@ -14,9 +14,9 @@ from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import World
 from hardware.log import Log
-from hardware.rows import RobotRows
-from sim2real.deployment.deploy import play, servo_task
+from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.export import export
+from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.closed_loop.check import Drawn, check_closed_loop
 from sim2real.diagnosis.settings import ClosedLoopSettings
@@ -47,13 +47,14 @@ def deployed(trained: Trained, *hidden: dict) -> list[Log]:
     """Return the logs of four episodes on an emulated robot."""
     robot = load_robot("bench1")
     world = World(robot, hidden=make_hidden(list(hidden), robot), seed=1)
-    rows = RobotRows(servo_task(trained.environment), ServoBackend(robot, 0.2, world, seed=1))
-    found = []
+    backend = ServoBackend(robot, 0.2, world, seed=1)
+    env = on_robot(trained, servo_task(trained.environment), backend)
+    actor, found = trained.acting(env), []
     for seed in range(4):
-        play(rows, trained.pilot(), 100 + seed)
-        assert rows.log.last is not None
-        found.append(rows.log.last)
-    rows.close()
+        play(env, actor, 100 + seed)
+        found.append(robot_of(env).log.last)
+    env.close()
+    assert None not in found
     return found
 
 

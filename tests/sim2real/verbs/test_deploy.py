@@ -14,9 +14,12 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from tensordict import TensorDictBase
 
+from envs.torch_env import RowsEnv
 from hardware.calibration import calibration_of, write_calibration
 from hardware.config import ROBOTS, load_robot
+from hardware.env import HardwareEnv
 from hardware.errors import RobotError, SafetyError, ServoError
 from hardware.log import read_logs
 from hardware.rows import RobotRows
@@ -24,13 +27,12 @@ from sim2real.config.compose import compose, prepare, save
 from sim2real.deployment import deploy
 from sim2real.deployment.session import Deployment
 from sim2real.learning.modules.acting import Actor
-from sim2real.learning.trained import Pilot
 from sim2real.learning.transforms import affine
 from sim2real.runs.checkpoint import find
 from sim2real.runs.errors import Sim2RealError, Stopped
 from sim2real.verbs import contract, replay
 from sim2real.verbs import deploy as verb
-from tests.sim2real.trained import SMALL_ES, SMALL_PPO, train
+from tests.sim2real.trained import SMALL_ES, SMALL_PPO, note_worlds, train
 
 CLIMB = ["adapt=hillclimb", "adapt.queries=3", "adapt.sigma=0.3"]
 
@@ -75,6 +77,29 @@ def test_a_policy_runs_on_the_robot_and_is_compared_with_its_simulator(run, tmp_
     assert json.loads((tmp_path / "replay" / "replay.json").read_text())["rmse"] < 0.015
 
 
+@pytest.mark.parametrize("algorithm", ["es", "ppo"])
+def test_the_robot_is_the_one_environment_that_is_built(algorithm, run, tmp_path, monkeypatch):
+    """Once the policy is loaded: for all episodes, with whatever parameters, and no other."""
+    policy = run if algorithm == "es" else train(tmp_path / "run", SMALL_PPO)
+    load, tell, driven = verb.load_trained, verb.report, []
+    built = note_worlds(monkeypatch)
+
+    def loaded(*arguments: Any) -> Any:
+        trained = load(*arguments)
+        built.clear()  # those that training would use
+        return trained
+
+    def told(*arguments: Any) -> Any:
+        driven.extend(built)
+        return tell(*arguments)
+
+    monkeypatch.setattr(verb, "load_trained", loaded)
+    monkeypatch.setattr(verb, "report", told)
+    done = go(policy, tmp_path / "out", "adapt=hillclimb", "adapt.queries=1", "adapt.sigma=0.3")
+    assert done.done == 6
+    assert [type(one) for one in driven] == [HardwareEnv]
+
+
 def test_it_adapts_episode_by_episode(run, tmp_path):
     """The budget is the operator's; before and after start alike; the result is the best tried."""
     done = go(run, tmp_path, *CLIMB)
@@ -113,7 +138,7 @@ def test_what_was_interrupted_goes_on_as_if_it_had_not_been(run, tmp_path, monke
     whole = go(run, tmp_path / "whole", *CLIMB)
     play, count = deploy.play, iter(range(100))
 
-    def interrupted(*arguments: Any) -> float:
+    def interrupted(*arguments: Any) -> Any:
         if next(count) == 4:
             os.kill(os.getpid(), signal.SIGINT)
         return play(*arguments)
@@ -171,14 +196,14 @@ def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
     run = train(tmp_path / "run", SMALL_PPO)
     verb, arguments = prepare(compose(SMALL_PPO), tmp_path / "again")
     learner = verb(**arguments)  # the same seed gives the same policy
-    act, pairs = Pilot.__call__, []
+    taken, pairs = RowsEnv.taken, []
 
-    def noted(self: Pilot, seen: np.ndarray) -> np.ndarray:
-        done = act(self, seen)
-        pairs.append((seen[0].copy(), done[0]))
+    def noted(self: RowsEnv, tensordict: TensorDictBase) -> np.ndarray:
+        done = taken(self, tensordict)
+        pairs.append((self._last[0].copy(), done[0]))
         return done
 
-    monkeypatch.setattr(Pilot, "__call__", noted)
+    monkeypatch.setattr(RowsEnv, "taken", noted)
     go(run, tmp_path / "out", "adapt=none")
     assert len(pairs) == 2 * 2 * 20  # two episodes on the robot, and the same in its simulator
     seen, done = (np.array(values) for values in zip(*pairs, strict=True))
@@ -289,17 +314,17 @@ def test_a_policy_adapts_by_its_steps_on_the_robot(tmp_path, monkeypatch, words)
     whole = go(run, tmp_path / "whole", *words)
     assert (len(whole.before), len(whole.adapting), len(whole.after)) == (2, 3, 2)
     assert len(set(whole.adapting)) == 3 and not np.array_equal(whole.session.result, whole.theta)
-    play, count = deploy.explore, iter(range(100))
+    play, count = deploy.play, iter(range(100))
 
     def interrupted(*arguments: Any) -> Any:
-        if next(count) == 2:
+        if next(count) == 4:
             os.kill(os.getpid(), signal.SIGINT)
         return play(*arguments)
 
-    monkeypatch.setattr(deploy, "explore", interrupted)
+    monkeypatch.setattr(deploy, "play", interrupted)
     with pytest.raises(Stopped, match=r"after 4 of 7 episodes, torque is off; continue with"):
         go(run, tmp_path / "part", *words)
-    monkeypatch.setattr(deploy, "explore", play)
+    monkeypatch.setattr(deploy, "play", play)
     again = go(run, tmp_path / "rest", *words, f"resume={tmp_path / 'part'}")
     assert again.adapting[:2] == whole.adapting[:2]
     np.testing.assert_allclose(again.session.result, whole.session.result, atol=0.02)
