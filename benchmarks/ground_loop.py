@@ -31,8 +31,8 @@ from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.diagnosis.closed_loop.check import Drawn, check_closed_loop
 from sim2real.diagnosis.schema import ClosedLoop, Estimate
 from sim2real.diagnosis.settings import DEFAULT
-from sim2real.learning.environment import Environment
-from sim2real.learning.trained import Trained
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.player import Player
 
 Entry = dict[str, Any]
@@ -49,10 +49,10 @@ HIDDEN: list[list[Entry]] = [
 ]
 
 
-def feedback(task: ServoTask) -> Trained:
+def feedback(task: ServoTask) -> TrainedPolicy:
     """Return a policy whose actions are a fixed linear function of what it sees."""
-    environment = Environment(partial(MujocoEnv, task, dtype=torch.float64))
-    size, low, _ = environment.shown()
+    environment = EnvironmentFactory(partial(MujocoEnv, task, dtype=torch.float64))
+    size, low, _ = environment.observation_and_action_spec()
     gains = GAIN / np.sqrt(size) * np.random.default_rng(GAIN_SEED).normal(size=(size, len(low)))
 
     def act(observation: torch.Tensor) -> torch.Tensor:
@@ -60,10 +60,10 @@ def feedback(task: ServoTask) -> Trained:
 
     module = TensorDictModule(act, ["observation"], ["action"])
     none = np.zeros(0, np.float32)
-    return Trained(none, lambda theta: module, environment, {}, 0, dtype=torch.float64)
+    return TrainedPolicy(none, lambda theta: module, environment, {}, 0, dtype=torch.float64)
 
 
-def deployed(robot: str, trained: Trained, hidden: Sequence[Entry], seed: int) -> list[Log]:
+def deployed(robot: str, trained: TrainedPolicy, hidden: Sequence[Entry], seed: int) -> list[Log]:
     """Return the logs of a policy's episodes on an emulated robot that hides effects."""
     machine, task = load_robot(robot), servo_task(trained.environment)
     world = World(machine, hidden=make_hidden(list(hidden), machine), seed=seed)

@@ -32,10 +32,10 @@ from envs.rows import Rows
 from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D, ToyEnv
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
 from sim2real.learning.adapt.hillclimb import Mode
-from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
-from sim2real.learning.environment import Environment
-from sim2real.learning.modules.policy import mlp_policy
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.modules.mlp_policy import mlp_policy
 from sim2real.learning.population.population import evaluate_adaptation
 from sim2real.runs.statistics import Interval, bootstrap, mean
 
@@ -137,9 +137,9 @@ EXPERIMENTS = {
 def run(name: str, operator: str, seed: int) -> dict[str, Any]:
     """Train one operator once and score it; return a row of the results."""
     experiment = EXPERIMENTS[name]
-    world = Environment(partial(ToyEnv, experiment.env), experiment.tasks())
+    world = EnvironmentFactory(partial(ToyEnv, experiment.env), experiment.tasks())
     algorithm = ESMAML(
-        Parts(world, POLICY, seed, experiment.operators[operator]),
+        Components(world, POLICY, seed, experiment.operators[operator]),
         ESMAMLSettings(
             pairs=experiment.pairs,
             num_rows=2 * experiment.pairs,

@@ -25,8 +25,8 @@ from envs.effects import make
 from envs.randomization import Draw, Randomization
 from envs.simulation import Simulation
 from envs.tasks import Hopper
+from sim2real.learning.modules.mlp_policy import MLPPolicy
 from sim2real.learning.modules.normalizer import Normalizer
-from sim2real.learning.modules.policy import MLPPolicy
 
 POLICY_FILE = Path(__file__).with_name("hopper_policy.json")
 THREADS = 2  # of the physics, and worker processes where they take its place

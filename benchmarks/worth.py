@@ -35,7 +35,7 @@ from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.trained import load_policy
 from sim2real.evaluation.worth import Cause, Game, price
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table
@@ -84,7 +84,7 @@ def drawn(robot: Robot, rng: np.random.Generator) -> list[Entry]:
 
 
 def earned(
-    policy: Trained, robot: Robot, hidden: Sequence[Entry], seeds: np.ndarray, noise: int
+    policy: TrainedPolicy, robot: Robot, hidden: Sequence[Entry], seeds: np.ndarray, noise: int
 ) -> np.ndarray | None:
     """Return what a policy earns on an emulated robot, (E,); None if its guard stopped it."""
     world = World(robot, hidden=make_hidden(list(hidden), robot), seed=noise)

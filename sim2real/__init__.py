@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sim2real.diagnosis.schema import Report
     from sim2real.learning.adapt import GradientAdaptation, HillClimb, NoAdaptation, Session
     from sim2real.learning.environment import make_env
-    from sim2real.learning.trained import Trained
+    from sim2real.learning.trained import TrainedPolicy
     from sim2real.runs.errors import Sim2RealError
 
 __all__ = [
@@ -33,7 +33,7 @@ __all__ = [
     "Report",
     "Session",
     "Sim2RealError",
-    "Trained",
+    "TrainedPolicy",
     "compose",
     "diagnose",
     "load_policy",

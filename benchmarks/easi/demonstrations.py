@@ -41,7 +41,7 @@ def demonstrate(
     fixed = () if effects is None else load_effects(effects)
     world = replace(trained.environment, tasks=Randomization(), fixed=fixed)
     rows = world.base_rows(trajectories)
-    columns = record(rows, trained.pilot(num_rows=trajectories, explore=seed), seed)
+    columns = record(rows, trained.controller(num_rows=trajectories, explore=seed), seed)
     return write_log(path, Log(columns))
 
 

@@ -21,8 +21,8 @@ from torchrl.objectives.value import GAE
 from benchmarks.rows.base import Row, Timing
 from sim2real.config.compose import compose, prepare
 from sim2real.learning.adapt import PPOAdaptation
-from sim2real.learning.adapt.clipped import Learners, Round
-from sim2real.learning.modules.policies import Policy
+from sim2real.learning.adapt.batched_ppo import BlockedPPO, RolloutBatch
+from sim2real.learning.modules.actor_critic import Policy
 from sim2real.learning.modules.value import Critic
 
 EXPERIMENT = "es_ppo_lite"
@@ -38,13 +38,13 @@ def parts() -> tuple[PPOAdaptation, Any]:
     return made.adapt, policy
 
 
-def steps_of(members: int, steps: int) -> Round:
+def steps_of(members: int, steps: int) -> RolloutBatch:
     """Return a round of random steps of a Hopper's sizes; one in fifty ends an episode."""
     rng, shape = torch.Generator().manual_seed(0), (members, steps)
     seen, after = (torch.randn(*shape, 11, generator=rng) for _ in range(2))
     action, reward = torch.randn(*shape, 3, generator=rng), torch.rand(*shape, generator=rng)
     done = torch.rand(*shape, generator=rng) < 0.02
-    return Round(seen, action, reward, after, done, done)
+    return RolloutBatch(seen, action, reward, after, done, done)
 
 
 class Members(Row):
@@ -65,8 +65,8 @@ class Members(Row):
         adapt, policy = parts()
         whole = [*policy.actor.parameters(), *policy.critic.parameters()]
         theta = nn.utils.parameters_to_vector(whole).detach().numpy()
-        law, value, _ = adapt.of(policy.actor, Critic(policy.critic)).known()
-        self._learners = Learners(adapt, law, value, np.tile(theta, (self._members, 1)))
+        law, value, _ = adapt.bind_policy(policy.actor, Critic(policy.critic)).known()
+        self._learners = BlockedPPO(adapt, law, value, np.tile(theta, (self._members, 1)))
         rng = np.random.default_rng(0)
         orders = [adapt.orders(rng, adapt.steps) for _ in range(self._members)]
         self._orders = torch.from_numpy(np.stack(orders))
@@ -116,7 +116,7 @@ class MembersTorchRL(Row):
         self._optimizer = torch.optim.Adam(
             policy.parameters(), lr=self._adapt.learning_rate, eps=self._adapt.eps, fused=True
         )
-        one = Round(*(x[0] for x in steps_of(1, self._adapt.steps)))
+        one = RolloutBatch(*(x[0] for x in steps_of(1, self._adapt.steps)))
         flags = {"done": one.done[:, None], "terminated": one.terminated[:, None]}
         after = {"observation": one.after, "reward": one.reward[:, None], **flags}
         self._data = TensorDict(

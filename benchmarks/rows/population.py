@@ -23,7 +23,7 @@ from envs.rows import Step
 from envs.simulation import Simulation
 from envs.tasks import Hopper
 from sim2real.learning.adapt import NoAdaptation
-from sim2real.learning.population.population import Members, Population, draw_seeds
+from sim2real.learning.population.population import Population, PopulationRequest, draw_seeds
 
 SIGMA = {"hopping": 0.02, "fresh": 0.05}  # spread of the members around the policy, in weights
 
@@ -47,11 +47,11 @@ class Evaluation:
         self.values = tasks.sample(rng, members)  # (J, 2)
         self.seeds = draw_seeds(rng, (members, episodes))  # (J, F)
 
-    def members(self) -> Members:
+    def members(self) -> PopulationRequest:
         """Return the job as a population takes it, new at each call."""
         noise = np.empty((len(self.thetas), 0, self.thetas.shape[1]), np.float32)
-        return Members(
-            NoAdaptation().cohort(self.thetas, noise), self.values, self.values, self.seeds
+        return PopulationRequest(
+            NoAdaptation().start_batch(self.thetas, noise), self.values, self.values, self.seeds
         )
 
     def tape(self, num_rows: int) -> Tape:

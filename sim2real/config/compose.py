@@ -32,7 +32,9 @@ from sim2real.config.targets import ConfigError, build, build_named, check, chec
 from sim2real.runs.files import write_text
 
 ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
-PARTS = "sim2real.learning.parts.assemble"  # makes a verb's `parts` of the root keys it names
+PARTS = (
+    "sim2real.learning.parts.build_components"  # makes a verb's `parts` of the root keys it names
+)
 LEARNING = ("collector", "advantage", "loss", "buffer", "optimizer")  # what learns from experience
 INHERITED = (  # what a run says about itself
     *("env", "effects", "params", "transforms", "policy", "adapt", "algorithm"),

@@ -20,7 +20,7 @@ import numpy as np
 from envs.tasks.servo import ServoTask
 from sim2real.deployment.program_check import ActorError, check_program
 from sim2real.deployment.trained import load_policy
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 RUNS_CODE = (".pt", ".pth", ".jit", ".pkl", ".pickle", ".torchscript")
@@ -96,7 +96,7 @@ def _checkpoint(path: Path) -> Actor:
     return actor_of(load_policy(path), path)
 
 
-def actor_of(trained: Trained, path: str | Path) -> Actor:
+def actor_of(trained: TrainedPolicy, path: str | Path) -> Actor:
     """Return a trained policy as a function of one observation.
 
     Args:
@@ -128,7 +128,7 @@ def actor_of(trained: Trained, path: str | Path) -> Actor:
         with torch.no_grad():
             action = module(torch.from_numpy(np.asarray(observation, np.float64)))
         made = action.numpy().astype(np.float64)
-        return np.clip(made, low, high) if trained.cut else made
+        return np.clip(made, low, high) if trained.clips_actions else made
 
     return Actor(function, normalizer.shape[1], type(task).__name__, normalizer)
 

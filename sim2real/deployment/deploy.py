@@ -32,8 +32,8 @@ from sim2real.deployment.session import STATE, Deployment, Turn, save
 from sim2real.deployment.stops import guarding as guarding
 from sim2real.deployment.trained import task_of
 from sim2real.learning.adapt import Adaptation, IdentifySession
-from sim2real.learning.environment import Environment
-from sim2real.learning.trained import Trained
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError, Stopped
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -44,7 +44,7 @@ log_ = logging.getLogger(__name__)
 DRAWS = 2000  # resamples of an interval
 
 
-def servo_task(environment: Environment) -> ServoTask:
+def servo_task(environment: EnvironmentFactory) -> ServoTask:
     """Return an environment's task; raises Sim2RealError if it is not one of a servo robot."""
     task = task_of(environment)
     if not isinstance(task, ServoTask):
@@ -108,7 +108,7 @@ def is_felt(backend: Backend) -> bool:
 
 def drive(
     env: TransformedEnv,
-    trained: Trained,
+    trained: TrainedPolicy,
     deployment: Deployment,
     out: Path,
     measure: Callable[[Turn], float] | None = None,
@@ -160,7 +160,7 @@ def drive(
         env.close()
 
 
-def made_by(trained: Trained) -> dict[str, Any]:
+def made_by(trained: TrainedPolicy) -> dict[str, Any]:
     """Return what the metadata of a log say of the policy that made it, as it was trained."""
     return {} if trained.source is None else {"policy": str(trained.source.resolve())}
 
@@ -188,7 +188,7 @@ def list_found(session: IdentifySession) -> Table:
 
 
 def simulated(
-    trained: Trained, task: ServoTask, theta: np.ndarray, seeds: np.ndarray
+    trained: TrainedPolicy, task: ServoTask, theta: np.ndarray, seeds: np.ndarray
 ) -> list[float]:
     """Return what a policy earns in its own simulator from the same starts."""
     env = trained.over(partial(MujocoEnv, task))
@@ -199,7 +199,7 @@ def simulated(
         env.close()
 
 
-def report(deployment: Deployment, trained: Trained, task: ServoTask, out: Path) -> Table:
+def report(deployment: Deployment, trained: TrainedPolicy, task: ServoTask, out: Path) -> Table:
     """Write table.md and table.csv: returns on the robot, and in the simulator, by phase."""
     columns = ("policy", "episodes", "return on the robot", "return in its simulator")
     table = Table(columns)

@@ -28,9 +28,9 @@ from torch import nn
 from envs.tasks.servo import ServoTask
 from hardware.exported import SCHEMA, TOLERANCE, ExportedPolicy
 from hardware.files import whole_file
+from sim2real.learning.context import ContextSpec
 from sim2real.learning.interface import interface, observation_names, read_interface
-from sim2real.learning.told import Told
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
@@ -45,7 +45,7 @@ class ExportError(Sim2RealError):
     """A policy cannot be written as asked."""
 
 
-def export(trained: Trained, task: ServoTask, out: Path, rng: np.random.Generator) -> Path:
+def export(trained: TrainedPolicy, task: ServoTask, out: Path, rng: np.random.Generator) -> Path:
     """Write a policy's files into a folder, compared before; see the module's text.
 
     Raises:
@@ -146,7 +146,7 @@ def compare(got: np.ndarray, wanted: np.ndarray, name: str) -> None:
         raise ExportError(f"{name} would differ from the trained policy by {off:.2g}; not written")
 
 
-def describe(trained: Trained, task: ServoTask, arrays: Arrays) -> dict[str, Any]:
+def describe(trained: TrainedPolicy, task: ServoTask, arrays: Arrays) -> dict[str, Any]:
     """Return what somebody must know who runs the policy elsewhere."""
     model = task.spec().compile()
     machine, told = task.machine, trained.told
@@ -173,14 +173,14 @@ def describe(trained: Trained, task: ServoTask, arrays: Arrays) -> dict[str, Any
     }
 
 
-def learned_for(trained: Trained) -> dict[str, Any] | None:
+def learned_for(trained: TrainedPolicy) -> dict[str, Any] | None:
     """Return the interface that a policy was trained for, as its run says or its environment."""
     if trained.source is None:
         return interface(trained.environment)
     return read_interface(trained.source)
 
 
-def parameters(told: Told) -> list[dict[str, Any]]:
+def parameters(told: ContextSpec) -> list[dict[str, Any]]:
     """Say which parameters of the robot stand behind an observation, in their order.
 
     Somebody must find them (`run=identify`) and put them there, each in its unit and within the

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from hardware.config import Robot
 from sim2real.learning.interface import Block, interface, read_interface
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
@@ -34,7 +34,7 @@ class Difference(NamedTuple):
         return FREE not in self.name
 
 
-def check_interface(trained: Trained, robot: Robot) -> None:
+def check_interface(trained: TrainedPolicy, robot: Robot) -> None:
     """Compare the interface that a policy was trained for with a robot, and say what differs.
 
     Raises:

@@ -24,13 +24,13 @@ from envs.tasks.servo import ServoTask
 from hardware.backends import Backend
 from hardware.env import HardwareEnv
 from hardware.rows import RobotRows
-from sim2real.learning.adapt import Steps
-from sim2real.learning.modules.randomness import Randomness, drawn
-from sim2real.learning.trained import Trained
+from sim2real.learning.adapt import EpisodeTrajectory
+from sim2real.learning.modules.randomness import TorchRandomStream, drawn
+from sim2real.learning.trained import TrainedPolicy
 
 
 def on_robot(
-    trained: Trained, task: ServoTask, backend: Backend, folder: Path | None = None
+    trained: TrainedPolicy, task: ServoTask, backend: Backend, folder: Path | None = None
 ) -> TransformedEnv:
     """Return a robot as the environment of a policy; nothing is opened and nothing moves.
 
@@ -55,12 +55,12 @@ def robot_of(env: TransformedEnv) -> RobotRows:
 @torch.no_grad()
 def play(
     env: TransformedEnv, actor: TensorDictModuleBase, seed: int, explores: bool = False
-) -> tuple[float, Steps | None]:
+) -> tuple[float, EpisodeTrajectory | None]:
     """Run one episode of one robot, real or simulated.
 
     Args:
         env: its environment, of one row; the last step's rewards are those of its base.
-        actor: the policy, see `Trained.acting`.
+        actor: the policy, see `TrainedPolicy.acting`.
         seed: the seed of the start, and of actions that are drawn.
         explores: whether actions are drawn.
 
@@ -69,7 +69,7 @@ def play(
     """
     base: Any = env.base_env
     steps, paid, total = list[TensorDictBase](), list[float](), 0.0
-    with drawn(Randomness(seed % 2**63, "cpu") if explores else None):
+    with drawn(TorchRandomStream(seed % 2**63, "cpu") if explores else None):
         now = env.reset(seeds=np.array([seed], np.uint64))
         while True:
             step = env.step(actor(now))
@@ -82,7 +82,7 @@ def play(
             now = step_mdp(step)
 
 
-def told_of(steps: Sequence[TensorDictBase], paid: Sequence[float]) -> Steps:
+def told_of(steps: Sequence[TensorDictBase], paid: Sequence[float]) -> EpisodeTrajectory:
     """Return an episode of one row as an adaptation is told it."""
 
     def numbers(step: TensorDictBase, name: str) -> np.ndarray:
@@ -91,4 +91,4 @@ def told_of(steps: Sequence[TensorDictBase], paid: Sequence[float]) -> Steps:
     seen, acted = ([numbers(step, name) for step in steps] for name in ("observation", "action"))
     last = steps[-1].get("next")
     end = None if last.get("terminated").any() else numbers(last, "observation")
-    return Steps(np.stack(seen), np.stack(acted), np.array(paid), end)
+    return EpisodeTrajectory(np.stack(seen), np.stack(acted), np.array(paid), end)

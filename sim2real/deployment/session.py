@@ -21,7 +21,7 @@ import torch
 
 from hardware.files import whole_file
 from hardware.log import Log
-from sim2real.learning.adapt import Adaptation, Steps
+from sim2real.learning.adapt import Adaptation, EpisodeTrajectory
 from sim2real.learning.population.population import draw_seeds
 from sim2real.runs.errors import Sim2RealError
 
@@ -100,7 +100,9 @@ class Deployment:
         """Return whether an episode's actions are to be drawn, and its steps told."""
         return turn.phase == "adapt" and self.adapt.explores
 
-    def tell(self, value: float, steps: Steps | None = None, log: Log | None = None) -> None:
+    def tell(
+        self, value: float, steps: EpisodeTrajectory | None = None, log: Log | None = None
+    ) -> None:
         """Report the return of the episode that `next` named.
 
         Args:

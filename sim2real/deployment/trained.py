@@ -19,18 +19,18 @@ from sim2real.config.compose import RESOLVED, compose, prepare
 from sim2real.config.targets import build as build_part
 from sim2real.config.targets import check
 from sim2real.learning.adapt import Adaptation
-from sim2real.learning.algorithms.base import Algorithm, Parts, build
-from sim2real.learning.environment import Environment
-from sim2real.learning.trained import Trained
+from sim2real.learning.algorithms.base import Algorithm, Components, build
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.checkpoint import find, restore, run_folder
 from sim2real.runs.errors import Sim2RealError
 
 
 def load_trained(
     checkpoint: str | list[str] | Path | None,
-    parts: Parts,
+    parts: Components,
     algorithm: Callable[..., Algorithm],
-) -> Trained:
+) -> TrainedPolicy:
     """Build what trained the policy, put it into the checkpoint's state, and take the policy out.
 
     Args:
@@ -48,7 +48,7 @@ def load_trained(
     return replace(learner.trained(), source=source)
 
 
-def load_policy(checkpoint: str | Path, device: str = "cpu") -> Trained:
+def load_policy(checkpoint: str | Path, device: str = "cpu") -> TrainedPolicy:
     """Return the policy of a run, in the configuration that it was trained with.
 
     Args:
@@ -63,7 +63,7 @@ def load_policy(checkpoint: str | Path, device: str = "cpu") -> Trained:
     return load_trained(checkpoint, made["parts"], made["algorithm"])
 
 
-def load_teacher(checkpoint: str | Path | None) -> Trained:
+def load_teacher(checkpoint: str | Path | None) -> TrainedPolicy:
     """Return the policy of a run that a student learns from; see `load_policy`.
 
     Raises:
@@ -104,7 +104,7 @@ def one_checkpoint(checkpoint: str | list[str] | Path | None) -> str | Path:
     return given[0]
 
 
-def task_of(environment: Environment) -> Task:
+def task_of(environment: EnvironmentFactory) -> Task:
     """Return the task that an environment simulates.
 
     Raises:

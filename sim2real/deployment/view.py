@@ -29,7 +29,7 @@ from hardware.excite import Kind, excite, suiting
 from hardware.record import record
 from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.stops import guarding
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.film import Camera, write_mp4
 
@@ -202,7 +202,7 @@ def along(
     return drive
 
 
-def by_policy(task: ServoTask, trained: Trained, seed: int) -> Callable[[ServoBackend], None]:
+def by_policy(task: ServoTask, trained: TrainedPolicy, seed: int) -> Callable[[ServoBackend], None]:
     """Return what drives a robot by a policy, episode after episode."""
     rng = np.random.default_rng(seed)
 

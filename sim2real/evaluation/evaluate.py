@@ -26,16 +26,16 @@ from sim2real.evaluation.grid_plots import grid_heatmaps, grid_line
 from sim2real.evaluation.scores import GridScores, combine
 from sim2real.learning.adapt import Identify, PolicyGradient
 from sim2real.learning.algorithms.base import Algorithm
+from sim2real.learning.context import training_range
+from sim2real.learning.population.from_trained import population_of
 from sim2real.learning.population.gradient_adaptation import score_adaptation
-from sim2real.learning.population.identifying import score_identification
-from sim2real.learning.population.of_trained import population_of
+from sim2real.learning.population.identification import score_identification
 from sim2real.learning.population.population import (
     AdaptationScores,
     Population,
     draw_seeds,
     evaluate_adaptation,
 )
-from sim2real.learning.told import training_range
 from sim2real.runs.checkpoint import FOLDER, find, run_folder
 from sim2real.runs.errors import Sim2RealError
 
@@ -213,8 +213,8 @@ def check_told(algorithm: Algorithm) -> None:
         Sim2RealError: a policy that knows its robot's parameters, and another adaptation.
     """
     environment, adapt = algorithm.parts.environment, algorithm.parts.adapt
-    if environment.knows and adapt.episodes and not isinstance(adapt, Identify):
-        told = environment.told
+    if environment.context_is_true and adapt.episodes and not isinstance(adapt, Identify):
+        told = environment.context_spec
         assert told is not None
         raise Sim2RealError(
             f"on simulated robots this policy is told {', '.join(told.names)} as they are, and "
@@ -229,7 +229,7 @@ class _Cells:
 
     def __init__(self, algorithm: Algorithm, evaluation: Evaluation) -> None:
         self._algorithm, self._episodes = algorithm, evaluation.episodes
-        self._adapt = algorithm.parts.adapt.within(algorithm.parts.environment)
+        self._adapt = algorithm.parts.adapt.bind_environment(algorithm.parts.environment)
         self._trained = algorithm.trained()
         self._made: Population | None = None  # of the actor, where it adapts
         population = algorithm.population
@@ -252,7 +252,9 @@ class _Cells:
             return self._act(values, seeds)
         if isinstance(self._adapt, PolicyGradient):
             return score_adaptation(self._trained, self._adapt, values, seeds, self._episodes)
-        adapt = self._adapt.of(self._trained.actor(self._trained.theta), self._trained.critic)
+        adapt = self._adapt.bind_policy(
+            self._trained.actor(self._trained.theta), self._trained.critic
+        )
         if self._made is None:
             rows = min(ROWS, len(values))
             self._made = population_of(self._trained, rows, critic=adapt.needs_critic)
@@ -267,7 +269,7 @@ class _Cells:
         robots = np.repeat(values, self._episodes, axis=0)  # (n E, P)
         returns, steps = [], 0
         for part in np.array_split(np.arange(len(robots)), -(-len(robots) // ROWS)):
-            played = self._trained.play(luck[part], values=robots[part])
+            played = self._trained.run_episodes(luck[part], values=robots[part])
             returns.append(played.returns)
             steps += int(played.lengths.sum())
         scores = np.concatenate(returns).reshape(len(values), -1)  # (n, E)

@@ -176,7 +176,7 @@ class Video:
         environment, trained = algorithm.parts.environment, algorithm.trained()
         if not environment.simulated:
             raise RenderError(f"{environment.name} is no MuJoCo task, there is nothing to draw")
-        env = trained.world(1, threads=1)
+        env = trained.make_env(1, threads=1)
         rows: Any = env.base_env.rows
         rng = np.random.default_rng([seed, VIDEO_STREAM])
         if robots is None:

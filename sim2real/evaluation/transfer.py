@@ -25,9 +25,9 @@ import numpy as np
 
 from envs.errors import did_you_mean
 from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import draw_seeds
-from sim2real.learning.population.rollout import Played
+from sim2real.learning.population.rollout import EpisodeResults
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
@@ -151,9 +151,9 @@ class Transfer:
         env, trained = algorithm.parts.environment, algorithm.trained()
         worlds = {robot: variant(env, robot, dict(c)) for robot, c in self.robots.items()}
         seeds = draw_seeds(np.random.default_rng([seed, EPISODES]), self.episodes)
-        played: dict[str, Played] = {}
+        played: dict[str, EpisodeResults] = {}
         for robot, world in worlds.items():
-            played[robot] = trained.play(seeds, world)
+            played[robot] = trained.run_episodes(seeds, world)
             if progress is not None:
                 progress(len(played), len(worlds))
         return TransferScores(
@@ -216,7 +216,7 @@ def read(path: str | Path) -> list[TransferScores]:
         ) from error
 
 
-def task_of(env: Environment) -> Any:
+def task_of(env: EnvironmentFactory) -> Any:
     """Return the task that an environment is made of; raises TransferError where there is none."""
     if env.task is None:
         raise TransferError(
@@ -226,7 +226,7 @@ def task_of(env: Environment) -> Any:
     return env.task
 
 
-def variant(env: Environment, robot: str, changes: dict[str, Any]) -> Environment:
+def variant(env: EnvironmentFactory, robot: str, changes: dict[str, Any]) -> EnvironmentFactory:
     """Return the environment with another robot in it.
 
     The effects that were put into the run's simulator are left out: they correct a simulator, and a
@@ -251,7 +251,7 @@ def variant(env: Environment, robot: str, changes: dict[str, Any]) -> Environmen
                 f"{did_you_mean(key, known)}; it takes: {', '.join([*known, EFFECTS])}"
             )
     given = {**env.base.keywords, "task": type(task)(**(known | changes))}
-    changed = env.over(partial(env.base.func, *env.base.args, **given))
+    changed = env.with_base(partial(env.base.func, *env.base.args, **given))
     return changed.with_effects(effects)
 
 
@@ -260,7 +260,7 @@ def task_arguments(task: Any) -> dict[str, Any]:
     return {name: getattr(task, name) for name in inspect.signature(type(task)).parameters}
 
 
-def _own(env: Environment, worlds: Mapping[str, Environment]) -> str | None:
+def _own(env: EnvironmentFactory, worlds: Mapping[str, EnvironmentFactory]) -> str | None:
     """Return the name of the robot that equals the run's own."""
     own = task_arguments(task_of(env)), list(env.fixed)
     for robot, world in worlds.items():

@@ -33,9 +33,9 @@ from sim2real.evaluation.shapley import (
     prefixes,
     shapley,
 )
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import draw_seeds
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.statistics import Interval, bootstrap, mean
 
@@ -191,7 +191,9 @@ class Game:
         Sim2RealError: a policy whose world simulates no robot, or too few episodes.
     """
 
-    def __init__(self, trained: Trained, causes: Sequence[Cause], episodes: int, seed: int) -> None:
+    def __init__(
+        self, trained: TrainedPolicy, causes: Sequence[Cause], episodes: int, seed: int
+    ) -> None:
         if not trained.environment.simulated:
             raise Sim2RealError(
                 f"{trained.environment.name} simulates no robot that could have effects; give a "
@@ -237,7 +239,7 @@ class Game:
         environment, values = self.robots(structure, robots)
         count = len(robots)
         flat = values.reshape(count * self.episodes, -1)
-        played = self.trained.play(np.tile(self.seeds, count), environment, flat)
+        played = self.trained.run_episodes(np.tile(self.seeds, count), environment, flat)
         lengths = played.lengths.reshape(count, -1)
         returns = played.returns.reshape(count, -1)
         return {
@@ -247,7 +249,7 @@ class Game:
             for k, robot in enumerate(robots)
         }
 
-    def world(self, effects: Sequence[Effect]) -> Environment:
+    def world(self, effects: Sequence[Effect]) -> EnvironmentFactory:
         """Return the policy's world with effects that its robots may have.
 
         What the policy was trained with stays, but for an effect that is among the causes.
@@ -257,7 +259,9 @@ class Game:
         fixed = [one for one in made.fixed if (one[0].name, one[0].where) not in labels]
         return replace(made, tasks=Robots(effects), fixed=fixed)
 
-    def robots(self, structure: Set, robots: Sequence[Set]) -> tuple[Environment, np.ndarray]:
+    def robots(
+        self, structure: Set, robots: Sequence[Set]
+    ) -> tuple[EnvironmentFactory, np.ndarray]:
         """Return the world of S robots, and the values of each in each episode, (S, E, P).
 
         Args:
@@ -287,7 +291,7 @@ class Game:
 
 
 def price(
-    trained: Trained,
+    trained: TrainedPolicy,
     causes: Sequence[Cause],
     episodes: int = 64,
     orders: int = 24,

@@ -27,7 +27,7 @@ from sim2real.runs.errors import Sim2RealError
 
 
 class Simulated(Protocol):
-    """What a policy was trained in; see `sim2real.learning.environment.Environment`."""
+    """What a policy was trained in; see `sim2real.learning.environment.EnvironmentFactory`."""
 
     tasks: Tasks
     fixed: Sequence[Fixed]

@@ -5,7 +5,7 @@
 
 Training, evaluation, export and deployment make theirs here, so that all of them see the same:
 
-    environment = Environment(partial(MujocoEnv, task=Hopper()), tasks, transforms)
+    environment = EnvironmentFactory(partial(MujocoEnv, task=Hopper()), tasks, transforms)
     env = environment.make(num_envs=32, seed=0)     # an EnvBase with all transforms
     rows = environment.rows(64, threads=1)          # the same world as rows, for populations
 
@@ -34,21 +34,21 @@ from envs.tasks.base import Task
 from envs.torch_env import RandomizeParams, RowsEnv
 from envs.toys.env import ToyEnv
 from sim2real.config.targets import build, build_named
+from sim2real.learning.context import AppendContext, ContextRows, ContextSpec
 from sim2real.learning.population.env_rows import EnvRows
-from sim2real.learning.student import GuessParams, Student
-from sim2real.learning.told import Told, ToldRows, WithParams
+from sim2real.learning.student import EstimateContext, Student
 from sim2real.runs.errors import Sim2RealError
 
 
 @dataclass(frozen=True)
-class Environment:
+class EnvironmentFactory:
     """What makes the environments of a run.
 
     Args:
         base: makes the world.
         tasks: which robots its episodes meet.
         transforms: by name, in order, what makes the transforms of what it shows; `RandomizeParams`
-            is given the tasks, `WithParams` what they draw.
+            is given the tasks, `AppendContext` what they draw.
         fixed: effects that every robot has, with their values.
 
     Raises:
@@ -86,12 +86,12 @@ class Environment:
         return made.func.__name__ if isinstance(made, partial) else made.__name__
 
     @property
-    def plain(self) -> bool:
+    def has_transforms(self) -> bool:
         """Whether nothing is done to what the base shows but drawing its robots."""
         return all(_randomizes(one) for one in self.transforms.values())
 
     @cached_property
-    def told(self) -> Told | None:
+    def context_spec(self) -> ContextSpec | None:
         """What the policy is told of its robot, beside what that shows; None: nothing.
 
         Raises:
@@ -99,32 +99,32 @@ class Environment:
         """
         for one in self.transforms.values():
             if _tells(one):
-                return _keywords(one).get("told") or Told.of(
+                return _keywords(one).get("told") or ContextSpec.from_tasks(
                     self.tasks, self.base_rows(1, threads=1).space
                 )
         return None
 
     @property
-    def knows(self) -> bool:
+    def context_is_true(self) -> bool:
         """Whether policies are told the truth of simulated robots."""
         return any(
             _tells(one) and "student" not in _keywords(one) and _keywords(one).get("truth", True)
             for one in self.transforms.values()
         )
 
-    def guessing(self, student: Student) -> Environment:
+    def with_estimated_context(self, student: Student) -> EnvironmentFactory:
         """Return this with policies that are told what a student guesses instead of the truth."""
 
         def guess(one: Callable[..., Transform]) -> Callable[..., Transform]:
             own = {k: v for k, v in _keywords(one).items() if k not in ("told", "truth")}
-            return partial(GuessParams, told=self.told, **{**own, "student": student})
+            return partial(EstimateContext, told=self.context_spec, **{**own, "student": student})
 
         transforms = {
             name: guess(one) if _tells(one) else one for name, one in self.transforms.items()
         }
         return replace(self, transforms=transforms)
 
-    def with_effects(self, effects: str | Path | None) -> Environment:
+    def with_effects(self, effects: str | Path | None) -> EnvironmentFactory:
         """Return this with the effects of a file in every robot; None changes nothing.
 
         Raises:
@@ -140,7 +140,7 @@ class Environment:
             )
         return replace(self, fixed=load_effects(effects))
 
-    def with_task(self, task: Task) -> Environment:
+    def with_task(self, task: Task) -> EnvironmentFactory:
         """Return this with another task of the same robot.
 
         Raises:
@@ -151,13 +151,13 @@ class Environment:
         others = {name: value for name, value in self.base.keywords.items() if name != "task"}
         return replace(self, base=partial(self.base.func, task, *self.base.args[1:], **others))
 
-    def over(self, base: partial[EnvBase]) -> Environment:
+    def with_base(self, base: partial[EnvBase]) -> EnvironmentFactory:
         """Return the same transforms over another base, whose robots are what they are."""
-        told = self.told
-        made = self if told is None else self.telling(told)
+        told = self.context_spec
+        made = self if told is None else self.with_context_spec(told)
         return replace(made, base=base, tasks=Randomization(), fixed=())
 
-    def telling(self, told: Told) -> Environment:
+    def with_context_spec(self, told: ContextSpec) -> EnvironmentFactory:
         """Return this with policies that are told the same, whatever its robots differ in."""
         transforms = {
             name: partial(one, told=told) if _tells(one) else one
@@ -172,7 +172,7 @@ class Environment:
         device: torch.device | str = "cpu",
         seed: int = 0,
         extra: Sequence[Transform] = (),
-    ) -> World:
+    ) -> SerializableEnv:
         """Make an environment with all transforms.
 
         Args:
@@ -187,7 +187,7 @@ class Environment:
                 are not there.
         """
         base = self._base(num_envs, threads, device)
-        env = World(base, self, seed)
+        env = SerializableEnv(base, self, seed)
         for name, one in self.transforms.items():
             made = self._transform(one)
             if not isinstance(made, Transform):
@@ -205,7 +205,7 @@ class Environment:
     def _transform(self, one: Callable[..., Transform]) -> Any:
         if _randomizes(one):
             return one(tasks=self.tasks)
-        return one(told=self.told) if _tells(one) else one()
+        return one(told=self.context_spec) if _tells(one) else one()
 
     def _append(self, env: TransformedEnv, name: str, transform: Transform, seed: int) -> None:
         """Put a transform behind the others, and see that what it reads is there."""
@@ -249,12 +249,12 @@ class Environment:
         """
         telling = [one for one in self.transforms.values() if not _randomizes(one)]
         guessing = any("student" in _keywords(one) for one in telling)
-        if self.plain or (len(telling) == 1 and _tells(telling[0]) and not guessing):
+        if self.has_transforms or (len(telling) == 1 and _tells(telling[0]) and not guessing):
             base = self._base(num_rows, threads, "cpu")
             if isinstance(base, RowsEnv):
                 rows = base.rows
                 for one in telling:
-                    rows = ToldRows(rows, self._transform(one))
+                    rows = ContextRows(rows, self._transform(one))
                 return rows
             base.close()
         others = {name: one for name, one in self.transforms.items() if not _randomizes(one)}
@@ -271,7 +271,7 @@ class Environment:
             raise Sim2RealError(f"{self.name} is no world of rows; choose one such as env=hopper")
         return base.rows
 
-    def shown(self) -> tuple[int, np.ndarray, np.ndarray]:
+    def observation_and_action_spec(self) -> tuple[int, np.ndarray, np.ndarray]:
         """Return observation size and the actions' limits, (A,) each, of the base's rows.
 
         Raises:
@@ -281,7 +281,7 @@ class Environment:
         return rows.observation_size, rows.action_low, rows.action_high
 
 
-class World(TransformedEnv):
+class SerializableEnv(TransformedEnv):
     """An environment that knows what it was made of, so that another process can make it, too.
 
     Args:
@@ -290,13 +290,13 @@ class World(TransformedEnv):
         seed: of its episodes.
     """
 
-    def __init__(self, base: EnvBase, made: Environment, seed: int) -> None:
+    def __init__(self, base: EnvBase, made: EnvironmentFactory, seed: int) -> None:
         super().__init__(base, Compose([]))
         self.made, self.seed = made, seed
 
 
 def make_env(
-    config: Mapping[str, Any] | Environment,
+    config: Mapping[str, Any] | EnvironmentFactory,
     num_envs: int = 1,
     device: torch.device | str = "cpu",
     seed: int = 0,
@@ -305,7 +305,7 @@ def make_env(
 
     Args:
         config: a composed tree (`sim2real.config.compose.compose`) whose env, transforms, params
-            and effects count, built or not; or an `Environment`.
+            and effects count, built or not; or an `EnvironmentFactory`.
         num_envs: N, its batch size.
         device: where tensors go.
         seed: the seed of its episodes.
@@ -313,11 +313,11 @@ def make_env(
     Raises:
         Sim2RealError: parts that do not fit together.
     """
-    made = config if isinstance(config, Environment) else environment_of(config)
+    made = config if isinstance(config, EnvironmentFactory) else environment_of(config)
     return made.make(num_envs, device=device, seed=seed)
 
 
-def environment_of(config: Mapping[str, Any]) -> Environment:
+def environment_of(config: Mapping[str, Any]) -> EnvironmentFactory:
     """Return the environment of a composed tree; see `make_env`.
 
     Raises:
@@ -325,7 +325,7 @@ def environment_of(config: Mapping[str, Any]) -> Environment:
     """
     transforms = build_named(config.get("transforms"), "transforms")
     made = {key: build(config[key], key) for key in ("env", "params")}
-    environment = Environment(made["env"], made["params"], transforms)
+    environment = EnvironmentFactory(made["env"], made["params"], transforms)
     return environment.with_effects(config.get("effects"))
 
 
@@ -340,7 +340,7 @@ def _randomizes(one: Callable[..., Transform]) -> bool:
 
 def _tells(one: Callable[..., Transform]) -> bool:
     made = _made(one)
-    return isinstance(made, type) and issubclass(made, WithParams)
+    return isinstance(made, type) and issubclass(made, AppendContext)
 
 
 def _made(one: Callable[..., Transform]) -> Callable[..., Transform]:

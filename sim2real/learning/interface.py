@@ -18,7 +18,7 @@ import numpy as np
 
 from envs.tasks.base import Commanded
 from envs.tasks.servo import ServoTask
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.runs.checkpoint import FOLDER
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -39,12 +39,12 @@ UNITS = {
 Block = dict[str, Any]
 
 
-def interface(environment: Environment) -> Block | None:
+def interface(environment: EnvironmentFactory) -> Block | None:
     """Return the interface of policies trained in an environment; None: no servo robot."""
     task = environment.task
     if not isinstance(task, ServoTask):
         return None
-    model, machine, told = task.spec().compile(), task.machine, environment.told
+    model, machine, told = task.spec().compile(), task.machine, environment.context_spec
     low, high = task.action_range(model)
     return {
         "robot": machine.name,
@@ -66,7 +66,7 @@ def interface(environment: Environment) -> Block | None:
     }
 
 
-def write_interface(run: Path, environment: Environment) -> Path | None:
+def write_interface(run: Path, environment: EnvironmentFactory) -> Path | None:
     """Write the interface into a run's folder, if its task is one of a servo robot."""
     block = interface(environment)
     if block is None:

@@ -10,11 +10,11 @@ from torchrl.envs import EnvBase, Transform
 
 from envs.randomization import Tasks
 from sim2real.learning.adapt import Adaptation
-from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.environment import Environment
+from sim2real.learning.algorithms.base import Components
+from sim2real.learning.environment import EnvironmentFactory
 
 
-def assemble(
+def build_components(
     *,
     env: partial[EnvBase],
     params: Tasks,
@@ -28,9 +28,9 @@ def assemble(
     optimizer: Callable[..., Any] | None,
     seed: int,
     device: str,
-) -> Parts:
-    """Return the parts of a run; see `Parts` and `Environment`, whose attributes these are."""
-    environment = Environment(env, params, transforms)
+) -> Components:
+    """Return the parts of a run; see `Components` and `EnvironmentFactory`, whose attributes these are."""
+    environment = EnvironmentFactory(env, params, transforms)
     made = {"collector": collector, "advantage": advantage, "loss": loss}
     made |= {"buffer": buffer, "optimizer": optimizer}
-    return Parts(environment, policy, seed, adapt, device=device, **made)
+    return Components(environment, policy, seed, adapt, device=device, **made)

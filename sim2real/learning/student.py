@@ -18,7 +18,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import nn
 
-from sim2real.learning.told import Told, WithParams
+from sim2real.learning.context import AppendContext, ContextSpec
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -67,14 +67,14 @@ class Student(nn.Module):
         return self.network(seen.flatten(-2))
 
 
-class GuessParams(WithParams):
+class EstimateContext(AppendContext):
     """Appends what a student guesses of the robot to "observation".
 
     Args:
         told: which parameters, and over which ranges.
         student: guesses them.
-        limit: see `WithParams`.
-        products: see `WithParams`.
+        limit: see `AppendContext`.
+        products: see `AppendContext`.
 
     Attributes:
         past: what the student saw last, (N, H, O + A), the oldest step first; NaN before the
@@ -82,7 +82,7 @@ class GuessParams(WithParams):
     """
 
     def __init__(
-        self, told: Told, student: Student, limit: float = 1.0, products: bool = False
+        self, told: ContextSpec, student: Student, limit: float = 1.0, products: bool = False
     ) -> None:
         super().__init__(told, limit, products)
         self.student = [student]  # no submodule: its state is that of who trains it
@@ -116,7 +116,7 @@ class GuessParams(WithParams):
 
     @torch.no_grad()
     def _said(self, tensordict: TensorDictBase, seen: Tensor) -> Tensor:
-        if self.believed is not None:
+        if self.assumed_context is not None:
             return super()._said(tensordict, seen)
         return self.student[0](self.past)
 

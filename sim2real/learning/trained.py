@@ -1,7 +1,7 @@
 """A trained policy: what acts, in which world, and its parameters as one vector.
 
     trained = algorithm.trained()
-    env = trained.world(50)                             # its environment, statistics frozen
+    env = trained.make_env(50)                             # its environment, statistics frozen
     played = trained.play(seeds)                        # an episode for each seed
     pilot = trained.pilot(trained.theta)                # a function of what a robot shows
     action = pilot(observation)                         # (n, O) to (n, A), step after step
@@ -32,25 +32,25 @@ from torchrl.envs.utils import step_mdp
 from envs.params import ParamSpace
 from envs.rows import Step
 from envs.torch_env import RowsEnv
-from sim2real.learning.environment import Environment
+from sim2real.learning.context import ContextSpec, set_assumed_context
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.acting import Acting, Actor
-from sim2real.learning.modules.randomness import Randomness, drawn
+from sim2real.learning.modules.randomness import TorchRandomStream, drawn
 from sim2real.learning.modules.value import Critic
-from sim2real.learning.population.rollout import Played, Watch, play
-from sim2real.learning.told import Told, believe
+from sim2real.learning.population.rollout import EpisodeResults, Watch, run_episodes
 
 Tensor = torch.Tensor
 Net = TypeVar("Net", bound=nn.Module)
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainedPolicy:
     """A trained policy.
 
     Attributes:
         theta: its parameters, (P,) float32.
         actor: makes the policy with given parameters, (P,): a tensordict module on the CPU from
-            what `world` shows to "action".
+            what `make_env` shows to "action".
         environment: what it was trained in.
         statistics: state of the environment's transforms.
         primers: makes the transforms that the policy itself needs, such as those of a memory.
@@ -66,7 +66,7 @@ class Trained:
 
     theta: np.ndarray
     actor: Callable[[np.ndarray], TensorDictModuleBase]
-    environment: Environment
+    environment: EnvironmentFactory
     statistics: Mapping[str, Any]
     frames: int
     primers: Callable[[], Sequence[Transform]] = tuple
@@ -74,12 +74,12 @@ class Trained:
     dtype: torch.dtype = torch.float32
     source: Path | None = None
     critic: Critic | None = None
-    cut: bool = True
+    clips_actions: bool = True
 
     @property
-    def told(self) -> Told | None:
+    def told(self) -> ContextSpec | None:
         """What the policy is told of its robot; None: nothing."""
-        return self.environment.told
+        return self.environment.context_spec
 
     def split(self, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
         """Return the parameters of the policy, (P,), and what it is to believe of its robot.
@@ -92,23 +92,27 @@ class Trained:
             return self.theta if theta is None else theta, None
         return theta[: len(self.theta)], theta[len(self.theta) :]
 
-    def play(
+    def run_episodes(
         self,
         seeds: np.ndarray,
-        environment: Environment | None = None,
+        environment: EnvironmentFactory | None = None,
         values: np.ndarray | None = None,
         theta: np.ndarray | None = None,
         watch: Watch | None = None,
-    ) -> Played:
-        """Run an episode for each seed; see `population.rollout.play`, and `world`."""
-        env = self.world(len(seeds), environment)
+    ) -> EpisodeResults:
+        """Run an episode for each seed; see `population.rollout.run_episodes`, and `make_env`."""
+        env = self.make_env(len(seeds), environment)
         try:
-            return play(env, self.acting(env, theta), values, seeds, watch)
+            return run_episodes(env, self.acting(env, theta), values, seeds, watch)
         finally:
             env.close()
 
-    def world(
-        self, num_envs: int, environment: Environment | None = None, threads: int = 0, seed: int = 0
+    def make_env(
+        self,
+        num_envs: int,
+        environment: EnvironmentFactory | None = None,
+        threads: int = 0,
+        seed: int = 0,
     ) -> TransformedEnv:
         """Make the environment with the statistics of training, frozen.
 
@@ -120,21 +124,21 @@ class Trained:
         """
         made = self.environment if environment is None else environment
         if self.told is not None:
-            made = made.telling(self.told)
+            made = made.with_context_spec(self.told)
         env = made.make(num_envs, threads, seed=seed, extra=self.primers())
-        env.transform.load_state_dict(of_all_rows(self.statistics), strict=False)
+        env.transform.load_state_dict(drop_per_row_state(self.statistics), strict=False)
         env.transform.eval()
         return env
 
     def over(self, base: partial[EnvBase], num_envs: int = 1) -> TransformedEnv:
-        """Make the environment of the policy over another base, such as a robot; see `world`.
+        """Make the environment of the policy over another base, such as a robot; see `make_env`.
 
         Args:
-            base: takes the `dtype` of what the policy sees and whether its actions are `cut`.
+            base: takes the `dtype` of what the policy sees and whether its actions are `clips_actions`.
             num_envs: N.
         """
-        like: partial[EnvBase] = partial(base, dtype=self.dtype, cut=self.cut)
-        return self.world(num_envs, self.environment.over(like), threads=1)
+        like: partial[EnvBase] = partial(base, dtype=self.dtype, cut=self.clips_actions)
+        return self.make_env(num_envs, self.environment.with_base(like), threads=1)
 
     def acting(
         self, env: TransformedEnv, theta: np.ndarray | None = None, said: np.ndarray | None = None
@@ -142,22 +146,22 @@ class Trained:
         """Return the policy in an environment of it, which from now on tells it what to believe.
 
         Args:
-            env: made by `world` or `over`.
+            env: made by `make_env` or `over`.
             theta: parameters, (P,), see `split`; None for the trained ones.
             said: what it believes of its robots, (N, P) or (P,), -1 to 1 over the ranges; None for
                 what stands behind theta, or else the truth.
         """
         own, behind = self.split(theta)
-        believe(env, behind if said is None else said)
+        set_assumed_context(env, behind if said is None else said)
         return self.actor(own)
 
-    def pilot(
+    def controller(
         self,
         theta: np.ndarray | None = None,
         num_rows: int = 1,
         explore: int | None = None,
         said: np.ndarray | None = None,
-    ) -> Pilot:
+    ) -> PolicyController:
         """Return the policy as a function of what robots show.
 
         Args:
@@ -167,19 +171,22 @@ class Trained:
             said: what a policy that is told its robot's parameters believes, (N, P) or (P,), -1 to
                 1 over the ranges; None for what stands behind theta, or else the middle.
         """
-        env = self.over(partial(FedEnv, *self.environment.shown()), num_rows)
-        return Pilot(env, self.acting(env, theta, said), explore)
+        env = self.over(
+            partial(ExternalObservationEnv, *self.environment.observation_and_action_spec()),
+            num_rows,
+        )
+        return PolicyController(env, self.acting(env, theta, said), explore)
 
 
-def of_module(module: nn.Module, environment: Environment, frames: int) -> Trained:
+def from_module(module: nn.Module, environment: EnvironmentFactory, frames: int) -> TrainedPolicy:
     """Return a deterministic torch module of raw observations, on the CPU, as a trained policy."""
     module = module.cpu().eval()
 
     def program(theta: np.ndarray) -> nn.Module:
         return with_parameters(module, theta)
 
-    return Trained(
-        flat(module),
+    return TrainedPolicy(
+        flatten_parameters(module),
         lambda theta: Acting(program(theta)),
         environment,
         {},
@@ -189,14 +196,14 @@ def of_module(module: nn.Module, environment: Environment, frames: int) -> Train
     )
 
 
-def of_actor(
+def from_actor(
     policy: Any,
-    environment: Environment,
+    environment: EnvironmentFactory,
     statistics: Mapping[str, Any],
     frames: int,
     affine: tuple[np.ndarray, np.ndarray] | None,
     unit: float = 1.0,
-) -> Trained:
+) -> TrainedPolicy:
     """Return the actor of a policy of tensordict modules as a trained policy.
 
     Args:
@@ -210,9 +217,9 @@ def of_actor(
     """
     kept = deepcopy(policy).cpu().eval()
     critic = getattr(kept, "critic", None)
-    state = {name: deepcopy(value) for name, value in of_all_rows(statistics).items()}
-    return Trained(
-        flat(kept.actor),
+    state = {name: deepcopy(value) for name, value in drop_per_row_state(statistics).items()}
+    return TrainedPolicy(
+        flatten_parameters(kept.actor),
         lambda theta: with_parameters(kept.actor, theta),
         environment,
         state,
@@ -224,12 +231,12 @@ def of_actor(
 
 
 def _program(
-    policy: Any, environment: Environment, affine: tuple[np.ndarray, np.ndarray]
+    policy: Any, environment: EnvironmentFactory, affine: tuple[np.ndarray, np.ndarray]
 ) -> Callable[[np.ndarray], nn.Module] | None:
     """Return what makes the actor's means a function of raw observations; None if it is none."""
     if policy.network(policy.actor) is None:
         return None
-    _, low, high = environment.shown()
+    _, low, high = environment.observation_and_action_spec()
 
     def program(theta: np.ndarray) -> nn.Module:
         network = policy.network(with_parameters(policy.actor, theta))
@@ -238,7 +245,7 @@ def _program(
     return program
 
 
-def flat(module: nn.Module) -> np.ndarray:
+def flatten_parameters(module: nn.Module) -> np.ndarray:
     """Return the parameters of a module as one vector, (P,) float32."""
     return parameters_to_vector(module.parameters()).detach().cpu().numpy().astype(np.float32)
 
@@ -250,7 +257,7 @@ def with_parameters(module: Net, theta: np.ndarray) -> Net:
     return copy
 
 
-class Fed:
+class ExternalObservationRows:
     """Rows whose observations are put in from outside: what a robot measures.
 
     Args:
@@ -281,13 +288,13 @@ class Fed:
         return Step(self.observation, np.zeros(self.num_rows), no, no, no)
 
 
-def of_all_rows(state: Mapping[str, Any]) -> dict[str, Any]:
+def drop_per_row_state(state: Mapping[str, Any]) -> dict[str, Any]:
     """Return a state of transforms without what `CatFrames` remembers of each row."""
     return {name: value for name, value in state.items() if "_cat_buffers_" not in name}
 
 
-class FedEnv(RowsEnv):
-    """`Fed` rows as a TorchRL environment; see there, and `RowsEnv`."""
+class ExternalObservationEnv(RowsEnv):
+    """`ExternalObservationRows` rows as a TorchRL environment; see there, and `RowsEnv`."""
 
     def __init__(
         self,
@@ -299,15 +306,15 @@ class FedEnv(RowsEnv):
         dtype: torch.dtype = torch.float32,
         cut: bool = True,
     ) -> None:
-        self.fed = Fed(num_envs, observation_size, action_low, action_high)
+        self.fed = ExternalObservationRows(num_envs, observation_size, action_low, action_high)
         super().__init__(self.fed, device, dtype, cut=cut)
 
 
-class Pilot:
+class PolicyController:
     """A policy as a function: the next observations of the same robots to their actions.
 
     Args:
-        env: over a `FedEnv`.
+        env: over a `ExternalObservationEnv`.
         actor: the policy.
         explore: seed of actions that are drawn; None for the means.
     """
@@ -317,11 +324,11 @@ class Pilot:
     ) -> None:
         self._env, self._actor = env, actor
         base: Any = env.base_env
-        self._base: FedEnv = base
+        self._base: ExternalObservationEnv = base
         self._now: TensorDictBase | None = None
-        self._randomness = None if explore is None else Randomness(explore, "cpu")
+        self._randomness = None if explore is None else TorchRandomStream(explore, "cpu")
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Start an episode: the next observation is its first."""
         self._now = None
 

@@ -22,7 +22,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim2real.learning.algorithms.base import Algorithm, Parts, build
+from sim2real.learning.algorithms.base import Algorithm, Components, build
 from sim2real.learning.interface import write_interface
 from sim2real.learning.population.cluster import Cluster
 from sim2real.runs.checkpoint import find, restore
@@ -64,7 +64,7 @@ class Budget:
         enough = self.iterations is not None and algorithm.iteration >= self.iterations
         return enough or (self.frames is not None and algorithm.frames >= self.frames)
 
-    def refuse_spent(self, algorithm: Algorithm, start: str | Path) -> None:
+    def check_not_exhausted(self, algorithm: Algorithm, start: str | Path) -> None:
         """Raise Sim2RealError if a policy that a run starts from has spent the budget already."""
         if self.done(algorithm):
             raise Sim2RealError(
@@ -85,7 +85,9 @@ class Budget:
         return algorithm.iteration if self.iterations is not None else algorithm.frames
 
 
-def learn(algorithm: Algorithm, budget: Budget, files: RunFiles, logger: Loggers) -> None:
+def run_training_loop(
+    algorithm: Algorithm, budget: Budget, files: RunFiles, logger: Loggers
+) -> None:
     """Iterate until the budget is spent, keeping the run's files.
 
     Raises:
@@ -102,12 +104,14 @@ def learn(algorithm: Algorithm, budget: Budget, files: RunFiles, logger: Loggers
             files.save(algorithm)
         except KeyboardInterrupt:
             what = "the iteration in progress was abandoned"
-            raise stopped(files, what, stopping.signal) from None
+            raise interruption_error(files, what, stopping.signal) from None
     if stopping.signal:
-        raise stopped(files, f"stopped after iteration {algorithm.iteration}", stopping.signal)
+        raise interruption_error(
+            files, f"stopped after iteration {algorithm.iteration}", stopping.signal
+        )
 
 
-def stopped(files: RunFiles, what: str, number: int) -> Stopped:
+def interruption_error(files: RunFiles, what: str, number: int) -> Stopped:
     """Return what a run that signal `number` ended raises: what was lost, and how to resume."""
     newest = files.store.latest()
     again = f"to continue, run the same command with resume={newest}"
@@ -116,7 +120,7 @@ def stopped(files: RunFiles, what: str, number: int) -> Stopped:
 
 def train(
     *,
-    parts: Parts,
+    parts: Components,
     algorithm: Callable[..., Algorithm],
     logger: Loggers,
     iterations: int | None,
@@ -167,19 +171,19 @@ def train(
         check(learner)
     if source is None and start is not None:
         restore(find(start), learner, learner.identity, generators=False)
-        budget.refuse_spent(learner, start)
+        budget.check_not_exhausted(learner, start)
     files = RunFiles(Path(out), learner.identity, checkpoint_every, keep_checkpoints)
     files.begin(learner, source)
     with files.writing():
         write_interface(files.out, parts.environment)
     with cluster.attached(learner) if cluster else nullcontext():
         with logger.opened(files.out, files.config):
-            learn(learner, budget, files, logger)
+            run_training_loop(learner, budget, files, logger)
         try:
             with files.writing():
                 if finish is not None:
                     finish(learner, files)
         except KeyboardInterrupt:
             what = "training is complete, its evaluation is not"
-            raise stopped(files, what, signal.SIGINT) from None
+            raise interruption_error(files, what, signal.SIGINT) from None
     return learner

@@ -28,13 +28,13 @@ from torchrl.envs import (
 )
 
 from envs.torch_env import RandomizeParams
-from sim2real.learning.told import WithParams
+from sim2real.learning.context import AppendContext
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
 
 
-class Moments:
+class RunningMeanStd:
     """Mean and variance of everything seen so far; see the module's text.
 
     Args:
@@ -79,7 +79,7 @@ class Moments:
         self.mean, self.squares = state["mean"].clone(), state["squares"].clone()
 
 
-def on(device: torch.device, tensors: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+def to_device(device: torch.device, tensors: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
     """Return two tensors on a device."""
     return tensors[0].to(device), tensors[1].to(device)
 
@@ -108,7 +108,7 @@ def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
         if isinstance(one, RunningNorm) and one.in_keys == ["observation"]:
             found = [np.broadcast_to(x.cpu().numpy(), len(mean)) for x in one.affine()]
             mean, std = mean + std * found[0], std * found[1]
-        elif isinstance(one, WithParams) and not one.products:
+        elif isinstance(one, AppendContext) and not one.products:
             middle, half = one.affine()
             mean, std = np.concatenate([mean, middle]), np.concatenate([std, half])
         elif not isinstance(one, (*BLIND, RewardScaling)):
@@ -116,7 +116,7 @@ def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
     return mean, std
 
 
-def reward_unit(env: TransformedEnv) -> float:
+def reward_scale(env: TransformedEnv) -> float:
     """Return what transforms divide rewards by in training; 1 where none does."""
     unit, chain = 1.0, env.transform
     for one in getattr(chain, "transforms", ()):
@@ -157,7 +157,7 @@ class RunningNorm(Transform):
             )
         super().__init__(in_keys=keys, out_keys=keys)
         self.limit, self.hold = limit, hold
-        self.moments = {key: Moments(decay) for key in keys}
+        self.moments = {key: RunningMeanStd(decay) for key in keys}
         self._steps = 0
         self._held: dict[str, tuple[Tensor, Tensor]] = {}  # applied while training
         self._newest: dict[str, tuple[Tensor, Tensor]] = {}  # applied in evaluation
@@ -192,10 +192,10 @@ class RunningNorm(Transform):
             elif key not in self._held:
                 like = torch.zeros(x.shape[-1:], dtype=torch.float64)
                 self._held[key] = like, torch.ones_like(like)
-            mean, std = self._held[key] = on(x.device, self._held[key])
+            mean, std = self._held[key] = to_device(x.device, self._held[key])
             return mean, std
         if key not in self._newest:
-            self._newest[key] = on(x.device, self.affine(key))
+            self._newest[key] = to_device(x.device, self.affine(key))
         return self._newest[key]
 
     def _reset(
@@ -241,7 +241,7 @@ class RewardScaling(Transform):
     def __init__(self, gamma: float, limit: float = 10.0) -> None:
         super().__init__(in_keys=["reward"], out_keys=["reward", "raw_reward"])
         self.gamma, self.limit = gamma, limit
-        self.moments = Moments(1.0)
+        self.moments = RunningMeanStd(1.0)
         self._running: Tensor | None = None  # (N, 1)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:

@@ -32,8 +32,8 @@ from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.closed_loop.check import Drawn
 from sim2real.diagnosis.closed_loop.measured import AXES, QUATERNION, Episode, as_measured
 from sim2real.evaluation.worth import HALF, Cause, Game
-from sim2real.learning.environment import Environment
-from sim2real.learning.trained import Trained
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 EXPORT = ("policy.json", "policy.npz")
@@ -59,7 +59,7 @@ def load_player(path: str | Path, task: str | None = None) -> Player:
     return Player(_of_file(actor, path, actor.task or task))
 
 
-def _of_file(actor: Actor, path: Path, name: str | None) -> Trained:
+def _of_file(actor: Actor, path: Path, name: str | None) -> TrainedPolicy:
     """Return a function of observations as a trained policy of a task of ours."""
     kind = getattr(servo_tasks, name or "", None)
     if not (isinstance(kind, type) and issubclass(kind, ServoTask)):
@@ -73,10 +73,10 @@ def _of_file(actor: Actor, path: Path, name: str | None) -> Trained:
 
     task: ServoTask = getattr(servo_tasks, kind.__name__)()
     module = TensorDictModule(act, ["observation"], ["action"])
-    return Trained(
+    return TrainedPolicy(
         np.zeros(0, np.float32),
         lambda theta: module,
-        Environment(partial(MujocoEnv, task, dtype=torch.float64)),
+        EnvironmentFactory(partial(MujocoEnv, task, dtype=torch.float64)),
         {},
         0,
         dtype=torch.float64,
@@ -99,7 +99,7 @@ class Player:
         Sim2RealError: a policy of another kind of task.
     """
 
-    def __init__(self, trained: Trained) -> None:
+    def __init__(self, trained: TrainedPolicy) -> None:
         self.task = servo_task(trained.environment)
         self.trained = trained
         self.name = str(trained.source)
@@ -119,7 +119,7 @@ class Player:
         every = frozenset(range(len(causes)))
         environment, values = game.robots(every, [every])
         watch = _Watch(self.task, episodes)
-        played = self.trained.play(game.seeds, environment, values[0], watch=watch)
+        played = self.trained.run_episodes(game.seeds, environment, values[0], watch=watch)
         return [
             Episode(watch.columns(row, int(count)), self.step, float(paid))
             for row, (count, paid) in enumerate(zip(played.lengths, played.returns, strict=True))

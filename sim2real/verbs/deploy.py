@@ -41,7 +41,7 @@ from sim2real.deployment.session import Deployment, load
 from sim2real.deployment.stops import guarding
 from sim2real.deployment.trained import load_trained, one_checkpoint, trained_for
 from sim2real.learning.adapt import Adaptation, NoAdaptation
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ log_ = logging.getLogger(__name__)
 
 def run(
     *,
-    parts: Parts,
+    parts: Components,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     robot: dict[str, Any],
@@ -110,7 +110,9 @@ def run(
     rows, adapt = robot_of(env), NoAdaptation() if dry_run else parts.adapt
     check_reward(rows, adapt)
     check_base(rows, adapt)
-    adapt = adapt.of(trained.actor(trained.theta), trained.critic).within(trained.environment)
+    adapt = adapt.bind_policy(trained.actor(trained.theta), trained.critic).bind_environment(
+        trained.environment
+    )
     deployment = Deployment(trained.theta, adapt, trials, seed)
     tell(deployment, trained_for(checkpoint))
     if resume is not None:

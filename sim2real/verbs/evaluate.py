@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2real.evaluation.evaluate import Assessment, find_runs
-from sim2real.learning.algorithms.base import Algorithm, Parts, build
+from sim2real.learning.algorithms.base import Algorithm, Components, build
 from sim2real.runs.checkpoint import check_expected, read_metadata, restore
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.progress import Progress
@@ -19,7 +19,7 @@ from sim2real.runs.progress import Progress
 
 def run(
     *,
-    parts: Parts,
+    parts: Components,
     algorithm: Callable[..., Algorithm],
     effects: str | None,
     eval: Assessment | None,

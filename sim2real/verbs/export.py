@@ -16,7 +16,7 @@ import numpy as np
 from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.export import export
 from sim2real.deployment.trained import load_trained, one_checkpoint
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.interface import interface_file, write_interface
 
 log_ = logging.getLogger(__name__)
@@ -24,7 +24,7 @@ log_ = logging.getLogger(__name__)
 
 def run(
     *,
-    parts: Parts,
+    parts: Components,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     seed: int,

@@ -96,6 +96,6 @@ def _world(
     environment = replace(trained.environment, tasks=prior, fixed=tuple(fixed))
     return World(
         lambda effects, rows: environment.base_rows(rows),
-        lambda rows: trained.pilot(num_rows=rows, explore=seed),
+        lambda rows: trained.controller(num_rows=rows, explore=seed),
         environment.name,
     )

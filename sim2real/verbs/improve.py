@@ -28,7 +28,7 @@ from hardware.excite import Kind
 from hardware.log import Log, read_logs
 from sim2real.deployment import deploy
 from sim2real.deployment.trained import load_trained
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.loops.bayrn import BayRn, Session
 from sim2real.loops.improve.improve import Improvement, Plan, improve
 from sim2real.loops.improve.operator import Operator
@@ -44,7 +44,7 @@ WAYS = ("diagnosis", "returns")  # what moves the simulator between rounds
 
 def run(
     *,
-    parts: Parts,
+    parts: Components,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     by: str,
@@ -134,7 +134,7 @@ def run(
     if target is not None:
         if port is not None:
             raise Sim2RealError("target= stands for the robot: leave port= out, or target=")
-        site = Target(parts.environment.over(target), parts.environment, trials, seed)
+        site = Target(parts.environment.with_base(target), parts.environment, trials, seed)
     else:
         machine = deploy.make_machine(robot, port, calibration, imu_port)
         if machine.port is not None and not arm:

@@ -12,7 +12,7 @@ from pathlib import Path
 from sim2real.evaluation.evaluate import Assessment
 from sim2real.evaluation.films import Video
 from sim2real.evaluation.finish import finish
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.population.cluster import Cluster
 from sim2real.learning.training import train
 from sim2real.runs.loggers import Loggers
@@ -21,7 +21,7 @@ from sim2real.runs.run_files import RunFiles
 
 def run(
     *,
-    parts: Parts,
+    parts: Components,
     algorithm: Callable[..., Algorithm],
     effects: str | None,
     eval: Assessment | None,

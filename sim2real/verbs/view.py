@@ -34,7 +34,7 @@ from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all
 from sim2real.diagnosis.report.rerun_log import write_rerun
 from sim2real.evaluation.films import Video
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ log_ = logging.getLogger(__name__)
 
 def run(
     *,
-    parts: Parts,
+    parts: Components,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     robot: dict[str, Any],

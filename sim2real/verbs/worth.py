@@ -14,7 +14,7 @@ from sim2real.deployment.trained import load_trained
 from sim2real.evaluation.worth import Worth, price, read_causes
 from sim2real.evaluation.worth_open import ends_of
 from sim2real.evaluation.worth_report import read_diagnosis, shares_closed, write
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.progress import Progress
 
@@ -23,7 +23,7 @@ log_ = logging.getLogger(__name__)
 
 def run(
     *,
-    parts: Parts,
+    parts: Components,
     algorithm: Callable[..., Algorithm],
     checkpoint: str | list[str] | None,
     effects: str | None,

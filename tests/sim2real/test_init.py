@@ -45,11 +45,11 @@ def test_a_policy_of_a_run(tmp_path: Path) -> None:
     """load_policy needs the run's folder alone, and gives what the training returned."""
     run = train(tmp_path / "run", SMALL_PPO)
     trained = sim2real.load_policy(run)
-    size, low, high = trained.environment.shown()
-    action = trained.pilot()(np.zeros((1, size)))
+    size, low, high = trained.environment.observation_and_action_spec()
+    action = trained.controller()(np.zeros((1, size)))
     assert action.shape == (1, len(low))
     assert (low <= action).all()
     assert (action <= high).all()
     assert np.isfinite(trained.theta).all()
     assert trained.source is not None
-    torch.testing.assert_close(trained.pilot()(np.zeros((1, size))), action)
+    torch.testing.assert_close(trained.controller()(np.zeros((1, size))), action)

@@ -7,23 +7,29 @@
     adapted = session.result
 
 An operator is a recipe; a `Session` is one robot going through it, episode by episode, and can be
-saved in between. A `Cohort` is many members going through it side by side, the form in which
+saved in between. A `BatchedSession` is many members going through it side by side, the form in which
 populations run; a session is a cohort of one, so both compute the same numbers.
 """
 
-from sim2real.learning.adapt.base import Adaptation, Cohort, NoAdaptation, Session, Steps
+from sim2real.learning.adapt.base import (
+    Adaptation,
+    BatchedSession,
+    EpisodeTrajectory,
+    NoAdaptation,
+    Session,
+)
 from sim2real.learning.adapt.gradient import GradientAdaptation
 from sim2real.learning.adapt.hillclimb import HillClimb
 from sim2real.learning.adapt.identify import Identify, IdentifySession
 from sim2real.learning.adapt.latent import LatentSearch
 from sim2real.learning.adapt.linear_gae import LinearGAE
-from sim2real.learning.adapt.noisy import Noisy
+from sim2real.learning.adapt.noisy import NoisyReturns
 from sim2real.learning.adapt.policy_gradient import PolicyGradient
 from sim2real.learning.adapt.ppo import PPOAdaptation
 
 __all__ = [
     "Adaptation",
-    "Cohort",
+    "BatchedSession",
     "GradientAdaptation",
     "HillClimb",
     "Identify",
@@ -31,9 +37,9 @@ __all__ = [
     "LatentSearch",
     "LinearGAE",
     "NoAdaptation",
-    "Noisy",
+    "NoisyReturns",
     "PPOAdaptation",
     "PolicyGradient",
     "Session",
-    "Steps",
+    "EpisodeTrajectory",
 ]

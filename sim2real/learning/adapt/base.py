@@ -19,7 +19,7 @@ from sim2real.learning.modules.value import Critic
 from sim2real.runs.errors import Sim2RealError
 
 
-class Steps(NamedTuple):
+class EpisodeTrajectory(NamedTuple):
     """An episode of T steps whose actions were drawn."""
 
     observation: np.ndarray  # (T, O) float32, as the policy saw it
@@ -53,7 +53,7 @@ class Adaptation(ABC):
         """Perturbations drawn per member."""
 
     @abstractmethod
-    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
+    def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> BatchedSession:
         """Start members with given perturbations.
 
         Args:
@@ -73,14 +73,14 @@ class Adaptation(ABC):
     def check(self, policy: Any) -> None:  # noqa: B027 - most adapt any policy
         """Raise Sim2RealError for a policy that cannot adapt so; None is one that is not known."""
 
-    def of(self, actor: Any, critic: Critic | None = None) -> Adaptation:
+    def bind_policy(self, actor: Any, critic: Critic | None = None) -> Adaptation:
         """Return this recipe for a policy's actor, a tensordict module, and its critic, if any.
 
         Most serve any policy.
         """
         return self
 
-    def within(self, environment: Any) -> Adaptation:
+    def bind_environment(self, environment: Any) -> Adaptation:
         """Return this recipe for policies of an environment; most serve any."""
         return self
 
@@ -93,12 +93,12 @@ class Adaptation(ABC):
         """
         return Session(self, theta, self.draw(rng, len(theta)))
 
-    def start_many(self, thetas: np.ndarray, rngs: Sequence[np.random.Generator]) -> Cohort:
+    def start_many(self, thetas: np.ndarray, rngs: Sequence[np.random.Generator]) -> BatchedSession:
         """Start n adaptations side by side; member i equals `start(thetas[i], rngs[i])`."""
         noise = np.empty((len(thetas), self.queries, thetas.shape[1]), np.float32)
         for member, rng in enumerate(rngs):
             noise[member] = self.draw(rng, thetas.shape[1])
-        return self.cohort(thetas, noise)
+        return self.start_batch(thetas, noise)
 
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Draw one member's perturbations, (queries, size) float32."""
@@ -122,7 +122,7 @@ def check_budget(operator: Adaptation, budget: int | None, fits: str) -> None:
         )
 
 
-class Cohort(ABC):
+class BatchedSession(ABC):
     """Many members that go through one operator side by side, each at its own pace.
 
     A member's numbers do not depend on the other members or on the order of calls.
@@ -209,7 +209,9 @@ class Session:
 
     def _begin(self, theta: np.ndarray, noise: np.ndarray, values: np.ndarray) -> None:
         self._theta = np.array(theta, np.float32)
-        self._cohort = self._operator.cohort(self._theta[None], np.asarray(noise, np.float32)[None])
+        self._cohort = self._operator.start_batch(
+            self._theta[None], np.asarray(noise, np.float32)[None]
+        )
         self._values: list[float] = []
         for value in values:
             self.tell(float(value))
@@ -230,7 +232,9 @@ class Session:
             return None
         return self._cohort.candidates(np.array([0]), np.array([len(self._values)]))[0]
 
-    def tell(self, value: float, steps: Steps | None = None, log: Log | None = None) -> None:
+    def tell(
+        self, value: float, steps: EpisodeTrajectory | None = None, log: Log | None = None
+    ) -> None:
         """Report the return of the episode that was asked for.
 
         Args:
@@ -278,12 +282,12 @@ class NoAdaptation(Adaptation):
         """None."""
         return 0
 
-    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
+    def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> BatchedSession:
         """Start members that are done at once."""
         return _Unchanged((), thetas, noise)
 
 
-class _Unchanged(Cohort):
+class _Unchanged(BatchedSession):
     def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
         return self.results[members]
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.learning.adapt.base import Adaptation, Cohort
+from sim2real.learning.adapt.base import Adaptation, BatchedSession
 from sim2real.learning.adapt.gradient import GradientAdaptation, normalize_rows
 from sim2real.runs.errors import Sim2RealError
 
@@ -49,18 +49,18 @@ class FirstOrder(Adaptation):
         """The unchanged policy and its perturbations; then those of the adapted one."""
         return (*self.first.stages, self.first.queries)
 
-    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> FirstOrderCohort:
+    def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> FirstOrderCohort:
         """Start members with given perturbations; see the base class."""
         return FirstOrderCohort(self, thetas, noise)
 
 
-class FirstOrderCohort(Cohort):
+class FirstOrderCohort(BatchedSession):
     """Members of `FirstOrder`; `gradients` (n, P) is complete when they are done."""
 
     def __init__(self, operator: FirstOrder, thetas: np.ndarray, noise: np.ndarray) -> None:
         super().__init__(operator.stages, thetas, noise)
         count = operator.first.queries
-        self._first = operator.first.cohort(thetas, noise[:, :count])
+        self._first = operator.first.start_batch(thetas, noise[:, :count])
         self._count, self._sigma = count, np.float32(operator.first.sigma)
         self.gradients = np.zeros(self.results.shape)
 

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim2real.learning.adapt.base import Adaptation, Cohort, check_budget
+from sim2real.learning.adapt.base import Adaptation, BatchedSession, check_budget
 from sim2real.learning.population.es import orthogonal_directions
 from sim2real.runs.errors import Sim2RealError
 
@@ -78,12 +78,12 @@ class GradientAdaptation(Adaptation):
             return orthogonal_directions(rng, self._queries, size).astype(np.float32)
         return super().draw(rng, size)
 
-    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
+    def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> BatchedSession:
         """Start members with given perturbations; see the base class."""
         return _GradientCohort(self, thetas, noise)
 
 
-class _GradientCohort(Cohort):
+class _GradientCohort(BatchedSession):
     def __init__(self, operator: GradientAdaptation, thetas: np.ndarray, noise: np.ndarray) -> None:
         super().__init__(operator.stages, thetas, noise)
         self._operator, self._sigma = operator, np.float32(operator.sigma)

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim2real.learning.adapt.base import Adaptation, Cohort, check_budget
+from sim2real.learning.adapt.base import Adaptation, BatchedSession, check_budget
 from sim2real.learning.adapt.gradient import mean_rows
 from sim2real.runs.errors import Sim2RealError
 
@@ -113,12 +113,12 @@ class HillClimb(Adaptation):
         later = first if self.reevaluate_incumbent else self.parallel
         return (first, *(later,) * (self.rounds - 1))
 
-    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
+    def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> BatchedSession:
         """Start members with given perturbations; see the base class."""
         return _Climbers(self, thetas, noise)
 
 
-class _Climbers(Cohort):
+class _Climbers(BatchedSession):
     def __init__(self, operator: HillClimb, thetas: np.ndarray, noise: np.ndarray) -> None:
         super().__init__(operator.stages, thetas, noise)
         self._operator = operator

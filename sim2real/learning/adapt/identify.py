@@ -7,7 +7,7 @@
         session.tell(value, log=log)
     session.found                                   # (P,): the robot's parameters, in their units
 
-The policy is one that is told its robot's parameters (`sim2real.learning.told`). It begins with the
+The policy is one that is told its robot's parameters (`sim2real.learning.context`). It begins with the
 middle of their ranges; after each episode they are identified from the logs of the last ones, and
 the next episode runs with what was found. The returns decide nothing.
 """
@@ -23,14 +23,20 @@ import numpy as np
 import torch
 
 from hardware.log import Log
-from sim2real.learning.adapt.base import Adaptation, Cohort, Session, Steps, check_budget
-from sim2real.learning.told import Told
+from sim2real.learning.adapt.base import (
+    Adaptation,
+    BatchedSession,
+    EpisodeTrajectory,
+    Session,
+    check_budget,
+)
+from sim2real.learning.context import ContextSpec
 from sim2real.runs.errors import Sim2RealError
 
 META = "meta"  # a log's metadata, as JSON in bytes
 
 
-class Find(Protocol):
+class ParameterEstimator(Protocol):
     """Finds a robot's parameters in its logs, as `sim2real.identification.episodes.Finder` does."""
 
     def __call__(self, environment: Any, logs: Sequence[Log], seed: int) -> np.ndarray:
@@ -60,12 +66,14 @@ class Identify(Adaptation):
 
     needs_log: ClassVar[bool] = True
 
-    def __init__(self, *, episodes: int, last: int, find: Find, budget: int | None = None) -> None:
+    def __init__(
+        self, *, episodes: int, last: int, find: ParameterEstimator, budget: int | None = None
+    ) -> None:
         if episodes < 1 or last < 1:
             raise Sim2RealError(f"adapt: episodes={episodes} and last={last} must be at least 1")
         self._count, self.last, self._find = episodes, last, find
         self._environment: Any = None
-        self.told: Told | None = None
+        self.told: ContextSpec | None = None
         check_budget(self, budget, f"give adapt.episodes={budget}")
 
     def __str__(self) -> str:
@@ -82,7 +90,7 @@ class Identify(Adaptation):
         """None."""
         return 0
 
-    def within(self, environment: Any) -> Identify:
+    def bind_environment(self, environment: Any) -> Identify:
         """Return this for a policy of an environment.
 
         Raises:
@@ -110,7 +118,7 @@ class Identify(Adaptation):
         """Start one adaptation that asks for one episode at a time; see `Adaptation`."""
         return IdentifySession(self, theta, int(rng.integers(2**31)))
 
-    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
+    def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> BatchedSession:
         """Refuse: a population reports returns alone.
 
         Raises:
@@ -127,7 +135,7 @@ class IdentifySession(Session):
     """One robot's identification, an episode at a time; it may be saved between any two calls.
 
     Args:
-        operator: the recipe, of an environment (`Identify.within`).
+        operator: the recipe, of an environment (`Identify.bind_environment`).
         theta: the policy's parameters, (P,).
         seed: of all that is random in it.
 
@@ -162,19 +170,21 @@ class IdentifySession(Session):
     @property
     def found(self) -> np.ndarray:
         """The robot's parameters as they are known now, (P,), each in its unit."""
-        return self._found[-1].copy() if self._found else self._told.middle
+        return self._found[-1].copy() if self._found else self._told.center
 
     @property
     def result(self) -> np.ndarray:
         """The policy's parameters, and behind them what it is to believe, float32."""
-        said = (self.found - self._told.middle) / self._told.half
+        said = (self.found - self._told.center) / self._told.half_range
         return np.concatenate([self._theta, said]).astype(np.float32)
 
     def ask(self) -> np.ndarray | None:
         """Return the parameters to run for one episode, as `result`, or None when done."""
         return self.result if self.episodes_left else None
 
-    def tell(self, value: float, steps: Steps | None = None, log: Log | None = None) -> None:
+    def tell(
+        self, value: float, steps: EpisodeTrajectory | None = None, log: Log | None = None
+    ) -> None:
         """Report the return and the log of the episode that was asked for.
 
         Args:

@@ -1,6 +1,6 @@
 """Adapts by returns that are measured badly: how much noise an operator bears.
 
-    operator = Noisy(HillClimb(mode="batch", queries=7, parallel=7), law="one_sided", scale=0.5)
+    operator = NoisyReturns(HillClimb(mode="batch", queries=7, parallel=7), law="one_sided", scale=0.5)
 
 The operator is told each return with an error; what scores the adapted policy is exact. The laws
 are those of ES-MAML's noise study (Song et al., "Rapidly Adaptable Legged Robots via Evolutionary
@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from envs.errors import did_you_mean
-from sim2real.learning.adapt.base import Adaptation, Cohort
+from sim2real.learning.adapt.base import Adaptation, BatchedSession
 from sim2real.learning.modules.value import Critic
 from sim2real.runs.errors import Sim2RealError
 
@@ -22,7 +22,7 @@ Law = Literal["gaussian", "one_sided"]
 WORDS = 8  # numbers of the last perturbation whose bits seed a member's errors
 
 
-class Noisy(Adaptation):
+class NoisyReturns(Adaptation):
     """Tells another operator returns with errors.
 
     Args:
@@ -76,13 +76,17 @@ class Noisy(Adaptation):
         """Raise Sim2RealError for a policy that the operator cannot adapt."""
         self.operator.check(policy)
 
-    def of(self, actor: Any, critic: Critic | None = None) -> Noisy:
+    def bind_policy(self, actor: Any, critic: Critic | None = None) -> NoisyReturns:
         """Return this recipe for a policy's actor."""
-        return Noisy(self.operator.of(actor, critic), self.law, self.scale, self.share)
+        return NoisyReturns(
+            self.operator.bind_policy(actor, critic), self.law, self.scale, self.share
+        )
 
-    def within(self, environment: Any) -> Noisy:
+    def bind_environment(self, environment: Any) -> NoisyReturns:
         """Return this recipe for policies of an environment."""
-        return Noisy(self.operator.within(environment), self.law, self.scale, self.share)
+        return NoisyReturns(
+            self.operator.bind_environment(environment), self.law, self.scale, self.share
+        )
 
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Draw the operator's perturbations and one more, (queries, size) float32."""
@@ -97,18 +101,18 @@ class Noisy(Adaptation):
             return drawn
         return -np.abs(drawn) * (rng.random(self.episodes) < self.share)
 
-    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> NoisyCohort:
+    def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> NoisyCohort:
         """Start members with given perturbations; see the base class."""
         return NoisyCohort(self, thetas, np.asarray(noise, np.float32))
 
 
-class NoisyCohort(Cohort):
+class NoisyCohort(BatchedSession):
     """Members of another cohort, which are told wrong values; `values` are the true ones."""
 
-    def __init__(self, operator: Noisy, thetas: np.ndarray, noise: np.ndarray) -> None:
+    def __init__(self, operator: NoisyReturns, thetas: np.ndarray, noise: np.ndarray) -> None:
         super().__init__(operator.stages, thetas, noise)
         self._errors = np.array([operator.errors(one) for one in noise[:, -1]])  # (n, E)
-        self._inner = operator.operator.cohort(thetas, noise[:, :-1])
+        self._inner = operator.operator.start_batch(thetas, noise[:, :-1])
         self.results = self._inner.results  # the same array: both change together
 
     def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:

@@ -20,10 +20,10 @@ import numpy as np
 import torch
 from torch.func import grad
 
-from sim2real.learning.adapt.base import Adaptation, Cohort
+from sim2real.learning.adapt.base import Adaptation, BatchedSession
 from sim2real.learning.adapt.linear_gae import LinearGAE
 from sim2real.learning.adapt.steps import COLUMNS, StepsSession
-from sim2real.learning.modules.law import Law, log_prob
+from sim2real.learning.modules.functional_actor import FunctionalActor, log_prob
 from sim2real.learning.modules.value import Critic
 from sim2real.runs.errors import Sim2RealError
 
@@ -31,7 +31,7 @@ Tensor = torch.Tensor
 SURROGATES = ("likelihood", "ratio")
 
 
-class Experience(NamedTuple):
+class TransitionBatch(NamedTuple):
     """Steps that were taken in a task, S of them; with a dimension before, in B tasks."""
 
     seen: tuple[Tensor, ...]  # what the policy saw, (S, O) each
@@ -52,7 +52,7 @@ class PolicyGradient(Adaptation):
             drawn: "likelihood", log pi A (REINFORCE, Williams 1992), or "ratio", pi / pi_old A,
             whose second derivatives vary less between samples (Rothfuss et al. 2019, "ProMP").
         advantage: what actions are judged by.
-        law: of the policy that adapts; see `of`.
+        law: of the policy that adapts; see `bind_policy`.
 
     Raises:
         Sim2RealError: for values out of range.
@@ -63,7 +63,7 @@ class PolicyGradient(Adaptation):
     rate: float
     surrogate: Literal["likelihood", "ratio"]
     advantage: LinearGAE
-    law: Law | None = None
+    law: FunctionalActor | None = None
 
     def __post_init__(self) -> None:
         if self.trajectories < 1 or not self.rate > 0:
@@ -90,33 +90,33 @@ class PolicyGradient(Adaptation):
         """None: the actions vary, not the parameters."""
         return 0
 
-    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> Cohort:
+    def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> BatchedSession:
         """Raise Sim2RealError: populations tell returns, and this needs the steps."""
         raise Sim2RealError(
             "adapt=policy_gradient learns from the steps of episodes, and a population tells only "
             "their returns; use adapt=gradient or adapt=hillclimb, or algorithm=pg_maml"
         )
 
-    def of(self, actor: Any, critic: Critic | None = None) -> PolicyGradient:
+    def bind_policy(self, actor: Any, critic: Critic | None = None) -> PolicyGradient:
         """Return this operator for a policy; raises Sim2RealError for one without a normal law."""
-        return replace(self, law=Law(actor))
+        return replace(self, law=FunctionalActor(actor))
 
     def start(self, theta: np.ndarray, rng: np.random.Generator) -> PolicyGradientSession:
-        """Start one adaptation; raises Sim2RealError before `of` has said of which policy."""
+        """Start one adaptation; raises Sim2RealError before `bind_policy` has said of which policy."""
         if self.law is None:
             raise Sim2RealError(
                 "adapt=policy_gradient: say which policy adapts, by operator.of(actor)"
             )
         return PolicyGradientSession(self, self.law, theta)
 
-    def loss(self, law: Law, theta: Tensor, one: Experience) -> Tensor:
+    def loss(self, law: FunctionalActor, theta: Tensor, one: TransitionBatch) -> Tensor:
         """Return what a step lowers, for parameters (P,) and the experience of a task."""
         score = log_prob(law(theta, *one.seen), one.action)
         if self.surrogate == "ratio":
             score = (score - one.log_prob).exp()
         return -(one.weight * score * one.advantage).sum()
 
-    def step(self, law: Law, theta: Tensor, one: Experience) -> Tensor:
+    def step(self, law: FunctionalActor, theta: Tensor, one: TransitionBatch) -> Tensor:
         """Return the adapted parameters, (P,), a function that can be differentiated."""
         return theta - self.rate * grad(lambda x: self.loss(law, x, one))(theta)
 
@@ -127,7 +127,7 @@ class PolicyGradient(Adaptation):
         log_probs: Tensor,
         reward: Tensor,
         alive: Tensor,
-    ) -> Experience:
+    ) -> TransitionBatch:
         """Put episodes (..., M, T, ...) together, the leading dimensions being tasks.
 
         Args:
@@ -140,7 +140,7 @@ class PolicyGradient(Adaptation):
         advantage = self.advantage(torch.cat(tuple(seen), -1), reward, alive)
         weight = alive.to(action.dtype)
         weight = weight / weight.sum((-2, -1), keepdim=True)
-        return Experience(
+        return TransitionBatch(
             tuple(x.flatten(-3, -2) for x in seen),
             action.flatten(-3, -2),
             *(x.flatten(-2) for x in (log_probs, advantage, weight)),
@@ -156,7 +156,7 @@ class PolicyGradientSession(StepsSession):
         theta: parameters before adaptation, (P,).
     """
 
-    def __init__(self, operator: PolicyGradient, law: Law, theta: np.ndarray) -> None:
+    def __init__(self, operator: PolicyGradient, law: FunctionalActor, theta: np.ndarray) -> None:
         self._recipe, self._law = operator, law
         super().__init__(operator, theta)
 

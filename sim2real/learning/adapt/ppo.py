@@ -19,11 +19,16 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
-from sim2real.learning.adapt.base import Adaptation, Cohort, Steps
-from sim2real.learning.adapt.clipped import ClippedSettings, Learner, Learners, Round
+from sim2real.learning.adapt.base import Adaptation, BatchedSession, EpisodeTrajectory
+from sim2real.learning.adapt.batched_ppo import (
+    BatchedPPO,
+    BlockedPPO,
+    ClippedSettings,
+    RolloutBatch,
+)
 from sim2real.learning.adapt.steps import StepsSession
-from sim2real.learning.modules.law import Law
-from sim2real.learning.modules.value import Critic, Value
+from sim2real.learning.modules.functional_actor import FunctionalActor
+from sim2real.learning.modules.value import Critic, FunctionalCritic
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -34,7 +39,7 @@ class PPOAdaptation(ClippedSettings, Adaptation):
     Args:
         rounds: R; on a robot as many episodes.
         steps: S, control steps of a round in a population, where episodes that end begin again.
-        law: of the policy that adapts; see `of`.
+        law: of the policy that adapts; see `bind_policy`.
         value: of its critic.
         critic: the critic's parameters, (C,).
         unit: what rewards are divided by before they are valued.
@@ -47,8 +52,8 @@ class PPOAdaptation(ClippedSettings, Adaptation):
     needs_critic: ClassVar[bool] = True
     rounds: int
     steps: int
-    law: Law | None = None
-    value: Value | None = None
+    law: FunctionalActor | None = None
+    value: FunctionalCritic | None = None
     critic: torch.Tensor | None = None
     unit: float = 1.0
 
@@ -75,20 +80,22 @@ class PPOAdaptation(ClippedSettings, Adaptation):
     def check(self, policy: Any) -> None:
         """Raise Sim2RealError for a policy without a critic of its own."""
         if policy is not None:
-            Value(getattr(policy, "critic", None))
+            FunctionalCritic(getattr(policy, "critic", None))
 
-    def of(self, actor: Any, critic: Critic | None = None) -> PPOAdaptation:
+    def bind_policy(self, actor: Any, critic: Critic | None = None) -> PPOAdaptation:
         """Return this operator for a policy.
 
         Raises:
             Sim2RealError: an actor without a normal law, or no critic with networks of its own.
         """
-        value = Value(None if critic is None else critic.module)
+        value = FunctionalCritic(None if critic is None else critic.module)
         unit = 1.0 if critic is None else critic.unit
-        return replace(self, law=Law(actor), value=value, critic=value.vector(), unit=unit)
+        return replace(
+            self, law=FunctionalActor(actor), value=value, critic=value.vector(), unit=unit
+        )
 
-    def known(self) -> tuple[Law, Value, torch.Tensor]:
-        """Return law, value and the critic's parameters; raises Sim2RealError before `of`."""
+    def known(self) -> tuple[FunctionalActor, FunctionalCritic, torch.Tensor]:
+        """Return law, value and the critic's parameters; raises Sim2RealError before `bind_policy`."""
         if self.law is None or self.value is None or self.critic is None:
             raise Sim2RealError("adapt=ppo: say which policy adapts, by operator.of(actor, critic)")
         return self.law, self.value, self.critic
@@ -97,7 +104,7 @@ class PPOAdaptation(ClippedSettings, Adaptation):
         """Start one adaptation of an actor's parameters (P,); see `Adaptation`."""
         return PPOSession(self, theta, int(rng.integers(2**31)))
 
-    def cohort(self, thetas: np.ndarray, noise: np.ndarray) -> LearnerCohort:
+    def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> LearnerCohort:
         """Start members whose parameters (n, P + C) are the actor's and the critic's."""
         return LearnerCohort(self, thetas, noise)
 
@@ -110,7 +117,7 @@ class PPOSession(StepsSession):
     """One robot's adaptation by PPO, which learns after each episode; see `Session`.
 
     Args:
-        operator: the recipe, of a policy (`PPOAdaptation.of`).
+        operator: the recipe, of a policy (`PPOAdaptation.bind_policy`).
         theta: the actor's parameters before adaptation, (P,).
         seed: of the order in which steps are taken.
     """
@@ -123,7 +130,7 @@ class PPOSession(StepsSession):
         super()._restart(theta)
         law, value, critic = self._recipe.known()
         both = torch.cat([torch.from_numpy(self._theta), critic])
-        self._learner = Learner(self._recipe, law, value, both[None])
+        self._learner = BatchedPPO(self._recipe, law, value, both[None])
 
     def _digest(self) -> None:
         steps, rng = self._steps[-1], np.random.default_rng([self._seed, len(self._steps)])
@@ -141,7 +148,7 @@ class PPOSession(StepsSession):
         super().load_state_dict(state)
 
 
-def _round(steps: Steps, unit: float) -> Round:
+def _round(steps: EpisodeTrajectory, unit: float) -> RolloutBatch:
     """Return a whole episode as the round of one member."""
     seen = np.asarray(steps.observation, np.float32)  # (T, O)
     last = seen[-1] if steps.end is None else steps.end
@@ -151,10 +158,10 @@ def _round(steps: Steps, unit: float) -> Round:
     after = np.concatenate([seen[1:], np.asarray(last, np.float32)[None]])
     ended = done & (steps.end is None)
     columns = (seen, np.asarray(steps.action, np.float32), reward, after, done, ended)
-    return Round(*(torch.from_numpy(x)[None] for x in columns))
+    return RolloutBatch(*(torch.from_numpy(x)[None] for x in columns))
 
 
-class LearnerCohort(Cohort):
+class LearnerCohort(BatchedSession):
     """Members that learn from steps; a population runs them by `population.learners`.
 
     Args:
@@ -174,9 +181,9 @@ class LearnerCohort(Cohort):
                 f"together {size}; search the critic, too, by algorithm.critic=true"
             )
 
-    def learners(self, members: np.ndarray) -> Learners:
+    def learners(self, members: np.ndarray) -> BlockedPPO:
         """Return what acts and learns for some members, (k,)."""
-        return Learners(self.operator, *self._networks, self.results[members])
+        return BlockedPPO(self.operator, *self._networks, self.results[members])
 
     def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
         """Return the parameters as they are; see the base class."""

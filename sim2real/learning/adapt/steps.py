@@ -1,6 +1,6 @@
 """Sessions that are told every step of their episodes, for operators that `explores`.
 
-    session.tell(value, Steps(observation, action, reward, end))
+    session.tell(value, EpisodeTrajectory(observation, action, reward, end))
 
 What was told is kept, and a session that is loaded is told the same again.
 """
@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from hardware.log import Log
-from sim2real.learning.adapt.base import Adaptation, Session, Steps
+from sim2real.learning.adapt.base import Adaptation, EpisodeTrajectory, Session
 from sim2real.runs.errors import Sim2RealError
 
 COLUMNS = ("observation", "action", "reward")  # of a number or a vector for each step
@@ -35,7 +35,7 @@ class StepsSession(Session):
     def _restart(self, theta: np.ndarray) -> None:
         self._theta = np.array(theta, np.float32)
         self._values: list[float] = []
-        self._steps: list[Steps] = []
+        self._steps: list[EpisodeTrajectory] = []
         self._result = self._theta
 
     @abstractmethod
@@ -51,7 +51,9 @@ class StepsSession(Session):
         """Return the parameters to run for one episode, (P,) float32, or None when done."""
         return self.result if self.episodes_left else None
 
-    def tell(self, value: float, steps: Steps | None = None, log: Log | None = None) -> None:
+    def tell(
+        self, value: float, steps: EpisodeTrajectory | None = None, log: Log | None = None
+    ) -> None:
         """Report an episode whose actions were drawn: its return and its steps.
 
         Raises:
@@ -104,4 +106,4 @@ class StepsSession(Session):
         for number, value in enumerate(state["values"].tolist()):
             end = None if np.isnan(ends[number]).any() else ends[number]
             observation, action, reward = (column[number] for column in columns)
-            self.tell(value, Steps(observation, action, reward, end))
+            self.tell(value, EpisodeTrajectory(observation, action, reward, end))

@@ -4,7 +4,7 @@ class Mine(Algorithm):
     uses = frozenset({"optimizer"})             # the optional parts that it takes
     def __init__(self, parts: Parts, *, num_rows: int) -> None: ...
 
-algorithm = build(partial(Mine, num_rows=8), Parts(environment, policy, seed=0))
+algorithm = build(partial(Mine, num_rows=8), Components(environment, policy, seed=0))
 while algorithm.frames < 500_000:
     metrics = algorithm.iterate()
 algorithm.trained()                             # the policy, to evaluate, export or deploy
@@ -22,14 +22,14 @@ import numpy as np
 
 from envs.randomization import Tasks
 from sim2real.learning.adapt import Adaptation, NoAdaptation
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import AdaptationScores, Population
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 
 @dataclass(frozen=True)
-class Parts:
+class Components:
     """What an algorithm is made of.
 
     Args:
@@ -45,7 +45,7 @@ class Parts:
         device: where networks are.
     """
 
-    environment: Environment
+    environment: EnvironmentFactory
     policy: Callable[..., Any]
     seed: int = 0
     adapt: Adaptation = field(default_factory=NoAdaptation)
@@ -72,8 +72,8 @@ class Parts:
             "optimizer": self.optimizer,
         }
 
-    def with_effects(self, effects: str | Path | None) -> Parts:
-        """Return these with the effects of a file in every robot; see `Environment`."""
+    def with_effects(self, effects: str | Path | None) -> Components:
+        """Return these with the effects of a file in every robot; see `EnvironmentFactory`."""
         return replace(self, environment=self.environment.with_effects(effects))
 
     def part(self, name: str) -> Callable[..., Any]:
@@ -100,7 +100,7 @@ class Algorithm(ABC):
 
     adapts_by: ClassVar[type[Adaptation]] = Adaptation
     uses: ClassVar[frozenset[str]] = frozenset()
-    parts: Parts
+    parts: Components
     frames: int
     iteration: int
     population: Population | None = None
@@ -110,7 +110,7 @@ class Algorithm(ABC):
         """Do one iteration and return its metrics, named `train/...`."""
 
     @abstractmethod
-    def trained(self) -> Trained:
+    def trained(self) -> TrainedPolicy:
         """Return the present policy; training on does not change it."""
 
     @property
@@ -147,7 +147,7 @@ class Algorithm(ABC):
         return {"task": name, "algorithm": type(self).__name__, "policy": self.shape}
 
 
-def build(algorithm: Callable[..., Algorithm], parts: Parts, adapts: bool = True) -> Algorithm:
+def build(algorithm: Callable[..., Algorithm], parts: Components, adapts: bool = True) -> Algorithm:
     """Make an algorithm of its parts.
 
     Args:

@@ -11,7 +11,7 @@ from tensordict import TensorDictBase
 from sim2real.runs.errors import CheckpointError, Sim2RealError
 
 
-def refuse_other_policy(there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+def check_same_policy(there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
     """Raise CheckpointError where a checkpoint's policy has another shape than this run's."""
     if dict(there) != dict(here):
         raise CheckpointError(
@@ -39,14 +39,14 @@ def check_at_least(least: int, **counts: int) -> None:
             raise Sim2RealError(f"algorithm.{name}={value} must be at least {least}")
 
 
-def check_share(**shares: float) -> None:
+def check_fraction(**shares: float) -> None:
     """Raise Sim2RealError for options that are not between 0 and 1."""
     for name, value in shares.items():
         if not 0 <= value <= 1:
             raise Sim2RealError(f"algorithm.{name}={value} must be between 0 and 1")
 
 
-def refuse_nan(parameters: Iterable[torch.Tensor], iteration: int, lower: str) -> None:
+def check_finite(parameters: Iterable[torch.Tensor], iteration: int, lower: str) -> None:
     """Raise Sim2RealError for parameters that are no longer finite.
 
     Args:

@@ -1,6 +1,6 @@
 """Experience of a collector; a resumed run goes on where it was, in the middle of episodes.
 
-collecting = Collecting(parts, env, actor, frames_per_batch=2048)
+collecting = ResumableCollector(parts, env, actor, frames_per_batch=2048)
 data = collecting.next()                        # (N, T), as TorchRL's collectors deliver it
 """
 
@@ -15,16 +15,16 @@ from torchrl.collectors import MultiCollector
 from torchrl.envs import TransformedEnv
 
 from envs.torch_env import RowsEnv
-from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.algorithms.returns import Returns
-from sim2real.learning.trained import Trained, of_actor, of_all_rows
-from sim2real.learning.transforms import affine, reward_unit
+from sim2real.learning.algorithms.base import Components
+from sim2real.learning.algorithms.returns import EpisodeReturnTracker
+from sim2real.learning.trained import TrainedPolicy, drop_per_row_state, from_actor
+from sim2real.learning.transforms import affine, reward_scale
 from sim2real.runs.errors import CheckpointError
 
 log = logging.getLogger(__name__)
 
 
-class Collecting:
+class ResumableCollector:
     """A collector over an environment, and the returns of its episodes.
 
     Args:
@@ -35,7 +35,11 @@ class Collecting:
     """
 
     def __init__(
-        self, parts: Parts, env: TransformedEnv, actor: TensorDictModuleBase, frames_per_batch: int
+        self,
+        parts: Components,
+        env: TransformedEnv,
+        actor: TensorDictModuleBase,
+        frames_per_batch: int,
     ) -> None:
         self.env, self._environment = env, parts.environment
         make = parts.part("collector")
@@ -43,7 +47,7 @@ class Collecting:
         here = not isinstance(self._collector, MultiCollector)  # or its episodes are elsewhere
         self._rows = env.base_env if here and isinstance(env.base_env, RowsEnv) else None
         self._batches = iter(self._collector)
-        self.returns = Returns(env.batch_size[0])
+        self.returns = EpisodeReturnTracker(env.batch_size[0])
 
     @property
     def in_rows(self) -> bool:
@@ -56,11 +60,11 @@ class Collecting:
         self.returns.note(data)
         return data
 
-    def trained(self, policy: Any, frames: int) -> Trained:
-        """Return a policy as it acts behind the transforms of now; see `of_actor`."""
+    def trained(self, policy: Any, frames: int) -> TrainedPolicy:
+        """Return a policy as it acts behind the transforms of now; see `from_actor`."""
         statistics = self.env.transform.state_dict()
-        shown, unit = affine(self.env), reward_unit(self.env)
-        return of_actor(policy, self._environment, statistics, frames, shown, unit)
+        shown, unit = affine(self.env), reward_scale(self.env)
+        return from_actor(policy, self._environment, statistics, frames, shown, unit)
 
     def state_dict(self) -> dict[str, Any]:
         """Return all that the next batches depend on besides the policy."""
@@ -101,7 +105,7 @@ class Collecting:
 
     def load_statistics(self, state: dict[str, Any]) -> None:
         """Take over what the transforms know of all rows, to act."""
-        self._load(of_all_rows(state["transforms"]), strict=False)
+        self._load(drop_per_row_state(state["transforms"]), strict=False)
 
     def _load(self, transforms: dict[str, Any], strict: bool = True) -> None:
         there, here = set(transforms), set(self.env.transform.state_dict())

@@ -20,12 +20,12 @@ import numpy as np
 import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.algorithms.checks import check_at_least
-from sim2real.learning.modules.randomness import Randomness
+from sim2real.learning.modules.randomness import TorchRandomStream
 from sim2real.learning.population.population import draw_seeds
-from sim2real.learning.student import GuessParams, Student, moments
-from sim2real.learning.trained import Trained
+from sim2real.learning.student import EstimateContext, Student, moments
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -50,9 +50,9 @@ class Distill(Algorithm):
 
     def __init__(
         self,
-        parts: Parts,
+        parts: Components,
         *,
-        teacher: Callable[[], Trained],
+        teacher: Callable[[], TrainedPolicy],
         num_rows: int,
         history: int,
         hidden: Sequence[int],
@@ -75,10 +75,10 @@ class Distill(Algorithm):
                 "algorithm.teacher: this policy is told no parameters, so a student has nothing to "
                 "guess; give the run of one with transforms=with_params"
             )
-        size, low, _ = self._teacher.environment.shown()
-        with Randomness(parts.seed, "cpu"):
+        size, low, _ = self._teacher.environment.observation_and_action_spec()
+        with TorchRandomStream(parts.seed, "cpu"):
             self.student = Student(size, len(low), told.size, history, tuple(hidden))
-        self.parts = replace(parts, environment=own.guessing(self.student))
+        self.parts = replace(parts, environment=own.with_estimated_context(self.student))
         self._optimizer = torch.optim.Adam(self.student.parameters(), lr=learning_rate)
         self._num_rows, self._epochs, self._batch_size = num_rows, epochs, batch_size
         self._rng = np.random.default_rng(parts.seed)
@@ -89,9 +89,9 @@ class Distill(Algorithm):
         """The student's sizes."""
         return {name: list(p.shape) for name, p in self.student.named_parameters()}
 
-    def trained(self) -> Trained:
+    def trained(self) -> TrainedPolicy:
         """Return the teacher's policy, told what the student guesses."""
-        environment = self._teacher.environment.guessing(deepcopy(self.student))
+        environment = self._teacher.environment.with_estimated_context(deepcopy(self.student))
         return replace(self._teacher, environment=environment, program=None, frames=self.frames)
 
     def iterate(self) -> dict[str, float]:
@@ -121,14 +121,14 @@ class Distill(Algorithm):
         """Return what the student saw (B, H, W), the truth (B, P) and the returns (N,)."""
         teacher, count, told = self._teacher, self._num_rows, self._teacher.told
         assert told is not None
-        env = self.trained().world(count)
+        env = self.trained().make_env(count)
         chain: Any = env.transform
-        (guess,) = [one for one in chain if isinstance(one, GuessParams)]
+        (guess,) = [one for one in chain if isinstance(one, EstimateContext)]
         base: Any = env.base_env
         tasks, rows = teacher.environment.tasks, base.rows
         tasks.check(rows.space)
         values, seeds = tasks.sample(self._rng, count), draw_seeds(self._rng, count)
-        truth = torch.from_numpy(told.said(values, guess.limit)).float()
+        truth = torch.from_numpy(told.normalize(values, guess.limit)).float()
         actor, alive = teacher.actor(teacher.theta), torch.ones(count, dtype=torch.bool)
         seen, wanted, returns = [], [], np.zeros(count)
         try:

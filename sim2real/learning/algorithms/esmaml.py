@@ -1,6 +1,6 @@
 """ES-MAML: evolution strategies over policies that are scored after they have adapted.
 
-    parts = Parts(environment, policy, adapt=HillClimb(...), seed=0)
+    parts = Components(environment, policy, adapt=HillClimb(...), seed=0)
     algorithm = ESMAML(parts, ESMAMLSettings(num_rows=64, shards=2, sigma=0.05, ...))
     while algorithm.frames < 20_000_000:
         metrics = algorithm.iterate()
@@ -25,27 +25,27 @@ from torch import nn
 from envs.rows import Rows
 from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.adapt.first_order import FirstOrder, FirstOrderCohort
-from sim2real.learning.algorithms.base import Algorithm, Parts
-from sim2real.learning.environment import Environment
+from sim2real.learning.algorithms.base import Algorithm, Components
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.normalizer import Normalizer
-from sim2real.learning.modules.randomness import Randomness
+from sim2real.learning.modules.randomness import TorchRandomStream
 from sim2real.learning.modules.value import Critic
 from sim2real.learning.population.actors import ActorPolicy, flat_policy
 from sim2real.learning.population.es import EvolutionStrategy, StrategySettings
 from sim2real.learning.population.population import (
     AdaptationScores,
-    Members,
     Population,
-    Results,
+    PopulationRequest,
+    PopulationResult,
     draw_seeds,
     evaluate_adaptation,
 )
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.learning.transforms import affine
 from sim2real.runs.errors import CheckpointError, Sim2RealError
 
 
-def make_shards(environment: Environment, num_rows: int, shards: int) -> list[Rows]:
+def make_shards(environment: EnvironmentFactory, num_rows: int, shards: int) -> list[Rows]:
     """Split rows over as many environments of one thread each.
 
     Args:
@@ -147,7 +147,7 @@ class ESMAMLSettings(StrategySettings, FitnessSettings, RowsSettings):
                 "zeroth_order, first_order"
             )
 
-    def __call__(self, parts: Parts) -> ESMAML:
+    def __call__(self, parts: Components) -> ESMAML:
         """Return the algorithm."""
         return ESMAML(parts, self)
 
@@ -166,11 +166,11 @@ class ESMAML(Algorithm):
 
     uses = frozenset({"adapt"})
 
-    def __init__(self, parts: Parts, settings: ESMAMLSettings) -> None:
+    def __init__(self, parts: Components, settings: ESMAMLSettings) -> None:
         self.parts, self.tasks, self.adapt = parts, parts.tasks, parts.adapt
         self._settings = settings
         rows = make_shards(parts.environment, settings.num_rows, settings.shards)
-        with Randomness(parts.seed, "cpu"):
+        with TorchRandomStream(parts.seed, "cpu"):
             env = parts.environment.make(1, threads=1)
             self.policy = flat_policy(parts.policy(env), env, settings.critic)
         self._raw = affine(env)  # (O,) each: of what the base shows; None: the policy sees others
@@ -201,7 +201,7 @@ class ESMAML(Algorithm):
         """The policy's sizes and nonlinearities."""
         return dict(self.policy.shape)
 
-    def trained(self) -> Trained:
+    def trained(self) -> TrainedPolicy:
         """Return the policy of the meta-parameters."""
         seen = self.normalizer or Normalizer(self.policy.observation_size)
         policy, mean, std, raw = self.policy, seen.mean.copy(), seen.std.copy(), self._raw
@@ -210,7 +210,7 @@ class ESMAML(Algorithm):
             assert raw is not None
             return policy.module(theta, raw[0] + raw[1] * mean, raw[1] * std)
 
-        return Trained(
+        return TrainedPolicy(
             self.theta[: getattr(policy, "actor_parameters", None)],
             lambda theta: policy.acting(theta, mean, std),
             self.parts.environment,
@@ -220,7 +220,7 @@ class ESMAML(Algorithm):
             program=program if policy.is_function and raw is not None else None,
             dtype=torch.float64,
             critic=self._critic(),
-            cut=policy.cut,
+            clips_actions=policy.cut,
         )
 
     def _critic(self) -> Critic | None:
@@ -234,7 +234,7 @@ class ESMAML(Algorithm):
         """Return the adaptation for the present critic."""
         if not self.adapt.needs_critic:
             return self.adapt
-        return self.adapt.of(getattr(self.policy, "actor", None), self._critic())
+        return self.adapt.bind_policy(getattr(self.policy, "actor", None), self._critic())
 
     def scores(self, values: np.ndarray, seeds: np.ndarray, episodes: int) -> AdaptationScores:
         """Return the returns before and after adaptation; see `evaluate_adaptation`."""
@@ -249,7 +249,7 @@ class ESMAML(Algorithm):
         (rows,) = make_shards(self.parts.environment, 1, 1)
         cohort = self._operator().start_many(self.theta[None], [rng])
         seeds = draw_seeds(rng, (1, self.adapt.episodes))
-        members = Members(cohort, values[None], values[None], seeds)
+        members = PopulationRequest(cohort, values[None], values[None], seeds)
         found = Population([rows], self.policy).run(members, self.normalizer).thetas[0]
         return found[: len(self.trained().theta)]
 
@@ -276,7 +276,7 @@ class ESMAML(Algorithm):
             "train/frames": float(self.frames),
         }
 
-    def _note_paid(self, results: Results) -> None:
+    def _note_paid(self, results: PopulationResult) -> None:
         """Take the discounted returns of members that learned from their steps into account."""
         if not self._settings.critic:
             return
@@ -285,7 +285,7 @@ class ESMAML(Algorithm):
         off = squares - 2 * mean * total + steps * mean**2
         self._paid.update(steps, total - steps * mean, off)
 
-    def _zeroth_order(self, adapt: Adaptation) -> tuple[Results, dict[str, float]]:
+    def _zeroth_order(self, adapt: Adaptation) -> tuple[PopulationResult, dict[str, float]]:
         candidates = self.strategy.ask().astype(np.float32)  # (J, P)
         repeats = self._settings.tasks_per_member
         thetas = np.repeat(candidates, repeats, axis=0)  # (J T, P)
@@ -295,7 +295,7 @@ class ESMAML(Algorithm):
         fitness = scores.reshape(len(candidates), -1).mean(axis=1)
         return results, self.strategy.tell(fitness)
 
-    def _first_order_step(self) -> tuple[Results, dict[str, float]]:
+    def _first_order_step(self) -> tuple[PopulationResult, dict[str, float]]:
         assert self._first_order is not None
         count = self._settings.pairs * self._settings.tasks_per_member
         members = self._members(
@@ -316,10 +316,12 @@ class ESMAML(Algorithm):
         repeats = self._settings.tasks_per_member
         return (groups[:, None] * repeats + np.arange(repeats)).ravel()
 
-    def _run(self, adapt: Adaptation, thetas: np.ndarray, draws: np.ndarray) -> Results:
+    def _run(self, adapt: Adaptation, thetas: np.ndarray, draws: np.ndarray) -> PopulationResult:
         return self.population.run(self._members(adapt, thetas, draws), self.normalizer)
 
-    def _members(self, adapt: Adaptation, thetas: np.ndarray, draws: np.ndarray) -> Members:
+    def _members(
+        self, adapt: Adaptation, thetas: np.ndarray, draws: np.ndarray
+    ) -> PopulationRequest:
         """Draw tasks, perturbations and episode seeds, and hand each member those of its draw."""
         count = int(draws.max()) + 1
         values = self.tasks.sample(self._rng, count)
@@ -330,8 +332,8 @@ class ESMAML(Algorithm):
         noise = np.empty((count, adapt.queries, thetas.shape[1]), np.float32)
         for draw, seed in enumerate(noise_seeds.tolist()):
             noise[draw] = adapt.draw(np.random.default_rng(seed), thetas.shape[1])
-        cohort = adapt.cohort(thetas, noise[draws])
-        return Members(cohort, values[draws], final_values[draws], seeds[draws])
+        cohort = adapt.start_batch(thetas, noise[draws])
+        return PopulationRequest(cohort, values[draws], final_values[draws], seeds[draws])
 
     def state_dict(self) -> dict[str, Any]:
         """Return all that the next iterations depend on."""

@@ -17,17 +17,17 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.algorithms.checks import (
     check_at_least,
+    check_finite,
     check_loss,
-    refuse_nan,
-    refuse_other_policy,
+    check_same_policy,
 )
-from sim2real.learning.algorithms.collecting import Collecting
-from sim2real.learning.modules.policies import Policy, check_policy
-from sim2real.learning.modules.randomness import Randomness
-from sim2real.learning.trained import Trained
+from sim2real.learning.algorithms.collecting import ResumableCollector
+from sim2real.learning.modules.actor_critic import Policy, check_policy
+from sim2real.learning.modules.randomness import TorchRandomStream
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -49,7 +49,9 @@ class OnPolicy(Algorithm):
     uses = frozenset({"collector", "advantage", "loss", "buffer", "optimizer"})
     _optimizer: torch.optim.Optimizer
 
-    def __init__(self, parts: Parts, *, num_rows: int, steps: int, minibatch_size: int) -> None:
+    def __init__(
+        self, parts: Components, *, num_rows: int, steps: int, minibatch_size: int
+    ) -> None:
         check_at_least(1, num_rows=num_rows, steps=steps, minibatch_size=minibatch_size)
         if num_rows * steps < minibatch_size:
             raise Sim2RealError(
@@ -57,7 +59,7 @@ class OnPolicy(Algorithm):
                 "samples of an iteration (num_rows times steps)"
             )
         self.parts = parts
-        self._randomness = Randomness(parts.seed, parts.device)
+        self._randomness = TorchRandomStream(parts.seed, parts.device)
         with self._randomness:
             env = parts.environment.make(num_rows, device=parts.device, seed=parts.seed)
             self.policy = self._made(parts.policy(env)).to(parts.device)
@@ -72,7 +74,7 @@ class OnPolicy(Algorithm):
                 raise Sim2RealError(
                     f"policy.window={self._window} does not divide algorithm.steps={steps}"
                 )
-            self.collecting = Collecting(parts, env, self.policy.actor, num_rows * steps)
+            self.collecting = ResumableCollector(parts, env, self.policy.actor, num_rows * steps)
             self._advantage = parts.part("advantage")(value_network=critic)
             self._loss = parts.part("loss")(self.policy.actor, self.policy.loss_critic)
             self._buffer = parts.part("buffer")(batch_size=max(1, minibatch_size // self._window))
@@ -85,7 +87,7 @@ class OnPolicy(Algorithm):
             with torch.no_grad():
                 data = self._advantage(data)
             epochs, learned = self._learn(data)
-        refuse_nan(
+        check_finite(
             self.policy.parameters(), self.iteration, "optimizer.lr or algorithm.max_grad_norm"
         )
         self.frames += data.numel()
@@ -125,7 +127,7 @@ class OnPolicy(Algorithm):
         """The shape of each parameter."""
         return {name: list(p.shape) for name, p in self.policy.named_parameters()}
 
-    def trained(self) -> Trained:
+    def trained(self) -> TrainedPolicy:
         """Return the present actor."""
         return self.collecting.trained(self.policy, self.frames)
 
@@ -146,7 +148,7 @@ class OnPolicy(Algorithm):
         Raises:
             CheckpointError: for a state of another policy, other transforms or other rows.
         """
-        refuse_other_policy(state["policy"], self.shape)
+        check_same_policy(state["policy"], self.shape)
         self.collecting.load_state_dict(state["collecting"])
         self.policy.load_state_dict(state["networks"])
         self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
@@ -170,7 +172,7 @@ class OnPolicy(Algorithm):
         Raises:
             CheckpointError: for a state of another policy or other transforms.
         """
-        refuse_other_policy(state["policy"], self.shape)
+        check_same_policy(state["policy"], self.shape)
         self.collecting.load_statistics(state["collecting"])
         self.policy.load_state_dict(state["networks"])
         self.frames, self.iteration = state["counts"]

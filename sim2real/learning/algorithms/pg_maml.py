@@ -1,6 +1,6 @@
 """PG-MAML: parameters from which one policy gradient leads far in any task (Finn et al. 2017).
 
-    parts = Parts(environment, policy, adapt=PolicyGradient(...), collector=..., seed=0)
+    parts = Components(environment, policy, adapt=PolicyGradient(...), collector=..., seed=0)
     algorithm = PGMAML(parts, step=NaturalStep(...), task_batch=20, steps=100, ...)
     while algorithm.iteration < 500:
         metrics = algorithm.iterate()
@@ -24,19 +24,19 @@ from tensordict import TensorDictBase
 
 from envs.torch_env import RowsEnv
 from sim2real.learning.adapt import PolicyGradient
-from sim2real.learning.adapt.policy_gradient import Experience
-from sim2real.learning.algorithms.base import Algorithm, Parts
-from sim2real.learning.algorithms.checks import check_at_least, refuse_nan, refuse_other_policy
-from sim2real.learning.algorithms.collecting import Collecting
+from sim2real.learning.adapt.policy_gradient import TransitionBatch
+from sim2real.learning.algorithms.base import Algorithm, Components
+from sim2real.learning.algorithms.checks import check_at_least, check_finite, check_same_policy
+from sim2real.learning.algorithms.collecting import ResumableCollector
 from sim2real.learning.collectors.by_task import TaskActor, TaskBatch, check_batch
 from sim2real.learning.losses.meta import MetaObjective
-from sim2real.learning.modules.law import Law
-from sim2real.learning.modules.policies import Policy, check_policy
-from sim2real.learning.modules.randomness import Randomness
+from sim2real.learning.modules.actor_critic import Policy, check_policy
+from sim2real.learning.modules.functional_actor import FunctionalActor
+from sim2real.learning.modules.randomness import TorchRandomStream
 from sim2real.learning.optimizers.clipped import ClippedSteps
-from sim2real.learning.optimizers.natural import NaturalStep, Taken
+from sim2real.learning.optimizers.natural import NaturalStep, StepResult
 from sim2real.learning.population.gradient_adaptation import adapt_to
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -64,7 +64,7 @@ class PGMAML(Algorithm):
 
     def __init__(
         self,
-        parts: Parts,
+        parts: Components,
         *,
         step: NaturalStep | ClippedSteps,
         task_batch: int,
@@ -85,7 +85,7 @@ class PGMAML(Algorithm):
         self._tasks, self._states, self._first_order = task_batch, fisher_states, first_order
         adapt = parts.adapt  # another one, or none, only to evaluate a trained policy
         self._each = adapt.trajectories if isinstance(adapt, PolicyGradient) else 1
-        self._randomness = Randomness(parts.seed, parts.device)
+        self._randomness = TorchRandomStream(parts.seed, parts.device)
         self._held = TaskBatch(parts.tasks, self._each)
         with self._randomness:
             env = replace(parts.environment, tasks=self._held).make(
@@ -93,11 +93,13 @@ class PGMAML(Algorithm):
             )
             self.policy = _made(parts.policy(env)).to(parts.device)
             check_policy(env, self.policy)
-            self._law = Law(self.policy.actor)
+            self._law = FunctionalActor(self.policy.actor)
             self._actor = TaskActor(self._law, task_batch)
             begun = partial(parts.part("collector"), reset_at_each_iter=True)
             frames = task_batch * self._each * steps
-            self.collecting = Collecting(replace(parts, collector=begun), env, self._actor, frames)
+            self.collecting = ResumableCollector(
+                replace(parts, collector=begun), env, self._actor, frames
+            )
             made = parts.optimizer
             self._optimizer = None if made is None else made(self._law.parameters)
         if not isinstance(env.base_env, RowsEnv) or not self.collecting.in_rows:
@@ -125,7 +127,7 @@ class PGMAML(Algorithm):
             )
             taken = self._improve(objective)
         self._law.load(taken.theta)
-        refuse_nan(self._law.parameters, self.iteration, "algorithm.step.max_kl or optimizer.lr")
+        check_finite(self._law.parameters, self.iteration, "algorithm.step.max_kl or optimizer.lr")
         self.frames += 2 * data.numel()
         self.iteration += 1
         return {
@@ -136,7 +138,7 @@ class PGMAML(Algorithm):
             "train/kl": taken.kl,
             "train/objective_gain": taken.gain,
             "train/backtracks": float(taken.backtracks),
-            "train/moved": float(not taken.why),
+            "train/moved": float(not taken.reason),
             "train/scale": float(later["scale"].mean()),
             "train/frames": float(self.frames),
         }
@@ -146,7 +148,7 @@ class PGMAML(Algorithm):
         self._actor.thetas = thetas.detach()
         return self.collecting.next()
 
-    def _experience(self, operator: PolicyGradient, data: TensorDictBase) -> Experience:
+    def _experience(self, operator: PolicyGradient, data: TensorDictBase) -> TransitionBatch:
         """Return steps (B M, T) by task."""
 
         def by_task(x: Tensor) -> Tensor:
@@ -160,7 +162,7 @@ class PGMAML(Algorithm):
             by_task(_alive(data)),
         )
 
-    def _improve(self, objective: MetaObjective) -> Taken:
+    def _improve(self, objective: MetaObjective) -> StepResult:
         """Return where the step leads, and how."""
         start = objective.start
         if isinstance(self._step, NaturalStep):
@@ -175,9 +177,9 @@ class PGMAML(Algorithm):
             self._optimizer.step()
         found_at, begun = objective.assess(self._law.vector()), objective.assess(start)
         gain = found_at.objective - begun.objective
-        return Taken(self._law.vector(), gain, found_at.kl, 0, "")
+        return StepResult(self._law.vector(), gain, found_at.kl, 0, "")
 
-    def _pick(self, experience: Experience) -> Experience:
+    def _pick(self, experience: TransitionBatch) -> TransitionBatch:
         """Take as many steps of each task at random, each as likely."""
         count = max(1, self._states // self._tasks)
         index = torch.multinomial(experience.weight, count, replacement=True)  # (B, n)
@@ -189,14 +191,14 @@ class PGMAML(Algorithm):
         seen = tuple(some(x) for x in experience.seen)
         action, log_prob, advantage = (some(x) for x in experience[1:4])
         weight = torch.full_like(advantage, 1 / count)
-        return Experience(seen, action, log_prob, advantage, weight)
+        return TransitionBatch(seen, action, log_prob, advantage, weight)
 
     @property
     def shape(self) -> dict[str, Any]:
         """The shape of each parameter."""
         return {name: list(p.shape) for name, p in self.policy.named_parameters()}
 
-    def trained(self) -> Trained:
+    def trained(self) -> TrainedPolicy:
         """Return the present actor."""
         return self.collecting.trained(self.policy, self.frames)
 
@@ -225,7 +227,7 @@ class PGMAML(Algorithm):
         Raises:
             CheckpointError: for a state of another policy, other transforms or other rows.
         """
-        refuse_other_policy(state["policy"], self.shape)
+        check_same_policy(state["policy"], self.shape)
         self.collecting.load_state_dict(state["collecting"])
         self._load(state)
         if self._optimizer is not None:
@@ -238,7 +240,7 @@ class PGMAML(Algorithm):
         Raises:
             CheckpointError: for a state of another policy or other transforms.
         """
-        refuse_other_policy(state["policy"], self.shape)
+        check_same_policy(state["policy"], self.shape)
         self.collecting.load_statistics(state["collecting"])
         self._load(state)
 

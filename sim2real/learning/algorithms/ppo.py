@@ -1,6 +1,6 @@
 """PPO: proximal policy optimization with a clipped objective (Schulman et al. 2017).
 
-    parts = Parts(environment, policy, collector=..., advantage=..., loss=..., buffer=...,
+    parts = Components(environment, policy, collector=..., advantage=..., loss=..., buffer=...,
                   optimizer=..., seed=0)
     algorithm = PPO(parts, num_rows=16, steps=128, epochs=10, minibatch_size=64, ...)
     while algorithm.frames < 500_000:
@@ -19,7 +19,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.modules import set_recurrent_mode
 
-from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.checks import check_at_least
 from sim2real.learning.algorithms.on_policy import OnPolicy
 from sim2real.learning.modules.flat import FlatParameters
@@ -45,7 +45,7 @@ class PPO(OnPolicy):
 
     def __init__(
         self,
-        parts: Parts,
+        parts: Components,
         *,
         num_rows: int,
         steps: int,

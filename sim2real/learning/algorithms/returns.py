@@ -12,7 +12,7 @@ WINDOW = 100  # episodes that the reported return averages over
 RAW = ("next", "raw_reward")  # where rewards are kept that something has scaled
 
 
-class Returns:
+class EpisodeReturnTracker:
     """Follows N rows.
 
     Args:

@@ -1,6 +1,6 @@
 """SAC: soft actor-critic with a temperature that is learned (Haarnoja et al. 2018).
 
-    parts = Parts(environment, policy, collector=..., loss=..., buffer=..., optimizer=..., seed=0)
+    parts = Components(environment, policy, collector=..., loss=..., buffer=..., optimizer=..., seed=0)
     algorithm = SAC(parts, num_rows=8, update_ratio=1.0, batch_size=256, ...)
     while algorithm.frames < 300_000:
         metrics = algorithm.iterate()
@@ -21,19 +21,19 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.objectives import SoftUpdate
 
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.algorithms.checks import (
     check_at_least,
+    check_finite,
+    check_fraction,
     check_loss,
-    check_share,
-    refuse_nan,
-    refuse_other_policy,
+    check_same_policy,
 )
-from sim2real.learning.algorithms.collecting import Collecting
-from sim2real.learning.modules.policies import check_policy
-from sim2real.learning.modules.randomness import Randomness
+from sim2real.learning.algorithms.collecting import ResumableCollector
+from sim2real.learning.modules.actor_critic import check_policy
+from sim2real.learning.modules.randomness import TorchRandomStream
 from sim2real.learning.modules.soft_actor_critic import SoftPolicy
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -60,7 +60,7 @@ class SAC(Algorithm):
 
     def __init__(
         self,
-        parts: Parts,
+        parts: Components,
         *,
         num_rows: int,
         steps: int,
@@ -71,12 +71,12 @@ class SAC(Algorithm):
         tau: float,
     ) -> None:
         check_at_least(1, num_rows=num_rows, steps=steps, batch_size=batch_size)
-        check_share(gamma=gamma, tau=tau)
+        check_fraction(gamma=gamma, tau=tau)
         if not update_ratio > 0:
             raise Sim2RealError(f"algorithm.update_ratio={update_ratio} must be above 0")
         self.parts, self._steps = parts, steps
         self._ratio, self._batch, self._warmup = update_ratio, batch_size, warmup_frames
-        self._randomness = Randomness(parts.seed, parts.device)
+        self._randomness = TorchRandomStream(parts.seed, parts.device)
         with self._randomness:
             env = parts.environment.make(num_rows, device=parts.device, seed=parts.seed)
             self.policy = _made(parts.policy(env)).to(parts.device)
@@ -85,7 +85,7 @@ class SAC(Algorithm):
             check_policy(env, self.policy)
             random = -(-warmup_frames // num_rows) * num_rows  # whole steps of all rows
             begun = partial(parts.part("collector"), init_random_frames=random)
-            self.collecting = Collecting(
+            self.collecting = ResumableCollector(
                 replace(parts, collector=begun), env, self.policy.actor, num_rows
             )
             critics = list(self.policy.qvalues)
@@ -107,7 +107,7 @@ class SAC(Algorithm):
                 self.frames += len(data)
                 due = self._ratio * (self.frames - self._warmup) - self.updates
                 self._learn(int(due + 1e-9))
-        refuse_nan(self._loss.parameters(), self.iteration, "optimizer.lr")
+        check_finite(self._loss.parameters(), self.iteration, "optimizer.lr")
         self.iteration += 1
         return {
             **self.collecting.returns.summary(),
@@ -140,7 +140,7 @@ class SAC(Algorithm):
         """The shape of each parameter."""
         return {name: list(p.shape) for name, p in self._loss.named_parameters()}
 
-    def trained(self) -> Trained:
+    def trained(self) -> TrainedPolicy:
         """Return the present actor."""
         return self.collecting.trained(self.policy, self.frames)
 
@@ -167,7 +167,7 @@ class SAC(Algorithm):
         Raises:
             CheckpointError: for a state of another policy, other transforms or other rows.
         """
-        refuse_other_policy(state["policy"], self.shape)
+        check_same_policy(state["policy"], self.shape)
         self.collecting.load_state_dict(state["collecting"])
         self._load_networks(state)
         self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
@@ -183,7 +183,7 @@ class SAC(Algorithm):
         Raises:
             CheckpointError: for a state of another policy or other transforms.
         """
-        refuse_other_policy(state["policy"], self.shape)
+        check_same_policy(state["policy"], self.shape)
         self.collecting.load_statistics(state["collecting"])
         self._load_networks(state)
 

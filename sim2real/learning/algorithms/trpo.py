@@ -1,6 +1,6 @@
 """TRPO: the natural gradient within a trust region (Schulman et al. 2015).
 
-    parts = Parts(environment, policy, collector=..., advantage=..., loss=..., buffer=...,
+    parts = Components(environment, policy, collector=..., advantage=..., loss=..., buffer=...,
                   optimizer=..., seed=0)
     algorithm = TRPO(parts, step=NaturalStep(...), num_rows=16, steps=128, ...)
     while algorithm.frames < 500_000:
@@ -19,11 +19,16 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 
-from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.checks import check_at_least
 from sim2real.learning.algorithms.on_policy import OnPolicy
-from sim2real.learning.modules.law import Law, Normal, divergence, fisher_product
-from sim2real.learning.optimizers.natural import Assessed, NaturalStep, Taken
+from sim2real.learning.modules.functional_actor import (
+    FunctionalActor,
+    Normal,
+    divergence,
+    fisher_product,
+)
+from sim2real.learning.optimizers.natural import NaturalStep, ObjectiveAndKL, StepResult
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -49,7 +54,7 @@ class TRPO(OnPolicy):
 
     def __init__(
         self,
-        parts: Parts,
+        parts: Components,
         *,
         step: NaturalStep,
         num_rows: int,
@@ -61,7 +66,7 @@ class TRPO(OnPolicy):
         check_at_least(1, num_rows=num_rows, steps=steps, critic_epochs=critic_epochs)
         super().__init__(parts, num_rows=num_rows, steps=steps, minibatch_size=minibatch_size)
         self._step, self._critic_epochs = step, critic_epochs
-        self._law = Law(self.policy.actor)
+        self._law = FunctionalActor(self.policy.actor)
         critic = list(self._critic.parameters())
         if {id(p) for p in critic} & {id(p) for p in self._law.parameters}:
             raise Sim2RealError(
@@ -88,11 +93,11 @@ class TRPO(OnPolicy):
             "train/kl": taken.kl,
             "train/objective_gain": taken.gain,
             "train/backtracks": float(taken.backtracks),
-            "train/moved": float(not taken.why),
+            "train/moved": float(not taken.reason),
             "train/critic_loss": float(torch.stack(fits).mean()),
         }
 
-    def _climb(self, samples: TensorDictBase) -> Taken:
+    def _climb(self, samples: TensorDictBase) -> StepResult:
         """Move the actor along the natural gradient of the loss's objective on samples (B,)."""
         law, seen = self._law, self._law.read(samples)
         start = law.vector()
@@ -103,10 +108,12 @@ class TRPO(OnPolicy):
         product = fisher_product(lambda vector: law(vector, *seen), start, weight)
 
         @torch.no_grad()
-        def assess(vector: Tensor) -> Assessed:
+        def assess(vector: Tensor) -> ObjectiveAndKL:
             law.load(vector)
             objective = -self._loss(samples)["loss_objective"]
-            return Assessed(float(objective), float(self._divergence(law(vector, *seen), before)))
+            return ObjectiveAndKL(
+                float(objective), float(self._divergence(law(vector, *seen), before))
+            )
 
         taken = self._step(start, torch.cat([g.flatten() for g in gradient]), product, assess)
         law.load(taken.theta)

@@ -22,7 +22,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 
 from envs.params import ParamSpace
 from envs.randomization import Tasks
-from sim2real.learning.modules.law import Law, log_prob
+from sim2real.learning.modules.functional_actor import FunctionalActor, log_prob
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -86,7 +86,7 @@ class TaskActor(TensorDictModuleBase):
         thetas: the parameters, (B, P), or (P,) for all.
     """
 
-    def __init__(self, law: Law, count: int) -> None:
+    def __init__(self, law: FunctionalActor, count: int) -> None:
         super().__init__()
         self.in_keys: list[Any] = law.in_keys
         self.out_keys: list[Any] = ["loc", "scale", "action", "action_log_prob"]

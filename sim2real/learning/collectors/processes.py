@@ -22,8 +22,8 @@ from tensordict import TensorDictBase
 from torchrl.collectors import MultiSyncCollector
 from torchrl.envs import EnvBase
 
-from sim2real.learning.environment import Environment, World
-from sim2real.learning.trained import of_all_rows
+from sim2real.learning.environment import EnvironmentFactory, SerializableEnv
+from sim2real.learning.trained import drop_per_row_state
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -41,14 +41,16 @@ class ProcessCollector(MultiSyncCollector):
             to the policy, of which each process would have its own.
     """
 
-    def __init__(self, create_env_fn: World, policy: Any, *, workers: int, **options: Any) -> None:
+    def __init__(
+        self, create_env_fn: SerializableEnv, policy: Any, *, workers: int, **options: Any
+    ) -> None:
         env, rows = create_env_fn, create_env_fn.batch_size[0]
         if workers < 1 or rows % workers:
             raise Sim2RealError(
                 f"collector.workers={workers} does not divide algorithm.num_rows={rows}"
             )
         chain: Any = env.transform
-        if of_all_rows(chain.state_dict()) or len(chain) > len(env.made.transforms):
+        if drop_per_row_state(chain.state_dict()) or len(chain) > len(env.made.transforms):
             names = ", ".join(type(one).__name__ for one in chain)
             raise Sim2RealError(
                 "collector=processes takes no transforms that keep statistics, nor those of a "
@@ -75,7 +77,7 @@ class ProcessCollector(MultiSyncCollector):
             yield whole
 
 
-def _share(environment: Environment, rows: int, seed: int) -> EnvBase:
+def _share(environment: EnvironmentFactory, rows: int, seed: int) -> EnvBase:
     """Make the rows of this process, one thread for their physics and one for the policy."""
     torch.set_num_threads(1)
     torch.manual_seed(seed)

@@ -20,9 +20,15 @@ from collections.abc import Callable
 import torch
 from torch.func import grad, vmap
 
-from sim2real.learning.adapt.policy_gradient import Experience, PolicyGradient
-from sim2real.learning.modules.law import Law, Normal, divergence, fisher_product, log_prob
-from sim2real.learning.optimizers.natural import Assessed, Product
+from sim2real.learning.adapt.policy_gradient import PolicyGradient, TransitionBatch
+from sim2real.learning.modules.functional_actor import (
+    FunctionalActor,
+    Normal,
+    divergence,
+    fisher_product,
+    log_prob,
+)
+from sim2real.learning.optimizers.natural import ObjectiveAndKL, Product
 
 Tensor = torch.Tensor
 
@@ -42,10 +48,10 @@ class MetaObjective:
 
     def __init__(
         self,
-        law: Law,
+        law: FunctionalActor,
         operator: PolicyGradient,
-        before: Experience,
-        after: Experience,
+        before: TransitionBatch,
+        after: TransitionBatch,
         start: Tensor,
         *,
         first_order: bool,
@@ -58,12 +64,12 @@ class MetaObjective:
             self._acted = self._laws(self.thetas, after)
             self._began = vmap(law, (None, 0))(start, *before.seen)
 
-    def adapted(self, theta: Tensor, before: Experience | None = None) -> Tensor:
+    def adapted(self, theta: Tensor, before: TransitionBatch | None = None) -> Tensor:
         """Return what each task adapts to from parameters (P,), (B, P)."""
         experience = self.before if before is None else before
         return vmap(lambda one: self._operator.step(self._law, theta, one))(experience)
 
-    def _laws(self, thetas: Tensor, experience: Experience) -> Normal:
+    def _laws(self, thetas: Tensor, experience: TransitionBatch) -> Normal:
         return vmap(self._law)(thetas, *experience.seen)
 
     def _reached(self, theta: Tensor) -> Tensor:
@@ -102,13 +108,13 @@ class MetaObjective:
         return (self.after.weight * x).sum(-1).mean()
 
     @torch.no_grad()
-    def assess(self, theta: Tensor) -> Assessed:
+    def assess(self, theta: Tensor) -> ObjectiveAndKL:
         """Return the objective and the divergence at parameters (P,), adaptation included."""
         thetas = self.adapted(theta)
         apart = divergence(self._laws(thetas, self.after), self._acted)
-        return Assessed(float(self.value(thetas)), float(self._mean(apart)))
+        return ObjectiveAndKL(float(self.value(thetas)), float(self._mean(apart)))
 
-    def fisher(self, pick: Callable[[Experience], Experience]) -> Product:
+    def fisher(self, pick: Callable[[TransitionBatch], TransitionBatch]) -> Product:
         """Return what multiplies vectors (P,) by the divergence's Hessian at the start.
 
         Args:

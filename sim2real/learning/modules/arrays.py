@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sim2real.learning.modules.policy import Activation
+from sim2real.learning.modules.mlp_policy import Activation
 
 Array = np.ndarray
 ArrayLayers = list[tuple[Array, Array]]  # weights (out, in) and biases (out,), by layer

@@ -24,7 +24,7 @@ from torch import nn
 from torchrl.modules import MLP
 
 from sim2real.learning.modules.flat import FlatParameters
-from sim2real.learning.modules.policy import Activation
+from sim2real.learning.modules.mlp_policy import Activation
 from sim2real.runs.errors import Sim2RealError
 
 ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.Tanh: "tanh", nn.ReLU: "relu"}

@@ -18,7 +18,7 @@ from torch import nn
 Tensor = torch.Tensor
 
 
-def side_by_side(tensors: Sequence[Tensor]) -> Tensor | None:
+def contiguous_vector(tensors: Sequence[Tensor]) -> Tensor | None:
     """Return the vector (P,) that contiguous tensors are, in their order; None if they are not."""
     first = tensors[0]
     size, place = first.element_size(), first.data_ptr()
@@ -62,7 +62,7 @@ class FlatParameters:
         """Gather the parameters where somebody has moved one; return whether `vector` is new."""
         if [p.data_ptr() for p in self.parameters] == self._places:
             return False
-        found = side_by_side(self.parameters)
+        found = contiguous_vector(self.parameters)
         if found is None:
             found = torch.cat([p.detach().flatten() for p in self.parameters])
             for p, part in zip(self.parameters, self.split(found), strict=True):

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from torchrl.envs import TransformedEnv
 
-from sim2real.learning.modules.policy import (
+from sim2real.learning.modules.mlp_policy import (
     MLPPolicy,
+    MLPPolicyBatch,
     PolicyModule,
-    Slots,
     action_limits,
     observation_size,
 )
@@ -86,7 +86,7 @@ class LatentPolicy(MLPPolicy):
             found[:, bias.start : bias.stop] += thetas[:, end + k, None] * weights[:, k]
         return found
 
-    def slots(self, num_rows: int) -> Slots:
+    def slots(self, num_rows: int) -> MLPPolicyBatch:
         """Make room for `num_rows` parameter vectors that act side by side."""
         return _LatentSlots(self, num_rows)
 
@@ -96,7 +96,7 @@ class LatentPolicy(MLPPolicy):
         return self._network.module(plain, mean, std)
 
 
-class _LatentSlots(Slots):
+class _LatentSlots(MLPPolicyBatch):
     def __init__(self, policy: LatentPolicy, num_rows: int) -> None:
         super().__init__(policy, num_rows)
         self._plain = policy.plain

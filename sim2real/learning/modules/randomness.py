@@ -1,6 +1,6 @@
 """torch's global generators at a place of their own: two algorithms do not disturb each other.
 
-randomness = Randomness(seed=0, device="cpu")
+randomness = TorchRandomStream(seed=0, device="cpu")
 with randomness:
     action = torch.randn(3)             # follows from the seed and what was drawn inside before
 """
@@ -17,7 +17,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 Tensor = torch.Tensor
 
 
-class Randomness:
+class TorchRandomStream:
     """A place in torch's streams of random numbers.
 
     Args:
@@ -52,7 +52,7 @@ class Randomness:
 
 
 @contextmanager
-def drawn(randomness: Randomness | None) -> Iterator[None]:
+def drawn(randomness: TorchRandomStream | None) -> Iterator[None]:
     """Let policies draw their actions from there; None lets them take the means."""
     how = ExplorationType.DETERMINISTIC if randomness is None else ExplorationType.RANDOM
     with set_exploration_type(how), randomness or nullcontext():

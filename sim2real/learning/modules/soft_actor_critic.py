@@ -22,8 +22,8 @@ from torchrl.data import Bounded
 from torchrl.envs import ActionScaling, EnvBase, Transform
 from torchrl.modules import ProbabilisticActor, TanhNormal, ValueOperator
 
+from sim2real.learning.modules.actor_critic import Network, check_keys
 from sim2real.learning.modules.heads import NormalHead
-from sim2real.learning.modules.policies import Network, check_keys
 from sim2real.runs.errors import Sim2RealError
 
 

@@ -1,7 +1,7 @@
 """A critic as a pure function of its parameters, for `torch.func`, and what it counts in.
 
     critic = Critic(policy.critic, unit=12.5)           # it was taught rewards divided by 12.5
-    value = Value(critic.module)
+    value = FunctionalCritic(critic.module)
     value(value.vector(), observation)                  # (B,)
 
 The counterpart of `Law`: the vector holds the critic's parameters in their order.
@@ -34,7 +34,7 @@ class Critic:
     unit: float = 1.0
 
 
-class Value:
+class FunctionalCritic:
     """The value that a critic's network writes.
 
     Args:

@@ -27,14 +27,14 @@ Product = Callable[[Tensor], Tensor]
 RESIDUAL = 1e-10  # squared norm of a residual at which a solution is exact, as in sb3-contrib 2.9
 
 
-class Assessed(NamedTuple):
+class ObjectiveAndKL(NamedTuple):
     """What parameters are worth: the objective, and the divergence from the policy that acted."""
 
     objective: float
     kl: float
 
 
-class Taken(NamedTuple):
+class StepResult(NamedTuple):
     """What a step did.
 
     Attributes:
@@ -49,7 +49,7 @@ class Taken(NamedTuple):
     gain: float
     kl: float
     backtracks: int
-    why: str
+    reason: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +90,8 @@ class NaturalStep:
         theta: Tensor,
         gradient: Tensor,
         product: Product,
-        assess: Callable[[Tensor], Assessed],
-    ) -> Taken:
+        assess: Callable[[Tensor], ObjectiveAndKL],
+    ) -> StepResult:
         """Take a step; where none can be taken, say why and keep the parameters.
 
         Args:
@@ -109,7 +109,7 @@ class NaturalStep:
             tried = theta + length * full
             found = assess(tried)
             if found.kl < self.max_kl and found.objective > start:  # false for NaN, too
-                return Taken(tried, found.objective - start, found.kl, count, "")
+                return StepResult(tried, found.objective - start, found.kl, count, "")
             length *= self.shrink
         return _kept(
             theta,
@@ -136,9 +136,9 @@ class NaturalStep:
         return (2 * self.max_kl / curvature) ** 0.5 * direction, ""
 
 
-def _kept(theta: Tensor, why: str) -> Taken:
+def _kept(theta: Tensor, why: str) -> StepResult:
     log.warning("natural gradient: %s; the policy stays as it is in this iteration", why)
-    return Taken(theta, 0.0, 0.0, 0, why)
+    return StepResult(theta, 0.0, 0.0, 0, why)
 
 
 def conjugate_gradient(product: Product, vector: Tensor, iterations: int) -> Tensor:

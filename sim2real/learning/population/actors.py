@@ -36,8 +36,13 @@ from torchrl.modules import GRUModule, IndependentNormal, LSTMModule
 
 from sim2real.learning.modules.acting import Actor
 from sim2real.learning.modules.dense import Dense, read_dense
-from sim2real.learning.modules.policy import MLPPolicy, Slots, action_limits, observation_size
-from sim2real.learning.modules.value import Critic, Value
+from sim2real.learning.modules.mlp_policy import (
+    MLPPolicy,
+    MLPPolicyBatch,
+    action_limits,
+    observation_size,
+)
+from sim2real.learning.modules.value import Critic, FunctionalCritic
 from sim2real.learning.population.flat_policy import FlatPolicy
 from sim2real.runs.errors import Sim2RealError
 
@@ -48,7 +53,7 @@ BLOCK = 32  # rows that are called at once, always as many: vector units round w
 
 @runtime_checkable
 class Acts(Protocol):
-    """A policy of tensordict modules, as `sim2real.learning.modules.policies.Policy` is."""
+    """A policy of tensordict modules, as `sim2real.learning.modules.actor_critic.Policy` is."""
 
     actor: TensorDictModuleBase
 
@@ -74,7 +79,7 @@ def flat_policy(made: Any, env: EnvBase, critic: bool = False) -> FlatPolicy:
             is not there.
     """
     if critic:
-        Value(getattr(made, "critic", None))
+        FunctionalCritic(getattr(made, "critic", None))
     elif isinstance(made, MLPPolicy):
         return made
     if not isinstance(made, Acts) or not isinstance(made.actor, TensorDictModuleBase):
@@ -236,7 +241,7 @@ class NormalizedActor(TensorDictModuleBase):
 
 
 class PerceptronSlots:
-    """`Slots` for parameters in the order of torch's linear layers.
+    """`MLPPolicyBatch` for parameters in the order of torch's linear layers.
 
     Args:
         policy: the same network, as `MLPPolicy` has it.
@@ -245,7 +250,7 @@ class PerceptronSlots:
     """
 
     def __init__(self, policy: MLPPolicy, network: Dense, num_rows: int) -> None:
-        self._slots, self._order = Slots(policy, num_rows), _order(network)
+        self._slots, self._order = MLPPolicyBatch(policy, num_rows), _order(network)
         self._low, self._high = policy.action_low, policy.action_high
 
     def load(self, ids: np.ndarray, thetas: np.ndarray) -> None:

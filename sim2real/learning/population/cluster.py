@@ -30,19 +30,19 @@ from typing import Any
 
 from envs.rows import Rows
 from sim2real.learning.algorithms.base import Algorithm
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.flat_policy import FlatPolicy
 from sim2real.learning.population.remote import (
     Batch,
     ClusterError,
-    Frame,
     Link,
-    Lost,
     Make,
+    ObservationScaling,
     Outcomes,
     RemotePopulation,
     RemoteShard,
     Worker,
+    WorkerLostError,
 )
 
 log = logging.getLogger(__name__)
@@ -68,11 +68,11 @@ class RayLink:
         self.handle = remote.remote(make, policy, refill)
         try:
             self.pid = self._get(self.handle.ready.remote(), START_TIMEOUT)
-        except Lost:
+        except WorkerLostError:
             self._ray.kill(self.handle)
             raise
 
-    def advance(self, frame: Frame, batch: Batch) -> Outcomes:
+    def advance(self, frame: ObservationScaling, batch: Batch) -> Outcomes:
         """Do `Worker.advance` there."""
         return self._get(self.handle.advance.remote(frame, batch), None)
 
@@ -82,7 +82,7 @@ class RayLink:
         except self._ray.exceptions.RayTaskError:
             raise  # the worker lives: this is the environment's own error
         except self._ray.exceptions.RayError as error:
-            raise Lost(type(error).__name__) from error
+            raise WorkerLostError(type(error).__name__) from error
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class Cluster:
             )
 
 
-def _rows(environment: Environment, num_rows: int) -> Rows:
+def _rows(environment: EnvironmentFactory, num_rows: int) -> Rows:
     """Make a worker's environment: one shard."""
     return environment.rows(num_rows)
 
@@ -192,6 +192,6 @@ def _start(make: Make, policy: FlatPolicy, refill: int, patience: float) -> Link
         time.sleep(0.2)
     try:
         return RayLink(make, policy, refill)
-    except Lost as error:
+    except WorkerLostError as error:
         log.warning("a worker did not start (%s)", error)
         return None

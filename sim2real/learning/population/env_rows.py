@@ -25,7 +25,7 @@ from torchrl.envs.utils import step_mdp
 from envs.params import Parameter, ParamSpace
 from envs.rows import Step
 from envs.torch_env import RowsEnv
-from sim2real.learning.modules.policy import action_limits, observation_size
+from sim2real.learning.modules.mlp_policy import action_limits, observation_size
 from sim2real.runs.errors import Sim2RealError
 
 TRIED = 3  # observations of the trial: that of the start and two more

@@ -19,7 +19,7 @@ from torch import nn
 from torchrl.envs import Transform
 
 
-class FlatSlots(Protocol):
+class PolicyBatch(Protocol):
     """Parameter vectors of rows, and what those policies do."""
 
     def load(self, ids: np.ndarray, thetas: np.ndarray) -> None:
@@ -58,7 +58,7 @@ class FlatPolicy(Protocol):
         """Return the first parameters, (P,) float32."""
         ...
 
-    def slots(self, num_rows: int) -> FlatSlots:
+    def slots(self, num_rows: int) -> PolicyBatch:
         """Make room for parameter vectors that act side by side."""
         ...
 

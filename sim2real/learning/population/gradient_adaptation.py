@@ -16,18 +16,18 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from sim2real.learning.adapt import PolicyGradient
 from sim2real.learning.collectors.by_task import TaskActor
-from sim2real.learning.modules.law import Law
-from sim2real.learning.modules.randomness import Randomness
+from sim2real.learning.modules.functional_actor import FunctionalActor
+from sim2real.learning.modules.randomness import TorchRandomStream
 from sim2real.learning.population.population import AdaptationScores, draw_seeds
-from sim2real.learning.population.rollout import play
-from sim2real.learning.trained import Trained
+from sim2real.learning.population.rollout import run_episodes
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
 
 
 def adapt_to(
-    trained: Trained,
+    trained: TrainedPolicy,
     adapt: PolicyGradient,
     values: np.ndarray,
     rng: np.random.Generator,
@@ -41,12 +41,12 @@ def adapt_to(
         rng: all randomness follows from it.
     """
     count, each = len(values), adapt.trajectories
-    law = Law(trained.actor(trained.theta))
+    law = FunctionalActor(trained.actor(trained.theta))
     actor = TaskActor(law, count)
-    env = trained.world(count * each)
+    env = trained.make_env(count * each)
     frames, alive, going = [], [], torch.ones(count * each, dtype=torch.bool)
     seeds = draw_seeds(rng, count * each)
-    random = Randomness(int(rng.integers(2**31)), "cpu")
+    random = TorchRandomStream(int(rng.integers(2**31)), "cpu")
     try:
         with random, torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
             now = env.reset(values=np.repeat(values, each, axis=0), seeds=seeds)
@@ -79,7 +79,7 @@ def adapt_to(
 
 
 def score_adaptation(
-    trained: Trained,
+    trained: TrainedPolicy,
     adapt: PolicyGradient,
     values: np.ndarray,
     seeds: np.ndarray,
@@ -97,12 +97,12 @@ def score_adaptation(
     rng = np.random.default_rng(seeds)
     thetas, spent = adapt_to(trained, adapt, values, rng)
     fresh, robots = draw_seeds(rng, len(values) * episodes), np.repeat(values, episodes, axis=0)
-    actor = TaskActor(Law(trained.actor(trained.theta)), len(values))
-    env, scores = trained.world(len(robots)), []
+    actor = TaskActor(FunctionalActor(trained.actor(trained.theta)), len(values))
+    env, scores = trained.make_env(len(robots)), []
     try:
         for parameters in (actor.thetas, torch.from_numpy(thetas)):
             actor.thetas = parameters
-            played = play(env, actor, robots, fresh)
+            played = run_episodes(env, actor, robots, fresh)
             scores.append(played.returns.reshape(len(values), episodes))
             spent += int(played.lengths.sum())
     finally:

@@ -19,13 +19,13 @@ import numpy as np
 import torch
 
 from envs.rows import Rows, Step
-from sim2real.learning.adapt.clipped import Round
+from sim2real.learning.adapt.batched_ppo import RolloutBatch
 from sim2real.learning.adapt.ppo import LearnerCohort
 from sim2real.learning.modules.normalizer import Normalizer
 
 
 @dataclass(frozen=True)
-class Learned:
+class BatchedLearningResult:
     """What J members did in R rounds.
 
     Attributes:
@@ -52,7 +52,7 @@ def learn(
     values: np.ndarray,
     seeds: np.ndarray,
     normalizer: Normalizer | None,
-) -> Learned:
+) -> BatchedLearningResult:
     """Let all members of a cohort learn; its results are then what they came to.
 
     Args:
@@ -65,7 +65,7 @@ def learn(
     count, rounds = seeds.shape
     size = shards[0].observation_size
     seen = normalizer or Normalizer(size)
-    books = Learned(
+    books = BatchedLearningResult(
         np.zeros((count, rounds)),
         np.full((count, rounds), cohort.operator.steps),
         np.zeros((count, rounds), bool),
@@ -117,7 +117,7 @@ class _Wave:
         values: np.ndarray,
         seeds: np.ndarray,
         seen: Normalizer,
-        books: Learned,
+        books: BatchedLearningResult,
     ) -> None:
         self._rows, self._cohort, self._members, self._values = rows, cohort, members, values
         self._operator, self._books = cohort.operator, books
@@ -144,7 +144,7 @@ class _Wave:
         self._raw[ids] = self._rows.reset(ids, self._values[ids], seeds)
         self._return[ids] = self._discounted[ids] = 0.0
 
-    def _explore(self, number: int) -> Round:
+    def _explore(self, number: int) -> RolloutBatch:
         """Run a round; its rewards are in the critic's unit."""
         count, steps = len(self._ids), self._operator.steps
         size = len(self._rows.action_low)
@@ -171,7 +171,7 @@ class _Wave:
         mean = np.where(ended > 0, earned / np.maximum(ended, 1), self._return)
         self._books.returns[self._members, number] = mean
         columns = (seen, action, reward, after, done, terminated)
-        return Round(*(torch.from_numpy(x) for x in columns))
+        return RolloutBatch(*(torch.from_numpy(x) for x in columns))
 
     def _look(self) -> np.ndarray:
         """Return what the policies see, (n, O), and count it."""

@@ -2,7 +2,7 @@
 
     population = Population([env(num_rows=32) for _ in range(2)], policy)   # a thread per shard
     cohort = HillClimb(...).start_many(thetas, rngs)
-    results = population.run(Members(cohort, values, values, seeds), normalizer)
+    results = population.run(PopulationRequest(cohort, values, values, seeds), normalizer)
     results.final.mean(axis=1)                      # (J,) scores after adaptation
 
 A member's episodes are those of its adaptation, then those that score the result. Episodes wait in
@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from envs.rows import Rows
-from sim2real.learning.adapt import Adaptation, Cohort, NoAdaptation
+from sim2real.learning.adapt import Adaptation, BatchedSession, NoAdaptation
 from sim2real.learning.adapt.ppo import LearnerCohort
 from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.population.flat_policy import FlatPolicy
@@ -31,7 +31,7 @@ from sim2real.runs.errors import Sim2RealError
 
 
 @dataclass(frozen=True)
-class Members:
+class PopulationRequest:
     """What a population runs: J members with A adaptation and F final episodes each.
 
     Attributes:
@@ -41,7 +41,7 @@ class Members:
         seeds: a seed for each episode, (J, A + F) uint64.
     """
 
-    cohort: Cohort
+    cohort: BatchedSession
     values: np.ndarray
     final_values: np.ndarray
     seeds: np.ndarray
@@ -64,7 +64,7 @@ class Members:
 
 
 @dataclass(frozen=True)
-class Results:
+class PopulationResult:
     """What a population returned, E = A + F episodes a member, in their order.
 
     Attributes:
@@ -127,7 +127,7 @@ class Population:
         """Rows of all shards."""
         return sum(shard.num_rows for shard in self._shards)
 
-    def run(self, members: Members, normalizer: Normalizer | None) -> Results:
+    def run(self, members: PopulationRequest, normalizer: Normalizer | None) -> PopulationResult:
         """Run all episodes of all members.
 
         Args:
@@ -155,13 +155,13 @@ class Population:
         return job.results()
 
     def _learn(
-        self, members: Members, cohort: LearnerCohort, normalizer: Normalizer | None
-    ) -> Results:
+        self, members: PopulationRequest, cohort: LearnerCohort, normalizer: Normalizer | None
+    ) -> PopulationResult:
         """Let members learn from their steps, and run the final episodes of what they came to."""
         rounds, shards = members.adaptation_episodes, [shard.rows for shard in self._shards]
         learned = learn(shards, cohort, members.values, members.seeds[:, :rounds], normalizer)
         total, squares = learned.paid.sum(axis=0).tolist()
-        found = Results(
+        found = PopulationResult(
             learned.returns,
             learned.lengths,
             learned.failed,
@@ -174,7 +174,7 @@ class Population:
         if members.seeds.shape[1] == rounds:
             return found
         own = members.final_values
-        scored = Members(_unchanged(cohort.results), own, own, members.seeds[:, rounds:])
+        scored = PopulationRequest(_unchanged(cohort.results), own, own, members.seeds[:, rounds:])
         final = self.run(scored, normalizer)
         return replace(
             found,
@@ -198,7 +198,7 @@ def _guard(shard: Shard, job: Job) -> None:
 class Job:
     """One run of a population, shared by the shards: its queue and its outcomes."""
 
-    def __init__(self, members: Members, observation_size: int, num_shards: int) -> None:
+    def __init__(self, members: PopulationRequest, observation_size: int, num_shards: int) -> None:
         count, episodes = members.seeds.shape
         self.members, self.cohort = members, members.cohort
         self.error: BaseException | None = None
@@ -250,7 +250,7 @@ class Job:
             while not self.done and not self._queue:
                 self._changed.wait()
 
-    def take(self, active: int, free: int) -> tuple[np.ndarray, np.ndarray]:
+    def dequeue(self, active: int, free: int) -> tuple[np.ndarray, np.ndarray]:
         """Take a fair share of what is left off the queue, for a shard that runs `active`.
 
         Returns:
@@ -264,7 +264,7 @@ class Job:
         members, episodes = np.array(taken, np.int64).reshape(-1, 2).T
         return members, episodes
 
-    def give_back(self, members: np.ndarray, episodes: np.ndarray) -> None:
+    def requeue(self, members: np.ndarray, episodes: np.ndarray) -> None:
         """Put episodes that were taken back at the head of the queue."""
         with self._changed:
             self._running -= len(members)
@@ -305,9 +305,9 @@ class Job:
                     self._enqueue(member)
             self._changed.notify_all()
 
-    def results(self) -> Results:
+    def results(self) -> PopulationResult:
         """Gather everything; sums run over members and episodes in their order."""
-        return Results(
+        return PopulationResult(
             self.returns,
             self.lengths,
             self.failed,
@@ -358,10 +358,12 @@ def evaluate_adaptation(
     cohort = adapt.start_many(thetas, rngs)
     fresh = [draw_seeds(rng, adapt.episodes + episodes) for rng in rngs]
     seeds_after = np.stack(fresh)  # (n, A + F)
-    adapted = population.run(Members(cohort, values, final_values, seeds_after), normalizer)
+    adapted = population.run(
+        PopulationRequest(cohort, values, final_values, seeds_after), normalizer
+    )
     if not adapt.episodes:  # nothing has changed: the same policy on the same episodes
         return AdaptationScores(adapted.final, adapted.final.copy(), adapted.frames)
-    unadapted = Members(
+    unadapted = PopulationRequest(
         _unchanged(thetas), final_values, final_values, seeds_after[:, adapt.episodes :]
     )
     before = population.run(unadapted, normalizer)
@@ -373,5 +375,7 @@ def draw_seeds(rng: np.random.Generator, size: int | tuple[int, ...]) -> np.ndar
     return rng.integers(0, 2**63, size=size, dtype=np.uint64)
 
 
-def _unchanged(thetas: np.ndarray) -> Cohort:
-    return NoAdaptation().cohort(thetas, np.empty((len(thetas), 0, thetas.shape[1]), np.float32))
+def _unchanged(thetas: np.ndarray) -> BatchedSession:
+    return NoAdaptation().start_batch(
+        thetas, np.empty((len(thetas), 0, thetas.shape[1]), np.float32)
+    )

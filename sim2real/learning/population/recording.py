@@ -18,7 +18,7 @@ from hardware.log import Log
 Act = Callable[[np.ndarray], np.ndarray]  # observations (n, O) to actions (n, A)
 
 
-class Recorded(NamedTuple):
+class RecordedEpisodes(NamedTuple):
     """What n episodes came to."""
 
     returns: np.ndarray  # (n,)
@@ -28,7 +28,7 @@ class Recorded(NamedTuple):
 
 def record(
     robot: Simulation, act: Act, seeds: np.ndarray, values: np.ndarray | None = None
-) -> Recorded:
+) -> RecordedEpisodes:
     """Run one episode in each of the first rows; return positions, velocities and commands, too.
 
     Args:
@@ -57,7 +57,7 @@ def record(
         over = step.terminated | step.truncated
         _note(robot, alive[over & ~step.failed], command[over & ~step.failed], episodes)
         alive = alive[~over]
-    return Recorded(returns, lengths, _log(robot, [np.array(rows) for rows in episodes]))
+    return RecordedEpisodes(returns, lengths, _log(robot, [np.array(rows) for rows in episodes]))
 
 
 def _note(

@@ -26,7 +26,12 @@ from envs.rows import Rows
 from sim2real.learning.adapt.ppo import LearnerCohort
 from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.population.flat_policy import FlatPolicy
-from sim2real.learning.population.population import Job, Members, Population, Results
+from sim2real.learning.population.population import (
+    Job,
+    Population,
+    PopulationRequest,
+    PopulationResult,
+)
 from sim2real.learning.population.shard import Shard
 from sim2real.runs.errors import Sim2RealError
 
@@ -50,7 +55,7 @@ class Batch(NamedTuple):
 
 
 class Outcomes(NamedTuple):
-    """What k episodes came to; see `Results` for the columns."""
+    """What k episodes came to; see `PopulationResult` for the columns."""
 
     tickets: np.ndarray  # (k,)
     returns: np.ndarray  # (k,)
@@ -60,7 +65,7 @@ class Outcomes(NamedTuple):
     squares: np.ndarray  # (k, O)
 
 
-class Frame(NamedTuple):
+class ObservationScaling(NamedTuple):
     """How observations are normalized during a run; `mean` None feeds them raw."""
 
     run: int  # number of the run; a new one makes a worker forget what is left of the last
@@ -85,9 +90,9 @@ class Stream:
         self._tickets, self._seeds = np.zeros(capacity, np.int64), np.zeros(capacity, np.uint64)
         self._thetas = np.zeros((capacity, policy.num_parameters), np.float32)
         self._values = np.zeros((capacity, space_size))
-        self.start(Frame(-1, None, None))
+        self.start(ObservationScaling(-1, None, None))
 
-    def start(self, frame: Frame) -> None:
+    def start(self, frame: ObservationScaling) -> None:
         """Forget all episodes and begin a run."""
         self.run, self.collect = frame.run, frame.mean is not None
         self.mean = np.zeros(0) if frame.mean is None else frame.mean
@@ -156,7 +161,7 @@ class Worker:
         """Return the process's number, once the environment is built."""
         return os.getpid()
 
-    def advance(self, frame: Frame, batch: Batch) -> Outcomes:
+    def advance(self, frame: ObservationScaling, batch: Batch) -> Outcomes:
         """Take on episodes, and work until some, of these or of earlier ones, are over.
 
         Args:
@@ -176,14 +181,14 @@ class Worker:
             shard.step(stream)
 
 
-class Lost(Exception):  # noqa: N818 - an event that is handled, no error of anybody's
+class WorkerLostError(Exception):  # noqa: N818 - an event that is handled, no error of anybody's
     """A worker, or what it had to say, is gone."""
 
 
 class Link(Protocol):
     """A worker somewhere."""
 
-    def advance(self, frame: Frame, batch: Batch) -> Outcomes:
+    def advance(self, frame: ObservationScaling, batch: Batch) -> Outcomes:
         """Do `Worker.advance` there; raises Lost when the worker is gone."""
         ...
 
@@ -213,7 +218,7 @@ class RemoteShard:
         self._taken.clear()
         self._runs += 1
         mean, scale = (job.mean, job.scale) if job.collect else (None, None)
-        frame = Frame(self._runs, mean, scale)
+        frame = ObservationScaling(self._runs, mean, scale)
         self.link = self.link or self._start(0.0)
         while not job.done and self.link is not None:
             batch = self._batch(job)
@@ -222,7 +227,7 @@ class RemoteShard:
                 continue
             try:
                 self._write(job, self.link.advance(frame, batch))
-            except Lost as error:
+            except WorkerLostError as error:
                 self._recover(job, error)
         if not any(shard.link for shard in self.fleet):
             raise ClusterError("all workers died, and the cluster has no place for others")
@@ -232,7 +237,7 @@ class RemoteShard:
     def _batch(self, job: Job) -> Batch:
         """Take as many episodes as the worker has room for."""
         room = AHEAD * self.num_rows - len(self._taken)
-        members, episodes = job.take(len(self._taken), room)
+        members, episodes = job.dequeue(len(self._taken), room)
         tickets = np.arange(self._tickets, self._tickets + len(members))
         self._tickets += len(members)
         pairs = zip(members.tolist(), episodes.tolist(), strict=True)
@@ -258,7 +263,7 @@ class RemoteShard:
         )
         members, episodes = np.array(list(self._taken.values()), np.int64).reshape(-1, 2).T
         self._taken.clear()
-        job.give_back(members, episodes)
+        job.requeue(members, episodes)
         self.link = self._start(GRACE)
         if self.link is None:
             log.warning("there is no place for another worker; going on with the rest")
@@ -282,8 +287,8 @@ class RemotePopulation(Population):
             shard.fleet = shards
 
     def _learn(
-        self, members: Members, cohort: LearnerCohort, normalizer: Normalizer | None
-    ) -> Results:
+        self, members: PopulationRequest, cohort: LearnerCohort, normalizer: Normalizer | None
+    ) -> PopulationResult:
         raise ClusterError(
             f"{cohort.operator} needs every step, and a cluster tells returns; use cluster=none"
         )

@@ -21,7 +21,7 @@ from envs.torch_env import RowsEnv
 Watch = Callable[[EnvBase, np.ndarray], None]
 
 
-class Played(NamedTuple):
+class EpisodeResults(NamedTuple):
     """What n episodes came to."""
 
     returns: np.ndarray  # (n,)
@@ -30,13 +30,13 @@ class Played(NamedTuple):
 
 
 @torch.no_grad()
-def play(
+def run_episodes(
     env: EnvBase,
     actor: TensorDictModuleBase,
     values: np.ndarray | None,
     seeds: np.ndarray,
     watch: Watch | None = None,
-) -> Played:
+) -> EpisodeResults:
     """Run one episode in each row; rows that are done run on, unnoticed.
 
     Args:
@@ -63,7 +63,7 @@ def play(
             if (broken := after.get("failed", None)) is not None:
                 failed |= alive & broken[..., 0].cpu().numpy()
             alive &= ~_column(after, "done")
-    return Played(returns, lengths, failed)
+    return EpisodeResults(returns, lengths, failed)
 
 
 def _start(env: EnvBase, values: np.ndarray | None, seeds: np.ndarray) -> TensorDictBase:

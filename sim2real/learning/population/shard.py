@@ -19,7 +19,7 @@ from envs.rows import Rows
 from sim2real.learning.population.flat_policy import FlatPolicy
 
 
-class Feed(Protocol):
+class EpisodeQueue(Protocol):
     """Where a shard gets episodes from and writes their outcomes, by member and episode."""
 
     collect: bool  # whether sums of observations are wanted, and observations normalized
@@ -36,7 +36,7 @@ class Feed(Protocol):
         """Whether episodes wait for a row."""
         ...
 
-    def take(self, active: int, free: int) -> tuple[np.ndarray, np.ndarray]:
+    def dequeue(self, active: int, free: int) -> tuple[np.ndarray, np.ndarray]:
         """Take members' episodes off the queue, at most `free`."""
         ...
 
@@ -51,7 +51,7 @@ class Feed(Protocol):
         ...
 
 
-class SharedFeed(Feed, Protocol):
+class SharedEpisodeQueue(EpisodeQueue, Protocol):
     """A feed that several shards share until it is done."""
 
     @property
@@ -78,7 +78,7 @@ class Shard:
         self._active = np.zeros(count, bool)
         self._ids = np.flatnonzero(self._active)  # (n,) rows with an episode in them
 
-    def run(self, job: SharedFeed) -> None:
+    def run(self, job: SharedEpisodeQueue) -> None:
         """Work until the job is done."""
         self.clear()
         while not job.done:
@@ -98,12 +98,12 @@ class Shard:
         self._active[:] = False
         self._ids = np.flatnonzero(self._active)
 
-    def fill(self, job: Feed) -> None:
+    def fill(self, job: EpisodeQueue) -> None:
         """Start queued episodes in free rows."""
         free = self.num_rows - self.active
         if free == 0 or not job.waiting or (self.active and free < self._refill):
             return
-        members, episodes = job.take(self.active, free)
+        members, episodes = job.dequeue(self.active, free)
         if not len(members):
             return
         ids = np.flatnonzero(~self._active)[: len(members)]
@@ -116,7 +116,7 @@ class Shard:
         self._active[ids] = True
         self._ids = np.flatnonzero(self._active)
 
-    def step(self, job: Feed) -> None:
+    def step(self, job: EpisodeQueue) -> None:
         """Advance every running episode by one control step."""
         full = len(self._ids) == self.num_rows
         ids, view = (None, slice(None)) if full else (self._ids, self._ids)
@@ -134,7 +134,7 @@ class Shard:
         if over.any():
             self._finish(job, self._ids[over], step.failed[over])
 
-    def _finish(self, job: Feed, ids: np.ndarray, failed: np.ndarray) -> None:
+    def _finish(self, job: EpisodeQueue, ids: np.ndarray, failed: np.ndarray) -> None:
         """Write down the outcomes of episodes that are over and free their rows."""
         members, episodes = self._member[ids], self._episode[ids]
         job.returns[members, episodes] = self._returns[ids]

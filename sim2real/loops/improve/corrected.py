@@ -25,8 +25,8 @@ from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import EXPERIMENT
 from sim2real.config.compose import INHERITED, root_of
 from sim2real.evaluation.worth import Cause, Robots
-from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.environment import Environment
+from sim2real.learning.algorithms.base import Components
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.runs.files import write_text
 
 FILE = "distribution.yaml"
@@ -35,7 +35,7 @@ REPLACED = ("params", "effects")  # groups that the distribution takes the place
 OVERRIDES = Path(".hydra") / "overrides.yaml"
 
 
-def corrected(parts: Parts, causes: Sequence[Cause], folder: Path) -> Parts:
+def corrected(parts: Components, causes: Sequence[Cause], folder: Path) -> Components:
     """Return what trains a policy on robots drawn from what was found.
 
     Args:
@@ -48,7 +48,7 @@ def corrected(parts: Parts, causes: Sequence[Cause], folder: Path) -> Parts:
     return replace(parts, environment=replace(parts.environment, tasks=found, fixed=()))
 
 
-def distribution(environment: Environment, causes: Sequence[Cause]) -> Distribution:
+def distribution(environment: EnvironmentFactory, causes: Sequence[Cause]) -> Distribution:
     """Return the laws of causes, within the ranges of the environment's parameters."""
     effects = [cause.effect for cause in causes]
     world = replace(environment, tasks=Robots(effects), fixed=())

@@ -34,8 +34,8 @@ from hardware.log import Log, read_logs
 from sim2real.deployment.actors import Actor, actor_of, load_actor
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.evaluation.worth import read_causes
-from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.trained import Trained
+from sim2real.learning.algorithms.base import Components
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.improve.corrected import FILE, corrected, describe
 from sim2real.loops.improve.looks import facts, interface, priced
 from sim2real.loops.improve.operator import DeclinedError
@@ -108,9 +108,9 @@ class Improvement:
 
 def improve(
     site: Site | Target,
-    parts: Parts,
+    parts: Components,
     training: dict[str, Any],
-    first: Trained,
+    first: TrainedPolicy,
     plan: Plan,
     out: Path,
 ) -> Improvement:
@@ -152,9 +152,9 @@ def improve(
 @dataclass
 class _Loop:
     site: Site | Target
-    parts: Parts
+    parts: Components
     training: dict[str, Any]
-    first: Trained
+    first: TrainedPolicy
     plan: Plan
     out: Path
     story: Story
@@ -218,7 +218,7 @@ class _Loop:
         """The folder of the round in progress."""
         return self.out / f"round_{self.number}"
 
-    def _looked(self, trained: Trained) -> End | None:
+    def _looked(self, trained: TrainedPolicy) -> End | None:
         """Check the interface, record and diagnose; return why nothing follows, if so."""
         given = self.number == 1 and bool(self.plan.logs)
         if given:
@@ -239,7 +239,7 @@ class _Loop:
             return "log"
         return None if self._corrects(self.effects) else "nothing_found"
 
-    def _retrained(self, trained: Trained) -> Trained:
+    def _retrained(self, trained: TrainedPolicy) -> TrainedPolicy:
         """Price what was found, train on with it, deploy, and tell; return the new policy."""
         site, place, source = self.site, self.place, trained.source
         assert source is not None
@@ -276,6 +276,6 @@ class _Loop:
         return found != [(effect.label(), tuple(values)) for effect, values in fixed]
 
 
-def _at_hand(trained: Trained, path: str | Path) -> Actor:
+def _at_hand(trained: TrainedPolicy, path: str | Path) -> Actor:
     """Return the policy that a log of ours names."""
     return actor_of(trained, path)

@@ -18,7 +18,7 @@ from sim2real.diagnosis.contract.logged import LoadPolicy, check_logs, has_polic
 from sim2real.diagnosis.contract.page import write_page
 from sim2real.evaluation import worth_report
 from sim2real.evaluation.worth import Cause, price
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import whole_folder
 from sim2real.runs.progress import Progress
@@ -54,7 +54,7 @@ def interface(logs: Sequence[Log], load: LoadPolicy, place: Path) -> str | None:
 
 
 def priced(
-    causes: Sequence[Cause], trained: Trained, place: Path, rollouts: int, seed: int
+    causes: Sequence[Cause], trained: TrainedPolicy, place: Path, rollouts: int, seed: int
 ) -> None:
     """Say what each cause costs a policy, unless worth/ is there.
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from envs.distribution import Distribution
 from sim2real.identification.prior import of_tasks
-from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.trained import Trained
+from sim2real.learning.algorithms.base import Components
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.bayrn import BayRn, Session, search, table
 from sim2real.loops.improve.operator import DeclinedError
 from sim2real.loops.improve.site import Site
@@ -33,10 +33,10 @@ log_ = logging.getLogger(__name__)
 
 def improve_by_returns(
     site: Site | Target,
-    parts: Parts,
+    parts: Components,
     training: dict[str, Any],
     recipe: BayRn,
-    first: Trained | None,
+    first: TrainedPolicy | None,
     out: Path,
 ) -> Session:
     """Train under one distribution after another, until all rounds are done or somebody ends it.

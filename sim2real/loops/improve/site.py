@@ -34,8 +34,8 @@ from sim2real.deployment.deploy import drive, is_felt, servo_task
 from sim2real.deployment.robot_env import on_robot
 from sim2real.deployment.session import STATE, Deployment, Turn, load
 from sim2real.learning.adapt import NoAdaptation
-from sim2real.learning.environment import Environment
-from sim2real.learning.trained import Trained
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.improve.operator import Operator
 from sim2real.loops.improve.steps import on_stand
 from sim2real.runs.errors import Sim2RealError
@@ -67,7 +67,7 @@ class Site:
     """
 
     machine: Robot
-    environment: Environment
+    environment: EnvironmentFactory
     operator: Operator
     trials: int
     settle: float
@@ -137,15 +137,17 @@ class Site:
     def _backend(self) -> ServoBackend:
         return ServoBackend(self.machine, self.settle, limits=self.limits, seed=self.seed)
 
-    def score(self, trained: Trained, effects: Sequence = ()) -> list[float]:
+    def score(self, trained: TrainedPolicy, effects: Sequence = ()) -> list[float]:
         """Return what a policy earns in the simulator with effects, from the robot's starts."""
         world = replace(self.environment, tasks=Randomization(), fixed=effects)
-        return trained.play(self._plan(trained).fresh, world.with_task(self.task)).returns.tolist()
+        return trained.run_episodes(
+            self._plan(trained).fresh, world.with_task(self.task)
+        ).returns.tolist()
 
-    def _plan(self, trained: Trained) -> Deployment:
+    def _plan(self, trained: TrainedPolicy) -> Deployment:
         return Deployment(trained.theta, NoAdaptation(), self.trials, self.seed)
 
-    def deploy(self, trained: Trained, folder: Path) -> list[float]:
+    def deploy(self, trained: TrainedPolicy, folder: Path) -> list[float]:
         """Run a policy on the robot, and return its returns.
 
         What was interrupted goes on where it was on a real robot; an emulated one starts again,

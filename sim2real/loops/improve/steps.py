@@ -28,8 +28,8 @@ from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import write
 from sim2real.diagnosis.report import words
-from sim2real.learning.algorithms.base import Parts
-from sim2real.learning.trained import Trained
+from sim2real.learning.algorithms.base import Components
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.learning.training import train
 from sim2real.runs.checkpoint import FOLDER, find, read_metadata
 from sim2real.runs.errors import Stopped
@@ -43,10 +43,10 @@ BROKEN_OFF = "_stopped"  # what the folder of recordings is called that the guar
 def learn(
     folder: Path,
     name: str,
-    parts: Parts,
+    parts: Components,
     settings: dict[str, Any],
     start: str | Path | None = None,
-) -> Trained:
+) -> TrainedPolicy:
     """Train in a folder of its own, from where it stopped, and return the policy.
 
     Args:

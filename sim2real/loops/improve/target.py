@@ -27,10 +27,10 @@ from envs.models import named
 from envs.randomization import Randomization
 from envs.simulation import Simulation
 from hardware.log import Log, read_logs, write_log
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import draw_seeds
-from sim2real.learning.population.recording import Recorded, record
-from sim2real.learning.trained import Trained
+from sim2real.learning.population.recording import RecordedEpisodes, record
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.improve.site import DEPLOYED, check_trials
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import whole_folder, write_text
@@ -55,8 +55,8 @@ class Target:
         Sim2RealError: fewer than two trials, or worlds that are no simulations of a robot.
     """
 
-    world: Environment
-    environment: Environment
+    world: EnvironmentFactory
+    environment: EnvironmentFactory
     trials: int
     seed: int
     stand = False
@@ -80,17 +80,17 @@ class Target:
     def _seeds(self) -> np.ndarray:
         return draw_seeds(np.random.default_rng([self.seed, STARTS]), self.trials)
 
-    def _played(self, trained: Trained, world: Environment) -> Recorded:
+    def _played(self, trained: TrainedPolicy, world: EnvironmentFactory) -> RecordedEpisodes:
         robot = world.base_rows(self.trials)
         assert isinstance(robot, Simulation)
-        return record(robot, trained.pilot(num_rows=self.trials), self._seeds)
+        return record(robot, trained.controller(num_rows=self.trials), self._seeds)
 
-    def score(self, trained: Trained, effects: Sequence = ()) -> list[float]:
+    def score(self, trained: TrainedPolicy, effects: Sequence = ()) -> list[float]:
         """Return what a policy earns in the simulator with effects, from the target's starts."""
         world = replace(self.environment, tasks=Randomization(), fixed=effects)
         return self._played(trained, world).returns.tolist()
 
-    def deploy(self, trained: Trained, folder: Path) -> list[float]:
+    def deploy(self, trained: TrainedPolicy, folder: Path) -> list[float]:
         """Run a policy on the target, unless the folder is there, and return its returns."""
         if not folder.is_dir():
             done = self._played(trained, self.world)

@@ -185,14 +185,14 @@ def test_a_run_of_ours_acts_as_on_the_robot(tmp_path, words):
     """A run's folder, or a checkpoint in it: what its pilot does, statistics included."""
     run = train(tmp_path / "run", words)
     trained = load_policy(run)
-    size = trained.environment.shown()[0]
+    size = trained.environment.observation_and_action_spec()[0]
     inside = load_actor(run).normalizer
     assert inside is not None and trained.source is not None
     mean, std = inside
     seen = mean + std * np.random.default_rng(3).normal(0, 2.0, (6, size))
-    pilot, wanted = trained.pilot(), []
+    pilot, wanted = trained.controller(), []
     for row in seen:
-        pilot.forget()
+        pilot.reset()
         wanted.append(pilot(row[None])[0])
     for path in (run, trained.source):
         actor = load_actor(path)

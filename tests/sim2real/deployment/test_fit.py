@@ -16,7 +16,7 @@ from sim2real.config.compose import compose, prepare
 from sim2real.deployment.fit import check_interface
 from sim2real.deployment.trained import load_policy
 from sim2real.learning.interface import FILE
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.checkpoint import find
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, train
@@ -29,7 +29,7 @@ def run(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def policy(run) -> Trained:
+def policy(run) -> TrainedPolicy:
     """The same, loaded."""
     return load_policy(run)
 

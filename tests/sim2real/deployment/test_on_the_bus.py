@@ -25,8 +25,8 @@ from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment
 from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.algorithms.base import build
-from sim2real.learning.environment import Environment
-from sim2real.learning.trained import Trained
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.trained import TrainedPolicy
 
 WORDS = ["env=bench1", "env.task.seconds=0.4", "algorithm=ppo", "algorithm.num_rows=4"]
 WORDS += ["algorithm.steps=32", "algorithm.minibatch_size=32", "algorithm.epochs=1"]
@@ -102,11 +102,13 @@ def test_somebody_s_own_transform_and_actor_drive_the_emulated_bus(
     """
     task = Bench1(seconds=0.6)
     transforms: Any = {"before": Before, "steps": partial(StepCounter, max_steps=STEPS)}
-    own = Environment(partial(MujocoEnv, task), transforms=transforms)
-    size, low, high = own.shown()
+    own = EnvironmentFactory(partial(MujocoEnv, task), transforms=transforms)
+    size, low, high = own.observation_and_action_spec()
     gains = torch.linspace(-1.5, 1.5, 2 * size)[:, None]
     actor = TensorDictModule(lambda both: both @ gains, ["both"], ["action"])
-    trained = Trained(np.zeros(0, np.float32), lambda theta: actor, own, {}, 0, cut=cut)
+    trained = TrainedPolicy(
+        np.zeros(0, np.float32), lambda theta: actor, own, {}, 0, clips_actions=cut
+    )
     deployment = Deployment(trained.theta, NoAdaptation(), trials=2, seed=0)
     backend = ServoBackend(load_robot("bench1"), settle=0.1)
     env = on_robot(trained, task, backend, tmp_path / "logs")

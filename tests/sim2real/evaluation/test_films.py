@@ -28,11 +28,11 @@ from sim2real.evaluation.films import Camera, Clip, Video, compose, film, write_
 from sim2real.evaluation.grid import Axis, Grid
 from sim2real.evaluation.scores import GridScores
 from sim2real.learning.adapt import HillClimb, NoAdaptation
-from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.acting import Acting
-from sim2real.learning.modules.policy import mlp_policy
+from sim2real.learning.modules.mlp_policy import mlp_policy
 
 TASKS = Randomization(
     [
@@ -52,7 +52,7 @@ ES = {
 def learner(env: Any, tasks: Any, adapt: Any) -> ESMAML:
     """Return an untrained algorithm."""
     shape = {"hidden": (), "activation": "tanh", "output": "tanh", "initial": "normal"}
-    parts = Parts(Environment(env, tasks), partial(mlp_policy, **shape), 0, adapt)
+    parts = Components(EnvironmentFactory(env, tasks), partial(mlp_policy, **shape), 0, adapt)
     return ESMAML(parts, ESMAMLSettings(**ES))  # type: ignore[arg-type]
 
 
@@ -211,7 +211,7 @@ def test_the_camera_shows_the_state() -> None:
 @pytest.mark.usefixtures("draws")
 def test_the_film_s_return_is_that_of_the_whole_episode() -> None:
     """A film of a tenth of a second still tells what the whole episode returned."""
-    env, still = Environment(partial(MujocoEnv, task=Hopper())).make(1), Acting(Still())
+    env, still = EnvironmentFactory(partial(MujocoEnv, task=Hopper())).make(1), Acting(Still())
     base: Any = env.base_env
     simulation = base.rows
     model, values = simulation.plant.batch.get_model(0), simulation.space.neutral

@@ -12,7 +12,7 @@ from envs.errors import ParameterError
 from envs.params import Parameter, ParamSpace
 from envs.randomization import Draw, Randomization
 from sim2real.evaluation.grid import Axis, Grid, GridError
-from sim2real.learning.told import training_range
+from sim2real.learning.context import training_range
 
 MASS = Parameter("link_mass.torso", "link_mass", "torso", unit="kg", neutral=3.7, low=0, how="set")
 FRICTION = Parameter("ground_friction", "ground_friction", neutral=2.0, low=0.0, how="set")

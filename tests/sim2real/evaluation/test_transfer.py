@@ -18,10 +18,10 @@ from envs.errors import TaskError
 from envs.toys import Nav2D, ToyEnv
 from sim2real.config.compose import compose, prepare
 from sim2real.evaluation.transfer import Transfer, TransferError, read, variant
-from sim2real.learning.algorithms.base import Algorithm, Parts
-from sim2real.learning.environment import Environment
+from sim2real.learning.algorithms.base import Algorithm, Components
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.acting import Acting
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 
 ROBOTS = {"source": {"domain": "source"}, "target": {"domain": "target"}}
 
@@ -37,31 +37,31 @@ class Still(nn.Module):
 class Motionless(Algorithm):
     """The least that can be assessed."""
 
-    def __init__(self, environment: Environment) -> None:
-        self.parts = Parts(environment, policy=None)  # type: ignore[arg-type]
+    def __init__(self, environment: EnvironmentFactory) -> None:
+        self.parts = Components(environment, policy=None)  # type: ignore[arg-type]
 
-    def trained(self) -> Trained:
+    def trained(self) -> TrainedPolicy:
         """Return the policy."""
         world = self.parts.environment
-        return Trained(np.zeros(0), lambda theta: Acting(Still()), world, {}, 4096)
+        return TrainedPolicy(np.zeros(0), lambda theta: Acting(Still()), world, {}, 4096)
 
     frames = 4096
     iterate = shape = state_dict = load_state_dict = None  # type: ignore[assignment]
 
 
-def env(**changes: Any) -> Environment:
+def env(**changes: Any) -> EnvironmentFactory:
     """Return what makes a short Hopper of the study."""
     arguments: dict[str, Any] = {"max_steps": 40, **changes}
-    return Environment(partial(MujocoEnv, task=HopperPolito(**arguments)))
+    return EnvironmentFactory(partial(MujocoEnv, task=HopperPolito(**arguments)))
 
 
-def assess(world: Environment, **robots: dict[str, Any]) -> Any:
+def assess(world: EnvironmentFactory, **robots: dict[str, Any]) -> Any:
     """Return the scores of the policy that never moves."""
     transfer = Transfer(robots or ROBOTS, episodes=4)
     return transfer.assess(Motionless(world), 0, "seed 0")
 
 
-def torso(world: Environment, robot: str, **changes: Any) -> float:
+def torso(world: EnvironmentFactory, robot: str, **changes: Any) -> float:
     """Return the mass of a robot's torso [kg]."""
     rows: Any = variant(world, robot, changes).base_rows(1)
     model: mujoco.MjModel = rows.plant.model
@@ -130,7 +130,7 @@ def test_mistakes_are_sentences(tmp_path: Path) -> None:
     with pytest.raises(TaskError, match=r"domain='targte'.*did you mean 'target'"):
         assess(env(), a={"domain": "targte"})
     with pytest.raises(TransferError, match=r"Nav2D has no task .*env=hopper_polito"):
-        assess(Environment(partial(ToyEnv, Nav2D)))
+        assess(EnvironmentFactory(partial(ToyEnv, Nav2D)))
     with pytest.raises(TransferError, match="at least one robot"):
         Transfer({}, episodes=4)
     (tmp_path / "transfer-1.json").write_text('{"runs": [{"name"')

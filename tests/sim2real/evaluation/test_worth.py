@@ -13,7 +13,7 @@ from sim2real.deployment.trained import load_policy
 from sim2real.evaluation.worth import Game, price, read_causes
 from sim2real.evaluation.worth_open import ends_of
 from sim2real.evaluation.worth_report import read_diagnosis, shares_closed
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, train
 
@@ -24,7 +24,7 @@ PLAY = {"effect": "backlash", "where": "hinge", "side": "motor", "value": 0.05}
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory) -> Trained:
+def trained(tmp_path_factory) -> TrainedPolicy:
     """A policy that follows a motion with a pendulum; of zeros, it commands the motion itself."""
     found = load_policy(train(tmp_path_factory.mktemp("es") / "run", SMALL_ES))
     return replace(found, theta=np.zeros_like(found.theta))
@@ -37,7 +37,7 @@ def file(folder: Path, *entries: dict) -> Path:
     return path
 
 
-def test_costs_add_up_to_what_all_cost(trained: Trained, tmp_path: Path) -> None:
+def test_costs_add_up_to_what_all_cost(trained: TrainedPolicy, tmp_path: Path) -> None:
     """Of three causes, the one that is nothing costs exactly nothing; the others add up."""
     worth = price(trained, read_causes(file(tmp_path, WEAK, RUBS, NONE)), 8, resamples=200)
     costs = [cost.value for cost in worth.costs["return"]]
@@ -50,7 +50,7 @@ def test_costs_add_up_to_what_all_cost(trained: Trained, tmp_path: Path) -> None
     assert worth.costs["fall"][0].value == 0.0  # nothing falls on the bench
 
 
-def test_the_same_episodes_are_played_on_all_robots(trained: Trained, tmp_path: Path) -> None:
+def test_the_same_episodes_are_played_on_all_robots(trained: TrainedPolicy, tmp_path: Path) -> None:
     """A seed decides all; values vary by their interval; a batch changes no episode."""
     causes = read_causes(file(tmp_path, WEAK, RUBS))
     game = Game(trained, causes, 6, seed=3)
@@ -63,17 +63,17 @@ def test_the_same_episodes_are_played_on_all_robots(trained: Trained, tmp_path: 
     np.testing.assert_array_equal(game._values(1, 0.0, 9.0)[:, 0], np.full(6, 0.15))
 
 
-def test_play_takes_a_robot_of_its_own(trained: Trained, tmp_path: Path) -> None:
+def test_play_takes_a_robot_of_its_own(trained: TrainedPolicy, tmp_path: Path) -> None:
     """What adds joints stands beside what does not, and without it the model has none."""
     causes = read_causes(file(tmp_path, PLAY, WEAK))
     game = Game(trained, causes, 4, seed=0)
     outcomes = game.play([frozenset(), frozenset({0}), frozenset({1}), frozenset({0, 1})])
-    plain = trained.play(game.seeds, game.world([]))
+    plain = trained.run_episodes(game.seeds, game.world([]))
     np.testing.assert_array_equal(outcomes[frozenset()].returns, plain.returns)
     assert not np.array_equal(outcomes[frozenset({0})].returns, plain.returns)
 
 
-def test_of_many_causes_orders_are_drawn(trained: Trained, tmp_path: Path) -> None:
+def test_of_many_causes_orders_are_drawn(trained: TrainedPolicy, tmp_path: Path) -> None:
     """Six causes: not all 64 robots, and costs add up all the same."""
     more = [
         {"effect": name, "where": "hinge", "value": value}
@@ -87,7 +87,7 @@ def test_of_many_causes_orders_are_drawn(trained: Trained, tmp_path: Path) -> No
     assert sum(cost.value for cost in worth.costs["return"]) == pytest.approx(lost)
 
 
-def test_what_is_not_excluded_is_priced(trained: Trained, tmp_path: Path) -> None:
+def test_what_is_not_excluded_is_priced(trained: TrainedPolicy, tmp_path: Path) -> None:
     """Ends of a cause's interval stand for it, watched effects come on top; the dearest first."""
     causes = read_causes(file(tmp_path, WEAK))
     watched = [
@@ -120,7 +120,7 @@ def test_a_diagnosis_tells_what_is_closed(tmp_path: Path) -> None:
         read_diagnosis(tmp_path / "effects.yaml")
 
 
-def test_wrong_input_is_refused(trained: Trained, tmp_path: Path) -> None:
+def test_wrong_input_is_refused(trained: TrainedPolicy, tmp_path: Path) -> None:
     """No effects, one twice, too few episodes: a sentence each."""
     with pytest.raises(Sim2RealError, match="holds no effects"):
         read_causes(file(tmp_path))

@@ -20,11 +20,11 @@ from envs.torch_env import RandomizeParams
 from envs.toys import AngleBias, BiasedCartPole, Nav2D, ToyEnv
 from sim2real.config.compose import compose, prepare
 from sim2real.learning.algorithms.base import build
-from sim2real.learning.environment import Environment, make_env
+from sim2real.learning.environment import EnvironmentFactory, make_env
 from sim2real.learning.transforms import RunningNorm
 from sim2real.runs.errors import Sim2RealError
 
-HOPPER = Environment(partial(MujocoEnv, task=Hopper()))
+HOPPER = EnvironmentFactory(partial(MujocoEnv, task=Hopper()))
 
 
 def test_effects_of_a_file_change_the_simulator(tmp_path: Path) -> None:
@@ -42,7 +42,7 @@ def test_effects_need_a_robot(tmp_path: Path) -> None:
     path = tmp_path / "effects.yaml"
     path.write_text("[]", encoding="utf-8")
     with pytest.raises(Sim2RealError, match="Nav2D simulates no robot"):
-        Environment(partial(ToyEnv, partial(Nav2D))).with_effects(path)
+        EnvironmentFactory(partial(ToyEnv, partial(Nav2D))).with_effects(path)
     with pytest.raises(EffectError, match=r"missing\.yaml"):
         HOPPER.with_effects(tmp_path / "missing.yaml")
 
@@ -132,10 +132,10 @@ class Stiff:
 def test_somebody_else_s_environment_is_handed_its_parameters() -> None:
     """Entries ("params", name) of any EnvBase are drawn at each reset."""
     randomize = {"randomize_params": partial(RandomizeParams)}
-    env = Environment(partial(Spring), Stiff(), randomize).make(4, seed=3)
+    env = EnvironmentFactory(partial(Spring), Stiff(), randomize).make(4, seed=3)
     reward = env.rollout(2)["next", "reward"]
     assert ((reward > 2) & (reward < 3)).all() and len(reward.unique()) == 4
-    bare = Environment(partial(Spring, params=False), Stiff(), randomize)
+    bare = EnvironmentFactory(partial(Spring, params=False), Stiff(), randomize)
     with pytest.raises(TaskError, match=r"entries \('params', name\), which Spring has not"):
         bare.make(4).reset()
 
@@ -148,21 +148,21 @@ def test_what_is_no_environment_or_transform_is_said() -> None:
             super().__init__(1, device)
 
     with pytest.raises(Sim2RealError, match=r"One has batch size \(1,\), asked for \(2,\)"):
-        Environment(partial(One)).make(2)
+        EnvironmentFactory(partial(One)).make(2)
     with pytest.raises(Sim2RealError, match="dict makes a dict, no torchrl EnvBase"):
         odd_one: Any = partial(dict)
-        Environment(odd_one).make(2)
+        EnvironmentFactory(odd_one).make(2)
     with pytest.raises(Sim2RealError, match=r"transforms\.x is a int, no transform"):
-        Environment(partial(Spring), transforms={"x": int}).make(2)  # type: ignore[dict-item]
+        EnvironmentFactory(partial(Spring), transforms={"x": int}).make(2)  # type: ignore[dict-item]
     odd = partial(RewardScaling, 0.0, 1.0, in_keys=["payment"])
     with pytest.raises(Sim2RealError, match=r"transforms\.pay: RewardScaling reads 'payment'"):
-        Environment(partial(Spring), transforms={"pay": odd}).make(2)
+        EnvironmentFactory(partial(Spring), transforms={"pay": odd}).make(2)
 
 
 def test_transforms_of_one_environment_do_not_meet() -> None:
     """Each `make` has its own: what one counts, another does not."""
     transforms = {"norm": RunningNorm, "steps": StepCounter}
-    made = Environment(partial(ToyEnv, BiasedCartPole), AngleBias(), transforms)
+    made = EnvironmentFactory(partial(ToyEnv, BiasedCartPole), AngleBias(), transforms)
     one, other = made.make(2), made.make(2)
     assert one.rollout(3)["next", "step_count"].max() == 3
     chains: list[Any] = [one.transform, other.transform]

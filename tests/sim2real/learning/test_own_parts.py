@@ -61,13 +61,13 @@ class Needy(ClipPPOLoss):
 
 
 def policy(env):
-    from sim2real.learning.modules.policies import Policy
+    from sim2real.learning.modules.actor_critic import Policy
     return Policy(nn.Linear(11, 3), None)
 """
 NETWORK = "{{_target_: my_parts.Sine, _partial_: true, width: {}}}"
 FILES = {
     "transforms/mine.yaml": "# mine\ndoubled: {_target_: my_parts.Doubled, factor: 2.0}\n",
-    "policy/mine.yaml": "# mine\n_target_: sim2real.learning.modules.policies.actor_critic\n"
+    "policy/mine.yaml": "# mine\n_target_: sim2real.learning.modules.actor_critic.actor_critic\n"
     f"_partial_: true\nactor: {NETWORK.format(8)}\ncritic: {NETWORK.format(5)}\n",
     "policy/bare.yaml": "# mine\n_target_: my_parts.policy\n_partial_: true\n",
     "loss/mine.yaml": "# mine\n_target_: my_parts.Timid\n_partial_: true\n",

@@ -20,7 +20,7 @@ from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.closed_loop.check import Drawn, check_closed_loop
 from sim2real.diagnosis.settings import ClosedLoopSettings
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.player import Player, load_player
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, train
@@ -37,13 +37,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def trained(run: Path) -> Trained:
+def trained(run: Path) -> TrainedPolicy:
     """The policy with parameters 0, which commands the motion itself."""
     found = load_policy(run)
     return replace(found, theta=np.zeros_like(found.theta))
 
 
-def deployed(trained: Trained, *hidden: dict) -> list[Log]:
+def deployed(trained: TrainedPolicy, *hidden: dict) -> list[Log]:
     """Return the logs of four episodes on an emulated robot."""
     robot = load_robot("bench1")
     world = World(robot, hidden=make_hidden(list(hidden), robot), seed=1)
@@ -58,7 +58,7 @@ def deployed(trained: Trained, *hidden: dict) -> list[Log]:
     return found
 
 
-def test_the_corrected_simulator_is_nearer_to_an_emulated_robot(trained: Trained) -> None:
+def test_the_corrected_simulator_is_nearer_to_an_emulated_robot(trained: TrainedPolicy) -> None:
     """The emulator's laws are its own: a weak motor closes most of the distance and the return's.
 
     Without anything hidden the simulator as given is within the floor, and nearer than that.
@@ -77,7 +77,7 @@ def test_the_corrected_simulator_is_nearer_to_an_emulated_robot(trained: Trained
     assert sound.distances[0].nominal.value <= sound.distances[0].floor.ci[1]
 
 
-def test_episodes_start_alike_and_values_are_drawn(trained: Trained) -> None:
+def test_episodes_start_alike_and_values_are_drawn(trained: TrainedPolicy) -> None:
     """One seed gives the same starts in all simulators; an interval makes episodes differ."""
     player = Player(trained)
     plain, weak = player((), 3, 5), player(WEAK, 3, 5)

@@ -18,19 +18,19 @@ from sim2real.config.compose import compose, prepare
 from sim2real.evaluation.evaluate import Evaluation, evaluate_grid, find_runs, run_cells
 from sim2real.evaluation.grid import Grid
 from sim2real.learning.adapt import Adaptation, HillClimb, NoAdaptation
-from sim2real.learning.algorithms.base import Algorithm, Parts, build
-from sim2real.learning.environment import Environment
+from sim2real.learning.algorithms.base import Algorithm, Components, build
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.acting import Acting
-from sim2real.learning.modules.policy import MLPPolicy
-from sim2real.learning.population.of_trained import population_of
+from sim2real.learning.modules.mlp_policy import MLPPolicy
+from sim2real.learning.population.from_trained import population_of
 from sim2real.learning.population.population import (
     AdaptationScores,
-    Members,
     Population,
+    PopulationRequest,
     draw_seeds,
     evaluate_adaptation,
 )
-from sim2real.learning.trained import Trained
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 GOALS = Grid(
@@ -64,8 +64,8 @@ class Still(Algorithm):
         self.population = Population(shards, policy)
         self.theta = np.zeros(policy.num_parameters, np.float32)
         nobody: Any = None  # asks for the policy's maker
-        environment = Environment(partial(ToyEnv, self.make), self.tasks)
-        self.parts = Parts(environment, nobody, 0, self.adapt)
+        environment = EnvironmentFactory(partial(ToyEnv, self.make), self.tasks)
+        self.parts = Components(environment, nobody, 0, self.adapt)
 
     def scores(self, values: np.ndarray, seeds: np.ndarray, episodes: int) -> AdaptationScores:
         """Return the returns before and after adaptation."""
@@ -73,10 +73,10 @@ class Still(Algorithm):
             self.population, self.theta, None, self.adapt, values, seeds, episodes
         )
 
-    def trained(self) -> Trained:
+    def trained(self) -> TrainedPolicy:
         """Return the policy, whose episodes `scores` runs."""
         nothing: Any = None
-        return Trained(
+        return TrainedPolicy(
             self.theta, lambda theta: Acting(nothing), self.parts.environment, {}, self.frames
         )
 
@@ -316,8 +316,8 @@ def test_a_policy_in_a_population_gets_what_it_gets_alone(tmp_path: Path) -> Non
     cohort = NoAdaptation().start_many(
         np.tile(trained.theta, (3, 1)), [np.random.default_rng(0)] * 3
     )
-    found = population.run(Members(cohort, values, values, seeds), None)
-    alone = trained.play(seeds.ravel(), values=np.repeat(values, 2, axis=0))
+    found = population.run(PopulationRequest(cohort, values, values, seeds), None)
+    alone = trained.run_episodes(seeds.ravel(), values=np.repeat(values, 2, axis=0))
     np.testing.assert_allclose(found.returns.ravel(), alone.returns, rtol=1e-4)
     np.testing.assert_array_equal(found.lengths.ravel(), alone.lengths)
 

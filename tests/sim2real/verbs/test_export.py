@@ -20,9 +20,9 @@ from envs.tasks import Bench1, Quad8
 from hardware.exported import ExportedPolicy, PolicyError
 from sim2real.config.compose import compose, prepare
 from sim2real.deployment.export import ExportError, compare, dense, export
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.interface import observation_names as names
-from sim2real.learning.trained import Trained, of_module
+from sim2real.learning.trained import TrainedPolicy, from_module
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, SMALL_PPO, train
 
@@ -56,9 +56,9 @@ def edited(folder: Path, out: Path, **changes: Any) -> Path:
     return out
 
 
-def exportable(module: nn.Module) -> Trained:
+def exportable(module: nn.Module) -> TrainedPolicy:
     """Return a torch module as a trained policy."""
-    made = of_module(module, Environment(partial(MujocoEnv, task=Bench1())), 0)
+    made = from_module(module, EnvironmentFactory(partial(MujocoEnv, task=Bench1())), 0)
     return replace(made, program=lambda theta: module)
 
 

@@ -17,7 +17,7 @@ from hardware.log import Log, read_logs
 from sim2real.config.compose import compose, prepare
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.data.replay import measure
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import draw_seeds
 from sim2real.learning.population.recording import record
 from sim2real.loops.improve.improve import Improvement
@@ -124,7 +124,7 @@ def test_a_policy_gets_in_the_corrected_simulator_what_it_gets_on_the_target(
     """Returns differ before, and agree to the bit once the kilogram is in."""
     trained = load_policy(policy)
     heavy = HopperPolito("target", masses="legacy")
-    world = Environment(partial(MujocoEnv, task=heavy))
+    world = EnvironmentFactory(partial(MujocoEnv, task=heavy))
     target = Target(world, trained.environment, trials=5, seed=0)
     earned = target.deploy(trained, tmp_path / "round_0" / "deploy")
     assert target.score(trained) != earned

@@ -16,9 +16,9 @@ import pytest
 
 from envs.errors import RenderError
 from envs.toys import FourCorners, Nav2D, NavGoals, ToyEnv
-from sim2real.learning.algorithms.base import Algorithm, Parts
-from sim2real.learning.environment import Environment
-from sim2real.learning.trained import Trained
+from sim2real.learning.algorithms.base import Algorithm, Components
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.checkpoint import listing, read_metadata
 from sim2real.runs.errors import CheckpointError, DiskError, Sim2RealError, Stopped
 from sim2real.runs.loggers import Loggers
@@ -29,7 +29,7 @@ from sim2real.verbs import train as verb
 class Walk(Algorithm):
     """Adds noise to a number; `events` are called at the start of an iteration, by its number."""
 
-    def __init__(self, parts: Parts, events: dict[int, Any] | None = None) -> None:
+    def __init__(self, parts: Components, events: dict[int, Any] | None = None) -> None:
         self.parts, self.rng = parts, np.random.default_rng(parts.seed)
         self.value, self.frames, self.iteration = 0.0, 0, 0
         self.events = events or {}
@@ -45,7 +45,7 @@ class Walk(Algorithm):
 
     shape: ClassVar[dict[str, Any]] = {}  # type: ignore[misc]
 
-    def trained(self) -> Trained:
+    def trained(self) -> TrainedPolicy:
         """Walks have no policy."""
         raise NotImplementedError
 
@@ -61,9 +61,9 @@ class Walk(Algorithm):
         self.frames, self.iteration = state["counts"]
 
 
-def world(toy: Any = Nav2D) -> Parts:
+def world(toy: Any = Nav2D) -> Components:
     """Return parts whose environment counts by its name only."""
-    return Parts(Environment(partial(ToyEnv, partial(toy)), NavGoals()), policy=None)  # type: ignore[arg-type]
+    return Components(EnvironmentFactory(partial(ToyEnv, partial(toy)), NavGoals()), policy=None)  # type: ignore[arg-type]
 
 
 def go(out: Path, events: dict[int, Any] | None = None, **changes: Any) -> Walk:

@@ -235,7 +235,7 @@ def test_first_order_gradient_is_taken_where_adaptation_arrives() -> None:
     """Over many draws the estimate points along the gradient at the adapted parameters."""
     operator = FirstOrder(GradientAdaptation(queries=9, sigma=0.1, rate=0.05, baseline="mean"), 40)
     noise = np.random.default_rng(0).standard_normal((20, operator.queries, 3), dtype=np.float32)
-    cohort = operator.cohort(np.zeros((20, 3), np.float32), noise)
+    cohort = operator.start_batch(np.zeros((20, 3), np.float32), noise)
     target = np.array([1.0, -2.0, 0.5])
     for _ in range(len(operator.stages)):
         members = np.repeat(np.arange(20), len(cohort.available(0)))

@@ -16,7 +16,7 @@ from sim2real.evaluation.evaluate import run_cells
 from sim2real.learning.adapt import Identify, IdentifySession
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.environment import environment_of
-from sim2real.learning.population.identifying import score_identification
+from sim2real.learning.population.identification import score_identification
 from sim2real.runs.errors import Sim2RealError
 
 WORDS = ["env=hopper", "params=mass_friction", "policy=mlp", "env.task.max_steps=40"]
@@ -46,7 +46,9 @@ def log(ctrl: float, qpos: float) -> Log:
 
 def started(find: Any, seed: int = 0) -> IdentifySession:
     """Return a session of three episodes that looks at the last two logs."""
-    operator = Identify(episodes=3, last=2, find=find).within(environment_of(compose(TOLD)))
+    operator = Identify(episodes=3, last=2, find=find).bind_environment(
+        environment_of(compose(TOLD))
+    )
     return operator.start(THETA, np.random.default_rng(seed))
 
 
@@ -96,7 +98,7 @@ def test_a_policy_that_is_told_nothing_is_refused() -> None:
     """Neither it nor a training can identify, and a truth that is told is not adapted."""
     operator = Identify(episodes=1, last=1, find=Averages())
     with pytest.raises(Sim2RealError, match="trained without them"):
-        operator.within(environment_of(compose(WORDS)))
+        operator.bind_environment(environment_of(compose(WORDS)))
     for words, sentence in (
         ([*TOLD, *SMALL, "adapt=identify"], "trains no policy by identification"),
         ([*TOLD, *SMALL, "adapt=hillclimb"], "adapt what no robot gives it"),
@@ -118,7 +120,7 @@ def test_on_a_simulated_robot_it_finds_the_truth() -> None:
     again = score_identification(trained, adapt, robots, seeds, episodes=2)
     np.testing.assert_array_equal(scores.after, again.after)
     luck = np.concatenate([_fresh(adapt, trained.theta, seed) for seed in seeds])
-    oracle = trained.play(luck, values=np.repeat(robots, 2, axis=0)).returns
+    oracle = trained.run_episodes(luck, values=np.repeat(robots, 2, axis=0)).returns
     np.testing.assert_allclose(scores.after.ravel(), oracle, rtol=0.02)
     assert np.abs(scores.before - scores.after).max() > 0.02 * np.abs(oracle).max()
 

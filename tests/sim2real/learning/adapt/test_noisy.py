@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from sim2real.config.compose import compose, prepare
-from sim2real.learning.adapt import HillClimb, LinearGAE, Noisy, PolicyGradient
+from sim2real.learning.adapt import HillClimb, LinearGAE, NoisyReturns, PolicyGradient
 from sim2real.runs.errors import Sim2RealError
 
 CLIMB = HillClimb(mode="batch", queries=3, parallel=4, sigma=0.3)
 
 
-def climbed(operator: Noisy | HillClimb, seed: int = 0) -> np.ndarray:
+def climbed(operator: NoisyReturns | HillClimb, seed: int = 0) -> np.ndarray:
     """Return where an operator climbs to on a bowl about ones."""
     session = operator.start(np.zeros(20, np.float32), np.random.default_rng(seed))
     while (candidate := session.ask()) is not None:
@@ -22,27 +22,27 @@ def climbed(operator: Noisy | HillClimb, seed: int = 0) -> np.ndarray:
 
 def test_without_errors_it_is_the_operator() -> None:
     """Stages, episodes and results are the operator's own."""
-    exact = Noisy(CLIMB, scale=0.0)
+    exact = NoisyReturns(CLIMB, scale=0.0)
     assert (exact.stages, exact.episodes) == (CLIMB.stages, CLIMB.episodes)
     np.testing.assert_array_equal(climbed(exact), climbed(CLIMB))
-    assert (climbed(Noisy(CLIMB, "gaussian", scale=50.0)) != climbed(CLIMB)).any()
+    assert (climbed(NoisyReturns(CLIMB, "gaussian", scale=50.0)) != climbed(CLIMB)).any()
 
 
 def test_errors_follow_their_law() -> None:
     """Normal of the scale; or never above zero, in a share of the episodes."""
     many = HillClimb(mode="batch", queries=100, parallel=100, sigma=0.3)
     seed = np.random.default_rng(0).standard_normal(20, np.float32)
-    normal = Noisy(many, "gaussian", scale=2.0).errors(seed)
+    normal = NoisyReturns(many, "gaussian", scale=2.0).errors(seed)
     assert normal.mean() == pytest.approx(0.0, abs=0.1)
     assert normal.std() == pytest.approx(2.0, rel=0.05)
-    hurt = Noisy(many, "one_sided", scale=2.0, share=0.2).errors(seed)
+    hurt = NoisyReturns(many, "one_sided", scale=2.0, share=0.2).errors(seed)
     assert (hurt <= 0).all() and (hurt < 0).mean() == pytest.approx(0.2, abs=0.02)
     assert hurt[hurt < 0].mean() == pytest.approx(-2.0 * np.sqrt(2 / np.pi), rel=0.05)
 
 
 def test_members_have_errors_of_their_own_whatever_the_order() -> None:
     """Side by side as alone, and values are kept as they were."""
-    operator, start = Noisy(CLIMB, "gaussian", scale=5.0), np.zeros((3, 20), np.float32)
+    operator, start = NoisyReturns(CLIMB, "gaussian", scale=5.0), np.zeros((3, 20), np.float32)
     cohort = operator.start_many(start, [np.random.default_rng(seed) for seed in range(3)])
     told = []
     for member in (2, 0, 1):
@@ -60,7 +60,7 @@ def test_members_have_errors_of_their_own_whatever_the_order() -> None:
 
 def test_a_session_resumes_with_the_same_errors() -> None:
     """What is saved holds the seed of the errors."""
-    operator = Noisy(CLIMB, "gaussian", scale=5.0)
+    operator = NoisyReturns(CLIMB, "gaussian", scale=5.0)
     session = operator.start(np.zeros(20, np.float32), np.random.default_rng(0))
     for _ in range(6):
         candidate = session.ask()
@@ -82,7 +82,7 @@ def test_a_session_resumes_with_the_same_errors() -> None:
 def test_what_cannot_be_is_refused(given: dict, message: str) -> None:
     """With the value and what is allowed."""
     with pytest.raises(Sim2RealError, match=message):
-        Noisy(CLIMB, **given)
+        NoisyReturns(CLIMB, **given)
 
 
 def test_an_operator_that_needs_more_than_returns_is_refused() -> None:
@@ -90,7 +90,7 @@ def test_an_operator_that_needs_more_than_returns_is_refused() -> None:
     judge = LinearGAE(gamma=0.99, lmbda=0.95, ridge=1.0)
     gradient = PolicyGradient(trajectories=2, rate=0.1, surrogate="ratio", advantage=judge)
     with pytest.raises(Sim2RealError, match="does not adapt by returns alone"):
-        Noisy(gradient)
+        NoisyReturns(gradient)
 
 
 def test_it_is_composed() -> None:
@@ -98,7 +98,7 @@ def test_it_is_composed() -> None:
     words = ["+experiment=quad8_es", "adapt=noisy", "adapt@adapt.operator=average"]
     _, given = prepare(compose(words), __file__)  # type: ignore[arg-type]
     adapt = given["parts"].adapt
-    assert isinstance(adapt, Noisy) and str(adapt).endswith(
+    assert isinstance(adapt, NoisyReturns) and str(adapt).endswith(
         "one_sided errors of 0.5 in the returns"
     )
     assert isinstance(adapt.operator, HillClimb) and adapt.operator.mode == "average"

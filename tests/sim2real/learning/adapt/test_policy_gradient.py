@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-
-from sim2real.learning.adapt import LinearGAE, PolicyGradient, Steps
-from sim2real.learning.adapt.linear_gae import discounted
-from sim2real.learning.modules.law import Law, log_prob
-from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.learning.modules.test_law import policy
+
+from sim2real.learning.adapt import EpisodeTrajectory, LinearGAE, PolicyGradient
+from sim2real.learning.adapt.linear_gae import discounted
+from sim2real.learning.modules.functional_actor import FunctionalActor, log_prob
+from sim2real.runs.errors import Sim2RealError
 
 JUDGE = LinearGAE(gamma=0.9, lmbda=1.0, ridge=1e-5)
 ADAPT = PolicyGradient(trajectories=3, rate=0.2, surrogate="likelihood", advantage=JUDGE)
@@ -51,20 +51,20 @@ def test_advantages_are_what_the_fit_leaves_of_the_returns() -> None:
     torch.testing.assert_close(both[0], found)
 
 
-def session(size: int = 3, **changes: Any) -> tuple[Any, Law, np.ndarray]:
+def session(size: int = 3, **changes: Any) -> tuple[Any, FunctionalActor, np.ndarray]:
     """Return a session of a small policy, its law and the parameters before."""
     actor = policy(size).float().actor
-    law = Law(actor)
+    law = FunctionalActor(actor)
     theta = law.vector().numpy()
-    operator = replace(ADAPT, **changes).of(actor)
+    operator = replace(ADAPT, **changes).bind_policy(actor)
     return operator.start(theta, np.random.default_rng(0)), law, theta
 
 
-def episodes() -> list[Steps]:
+def episodes() -> list[EpisodeTrajectory]:
     """Return three episodes of different lengths."""
     rng = np.random.default_rng(1)
     return [
-        Steps(
+        EpisodeTrajectory(
             rng.standard_normal((n, 4)).astype(np.float32),
             rng.standard_normal((n, 1)).astype(np.float32),
             rng.standard_normal(n),
@@ -139,6 +139,6 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
     with pytest.raises(Sim2RealError, match="all 3 episodes have been told"):
         one.tell(0.0, episodes()[0])
     with pytest.raises(Sim2RealError, match="use adapt=gradient"):
-        ADAPT.cohort(theta[None], np.zeros((1, 0, len(theta))))
+        ADAPT.start_batch(theta[None], np.zeros((1, 0, len(theta))))
     with pytest.raises(Sim2RealError, match=r"operator\.of\(actor\)"):
         ADAPT.start(theta, np.random.default_rng(0))

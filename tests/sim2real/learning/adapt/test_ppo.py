@@ -19,12 +19,12 @@ from torchrl.objectives.value import GAE
 
 from envs import MujocoEnv
 from envs.tasks import InvertedPendulum
-from sim2real.learning.adapt import PPOAdaptation, Steps
-from sim2real.learning.adapt.clipped import Learner, Learners, Round
-from sim2real.learning.environment import Environment
-from sim2real.learning.modules.law import Law
-from sim2real.learning.modules.policies import Policy, actor_critic
-from sim2real.learning.modules.value import Critic, Value
+from sim2real.learning.adapt import EpisodeTrajectory, PPOAdaptation
+from sim2real.learning.adapt.batched_ppo import BatchedPPO, BlockedPPO, RolloutBatch
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.modules.actor_critic import Policy, actor_critic
+from sim2real.learning.modules.functional_actor import FunctionalActor
+from sim2real.learning.modules.value import Critic, FunctionalCritic
 from sim2real.runs.errors import Sim2RealError
 
 ADAPT = PPOAdaptation(
@@ -45,15 +45,15 @@ ADAPT = PPOAdaptation(
 def policy(activation: type[nn.Module] = nn.ReLU) -> Policy:
     """Return a small actor and its critic."""
     torch.manual_seed(0)
-    env = Environment(partial(MujocoEnv, task=InvertedPendulum())).make(2)
+    env = EnvironmentFactory(partial(MujocoEnv, task=InvertedPendulum())).make(2)
     network = partial(MLP, num_cells=[16, 8], activation_class=activation)
     return actor_critic(env, actor=network, critic=network, log_std=-0.3, orthogonal=False)
 
 
-def networks(activation: type[nn.Module] = nn.ReLU) -> tuple[Law, Value]:
+def networks(activation: type[nn.Module] = nn.ReLU) -> tuple[FunctionalActor, FunctionalCritic]:
     """Return its law and the critic's value."""
     made = policy(activation)
-    return Law(made.actor), Value(made.critic)
+    return FunctionalActor(made.actor), FunctionalCritic(made.critic)
 
 
 def parameters(made: Policy) -> torch.Tensor:
@@ -63,12 +63,12 @@ def parameters(made: Policy) -> torch.Tensor:
     return parameters_to_vector(both).detach()
 
 
-def rounds(members: int, steps: int = 40, seed: int = 1) -> Round:
+def rounds(members: int, steps: int = 40, seed: int = 1) -> RolloutBatch:
     """Return steps of some members: episodes that the task ends, and such as time ends."""
     rng = torch.Generator().manual_seed(seed)
     shape = members, steps
     terminated = torch.rand(*shape, generator=rng) < 0.1
-    return Round(
+    return RolloutBatch(
         torch.randn(*shape, 4, generator=rng),
         torch.randn(*shape, 1, generator=rng),
         torch.randn(*shape, generator=rng),
@@ -84,7 +84,7 @@ def orders(members: int, steps: int = 40, seed: int = 2) -> torch.Tensor:
     return torch.from_numpy(np.stack([ADAPT.orders(rng, steps) for _ in range(members)]))
 
 
-def by_torchrl(made: Any, steps: Round, order: torch.Tensor, optimizer: Any) -> None:
+def by_torchrl(made: Any, steps: RolloutBatch, order: torch.Tensor, optimizer: Any) -> None:
     """Improve a policy by a round of one member with TorchRL's parts."""
     loss = ClipPPOLoss(
         made.actor,
@@ -121,7 +121,7 @@ def by_torchrl(made: Any, steps: Round, order: torch.Tensor, optimizer: Any) -> 
 def test_a_member_learns_as_by_torchrl(activation: type[nn.Module]) -> None:
     """Three rounds equal `GAE`, `ClipPPOLoss` and `torch.optim.Adam`, in the same order."""
     made, start = policy(activation), parameters(policy(activation))
-    learner = Learner(ADAPT, *networks(activation), start[None])
+    learner = BatchedPPO(ADAPT, *networks(activation), start[None])
     optimizer = torch.optim.Adam(made.parameters(), lr=ADAPT.learning_rate, eps=ADAPT.eps)
     for number in range(3):
         steps, order = rounds(1, seed=10 + number), orders(1, seed=20 + number)
@@ -135,8 +135,8 @@ def test_a_member_learns_as_by_torchrl(activation: type[nn.Module]) -> None:
 def test_an_end_of_time_is_followed_by_its_value_and_no_other() -> None:
     """The target of a last step is its reward, plus the discounted value where time ended it."""
     law, value = networks()
-    learner = Learner(ADAPT, law, value, parameters(policy())[None])
-    steps = Round(*(x[:, :3] for x in rounds(1)))
+    learner = BatchedPPO(ADAPT, law, value, parameters(policy())[None])
+    steps = RolloutBatch(*(x[:, :3] for x in rounds(1)))
     terminated, done = torch.tensor([[True, False, False]]), torch.ones(1, 3, dtype=torch.bool)
     target = learner._samples(steps._replace(done=done, terminated=terminated)).target[0]
     later = value(value.vector(), steps.after[0]).detach()
@@ -152,17 +152,17 @@ def test_members_side_by_side_equal_a_loop(activation: type[nn.Module]) -> None:
     thetas = parameters(policy(activation)).numpy() + np.float32(0.1) * noise
     own, steps, order = networks(activation), rounds(count), orders(count)
     seen, drawn = rng.standard_normal((count, 4)), rng.standard_normal((count, 1))
-    together = Learners(ADAPT, *own, thetas)
+    together = BlockedPPO(ADAPT, *own, thetas)
     together.learn(steps, order)
     actions = together.act(seen, drawn)
     for i in (0, 17, 31, 32, 34):
         one = slice(i, i + 1)
-        alone = Learners(ADAPT, *own, thetas[one])
-        alone.learn(Round(*(x[one] for x in steps)), order[one])
+        alone = BlockedPPO(ADAPT, *own, thetas[one])
+        alone.learn(RolloutBatch(*(x[one] for x in steps)), order[one])
         np.testing.assert_array_equal(alone.thetas, together.thetas[one])
         np.testing.assert_array_equal(alone.act(seen[one], drawn[one]), actions[one])
-    single = Learner(ADAPT, *own, torch.from_numpy(thetas[:1]))  # not filled up to a block
-    single.learn(Round(*(x[:1] for x in steps)), order[:1])
+    single = BatchedPPO(ADAPT, *own, torch.from_numpy(thetas[:1]))  # not filled up to a block
+    single.learn(RolloutBatch(*(x[:1] for x in steps)), order[:1])
     np.testing.assert_allclose(single.thetas.numpy(), together.thetas[:1], atol=1e-5)
 
 
@@ -170,7 +170,7 @@ def test_the_first_step_of_each_member_is_the_learning_rate() -> None:
     """A fresh Adam moves along the sign of the gradient, however long that is."""
     adapt = replace(ADAPT, epochs=1, minibatch_size=40, eps=1e-12)
     theta = parameters(policy())
-    learner = Learner(adapt, *networks(), torch.stack([theta, theta]))
+    learner = BatchedPPO(adapt, *networks(), torch.stack([theta, theta]))
     learner.learn(rounds(2), torch.arange(40).expand(2, 1, 40))
     moved = (learner.thetas - theta).abs()
     torch.testing.assert_close(moved[moved > 1e-9], torch.full_like(moved[moved > 1e-9], 3e-3))
@@ -182,15 +182,15 @@ def session(unit: float = 1.0, **changes: Any) -> tuple[Any, np.ndarray]:
     made = policy()
     assert made.critic is not None
     theta = parameters_to_vector(made.actor.parameters()).detach().numpy()
-    operator = replace(ADAPT, **changes).of(made.actor, Critic(made.critic, unit))
+    operator = replace(ADAPT, **changes).bind_policy(made.actor, Critic(made.critic, unit))
     return operator.start(theta, np.random.default_rng(0)), theta
 
 
-def episodes(unit: float = 1.0) -> list[Steps]:
+def episodes(unit: float = 1.0) -> list[EpisodeTrajectory]:
     """Return three episodes, of which time ends the second."""
     rng = np.random.default_rng(1)
     return [
-        Steps(
+        EpisodeTrajectory(
             rng.standard_normal((n, 4)).astype(np.float32),
             rng.standard_normal((n, 1)).astype(np.float32),
             unit * rng.standard_normal(n),
@@ -203,7 +203,7 @@ def episodes(unit: float = 1.0) -> list[Steps]:
 def test_a_session_learns_after_each_episode_as_a_member_does() -> None:
     """The asked parameters are those of a member that is given the same steps as rounds."""
     one, theta = session()
-    learner = Learner(ADAPT, *networks(), parameters(policy())[None])
+    learner = BatchedPPO(ADAPT, *networks(), parameters(policy())[None])
     for number, steps in enumerate(episodes(), 1):
         asked = one.ask()
         np.testing.assert_array_equal(asked, learner.thetas[0, : len(theta)])
@@ -221,7 +221,7 @@ def test_a_session_learns_after_each_episode_as_a_member_does() -> None:
         )
         rng = np.random.default_rng([one._seed, number])
         order = torch.from_numpy(ADAPT.orders(rng, length))
-        learner.learn(Round(*(x[None] for x in member)), order[None])
+        learner.learn(RolloutBatch(*(x[None] for x in member)), order[None])
     assert one.ask() is None and np.abs(one.result - theta).max() > 1e-3
 
 
@@ -267,12 +267,12 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
     with pytest.raises(Sim2RealError, match=r"operator\.of\(actor, critic\)"):
         ADAPT.start(theta, np.random.default_rng(0))
     with pytest.raises(Sim2RealError, match="here is none; train with policy=actor_"):
-        ADAPT.of(policy().actor)
+        ADAPT.bind_policy(policy().actor)
     with pytest.raises(Sim2RealError, match="here is none"):
         ADAPT.check(object())
     shared: Any = policy().critic
     with pytest.raises(Sim2RealError, match="here is TensorDictSequential"):
-        Value(TensorDictSequential(shared))  # as of an actor and a critic that share
+        FunctionalCritic(TensorDictSequential(shared))  # as of an actor and a critic that share
     operator = one._recipe
     with pytest.raises(Sim2RealError, match=r"algorithm\.critic=true"):
         operator.cohort(theta[None], np.zeros((1, 0, len(theta))))

@@ -17,8 +17,8 @@ from sim2real.config.compose import compose, prepare
 from sim2real.learning.adapt import HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.esmaml import ESMAML
-from sim2real.learning.modules.policies import actor_critic
-from sim2real.learning.population.population import Members, Population, Results
+from sim2real.learning.modules.actor_critic import actor_critic
+from sim2real.learning.population.population import Population, PopulationRequest, PopulationResult
 from sim2real.learning.population.remote import ClusterError, RemotePopulation
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.learning.adapt.test_ppo import ADAPT
@@ -35,7 +35,7 @@ def small(adapt: Any = QUICK, seed: int = 0, **changes: Any) -> ESMAML:
     return made(BiasedCartPole, AngleBias(), POLICY, adapt, seed, **{**OWN, **changes})
 
 
-def members(algorithm: ESMAML, count: int = 7) -> Members:
+def members(algorithm: ESMAML, count: int = 7) -> PopulationRequest:
     """Return members with parameters, robots and seeds of their own."""
     rng, adapt = np.random.default_rng(0), algorithm._operator()
     noise = rng.standard_normal((count, len(algorithm.theta))).astype(np.float32)
@@ -43,7 +43,7 @@ def members(algorithm: ESMAML, count: int = 7) -> Members:
     values = AngleBias().sample(rng, count)
     seeds = rng.integers(0, 2**63, (count, adapt.episodes + 2), dtype=np.uint64)
     none = np.zeros((count, 0, len(algorithm.theta)), np.float32)
-    return Members(adapt.cohort(thetas, none), values, values / 2, seeds)
+    return PopulationRequest(adapt.start_batch(thetas, none), values, values / 2, seeds)
 
 
 def test_rows_and_shards_change_no_bit() -> None:
@@ -51,7 +51,7 @@ def test_rows_and_shards_change_no_bit() -> None:
     algorithm = small()
     algorithm.iterate()
 
-    def run(counts: list[int]) -> Results:
+    def run(counts: list[int]) -> PopulationResult:
         rows = [BiasedCartPole(count) for count in counts]
         return Population(rows, algorithm.policy).run(members(algorithm), algorithm.normalizer)
 
@@ -71,8 +71,8 @@ def test_the_final_episodes_are_those_of_what_was_learned() -> None:
     one = members(algorithm)
     results = algorithm.population.run(one, algorithm.normalizer)
     assert (np.abs(results.thetas - members(algorithm).cohort.results) > 0).any(axis=1).all()
-    cohort = NoAdaptation().cohort(results.thetas, np.zeros((7, 0, 1), np.float32))
-    fresh = Members(cohort, one.final_values, one.final_values, one.seeds[:, 2:])
+    cohort = NoAdaptation().start_batch(results.thetas, np.zeros((7, 0, 1), np.float32))
+    fresh = PopulationRequest(cohort, one.final_values, one.final_values, one.seeds[:, 2:])
     played = algorithm.population.run(fresh, algorithm.normalizer)
     np.testing.assert_array_equal(played.returns, results.final)
 

@@ -18,10 +18,10 @@ from envs.tasks.base import Task
 from envs.tasks.hopper import Hopper
 from envs.toys import AngleBias, BiasedCartPole, Nav2D, NavGoals, NoisyNav2D, ToyEnv
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
-from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings, make_shards
-from sim2real.learning.environment import Environment
-from sim2real.learning.modules.policy import mlp_policy
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.modules.mlp_policy import mlp_policy
 from sim2real.learning.population.population import evaluate_adaptation
 
 LINEAR = partial(mlp_policy, hidden=(), activation="tanh", output="linear", initial="zero")
@@ -45,7 +45,9 @@ def made(env: Any, tasks: Any, policy: Any, adapt: Adaptation, seed: int, **opti
     """Return the algorithm in a world: a toy, or a task of the simulator."""
     simulated = isinstance(env, Task)
     base: partial[Any] = partial(MujocoEnv, task=env) if simulated else partial(ToyEnv, env)
-    return ESMAML(Parts(Environment(base, tasks), policy, seed, adapt), ESMAMLSettings(**options))
+    return ESMAML(
+        Components(EnvironmentFactory(base, tasks), policy, seed, adapt), ESMAMLSettings(**options)
+    )
 
 
 def make_nav(adapt: Adaptation, seed: int = 0, **changes: Any) -> ESMAML:
@@ -238,4 +240,4 @@ def test_bad_input_is_refused() -> None:
     with pytest.raises(ValueError, match="gradient adaptation"):
         make_nav(CLIMB, meta_estimator="first_order")
     with pytest.raises(ValueError, match="shards=3"):
-        make_shards(Environment(partial(ToyEnv, Nav2D), NavGoals()), 2, 3)
+        make_shards(EnvironmentFactory(partial(ToyEnv, Nav2D), NavGoals()), 2, 3)

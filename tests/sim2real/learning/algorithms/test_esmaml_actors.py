@@ -17,12 +17,12 @@ from envs.mujoco import MujocoEnv
 from envs.randomization import Draw, Randomization
 from envs.tasks import Hopper
 from sim2real.learning.adapt import GradientAdaptation, HillClimb
-from sim2real.learning.algorithms.base import Parts
+from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
-from sim2real.learning.environment import Environment
-from sim2real.learning.modules.policies import actor_critic
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.modules.actor_critic import actor_critic
 from sim2real.learning.population.actors import ActorSlots, PerceptronSlots
-from sim2real.learning.population.population import Members
+from sim2real.learning.population.population import PopulationRequest
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.learning.algorithms.test_esmaml import OPTIONS, SMALL
 
@@ -54,9 +54,11 @@ def made(policy: Any, adapt: Any = CLIMB, seed: int = 0, **changes: Any) -> ESMA
     """Return the algorithm on short Hopper episodes with masses of their own."""
     transforms = changes.pop("transforms", {})
     tasks = Randomization([Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0)])
-    environment = Environment(partial(MujocoEnv, task=Hopper(max_steps=15)), tasks, transforms)
+    environment = EnvironmentFactory(
+        partial(MujocoEnv, task=Hopper(max_steps=15)), tasks, transforms
+    )
     return ESMAML(
-        Parts(environment, policy, seed, adapt),
+        Components(environment, policy, seed, adapt),
         ESMAMLSettings(**{**OPTIONS, **SMALL, "pairs": 3, **changes}),
     )
 
@@ -82,11 +84,11 @@ def test_what_is_trained_plays_as_its_members_did(policy: Any) -> None:
     algorithm.iterate()
     rng = np.random.default_rng(0)
     values, seeds = algorithm.tasks.sample(rng, 3), np.arange(3, dtype=np.uint64)
-    played = algorithm.trained().play(seeds, values=values)
+    played = algorithm.trained().run_episodes(seeds, values=values)
     cohort = CLIMB.start_many(np.tile(algorithm.theta, (3, 1)), [rng] * 3)
     episodes = np.repeat(seeds[:, None], CLIMB.episodes, axis=1)
     results = algorithm.population.run(
-        Members(cohort, values, values, episodes), algorithm.normalizer
+        PopulationRequest(cohort, values, values, episodes), algorithm.normalizer
     )
     np.testing.assert_allclose(played.returns, results.returns[:, 0], rtol=1e-4)
 

@@ -17,7 +17,7 @@ from sim2real.config.compose import compose, prepare
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.pg_maml import PGMAML
 from sim2real.learning.collectors.by_task import TaskActor, TaskBatch
-from sim2real.learning.modules.law import Law
+from sim2real.learning.modules.functional_actor import FunctionalActor
 from sim2real.runs.checkpoint import CheckpointStore, restore
 from sim2real.runs.errors import CheckpointError, Sim2RealError
 from sim2real.verbs import evaluate
@@ -73,7 +73,7 @@ def test_rows_keep_their_task_until_the_next_iteration() -> None:
 def test_each_task_acts_by_its_own_parameters() -> None:
     """What an actor of tasks does in a row is what that row's actor does alone."""
     algorithm = learner(*SMALL)
-    law = Law(algorithm.policy.actor)
+    law = FunctionalActor(algorithm.policy.actor)
     actor = TaskActor(law, 3)
     actor.thetas = law.vector() + torch.tensor([[0.0], [0.5], [-0.5]])
     shown = torch.randn(12, 2)

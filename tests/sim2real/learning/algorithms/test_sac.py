@@ -235,7 +235,7 @@ def test_it_learns_to_balance_a_pole() -> None:
     score, seeds = 0.0, np.arange(8, dtype=np.uint64)
     while score < 95 and algorithm.frames < 6000:
         algorithm.iterate()
-        score = algorithm.trained().play(seeds).returns.mean()
+        score = algorithm.trained().run_episodes(seeds).returns.mean()
     assert score >= 95
 
 
@@ -247,9 +247,11 @@ def test_what_it_trained_acts_within_the_limits() -> None:
     program = trained.program(trained.theta)
     with torch.no_grad():
         expected = program(torch.from_numpy(seen)).numpy()
-    pilot = trained.pilot(num_rows=6)
+    pilot = trained.controller(num_rows=6)
     np.testing.assert_allclose(pilot(seen), expected, atol=1e-5)
-    assert trained.environment.shown()[2] == pytest.approx(3.0)  # [N], of the limits
+    assert trained.environment.observation_and_action_spec()[2] == pytest.approx(
+        3.0
+    )  # [N], of the limits
     assert 0 < np.abs(expected).max() < 3.0
 
 

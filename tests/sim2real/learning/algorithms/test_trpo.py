@@ -17,7 +17,7 @@ from torch.nn.utils import parameters_to_vector
 from envs import MujocoEnv
 from envs.tasks import HopperPolito, InvertedPendulum
 from sim2real.learning.algorithms.trpo import TRPO
-from sim2real.learning.modules.law import divergence, log_prob
+from sim2real.learning.modules.functional_actor import divergence, log_prob
 from sim2real.learning.optimizers.natural import RESIDUAL
 from sim2real.runs.checkpoint import CheckpointStore, restore
 from sim2real.runs.errors import Sim2RealError
@@ -157,7 +157,7 @@ def test_it_learns_to_balance_a_pole() -> None:
     seeds = np.arange(8, dtype=np.uint64)
     while score < 57 and algorithm.frames < 20_000:
         algorithm.iterate()
-        score = algorithm.trained().play(seeds).returns.mean()
+        score = algorithm.trained().run_episodes(seeds).returns.mean()
     assert score >= 57
 
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 import torch
+from tests.sim2real.learning.modules.test_law import policy
 from torch.func import hessian, vmap
 
 from sim2real.learning.adapt import LinearGAE, PolicyGradient
-from sim2real.learning.adapt.policy_gradient import Experience
+from sim2real.learning.adapt.policy_gradient import TransitionBatch
 from sim2real.learning.losses.meta import MetaObjective
-from sim2real.learning.modules.law import Law, divergence, log_prob
-from tests.sim2real.learning.modules.test_law import policy
+from sim2real.learning.modules.functional_actor import FunctionalActor, divergence, log_prob
 
 Tensor = torch.Tensor
 TASKS, STEPS = 3, 12
@@ -21,7 +21,7 @@ ADAPT = PolicyGradient(trajectories=4, rate=0.3, surrogate="likelihood", advanta
 surrogates = pytest.mark.parametrize("surrogate", ["likelihood", "ratio"])
 
 
-def experience(law: Law, thetas: Tensor, seed: int) -> Experience:
+def experience(law: FunctionalActor, thetas: Tensor, seed: int) -> TransitionBatch:
     """Return steps of each task, drawn under parameters (B, P)."""
     generator = torch.Generator().manual_seed(seed)
 
@@ -33,13 +33,13 @@ def experience(law: Law, thetas: Tensor, seed: int) -> Experience:
     action = loc + log_scale.exp() * random(1)
     score = log_prob((loc, log_scale), action)
     weight = torch.full_like(score, 1 / STEPS)
-    return Experience((seen,), action, score, random(), weight)
+    return TransitionBatch((seen,), action, score, random(), weight)
 
 
 def made(surrogate: str = "likelihood", first_order: bool = False) -> MetaObjective:
     """Return an objective of 3 tasks and a net of 4 tanh units, in float64."""
     torch.manual_seed(1)
-    law = Law(policy(4).actor)
+    law = FunctionalActor(policy(4).actor)
     start = law.vector()
     adapt = replace(ADAPT, surrogate=surrogate)
     before = experience(law, start.expand(TASKS, -1), 0)
@@ -115,10 +115,10 @@ def test_a_sample_of_steps_bends_where_all_of_them_arrive() -> None:
     """With a few steps the product is taken at the exact adapted parameters."""
     objective = made()
 
-    def pick(x: Experience) -> Experience:
+    def pick(x: TransitionBatch) -> TransitionBatch:
         action, log_prob, advantage = (part[:, :4] for part in x[1:4])
         weight = torch.full_like(log_prob, 0.25)
-        return Experience((x.seen[0][:, :4],), action, log_prob, advantage, weight)
+        return TransitionBatch((x.seen[0][:, :4],), action, log_prob, advantage, weight)
 
     few = pick(objective.before), pick(objective.after)
     found = objective.fisher(pick)(objective.start)

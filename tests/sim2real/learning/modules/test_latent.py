@@ -8,7 +8,7 @@ import torch
 
 from sim2real.learning.adapt import LatentSearch
 from sim2real.learning.modules.latent import LatentPolicy
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.modules.mlp_policy import MLPPolicy
 from sim2real.runs.errors import Sim2RealError
 
 LIMITS = (-np.ones(2), np.ones(2))

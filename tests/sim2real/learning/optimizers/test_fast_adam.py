@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import nn
 
-from sim2real.learning.modules.flat import FlatParameters, side_by_side
+from sim2real.learning.modules.flat import FlatParameters, contiguous_vector
 from sim2real.learning.optimizers.fast_adam import FastAdam
 from sim2real.runs.errors import Sim2RealError
 
@@ -96,9 +96,9 @@ def test_parameters_lie_side_by_side() -> None:
     module[0].weight.data = torch.ones(4, 3).double()
     assert one.renew() and one.vector.sum() == 12
     parts = list(torch.zeros(6).split(3))
-    assert side_by_side(parts) is not None
-    assert side_by_side(parts[::-1]) is None
-    assert side_by_side([torch.zeros(3), torch.zeros(3)]) is None
+    assert contiguous_vector(parts) is not None
+    assert contiguous_vector(parts[::-1]) is None
+    assert contiguous_vector([torch.zeros(3), torch.zeros(3)]) is None
 
 
 def test_a_gradient_is_clipped_as_torch_does() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from sim2real.learning.optimizers.natural import Assessed, NaturalStep, conjugate_gradient
+from sim2real.learning.optimizers.natural import NaturalStep, ObjectiveAndKL, conjugate_gradient
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -26,9 +26,9 @@ def metric() -> Tensor:
     return turn.double() @ torch.diag(STRETCH) @ turn.double().T
 
 
-def linear(theta: Tensor) -> Assessed:
+def linear(theta: Tensor) -> ObjectiveAndKL:
     """Return an objective that rises along the gradient, and the metric's own divergence."""
-    return Assessed(float(GRADIENT @ theta), float(theta @ metric() @ theta) / 2 * 0.999)
+    return ObjectiveAndKL(float(GRADIENT @ theta), float(theta @ metric() @ theta) / 2 * 0.999)
 
 
 def test_conjugate_gradients_solve() -> None:
@@ -48,14 +48,14 @@ def test_it_steps_to_the_edge_of_the_trust_region(damping: float) -> None:
     direction = torch.linalg.solve(damped, GRADIENT)
     length = (2 * 0.01 / (direction @ damped @ direction)).sqrt()
     torch.testing.assert_close(taken.theta, length * direction)
-    assert taken.why == "" and taken.backtracks == 0 and 0 < taken.kl < 0.01
+    assert taken.reason == "" and taken.backtracks == 0 and 0 < taken.kl < 0.01
     assert taken.gain == pytest.approx(float(GRADIENT @ taken.theta))
 
 
 def test_it_is_shortened_until_it_holds() -> None:
     """Where the divergence grows faster than its quadratic model, the length is halved."""
 
-    def steep(theta: Tensor) -> Assessed:
+    def steep(theta: Tensor) -> ObjectiveAndKL:
         found = linear(theta)
         return found._replace(kl=10 * found.kl)
 
@@ -69,9 +69,9 @@ WITHOUT = {
     "the gradient is zero": {"gradient": START},
     "the gradient is not finite": {"gradient": GRADIENT * NAN},
     "a curvature of -": {"product": lambda v: -v},
-    "none of 5 lengths raises the objective": {"assess": lambda v: Assessed(0.0, 0.0)},
-    "within a divergence of 0.01": {"assess": lambda v: Assessed(float(GRADIENT @ v), 1.0)},
-    "lengths raises": {"assess": lambda v: Assessed(NAN if v.any() else 0.0, 0.0)},
+    "none of 5 lengths raises the objective": {"assess": lambda v: ObjectiveAndKL(0.0, 0.0)},
+    "within a divergence of 0.01": {"assess": lambda v: ObjectiveAndKL(float(GRADIENT @ v), 1.0)},
+    "lengths raises": {"assess": lambda v: ObjectiveAndKL(NAN if v.any() else 0.0, 0.0)},
 }
 
 
@@ -84,7 +84,7 @@ def test_without_a_direction_it_says_so_and_keeps_the_parameters(
     given |= WITHOUT[sentence]
     with caplog.at_level(logging.WARNING):
         taken = NaturalStep(**SETTINGS)(START, **given)
-    assert sentence in taken.why and sentence in caplog.text
+    assert sentence in taken.reason and sentence in caplog.text
     assert taken.theta is START and (taken.gain, taken.kl) == (0.0, 0.0)
 
 

@@ -24,7 +24,7 @@ from envs.mujoco import MujocoEnv
 from envs.tasks import Hopper
 from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.population.actors import ActorPolicy, ActorSlots, PerceptronSlots
-from sim2real.learning.population.population import Members, Population
+from sim2real.learning.population.population import Population, PopulationRequest
 from sim2real.runs.errors import Sim2RealError
 
 KEYS: list[NestedKey] = ["loc", "scale"]
@@ -142,7 +142,7 @@ def test_a_population_runs_it() -> None:
         env = MujocoEnv(Hopper(max_steps=20), rows, threads=1)
         cohort = cohort_of.start_many(thetas(one, 5), [np.random.default_rng(0)] * 5)
         seeds = np.arange(5, dtype=np.uint64)[:, None]
-        members = Members(cohort, np.zeros((5, 0)), np.zeros((5, 0)), seeds)
+        members = PopulationRequest(cohort, np.zeros((5, 0)), np.zeros((5, 0)), seeds)
         returns.append(Population([env.rows], one).run(members, None).returns)  # type: ignore[arg-type]
     assert np.array_equal(*returns) and len(np.unique(returns[0])) == 5
 

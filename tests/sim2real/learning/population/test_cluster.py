@@ -18,22 +18,22 @@ import pytest
 
 from envs.toys import Nav2D, NavGoals, ToyEnv
 from sim2real.learning.adapt import HillClimb
-from sim2real.learning.algorithms.base import Algorithm, Parts
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
-from sim2real.learning.environment import Environment
-from sim2real.learning.modules.policy import mlp_policy
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.modules.mlp_policy import mlp_policy
 from sim2real.learning.population.cluster import Cluster
 from sim2real.learning.population.flat_policy import FlatPolicy
 from sim2real.learning.population.remote import (
     Batch,
     ClusterError,
-    Frame,
     Link,
-    Lost,
+    ObservationScaling,
     Outcomes,
     RemotePopulation,
     RemoteShard,
     Worker,
+    WorkerLostError,
 )
 
 ES = {
@@ -50,8 +50,8 @@ def learner() -> ESMAML:
     """Return an algorithm on Nav-2D whose members adapt in three stages."""
     policy = partial(mlp_policy, hidden=(4,), activation="tanh", output="tanh", initial="normal")
     climb = HillClimb(mode="batch", queries=3, parallel=2, sigma=0.1)
-    world = Environment(partial(ToyEnv, SHORT), NavGoals())
-    return ESMAML(Parts(world, policy, 0, climb), ESMAMLSettings(**ES))  # type: ignore[arg-type]
+    world = EnvironmentFactory(partial(ToyEnv, SHORT), NavGoals())
+    return ESMAML(Components(world, policy, 0, climb), ESMAMLSettings(**ES))  # type: ignore[arg-type]
 
 
 def iterated(algorithm: ESMAML, count: int = 4) -> tuple[list[dict[str, float]], np.ndarray]:
@@ -66,11 +66,11 @@ class Near:
         self._worker = Worker(lambda: SHORT(num_rows=5), policy, 1)
         self._deaths, self._count = deaths, count
 
-    def advance(self, frame: Frame, batch: Batch) -> Outcomes:
+    def advance(self, frame: ObservationScaling, batch: Batch) -> Outcomes:
         """Work, and perhaps die before telling."""
         outcomes = self._worker.advance(frame, batch)
         if next(self._count) in self._deaths:
-            raise Lost("killed")
+            raise WorkerLostError("killed")
         return outcomes
 
 
@@ -130,9 +130,11 @@ def test_a_worker_forgets_what_an_aborted_run_left() -> None:
     worker = Worker(lambda: SHORT(num_rows=2), policy, 1)
     thetas = np.zeros((4, policy.num_parameters), np.float32)
     batch = Batch(np.arange(4), thetas, np.ones((4, 2)), np.arange(4, dtype=np.uint64))
-    first = worker.advance(Frame(1, None, None), batch)
+    first = worker.advance(ObservationScaling(1, None, None), batch)
     assert len(first.tickets) < 4
-    second = worker.advance(Frame(2, None, None), batch._replace(tickets=np.arange(10, 14)))
+    second = worker.advance(
+        ObservationScaling(2, None, None), batch._replace(tickets=np.arange(10, 14))
+    )
     assert (second.tickets >= 10).all() and len(second.tickets) > 0
 
 

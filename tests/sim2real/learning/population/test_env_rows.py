@@ -17,10 +17,10 @@ from envs.mujoco import MujocoEnv
 from envs.randomization import Draw, Randomization
 from envs.tasks import Hopper
 from sim2real.learning.adapt import NoAdaptation
-from sim2real.learning.environment import Environment
-from sim2real.learning.modules.policy import mlp_policy
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.modules.mlp_policy import mlp_policy
 from sim2real.learning.population.env_rows import EnvRows
-from sim2real.learning.population.population import Members, Population
+from sim2real.learning.population.population import Population, PopulationRequest
 from sim2real.learning.transforms import RewardScaling, RunningNorm
 from sim2real.runs.errors import Sim2RealError
 
@@ -48,12 +48,14 @@ class Doubled(ObservationTransform):
         return self._call(tensordict_reset)
 
 
-def world(max_steps: int = 12, **transforms: Any) -> Environment:
+def world(max_steps: int = 12, **transforms: Any) -> EnvironmentFactory:
     """Return short Hopper episodes with transforms."""
-    return Environment(partial(MujocoEnv, task=Hopper(max_steps=max_steps)), TASKS, transforms)
+    return EnvironmentFactory(
+        partial(MujocoEnv, task=Hopper(max_steps=max_steps)), TASKS, transforms
+    )
 
 
-def returns(environment: Environment, num_rows: int, scale: float = 1.0) -> np.ndarray:
+def returns(environment: EnvironmentFactory, num_rows: int, scale: float = 1.0) -> np.ndarray:
     """Return what five members come to in two episodes each; `scale` is of what is shown."""
     policy = POLICY(environment.make(1, threads=1))
     rng = np.random.default_rng(0)
@@ -65,7 +67,11 @@ def returns(environment: Environment, num_rows: int, scale: float = 1.0) -> np.n
     values = TASKS.sample(rng, 5)
     cohort = NoAdaptation().start_many(thetas, [rng] * 5)
     seeds = np.arange(10, dtype=np.uint64).reshape(5, 2)
-    return Population(shards, policy).run(Members(cohort, values, values, seeds), None).returns
+    return (
+        Population(shards, policy)
+        .run(PopulationRequest(cohort, values, values, seeds), None)
+        .returns
+    )
 
 
 @pytest.mark.parametrize("num_rows", [1, 3, 12])
@@ -155,7 +161,7 @@ class Deaf(Drift):
 def test_somebody_else_s_environment_is_rows_too() -> None:
     """Parameters and seeds reach the rows that restart; its own values are neutral."""
     limit = {"steps": partial(StepCounter, max_steps=3)}
-    rows = Environment(partial(Drift), transforms=limit).rows(3)
+    rows = EnvironmentFactory(partial(Drift), transforms=limit).rows(3)
     assert rows.space.names == ("pull",) and rows.space.neutral == [0.5]
     ids, values = np.array([0, 2]), np.array([[1.0], [0.0]])
     first = rows.reset(ids, values, np.array([7, 8], np.uint64))
@@ -175,11 +181,11 @@ def test_somebody_else_s_environment_is_rows_too() -> None:
             "went otherwise the second time: MujocoEnv with the",
         ),
         (world(pay=partial(RewardScaling, 0.99)), "RewardScaling; leave out transforms that keep"),
-        (Environment(partial(Drift, own=True)), "Drift with the transforms none"),
-        (Environment(partial(Deaf)), r"Deaf takes none .*; let its _reset take seeds"),
+        (EnvironmentFactory(partial(Drift, own=True)), "Drift with the transforms none"),
+        (EnvironmentFactory(partial(Deaf)), r"Deaf takes none .*; let its _reset take seeds"),
     ],
 )
-def test_what_rows_cannot_be_is_refused(environment: Environment, sentence: str) -> None:
+def test_what_rows_cannot_be_is_refused(environment: EnvironmentFactory, sentence: str) -> None:
     """Statistics of all rows, a generator of its own, no seeds: a sentence each."""
     with pytest.raises(Sim2RealError, match=sentence):
         environment.rows(4)

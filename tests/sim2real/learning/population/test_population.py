@@ -7,12 +7,12 @@ import pytest
 
 from envs.toys import AngleBias, BiasedCartPole, Nav2D
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
+from sim2real.learning.modules.mlp_policy import MLPPolicy
 from sim2real.learning.modules.normalizer import Normalizer
-from sim2real.learning.modules.policy import MLPPolicy
 from sim2real.learning.population.population import (
-    Members,
     Population,
-    Results,
+    PopulationRequest,
+    PopulationResult,
     evaluate_adaptation,
 )
 
@@ -40,14 +40,14 @@ def make_policy() -> MLPPolicy:
     )
 
 
-def make_members(adapt: Adaptation) -> Members:
+def make_members(adapt: Adaptation) -> PopulationRequest:
     """Members with tasks, seeds and perturbations of their own; the same at each call."""
     rng, policy = np.random.default_rng(0), make_policy()
     thetas = np.stack([policy.initial(rng) for _ in range(MEMBERS)])
     rngs = [np.random.default_rng(i) for i in range(MEMBERS)]
     values = AngleBias().sample(rng, MEMBERS)
     seeds = rng.integers(0, 2**63, (MEMBERS, adapt.episodes + FINALS), dtype=np.uint64)
-    return Members(adapt.start_many(thetas, rngs), values, values / 2, seeds)
+    return PopulationRequest(adapt.start_many(thetas, rngs), values, values / 2, seeds)
 
 
 def make_normalizer() -> Normalizer:
@@ -58,13 +58,13 @@ def make_normalizer() -> Normalizer:
     return normalizer
 
 
-def run(adapt: Adaptation, counts: list[int], refill: int = 1) -> Results:
+def run(adapt: Adaptation, counts: list[int], refill: int = 1) -> PopulationResult:
     """Run the members over shards of these numbers of rows."""
     population = Population([BiasedCartPole(n) for n in counts], make_policy(), refill)
     return population.run(make_members(adapt), make_normalizer())
 
 
-def assert_same(one: Results, other: Results) -> None:
+def assert_same(one: PopulationResult, other: PopulationResult) -> None:
     """Require the same bits everywhere."""
     for name in ("returns", "lengths", "failed", "thetas", "sums", "squares"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
@@ -193,7 +193,7 @@ def test_bad_members_are_refused() -> None:
     adapt = OPERATORS[2]
     cohort = adapt.start_many(np.zeros((3, 9), np.float32), [np.random.default_rng(0)] * 3)
     with pytest.raises(ValueError, match="3 members"):
-        Members(cohort, np.zeros((3, 2)), np.zeros((3, 2)), np.zeros((2, 9), np.uint64))
+        PopulationRequest(cohort, np.zeros((3, 2)), np.zeros((3, 2)), np.zeros((2, 9), np.uint64))
     with pytest.raises(ValueError, match="at least 1"):
         Population([], make_policy())
     assert Population([Nav2D(3), Nav2D(4)], make_nav_policy()).num_rows == 7

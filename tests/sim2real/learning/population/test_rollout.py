@@ -12,9 +12,9 @@ from torchrl.envs import EnvBase
 from envs import MujocoEnv, Simulation
 from envs.tasks import Hopper
 from envs.toys import Nav2D, ToyEnv
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.acting import Acting
-from sim2real.learning.population.rollout import play
+from sim2real.learning.population.rollout import run_episodes
 
 
 class Constant(nn.Module):
@@ -31,14 +31,14 @@ class Constant(nn.Module):
 
 def world(base: partial[EnvBase], count: int) -> EnvBase:
     """Return an environment of so many rows."""
-    return Environment(base).make(count)
+    return EnvironmentFactory(base).make(count)
 
 
 def test_a_policy_that_stays_is_paid_its_distance() -> None:
     """In Nav-2D each of 20 steps costs the squared distance to the goal."""
     goals = np.array([[0.3, 0.4], [-0.6, 0.8]])
     env = world(partial(ToyEnv, partial(Nav2D, max_steps=20)), 2)
-    played = play(env, Acting(Constant(0.0, 0.0)), goals, np.arange(2, dtype=np.uint64))
+    played = run_episodes(env, Acting(Constant(0.0, 0.0)), goals, np.arange(2, dtype=np.uint64))
     np.testing.assert_allclose(played.returns, -20 * np.square(goals).sum(axis=1), rtol=1e-6)
     assert played.lengths.tolist() == [20, 20] and not played.failed.any()
 
@@ -47,7 +47,7 @@ def test_episodes_that_end_early_are_paid_no_more() -> None:
     """A falling Hopper's return and length are those of stepping it alone until it falls."""
     seeds = np.arange(3, dtype=np.uint64)
     env, actor = world(partial(MujocoEnv, task=Hopper()), 3), Acting(Constant(0.4, -0.2, 0.1))
-    played = play(env, actor, np.zeros((3, 0)), seeds)
+    played = run_episodes(env, actor, np.zeros((3, 0)), seeds)
     assert len(set(played.lengths.tolist())) > 1
     for number, seed in enumerate(seeds):
         rows, total, steps, over = Simulation(Hopper(), 1, threads=1), 0.0, 0, False

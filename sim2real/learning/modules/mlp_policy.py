@@ -30,7 +30,7 @@ from sim2real.runs.errors import Sim2RealError
 Activation = Literal["tanh", "relu"]
 
 
-class Piece(NamedTuple):
+class ParameterSlice(NamedTuple):
     """A stretch of the flat parameter vector: theta[start:stop] reshaped to shape."""
 
     start: int
@@ -80,12 +80,12 @@ class MLPPolicy:
         self.output, self._initial = output, initial
         self._check()
         sizes = (self.observation_size, *self.hidden, self.action_size)
-        self.pieces: list[Piece] = []
+        self.pieces: list[ParameterSlice] = []
         start = 0
         for inputs, outputs in pairwise(sizes):
             for shape in ((inputs, outputs), (1, outputs)):
                 stop = start + shape[0] * shape[1]
-                self.pieces.append(Piece(start, stop, shape))
+                self.pieces.append(ParameterSlice(start, stop, shape))
                 start = stop
         self.num_parameters = start
 
@@ -152,9 +152,9 @@ class MLPPolicy:
                 )
         return theta
 
-    def slots(self, num_rows: int) -> Slots:
+    def slots(self, num_rows: int) -> MLPPolicyBatch:
         """Make room for `num_rows` parameter vectors that act side by side."""
-        return Slots(self, num_rows)
+        return MLPPolicyBatch(self, num_rows)
 
     def module(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> PolicyModule:
         """Build the same function as a torch module of raw observations.
@@ -234,7 +234,7 @@ def observation_size(env: EnvBase) -> int:
     return spec.shape[-1]
 
 
-class Slots:
+class MLPPolicyBatch:
     """Per-row weights of many policies, and one forward pass over any of the rows.
 
     Args:

@@ -15,9 +15,14 @@ from torchrl.modules import MLP
 from envs import MujocoEnv
 from envs.tasks import InvertedPendulum
 from sim2real.config.compose import compose, prepare
-from sim2real.learning.environment import Environment
-from sim2real.learning.modules.law import Law, divergence, fisher_product, log_prob
-from sim2real.learning.modules.policies import Policy, actor_critic
+from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.modules.actor_critic import Policy, actor_critic
+from sim2real.learning.modules.functional_actor import (
+    FunctionalActor,
+    divergence,
+    fisher_product,
+    log_prob,
+)
 from sim2real.runs.errors import Sim2RealError
 
 SEEN = torch.randn(40, 4, generator=torch.Generator().manual_seed(3)).double()
@@ -25,7 +30,7 @@ SEEN = torch.randn(40, 4, generator=torch.Generator().manual_seed(3)).double()
 
 def policy(*cells: int) -> Policy:
     """Return a small policy in float64."""
-    env = Environment(partial(MujocoEnv, task=InvertedPendulum())).make(2)
+    env = EnvironmentFactory(partial(MujocoEnv, task=InvertedPendulum())).make(2)
     network = partial(MLP, num_cells=list(cells), activation_class=torch.nn.Tanh)
     return actor_critic(env, actor=network, critic=network, log_std=-0.3, orthogonal=False).double()
 
@@ -33,7 +38,7 @@ def policy(*cells: int) -> Policy:
 def test_it_is_the_actor() -> None:
     """Means, deviations and log-densities are those of TorchRL's actor; so is the vector."""
     actor = policy(5, 6).actor
-    law = Law(actor)
+    law = FunctionalActor(actor)
     vector = law.vector()
     torch.testing.assert_close(vector, parameters_to_vector(actor.parameters()))
     data = actor(TensorDict({"observation": SEEN}, [40]))
@@ -47,7 +52,7 @@ def test_it_is_the_actor() -> None:
 
 def test_the_divergence_is_torchs() -> None:
     """KL(new || old) of two laws equals that of `torch.distributions`, summed over actions."""
-    law = Law(policy(5).actor)
+    law = FunctionalActor(policy(5).actor)
     vector = law.vector()
     new, old = law(vector + 0.2, SEEN), law(vector, SEEN)
     made = [torch.distributions.Normal(loc, log_scale.exp()) for loc, log_scale in (new, old)]
@@ -58,7 +63,7 @@ def test_the_divergence_is_torchs() -> None:
 
 def test_its_fisher_matrix_is_the_hessian_of_the_divergence() -> None:
     """Each column of the matrix, multiplied out, equals the Hessian that autograd finds."""
-    law = Law(policy(4, 3).actor)
+    law = FunctionalActor(policy(4, 3).actor)
     vector = law.vector()
     old = [x.detach() for x in law(vector, SEEN)]
 
@@ -78,4 +83,4 @@ def test_an_actor_that_is_no_function_is_refused() -> None:
     _, given = prepare(compose(words), Path())
     made = given["parts"].policy(given["parts"].environment.make(2))
     with pytest.raises(Sim2RealError, match=r"without a memory; use policy=actor_critic"):
-        Law(made.actor)
+        FunctionalActor(made.actor)

@@ -1,6 +1,6 @@
 """PPO's updates of many members at once, each with parameters, steps and an Adam of its own.
 
-    learners = Learners(ClippedSettings(epochs=4, ...), law, value, thetas)     # (n, P)
+    learners = BlockedPPO(ClippedSettings(epochs=4, ...), law, value, thetas)     # (n, P)
     action = learners.act(observation, noise)           # (n, A), drawn
     learners.learn(steps, orders)                       # a round of S steps each
     learners.thetas                                     # (n, P)
@@ -22,8 +22,8 @@ import torch
 from torch.func import grad, vmap
 from torchrl.objectives.value.functional import generalized_advantage_estimate
 
-from sim2real.learning.modules.law import Law, Normal, log_prob
-from sim2real.learning.modules.value import Value
+from sim2real.learning.modules.functional_actor import FunctionalActor, Normal, log_prob
+from sim2real.learning.modules.value import FunctionalCritic
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -31,7 +31,7 @@ BLOCK = 32  # members that are called at once, always as many: see `population.a
 TINY = torch.finfo(torch.float32).resolution  # least deviation that advantages are divided by
 
 
-class Round(NamedTuple):
+class RolloutBatch(NamedTuple):
     """S steps of each of n members, one after the other; episodes that end begin again."""
 
     observation: Tensor  # (n, S, O) float32, as the policy saw it
@@ -93,7 +93,7 @@ class ClippedSettings:
                 raise Sim2RealError(f"adapt.{name}={getattr(self, name)} must be between 0 and 1")
 
 
-class Learner:
+class BatchedPPO:
     """Some members side by side; what they come to depends on how many there are in the last bit.
 
     Args:
@@ -103,7 +103,13 @@ class Learner:
         thetas: parameters of actor and critic, (n, P).
     """
 
-    def __init__(self, settings: ClippedSettings, law: Law, value: Value, thetas: Tensor) -> None:
+    def __init__(
+        self,
+        settings: ClippedSettings,
+        law: FunctionalActor,
+        value: FunctionalCritic,
+        thetas: Tensor,
+    ) -> None:
         self._settings, self._law, self._value = settings, law, value
         self.thetas = thetas.clone()  # (n, P)
         self._sizes = [sum(p.numel() for p in one.parameters) for one in (law, value)]
@@ -116,7 +122,7 @@ class Learner:
         """Return means and log-deviations, (n, ..., A) each, of observations (n, ..., O)."""
         return vmap(self._law)(self.thetas[:, : self._sizes[0]], observation)
 
-    def learn(self, steps: Round, orders: Tensor) -> None:
+    def learn(self, steps: RolloutBatch, orders: Tensor) -> None:
         """Improve every member by a round.
 
         Args:
@@ -131,7 +137,7 @@ class Learner:
                 self._descend(slope(self.thetas, batch))
 
     @torch.no_grad()
-    def _samples(self, steps: Round) -> Samples:
+    def _samples(self, steps: RolloutBatch) -> Samples:
         """Return the round with advantages and targets, by the parameters that acted."""
         policies, critics = self.thetas.split(self._sizes, -1)
         drawn = log_prob(vmap(self._law)(policies, steps.observation), steps.action)
@@ -164,7 +170,7 @@ class Learner:
         self._optimizer.step()
 
 
-class Learners:
+class BlockedPPO:
     """Any number of members in blocks of one size; a member's numbers depend on no other's.
 
     Args:
@@ -175,13 +181,17 @@ class Learners:
     """
 
     def __init__(
-        self, settings: ClippedSettings, law: Law, value: Value, thetas: np.ndarray
+        self,
+        settings: ClippedSettings,
+        law: FunctionalActor,
+        value: FunctionalCritic,
+        thetas: np.ndarray,
     ) -> None:
         self._count = len(thetas)
         self._fill = np.minimum(np.arange(-(-self._count // BLOCK) * BLOCK), self._count - 1)
         own = deepcopy((law, value))  # other threads call theirs
         self._blocks = [
-            Learner(settings, *own, block) for block in self._split(torch.from_numpy(thetas))
+            BatchedPPO(settings, *own, block) for block in self._split(torch.from_numpy(thetas))
         ]
 
     def _split(self, x: Tensor) -> tuple[Tensor, ...]:
@@ -200,8 +210,8 @@ class Learners:
         loc, log_scale = (torch.cat(one)[: self._count].numpy() for one in zip(*laws, strict=True))
         return loc + np.exp(log_scale) * noise
 
-    def learn(self, steps: Round, orders: Tensor) -> None:
-        """Improve every member by a round; see `Learner.learn`."""
+    def learn(self, steps: RolloutBatch, orders: Tensor) -> None:
+        """Improve every member by a round; see `BatchedPPO.learn`."""
         parts = zip(*(self._split(x) for x in steps), strict=True)
         for block, part, order in zip(self._blocks, parts, self._split(orders), strict=True):
-            block.learn(Round(*part), order)
+            block.learn(RolloutBatch(*part), order)

@@ -72,11 +72,11 @@ def test_a_trained_memory_acts_as_in_training() -> None:
     algorithm = learner("env=hopper", *GRU)
     algorithm.iterate()
     trained = algorithm.trained()
-    pilot, rows = trained.pilot(), algorithm.parts.environment.base_rows(1)
+    pilot, rows = trained.controller(), algorithm.parts.environment.base_rows(1)
     seed, first = np.array([3], np.uint64), np.arange(1)
     returns = []
     for _ in range(2):
-        pilot.forget()
+        pilot.reset()
         seen, total, over = rows.reset(first, rows.space.points(1), seed), 0.0, False
         while not over:
             step = rows.step(None, np.clip(pilot(seen), rows.action_low, rows.action_high))
@@ -84,7 +84,7 @@ def test_a_trained_memory_acts_as_in_training() -> None:
             over = bool(step.terminated[0] | step.truncated[0])
         returns.append(total)
     assert returns[0] == returns[1]
-    np.testing.assert_allclose(trained.play(seed).returns, returns[0], rtol=1e-4)
+    np.testing.assert_allclose(trained.run_episodes(seed).returns, returns[0], rtol=1e-4)
 
 
 @pytest.mark.parametrize("words", [["env=hopper", *GRU], PIXELS])

@@ -11,8 +11,8 @@ import torch
 
 from sim2real.config.compose import compose, prepare
 from sim2real.learning.algorithms.base import Algorithm, build
-from sim2real.learning.environment import Environment, environment_of
-from sim2real.learning.trained import Trained
+from sim2real.learning.environment import EnvironmentFactory, environment_of
+from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 HOPPER = ["env=hopper", "params=mass_friction", "transforms=with_params"]
@@ -32,7 +32,7 @@ SAC = [
 ]
 
 
-def hopper(*words: str) -> Environment:
+def hopper(*words: str) -> EnvironmentFactory:
     """Return Hoppers of which the policy is told mass and friction."""
     return environment_of(compose([*HOPPER, *words]))
 
@@ -44,7 +44,7 @@ def learner(words: list[str]) -> Algorithm:
 
 
 @pytest.fixture(scope="module")
-def trained() -> Trained:
+def trained() -> TrainedPolicy:
     """Return a small policy of evolution strategies, after an iteration."""
     made = learner(ES)
     made.iterate()
@@ -53,14 +53,14 @@ def trained() -> Trained:
 
 def test_parameters_stand_behind_the_observation_over_their_range() -> None:
     """Ends of the range of training are -1 and 1; a robot outside is told as the nearest one."""
-    told = hopper().told
+    told = hopper().context_spec
     assert told is not None and told.names == ("link_mass.torso", "ground_friction")
     observation = hopper().rows(4).reset(np.arange(4), ROBOTS, SEEDS)
     plain = environment_of(compose(["env=hopper", "params=mass_friction", "transforms=none"]))
     same = plain.make(4, threads=1).reset(values=ROBOTS, seeds=SEEDS)["observation"]
     np.testing.assert_allclose(observation[:, :11], same, atol=1e-6)
     np.testing.assert_allclose(observation[:, 11:], [[-1, -1], [1, 1], [0, 0.5], [1, -1]])
-    np.testing.assert_allclose(told.meant(told.said(ROBOTS[:3], 1.0)), ROBOTS[:3])
+    np.testing.assert_allclose(told.denormalize(told.normalize(ROBOTS[:3], 1.0)), ROBOTS[:3])
     wide = hopper("transforms.with_params.limit=2.0").rows(4).reset(np.arange(4), ROBOTS, SEEDS)
     np.testing.assert_allclose(wide[3, 11:], [1.5, -2.0])
 
@@ -68,9 +68,12 @@ def test_parameters_stand_behind_the_observation_over_their_range() -> None:
 def test_another_base_is_told_the_same() -> None:
     """A robot that says nothing of itself is told the middle, of the same parameters."""
     env = hopper("transforms.with_params.limit=2.0")
-    other = env.over(env.base)
-    assert other.told is env.told and not hopper("transforms.with_params.truth=false").knows
-    assert other.over(other.base).told is env.told and other.knows
+    other = env.with_base(env.base)
+    assert (
+        other.context_spec is env.context_spec
+        and not hopper("transforms.with_params.truth=false").context_is_true
+    )
+    assert other.with_base(other.base).context_spec is env.context_spec and other.context_is_true
     seen = other.make(3, threads=1).reset()["observation"]
     assert seen.shape == (3, 13) and (seen[:, 11:] == 0).all()
     untold = hopper("transforms.with_params.truth=false").rows(4)
@@ -106,21 +109,23 @@ def test_rows_and_environment_tell_the_same(products: str) -> None:
         assert seen.shape == (4, 11 + 2 + 22)
 
 
-def test_told_the_truth_a_robot_s_policy_is_the_oracle(trained: Trained) -> None:
+def test_told_the_truth_a_robot_s_policy_is_the_oracle(trained: TrainedPolicy) -> None:
     """The same observation gets another action under other parameters, the oracle's if true."""
-    env = trained.world(4, threads=1)
+    env = trained.make_env(4, threads=1)
     now = env.reset(values=ROBOTS, seeds=SEEDS)
     with torch.no_grad():
         wanted = trained.actor(trained.theta)(now)["action"].numpy()
     assert trained.told is not None
     raw = now["observation"][:, :11].numpy()
-    said = trained.told.said(ROBOTS, 1.0)
-    np.testing.assert_allclose(trained.pilot(num_rows=4, said=said)(raw), wanted, atol=1e-5)
-    middle = trained.pilot(num_rows=4)(raw)
-    np.testing.assert_allclose(trained.pilot(num_rows=4, said=np.zeros(2))(raw), middle, atol=1e-9)
+    said = trained.told.normalize(ROBOTS, 1.0)
+    np.testing.assert_allclose(trained.controller(num_rows=4, said=said)(raw), wanted, atol=1e-5)
+    middle = trained.controller(num_rows=4)(raw)
+    np.testing.assert_allclose(
+        trained.controller(num_rows=4, said=np.zeros(2))(raw), middle, atol=1e-9
+    )
     assert np.abs(middle - wanted).max(axis=1).min() > 1e-3
     behind = np.concatenate([trained.theta, said[0]]).astype(np.float32)
-    np.testing.assert_allclose(trained.pilot(behind)(raw[:1]), wanted[:1], atol=1e-5)
+    np.testing.assert_allclose(trained.controller(behind)(raw[:1]), wanted[:1], atol=1e-5)
 
 
 @pytest.mark.parametrize("words", [ES, PPO, SAC], ids=["es", "ppo", "sac"])
@@ -129,7 +134,7 @@ def test_the_program_takes_parameters_in_their_units(words: list[str]) -> None:
     made = learner(words)
     made.iterate()
     trained = made.trained()
-    env = trained.world(4, threads=1)
+    env = trained.make_env(4, threads=1)
     now = env.reset(values=ROBOTS[:3].repeat(2, 0)[:4], seeds=SEEDS)
     robots = np.stack([now["params", name].numpy() for name in trained.told.names], -1)  # type: ignore[union-attr]
     shown: Any = env.base_env._last
@@ -137,7 +142,7 @@ def test_the_program_takes_parameters_in_their_units(words: list[str]) -> None:
     assert trained.program is not None
     with torch.no_grad():
         said = trained.program(trained.theta)(torch.from_numpy(raw)).numpy()
-    pilot = trained.pilot(num_rows=4, said=trained.told.said(robots, 1.0))  # type: ignore[union-attr]
+    pilot = trained.controller(num_rows=4, said=trained.told.normalize(robots, 1.0))  # type: ignore[union-attr]
     np.testing.assert_allclose(said, pilot(shown), atol=1e-4)
 
 

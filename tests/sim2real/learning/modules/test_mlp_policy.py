@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from sim2real.learning.modules.policy import MLPPolicy
+from sim2real.learning.modules.mlp_policy import MLPPolicy
 
 LOW, HIGH = np.array([-1.0, -0.5, 0.0]), np.array([1.0, 0.5, 2.0])
 

@@ -59,7 +59,7 @@ def training_range(tasks: Any, space: ParamSpace) -> dict[str, tuple[float, floa
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class ContextSpec:
     """Which parameters a policy is told, and how.
 
     Attributes:
@@ -73,7 +73,7 @@ class Told:
     high: np.ndarray
 
     @classmethod
-    def of(cls, tasks: Tasks, space: ParamSpace) -> Told:
+    def from_tasks(cls, tasks: Tasks, space: ParamSpace) -> ContextSpec:
         """Return what tasks draw.
 
         Raises:
@@ -111,25 +111,25 @@ class Told:
         return len(self.parameters)
 
     @property
-    def middle(self) -> np.ndarray:
+    def center(self) -> np.ndarray:
         """The middles of the ranges, (P,), each in its unit."""
         return (self.low + self.high) / 2
 
     @property
-    def half(self) -> np.ndarray:
+    def half_range(self) -> np.ndarray:
         """Half the widths of the ranges, (P,), each in its unit."""
         return (self.high - self.low) / 2
 
-    def said(self, values: np.ndarray, limit: float) -> np.ndarray:
+    def normalize(self, values: np.ndarray, limit: float) -> np.ndarray:
         """Return how values (..., P) are told: -1 to 1 over the ranges, cut at ± limit."""
-        return np.clip((values - self.middle) / self.half, -limit, limit)
+        return np.clip((values - self.center) / self.half_range, -limit, limit)
 
-    def meant(self, said: np.ndarray) -> np.ndarray:
+    def denormalize(self, said: np.ndarray) -> np.ndarray:
         """Return the values (..., P) that are told so."""
-        return self.middle + np.asarray(said) * self.half
+        return self.center + np.asarray(said) * self.half_range
 
 
-class WithParams(Transform):
+class AppendContext(Transform):
     """Appends the robot's parameters to "observation".
 
     Args:
@@ -149,18 +149,18 @@ class WithParams(Transform):
     """
 
     def __init__(
-        self, told: Told, limit: float = 1.0, products: bool = False, truth: bool = True
+        self, told: ContextSpec, limit: float = 1.0, products: bool = False, truth: bool = True
     ) -> None:
         if not limit >= 1:
             raise Sim2RealError(f"transforms.with_params.limit={limit} must be at least 1")
         super().__init__(in_keys=["observation"], out_keys=["observation"])
         self.told, self.limit, self.products, self.truth = told, limit, products, truth
-        self.believed: np.ndarray | None = None
-        self._middle, self._half = (torch.from_numpy(x) for x in (told.middle, told.half))
+        self.assumed_context: np.ndarray | None = None
+        self._middle, self._half = (torch.from_numpy(x) for x in (told.center, told.half_range))
 
     def affine(self) -> tuple[np.ndarray, np.ndarray]:
         """Return what is subtracted from parameters, and what they are then divided by."""
-        return self.told.middle, self.told.half
+        return self.told.center, self.told.half_range
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         seen = next_tensordict.get("observation")
@@ -172,8 +172,8 @@ class WithParams(Transform):
 
     def _said(self, tensordict: TensorDictBase, seen: Tensor) -> Tensor:
         shape = (*seen.shape[:-1], self.told.size)
-        if self.believed is not None:
-            return torch.as_tensor(self.believed).expand(shape)
+        if self.assumed_context is not None:
+            return torch.as_tensor(self.assumed_context).expand(shape)
         params = tensordict.get("params", None) if self.truth else None
         there = {} if params is None else dict(params.items())
         values = self._middle.expand(shape).clone()
@@ -187,53 +187,53 @@ class WithParams(Transform):
     ) -> TensorDictBase:
         return self._call(tensordict_reset)
 
-    def longer(self, size: int) -> int:
+    def output_size(self, size: int) -> int:
         """Return how long an observation of O numbers becomes."""
         return size + self.told.size * (1 + self.products * size)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Return the specs with a longer observation."""
         old = observation_spec["observation"]
-        shape = torch.Size((*old.shape[:-1], self.longer(old.shape[-1])))
+        shape = torch.Size((*old.shape[:-1], self.output_size(old.shape[-1])))
         observation_spec["observation"] = Unbounded(shape, dtype=old.dtype, device=old.device)
         return observation_spec
 
 
-def believe(env: TransformedEnv, said: np.ndarray | None) -> None:
+def set_assumed_context(env: TransformedEnv, said: np.ndarray | None) -> None:
     """Tell the policies of an environment something else than the truth.
 
     Args:
-        env: its `WithParams` tell it; without one nobody is told anything.
+        env: its `AppendContext` tell it; without one nobody is told anything.
         said: -1 to 1 over the ranges, (N, P), or (P,) for all rows; None tells the truth again.
     """
     chain: Any = env.transform
     for one in chain:
-        if isinstance(one, WithParams):
-            one.believed = None if said is None else np.clip(said, -one.limit, one.limit)
+        if isinstance(one, AppendContext):
+            one.assumed_context = None if said is None else np.clip(said, -one.limit, one.limit)
 
 
-class ToldRows:
-    """Rows that show their parameters behind their observations, as `WithParams` does.
+class ContextRows:
+    """Rows that show their parameters behind their observations, as `AppendContext` does.
 
     Args:
         rows: the world.
         transform: says which parameters, and how.
     """
 
-    def __init__(self, rows: Rows, transform: WithParams) -> None:
+    def __init__(self, rows: Rows, transform: AppendContext) -> None:
         self._rows, self._transform = rows, transform
         self.num_rows, self.max_steps, self.space = rows.num_rows, rows.max_steps, rows.space
         self.action_low, self.action_high = rows.action_low, rows.action_high
         self.action_size = rows.action_size
-        self.observation_size = transform.longer(rows.observation_size)
+        self.observation_size = transform.output_size(rows.observation_size)
         self._said = np.zeros((rows.num_rows, transform.told.size))
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         """Start an episode in each of the rows ids (n,); see `Rows`."""
         told = self._transform.told
         true = self._transform.truth  # what is told of a robot is not what it is
-        known = values if true else np.tile(told.middle, (len(ids), 1))
-        self._said[ids] = told.said(known, self._transform.limit)
+        known = values if true else np.tile(told.center, (len(ids), 1))
+        self._said[ids] = told.normalize(known, self._transform.limit)
         return self._longer(self._rows.reset(ids, values, seeds), self._said[ids])
 
     def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:

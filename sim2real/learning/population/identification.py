@@ -14,12 +14,16 @@ import numpy as np
 from envs.simulation import Simulation
 from sim2real.learning.adapt.identify import Identify, IdentifySession
 from sim2real.learning.population.population import AdaptationScores, draw_seeds
-from sim2real.learning.population.recording import Recorded, record
-from sim2real.learning.trained import Trained
+from sim2real.learning.population.recording import RecordedEpisodes, record
+from sim2real.learning.trained import TrainedPolicy
 
 
 def identify_many(
-    trained: Trained, adapt: Identify, values: np.ndarray, seeds: np.ndarray, episodes: int = 0
+    trained: TrainedPolicy,
+    adapt: Identify,
+    values: np.ndarray,
+    seeds: np.ndarray,
+    episodes: int = 0,
 ) -> tuple[list[IdentifySession], np.ndarray, int]:
     """Let a policy identify robots, side by side.
 
@@ -48,7 +52,7 @@ def identify_many(
 
 
 def score_identification(
-    trained: Trained, adapt: Identify, values: np.ndarray, seeds: np.ndarray, episodes: int
+    trained: TrainedPolicy, adapt: Identify, values: np.ndarray, seeds: np.ndarray, episodes: int
 ) -> AdaptationScores:
     """Score a policy before and after it identified its robot, on the same fresh episodes.
 
@@ -69,13 +73,17 @@ def score_identification(
     return AdaptationScores(scores[0], scores[1], steps)
 
 
-def _said(trained: Trained, thetas: list[np.ndarray | None]) -> np.ndarray:
+def _said(trained: TrainedPolicy, thetas: list[np.ndarray | None]) -> np.ndarray:
     """Return what stands behind the parameters, (n, P)."""
     return np.stack([theta[len(trained.theta) :] for theta in thetas if theta is not None])
 
 
 def _played(
-    trained: Trained, robot: Simulation, said: np.ndarray, luck: np.ndarray, values: np.ndarray
-) -> Recorded:
-    pilot = trained.pilot(num_rows=len(values), said=said)
+    trained: TrainedPolicy,
+    robot: Simulation,
+    said: np.ndarray,
+    luck: np.ndarray,
+    values: np.ndarray,
+) -> RecordedEpisodes:
+    pilot = trained.controller(num_rows=len(values), said=said)
     return record(robot, pilot, luck, values)

@@ -1,6 +1,6 @@
 """An actor's normal law as a pure function of its parameters, for `torch.func`.
 
-    law = Law(policy.actor)
+    law = FunctionalActor(policy.actor)
     loc, log_scale = law(law.vector(), observation)     # (B, A) each
     product = fisher_product(lambda v: law(v, observation), law.vector())
     product(direction)                                  # (P,)
@@ -33,7 +33,7 @@ Normal = tuple[Tensor, Tensor]  # means and logarithms of the deviations, (..., 
 HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
 
-class Law:
+class FunctionalActor:
     """The normal law that an actor's networks write.
 
     Args:
