@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.study import command
 from sim2real.evaluation.grid import Box
 from sim2real.evaluation.grid_plots import heatmaps
-from sim2real.evaluation.scores import GridScores, combine
+from sim2real.evaluation.scores import GridScores, merge_runs
 from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -201,7 +201,7 @@ def gather(plan: Plan) -> dict[str, GridScores]:
     for method in METHODS:
         found = [read(plan.evaluation(method, seed)) for seed in plan.seeds]
         if parts := [s for s in found if s is not None and s.frames[0] >= plan.frames]:
-            gathered[method.name] = combine(parts)
+            gathered[method.name] = merge_runs(parts)
     return gathered
 
 

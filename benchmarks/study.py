@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim2real.evaluation.study_plots import drawn
+from sim2real.evaluation.study_plots import list_figures
 from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import claimed
@@ -160,7 +160,7 @@ def keep(made: Path, results: Path) -> None:
         target = results / file.relative_to(made)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(file.read_bytes())
-    for old in drawn(results):
+    for old in list_figures(results):
         if not (made / "plots" / old.name).is_file():
             old.unlink()
 

@@ -4,7 +4,7 @@
     python -m benchmarks.worth --robots 12 --seed 4
 
 An emulated robot (servo emulator, bus, another time step than the model's) hides two to four
-effects; a policy that was trained in its simulator as given walks or hops on it. Predicted: `price`
+effects; a policy that was trained in its simulator as given walks or hops on it. Predicted: `compute_cause_costs`
 of the hidden effects, what putting right each alone would bring (`last`). Measured: the same
 episodes (starts) on the robot with all of them, and with each removed in turn. A row a cost in
 `worth.csv`; a robot that is there is not run again. Policies are those of `benchmarks.improve`, and
@@ -34,7 +34,7 @@ from hardware.safety import StopLimits
 from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.trained import load_policy
-from sim2real.evaluation.worth import Cause, Game, price
+from sim2real.evaluation.cause_costs import Cause, CoalitionRollouts, compute_cause_costs
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap, mean
@@ -118,7 +118,7 @@ def case(seed: int, number: int, policies: Path) -> list[dict[str, Any]]:
     while True:
         hidden, noise = drawn(robot, rng), int(rng.integers(1 << 31))
         causes = [Cause(make(e["effect"], where=e["where"]), (e["value"],)) for e in hidden]
-        seeds = Game(policy, causes, EPISODES[name], number).seeds
+        seeds = CoalitionRollouts(policy, causes, EPISODES[name], number).seeds
         returns = [earned(policy, robot, hidden, seeds, noise)]
         for k in range(len(hidden)):
             left = [*hidden[:k], *hidden[k + 1 :]]
@@ -126,7 +126,7 @@ def case(seed: int, number: int, policies: Path) -> list[dict[str, Any]]:
         if all(one is not None for one in returns):
             break
     every, *without = [np.asarray(one) for one in returns]
-    worth = price(policy, causes, ROLLOUTS, seed=number)
+    worth = compute_cause_costs(policy, causes, ROLLOUTS, seed=number)
     rows = []
     for entry, predicted, better in zip(hidden, worth.last["return"], without, strict=True):
         measured = interval(better - every, rng)

@@ -22,7 +22,7 @@ from envs.effects import make
 from envs.tasks import Quad8
 from hardware.config import load_robot
 from hardware.log import write_log
-from sim2real.evaluation.worth import Cause, Worth, price
+from sim2real.evaluation.cause_costs import Cause, CauseCosts, compute_cause_costs
 
 CAUSES: tuple[tuple[str, str | None, float], ...] = (
     ("position_gain", None, 0.7),
@@ -75,7 +75,7 @@ class PriceCauses(Row):
     def __init__(self, name: str, episodes: int = 64) -> None:
         self.name, self._episodes = name, episodes
         self.setup = f"{len(CAUSES)} causes, {episodes} episodes of quad8 on each of 16 robots"
-        self.worth: Worth | None = None
+        self.worth: CauseCosts | None = None
 
     def build(self) -> None:
         """Make policy and causes."""
@@ -85,6 +85,6 @@ class PriceCauses(Row):
     def run(self) -> Timing:
         """Price them once."""
         begin = time.perf_counter()
-        self.worth = price(self._policy, self._causes, self._episodes)
+        self.worth = compute_cause_costs(self._policy, self._causes, self._episodes)
         count = self._episodes * 2 ** len(CAUSES)
         return Timing(count, time.perf_counter() - begin, count)

@@ -23,7 +23,7 @@ import numpy as np
 
 from sim2real.evaluation.grid import Box, Grid
 from sim2real.evaluation.grid_plots import grid_heatmaps, grid_line
-from sim2real.evaluation.scores import GridScores, combine
+from sim2real.evaluation.scores import GridScores, merge_runs
 from sim2real.learning.adapt import Identify, PolicyGradient
 from sim2real.learning.algorithms.base import Algorithm
 from sim2real.learning.context import training_range
@@ -47,7 +47,7 @@ EVALUATION, INTERVALS = 1, 2  # streams of randomness that follow from one seed
 Report = Callable[[int, int], None]
 
 
-class Assessment(Protocol):
+class Evaluator(Protocol):
     """An evaluation: `Evaluation` over a grid, `Transfer` on named robots.
 
     One that has a method `check(algorithm)` is asked before a training, so that what it cannot do
@@ -110,7 +110,7 @@ class Evaluation:
 
     def check(self, algorithm: Algorithm) -> None:
         """Raise ParameterError for a grid that leaves the policy's parameter space."""
-        check_told(algorithm)
+        check_context_adaptation(algorithm)
         self.grid.values(_Cells(algorithm, self).space)
 
     def assess(
@@ -123,7 +123,9 @@ class Evaluation:
         """Run every cell; the robots are made by the algorithm itself. See `run_cells`."""
         return run_cells(algorithm, self, seed, name, progress)
 
-    def telling(self, algorithm: Algorithm, scores: GridScores) -> dict[str, np.ndarray] | None:
+    def robots_to_film(
+        self, algorithm: Algorithm, scores: GridScores
+    ) -> dict[str, np.ndarray] | None:
         """Return robots whose film tells most, (P,) each: of the median gain and of a large one.
 
         None where the policy does not adapt. Gains are means over a cell's adaptations.
@@ -140,7 +142,7 @@ class Evaluation:
 
     def report(self, scores: Sequence[GridScores], seed: int, out: Path) -> GridScores:
         """Write the files of one or several runs, put together; see `report`."""
-        combined = combine(scores)
+        combined = merge_runs(scores)
         report(combined, self, seed, Path(out))
         return combined
 
@@ -165,7 +167,7 @@ def run_cells(
     Raises:
         ParameterError: a grid that leaves the parameter space of the policy's simulator.
     """
-    check_told(algorithm)
+    check_context_adaptation(algorithm)
     cells = _Cells(algorithm, evaluation)
     space = cells.space
     grid, repeats = evaluation.grid, evaluation.adaptations
@@ -206,7 +208,7 @@ def run_cells(
     )
 
 
-def check_told(algorithm: Algorithm) -> None:
+def check_context_adaptation(algorithm: Algorithm) -> None:
     """Refuse to adapt what is told the truth anyway by something else than finding it.
 
     Raises:

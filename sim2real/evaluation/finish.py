@@ -8,8 +8,8 @@ from __future__ import annotations
 import logging
 
 from envs.errors import RenderError
-from sim2real.evaluation.evaluate import Assessment, Evaluation
-from sim2real.evaluation.films import Video
+from sim2real.evaluation.evaluate import Evaluation, Evaluator
+from sim2real.evaluation.videos import Video
 from sim2real.learning.algorithms.base import Algorithm
 from sim2real.runs import figures as plots
 from sim2real.runs.progress import Progress
@@ -18,10 +18,10 @@ from sim2real.runs.run_files import RunFiles
 log = logging.getLogger(__name__)
 
 
-def finish(
+def finalize_training(
     algorithm: Algorithm,
     files: RunFiles,
-    evaluation: Assessment | None,
+    evaluation: Evaluator | None,
     video: Video | None,
     seed: int,
 ) -> None:
@@ -45,7 +45,7 @@ def finish(
             scores = evaluation.assess(algorithm, seed, f"seed {seed}", progress.report)
         evaluation.report([scores], seed, files.out)
         if isinstance(evaluation, Evaluation):
-            robots = evaluation.telling(algorithm, scores)
+            robots = evaluation.robots_to_film(algorithm, scores)
     if video is not None:
         try:
             log.info("video: %s", video.record(algorithm, seed, files.out / "videos", robots))

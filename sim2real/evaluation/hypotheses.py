@@ -51,7 +51,7 @@ class ClaimError(Sim2RealError):
 
 
 @dataclass(frozen=True)
-class Side:
+class Operand:
     """One number for each training run.
 
     Args:
@@ -112,9 +112,9 @@ class Claim:
     """
 
     text: str
-    left: Side
+    left: Operand
     relation: str
-    right: Side | None
+    right: Operand | None
     seeds: int
     times: float = 1.0
     probability: float = 0.5
@@ -144,14 +144,14 @@ class Claim:
         given = {names[key]: value for key, value in tree.items()}
         for side in ("left", "right"):
             if given.get(side) is not None:
-                known = [f.name for f in fields(Side)]
+                known = [f.name for f in fields(Operand)]
                 _check_keys(given[side], known, ("experiment",), f"{side} of {tree['claim']!r}")
-                given[side] = Side(**given[side])
+                given[side] = Operand(**given[side])
         limits = given.get("range")
         return cls(**{"right": None, **given, "range": tuple(limits) if limits else None})
 
 
-class Verdict(NamedTuple):
+class ClaimResult(NamedTuple):
     """Whether a claim held, and what was found."""
 
     claim: Claim
@@ -160,7 +160,7 @@ class Verdict(NamedTuple):
     steps: float | None
 
 
-def registered(runs: Iterable[Run]) -> list[Claim]:
+def load_claims(runs: Iterable[Run]) -> list[Claim]:
     """Return the claims of all experiments, as the newest run of each registered them.
 
     Raises:
@@ -171,7 +171,7 @@ def registered(runs: Iterable[Run]) -> list[Claim]:
     return list({claim.text: claim for claim in claims}.values())
 
 
-def judge(claim: Claim, study: Study, seed: int, draws: int) -> Verdict:
+def evaluate_claim(claim: Claim, study: Study, seed: int, draws: int) -> ClaimResult:
     """Decide a claim.
 
     Args:
@@ -188,20 +188,20 @@ def judge(claim: Claim, study: Study, seed: int, draws: int) -> Verdict:
     for side, groups in zip(sides, found, strict=True):
         if len(groups) > 1:
             names = ", ".join(group.label for group in groups)
-            return Verdict(claim, "ambiguous", f"{side.experiment} could be: {names}", None)
+            return ClaimResult(claim, "ambiguous", f"{side.experiment} could be: {names}", None)
     missing = [side.words for side, groups in zip(sides, found, strict=True) if not groups]
     if missing:
-        return Verdict(claim, "not enough seeds", f"no run of {' and '.join(missing)}", None)
+        return ClaimResult(claim, "not enough seeds", f"no run of {' and '.join(missing)}", None)
     groups = [groups[0] for groups in found]
     budget = _budget(groups, claim.seeds)
-    counts = [len(group.at(budget)) for group in groups]
+    counts = [len(group.runs_at_budget(budget)) for group in groups]
     if min(counts) < max(claim.seeds, 2):
         text = f"{' and '.join(map(str, counts))} of {claim.seeds}"
-        return Verdict(claim, "not enough seeds", text, budget)
+        return ClaimResult(claim, "not enough seeds", text, budget)
     try:
         values = [s.values(study, group, budget) for s, group in zip(sides, groups, strict=True)]
     except RunsError as error:
-        return Verdict(claim, "not enough seeds", str(error), budget)
+        return ClaimResult(claim, "not enough seeds", str(error), budget)
     rng = np.random.default_rng(seed)
     if claim.right is None:
         return _within(claim, values[0], rng, draws, budget)
@@ -210,12 +210,12 @@ def judge(claim: Claim, study: Study, seed: int, draws: int) -> Verdict:
 
 def _within(
     claim: Claim, x: np.ndarray, rng: np.random.Generator, draws: int, budget: int | None
-) -> Verdict:
+) -> ClaimResult:
     assert claim.range is not None
     found = bootstrap(x[:, None], iqm, rng, draws=draws, resample="rows")
     low, high = claim.range
     held = low <= found.value <= high
-    return Verdict(claim, "held" if held else "failed", f"IQM {show(found)}", budget)
+    return ClaimResult(claim, "held" if held else "failed", f"IQM {show(found)}", budget)
 
 
 def _compare(
@@ -226,7 +226,7 @@ def _compare(
     rng: np.random.Generator,
     draws: int,
     budget: int,
-) -> Verdict:
+) -> ClaimResult:
     first, second = x[:, None], claim.times * y[:, None]
     if claim.relation == "below":
         first, second = second, first
@@ -237,7 +237,7 @@ def _compare(
     factor = "" if claim.times == 1 else f"{claim.times:g} x "
     middle = [float(iqm(values[:, None])) for values in (x, y)]
     text = f"P = {show(found)}; IQM {show(middle[0])} against {factor}{show(middle[1])}"
-    return Verdict(claim, "held" if _holds(claim, found) else "failed", text, budget)
+    return ClaimResult(claim, "held" if _holds(claim, found) else "failed", text, budget)
 
 
 def _holds(claim: Claim, found: Interval) -> bool:

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from sim2real.evaluation.hypotheses import Claim, Verdict
+from sim2real.evaluation.hypotheses import Claim, ClaimResult
 from sim2real.evaluation.study import Group, Run, Study
 from sim2real.runs.statistics import FEW, Interval, bootstrap, iqm, probability_of_improvement
 from sim2real.runs.tables import Cell, Table
@@ -39,7 +39,9 @@ def main_table(study: Study, baseline: str | None, seed: int) -> Table:
     studied = [f"the study: {robot}" for robot in study.robots]
     table = Table([*columns, *(f"IQM on {r}" for r in study.robots), *compared, *studied])
     for group, budget in _shown(study):
-        middle = [estimate(study.returns(group, robot, budget), seed) for robot in study.robots]
+        middle = [
+            iqm_with_interval(study.returns(group, robot, budget), seed) for robot in study.robots
+        ]
         chance = [_chance(study, group, baseline, meant, seed, budget)] if baseline else []
         figures = [_figure_words(group, robot) for robot in study.robots]
         own = (group.label, group.trained_on, *_size(group, budget))
@@ -48,7 +50,7 @@ def main_table(study: Study, baseline: str | None, seed: int) -> Table:
 
 
 def _shown(study: Study) -> list[tuple[Group, int]]:
-    return [(group, budget) for group in study.groups for budget in group.shown()]
+    return [(group, budget) for group in study.groups for budget in group.reported_budgets()]
 
 
 def pair_table(
@@ -82,7 +84,7 @@ def long_table(study: Study, baseline: str | None, seed: int) -> Table:
     return table
 
 
-def claims_table(study: Study, verdicts: Sequence[Verdict]) -> Table:
+def claims_table(study: Study, verdicts: Sequence[ClaimResult]) -> Table:
     """Return what became of each claim, beside the figures of the study."""
     table = Table(("claim", "verdict", "found", "steps", "the study"))
     for claim, verdict, found, steps in verdicts:
@@ -110,7 +112,7 @@ def returns_csv(study: Study) -> str:
     names = ["experiment", "run", "trained_on", "tested_on", "steps", "episodes"]
     writer.writerow([*names, "mean_return", "sd_over_episodes"])
     for group in study.groups:
-        for run in (run for budget in sorted(group.runs) for run in group.at(budget)):
+        for run in (run for budget in sorted(group.runs) for run in group.runs_at_budget(budget)):
             for robot, returns in run.scores.returns.items():
                 own = [group.label, run.scores.name, run.scores.trained_on, robot]
                 numbers = [f"{returns.mean():.6g}", f"{_spread(returns):.6g}"]
@@ -118,7 +120,7 @@ def returns_csv(study: Study) -> str:
     return out.getvalue()
 
 
-def estimate(values: np.ndarray, seed: int) -> Interval | float:
+def iqm_with_interval(values: np.ndarray, seed: int) -> Interval | float:
     """Return the interquartile mean of runs (n,), with an interval from two runs up."""
     if len(values) < 2:
         return float(iqm(values[:, None]))
@@ -131,8 +133,10 @@ def _numbers(
 ) -> list[Cell]:
     values = study.returns(group, robot, budget)
     spread = float(values.std(ddof=1)) if len(values) > 1 else None
-    within = float(np.mean([_spread(r.scores.returns[robot]) for r in group.at(budget)]))
-    return [estimate(values, seed), float(values.mean()), spread, within]
+    within = float(
+        np.mean([_spread(r.scores.returns[robot]) for r in group.runs_at_budget(budget)])
+    )
+    return [iqm_with_interval(values, seed), float(values.mean()), spread, within]
 
 
 def _chance(
@@ -155,7 +159,7 @@ def _chance(
 
 
 def _size(group: Group, budget: int | None = None) -> tuple[int, float]:
-    runs = group.at(budget)
+    runs = group.runs_at_budget(budget)
     return len(runs), float(np.mean([run.scores.frames for run in runs]))
 
 
@@ -165,10 +169,10 @@ def _spread(returns: np.ndarray) -> float:
 
 def _figure(group: Group, robot: str) -> tuple[float | None, float | None]:
     """Return the study's mean and standard deviation for a group on a robot, if it has any."""
-    newest = group.at()[-1]
+    newest = group.runs_at_budget()[-1]
     for figure in newest.expect.get(FIGURES, ()):
         when = figure.get("when") or {}
-        if robot in figure and group.fits(group.experiment, when):
+        if robot in figure and group.matches(group.experiment, when):
             mean, spread = figure[robot]
             return float(mean), float(spread)
     return None, None
@@ -187,7 +191,7 @@ def robot_pairs(study: Study) -> list[tuple[str | None, str]]:
             for other in study.robots]  # fmt: skip
 
 
-def page_text(
+def render_markdown(
     study: Study,
     runs: Sequence[Run],
     main: Table,
@@ -208,7 +212,7 @@ def page_text(
 def _note(study: Study, runs: Sequence[Run]) -> str:
     """Return how the numbers came about, in words."""
     episodes = sorted({len(r) for run in runs for r in run.scores.returns.values()})
-    counts = [len(group.at()) for group in study.groups]
+    counts = [len(group.runs_at_budget()) for group in study.groups]
     settings = runs[0].settings
     facts = {
         "masses": settings.get("env.task.masses"),

@@ -264,7 +264,7 @@ class GridScores:
         )
 
 
-def combine(parts: Sequence[GridScores]) -> GridScores:
+def merge_runs(parts: Sequence[GridScores]) -> GridScores:
     """Put the runs of several scores, over the same grid and by the same protocol, into one.
 
     Raises:

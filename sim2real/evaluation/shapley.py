@@ -28,7 +28,7 @@ def coalitions(players: int) -> list[Set]:
     return [frozenset(some) for size in range(players + 1) for some in combinations(every, size)]
 
 
-def draw_orders(players: int, count: int, rng: np.random.Generator) -> list[Order]:
+def sample_permutations(players: int, count: int, rng: np.random.Generator) -> list[Order]:
     """Return drawn orders, each followed by its reverse, which halves their noise.
 
     Args:
@@ -40,7 +40,7 @@ def draw_orders(players: int, count: int, rng: np.random.Generator) -> list[Orde
     return [order for one in drawn for order in (one, one[::-1])]
 
 
-def prefixes(orders: Sequence[Order]) -> list[Set]:
+def permutation_prefixes(orders: Sequence[Order]) -> list[Set]:
     """Return every set that grows along the orders, each once, the smallest first."""
     found = {frozenset(order[:size]) for order in orders for size in range(len(order) + 1)}
     return sorted(found, key=lambda one: (len(one), sorted(one)))
@@ -64,7 +64,7 @@ def shapley(values: Mapping[Set, np.ndarray], players: int) -> np.ndarray:
     return np.array(shares)
 
 
-def by_orders(values: Mapping[Set, np.ndarray], orders: Sequence[Order]) -> np.ndarray:
+def marginal_contributions(values: Mapping[Set, np.ndarray], orders: Sequence[Order]) -> np.ndarray:
     """Return what each player adds when it joins, (orders, players, ...).
 
     Args:

@@ -90,12 +90,12 @@ class Group:
         """The robot of the training."""
         return next(r.scores.trained_on for found in self.runs.values() for r in found.values())
 
-    def at(self, budget: int | None = None) -> list[Run]:
+    def runs_at_budget(self, budget: int | None = None) -> list[Run]:
         """Return the runs of a budget, None for the largest, in the order of their seeds."""
         found = self.runs.get(max(self.runs) if budget is None else budget, {})
         return [found[name] for name in sorted(found, key=_natural)]
 
-    def shown(self) -> list[int]:
+    def reported_budgets(self) -> list[int]:
         """Return the budgets to show: the largest, and smaller ones that more runs reached."""
         found: list[int] = []
         for budget in sorted(self.runs, reverse=True):
@@ -103,7 +103,7 @@ class Group:
                 found.insert(0, budget)
         return found
 
-    def fits(self, experiment: str, when: Mapping[str, Any]) -> bool:
+    def matches(self, experiment: str, when: Mapping[str, Any]) -> bool:
         """Return whether the group is of an experiment and has certain settings."""
         return self.experiment == experiment and all(
             self.settings.get(key) == value for key, value in when.items()
@@ -155,11 +155,11 @@ class Study:
 
     def find(self, experiment: str, when: Mapping[str, Any] | None = None) -> list[Group]:
         """Return the groups of an experiment that have certain settings."""
-        return [group for group in self.groups if group.fits(experiment, when or {})]
+        return [group for group in self.groups if group.matches(experiment, when or {})]
 
     def returns(self, group: Group, robot: str, budget: int | None = None) -> np.ndarray:
         """Return each run's mean return on a robot, (runs,)."""
-        return np.array([run.scores.returns[robot].mean() for run in group.at(budget)])
+        return np.array([run.scores.returns[robot].mean() for run in group.runs_at_budget(budget)])
 
     def metric(self, group: Group, column: str, take: Take, budget: int | None) -> np.ndarray:
         """Return the largest or the last value of a column of each run's metrics.csv, (runs,).
@@ -167,7 +167,7 @@ class Study:
         Raises:
             RunsError: a run without that file or column.
         """
-        return np.array([_metric(run, column, take) for run in group.at(budget)])
+        return np.array([_metric(run, column, take) for run in group.runs_at_budget(budget)])
 
 
 def collect(paths: Iterable[str | Path]) -> list[Run]:

@@ -55,12 +55,12 @@ def draw(
         for part in range(0, len(lines), CURVES):
             some = dict(lines[part : part + CURVES])
             pictures += _learning(some, f"{kind}{part or ''}", out, draws, seed)
-    for old in drawn(out) - {out / place for place, _ in pictures}:
+    for old in list_figures(out) - {out / place for place, _ in pictures}:
         old.unlink()  # of fewer runs
     return pictures
 
 
-def drawn(folder: Path) -> set[Path]:
+def list_figures(folder: Path) -> set[Path]:
     """Return the pictures that a report has left in a folder."""
     return {path for name in DRAWN for path in (folder / "plots").glob(name)}
 
@@ -156,7 +156,7 @@ def _training(group: Group) -> dict[str, Any]:
 
 def _lines(group: Group) -> list[tuple[str, list[Path]]]:
     """Return a group's lines, with their names: its runs, and more runs up to fewer steps."""
-    shown = group.shown()
+    shown = group.reported_budgets()
     return [
         (group.label if len(shown) == 1 else f"{group.label} to {budget:,}", _curves(group, budget))
         for budget in shown
@@ -184,7 +184,7 @@ def _has(file: Path, column: str) -> bool:
 
 
 def _curves(group: Group, budget: int | None = None) -> list[Path]:
-    files = [run.folder / "metrics.csv" for run in group.at(budget)]
+    files = [run.folder / "metrics.csv" for run in group.runs_at_budget(budget)]
     return [file for file in files if file.is_file()]
 
 

@@ -121,7 +121,7 @@ class Transfer:
     def check(self, algorithm: Algorithm) -> None:
         """Raise TransferError for a robot that cannot be made of the run's task."""
         for robot, changes in self.robots.items():
-            variant(algorithm.parts.environment, robot, dict(changes))
+            env_with_robot(algorithm.parts.environment, robot, dict(changes))
 
     def assess(
         self,
@@ -149,7 +149,7 @@ class Transfer:
                 "grid, such as eval=grid_hopper, or leave adapt out"
             )
         env, trained = algorithm.parts.environment, algorithm.trained()
-        worlds = {robot: variant(env, robot, dict(c)) for robot, c in self.robots.items()}
+        worlds = {robot: env_with_robot(env, robot, dict(c)) for robot, c in self.robots.items()}
         seeds = draw_seeds(np.random.default_rng([seed, EPISODES]), self.episodes)
         played: dict[str, EpisodeResults] = {}
         for robot, world in worlds.items():
@@ -226,7 +226,9 @@ def task_of(env: EnvironmentFactory) -> Any:
     return env.task
 
 
-def variant(env: EnvironmentFactory, robot: str, changes: dict[str, Any]) -> EnvironmentFactory:
+def env_with_robot(
+    env: EnvironmentFactory, robot: str, changes: dict[str, Any]
+) -> EnvironmentFactory:
     """Return the environment with another robot in it.
 
     The effects that were put into the run's simulator are left out: they correct a simulator, and a

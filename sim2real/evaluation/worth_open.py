@@ -15,12 +15,12 @@ from typing import Any
 
 from envs.effects import Effect, make
 from envs.errors import EnvsError
-from sim2real.evaluation.worth import Cause
+from sim2real.evaluation.cause_costs import Cause
 
 OPEN_MAX = 24  # effects that are played at most, those with the widest intervals first
 
 
-def ends_of(facts: Mapping[str, Any], causes: Sequence[Cause]) -> list[Cause]:
+def interval_endpoints(facts: Mapping[str, Any], causes: Sequence[Cause]) -> list[Cause]:
     """Return effects at the ends of their intervals.
 
     Args:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sim2real.evaluation.worth import MEASURES, Cause, Priced, Worth
+from sim2real.evaluation.cause_costs import MEASURES, Cause, CauseCosts, EffectCost
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -26,7 +26,9 @@ SCHEMA = 1
 WORDS = {"return": "return lost", "fall": "falls more", "seconds": "seconds lost"}
 
 
-def write(worth: Worth, out: Path, closed: Mapping[int, float], about: Mapping[str, Any]) -> None:
+def write(
+    worth: CauseCosts, out: Path, closed: Mapping[int, float], about: Mapping[str, Any]
+) -> None:
     """Write worth.json, table.md, table.csv and plots/worth.png.
 
     Args:
@@ -61,7 +63,7 @@ def write(worth: Worth, out: Path, closed: Mapping[int, float], about: Mapping[s
     draw(worth, closed, out / "plots" / "worth.png")
 
 
-def table_of(worth: Worth, closed: Mapping[int, float]) -> Table:
+def table_of(worth: CauseCosts, closed: Mapping[int, float]) -> Table:
     """Return a row for each cause, the dearest first."""
     table = Table(("cause", "value", *WORDS.values(), "return lost if alone", "gap closed"))
     costs = worth.costs["return"]
@@ -82,7 +84,7 @@ def table_of(worth: Worth, closed: Mapping[int, float]) -> Table:
     return table
 
 
-def open_of(priced: Sequence[Priced]) -> Table:
+def open_of(priced: Sequence[EffectCost]) -> Table:
     """Return what effects at the ends of their intervals could cost, the dearest first."""
     table = Table(("effect", "value", *WORDS.values()))
     for one in priced:
@@ -93,7 +95,7 @@ def open_of(priced: Sequence[Priced]) -> Table:
     return table
 
 
-def draw(worth: Worth, closed: Mapping[int, float], path: Path) -> None:
+def draw(worth: CauseCosts, closed: Mapping[int, float], path: Path) -> None:
     """Draw the return that each cause costs, against the share of the gap that it closes."""
     costs = worth.costs["return"]
     places = closed if closed else {k: float(k) for k in range(len(costs))}

@@ -31,7 +31,7 @@ from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.closed_loop.check import Drawn
 from sim2real.diagnosis.closed_loop.measured import AXES, QUATERNION, Episode, as_measured
-from sim2real.evaluation.worth import HALF, Cause, Game
+from sim2real.evaluation.cause_costs import HALF, Cause, CoalitionRollouts
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
@@ -115,7 +115,7 @@ class Player:
             seed: of starts, noise and values.
         """
         causes = [Cause(e, values, _std(ci), ci) for e, values, ci in effects]
-        game = Game(self.trained, causes, episodes, seed)
+        game = CoalitionRollouts(self.trained, causes, episodes, seed)
         every = frozenset(range(len(causes)))
         environment, values = game.robots(every, [every])
         watch = _Watch(self.task, episodes)

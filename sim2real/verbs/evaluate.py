@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sim2real.evaluation.evaluate import Assessment, find_runs
+from sim2real.evaluation.evaluate import Evaluator, find_runs
 from sim2real.learning.algorithms.base import Algorithm, Components, build
 from sim2real.runs.checkpoint import check_expected, read_metadata, restore
 from sim2real.runs.errors import Sim2RealError
@@ -22,7 +22,7 @@ def run(
     parts: Components,
     algorithm: Callable[..., Algorithm],
     effects: str | None,
-    eval: Assessment | None,
+    eval: Evaluator | None,
     checkpoint: str | list[str] | None,
     seed: int,
     out: Path,

@@ -9,14 +9,14 @@ import logging
 from pathlib import Path
 
 from sim2real.evaluation import study_plots as report_plots
-from sim2real.evaluation.hypotheses import Verdict, judge, registered
+from sim2real.evaluation.hypotheses import ClaimResult, evaluate_claim, load_claims
 from sim2real.evaluation.report import (
     DRAWS,
     claims_table,
     long_table,
     main_table,
-    page_text,
     pair_table,
+    render_markdown,
     returns_csv,
     robot_pairs,
 )
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 def run(
     *, runs: str | list[str] | None, baseline: str | None, seed: int, out: Path
-) -> list[Verdict]:
+) -> list[ClaimResult]:
     """Write a report.
 
     Args:
@@ -51,14 +51,16 @@ def run(
     found = collect(path.strip() for path in given)
     study = Study(found)
     study.groups.sort(key=lambda group: group.experiment != baseline)  # that one first
-    verdicts = [judge(claim, study, seed, DRAWS) for claim in registered(found)]
+    verdicts = [evaluate_claim(claim, study, seed, DRAWS) for claim in load_claims(found)]
     pictures = report_plots.draw(study, baseline, Path(out), DRAWS, seed)
     tables = [pair_table(study, *pair, baseline, seed) for pair in robot_pairs(study)]
     write_text(Path(out) / "report.csv", long_table(study, baseline, seed).csv())
     write_text(Path(out) / "returns.csv", returns_csv(study))
     claims = claims_table(study, verdicts)
     write_text(Path(out) / "claims.csv", claims.csv())
-    page = page_text(study, found, main_table(study, baseline, seed), tables, claims, pictures)
+    page = render_markdown(
+        study, found, main_table(study, baseline, seed), tables, claims, pictures
+    )
     write_text(Path(out) / "report.md", page)
     for verdict in verdicts:
         log.info("%s: %s (%s)", verdict.verdict, verdict.claim.text, verdict.found)

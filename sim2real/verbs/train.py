@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from sim2real.evaluation.evaluate import Assessment
-from sim2real.evaluation.films import Video
-from sim2real.evaluation.finish import finish
+from sim2real.evaluation.evaluate import Evaluator
+from sim2real.evaluation.finish import finalize_training
+from sim2real.evaluation.videos import Video
 from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.population.cluster import Cluster
 from sim2real.learning.training import train
@@ -24,7 +24,7 @@ def run(
     parts: Components,
     algorithm: Callable[..., Algorithm],
     effects: str | None,
-    eval: Assessment | None,
+    eval: Evaluator | None,
     logger: Loggers,
     seed: int,
     iterations: int | None,
@@ -70,7 +70,7 @@ def run(
     """
 
     def after(learner: Algorithm, files: RunFiles) -> None:
-        finish(learner, files, eval, video, seed)
+        finalize_training(learner, files, eval, video, seed)
 
     return train(
         parts=parts.with_effects(effects),

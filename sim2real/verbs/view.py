@@ -33,7 +33,7 @@ from sim2real.deployment.view import (
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure_all
 from sim2real.diagnosis.report.rerun_log import write_rerun
-from sim2real.evaluation.films import Video
+from sim2real.evaluation.videos import Video
 from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.runs.errors import Sim2RealError
 

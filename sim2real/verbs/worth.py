@@ -11,8 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sim2real.deployment.trained import load_trained
-from sim2real.evaluation.worth import Worth, price, read_causes
-from sim2real.evaluation.worth_open import ends_of
+from sim2real.evaluation.cause_costs import CauseCosts, compute_cause_costs, read_causes
+from sim2real.evaluation.worth_open import interval_endpoints
 from sim2real.evaluation.worth_report import read_diagnosis, shares_closed, write
 from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.runs.errors import Sim2RealError
@@ -31,7 +31,7 @@ def run(
     rollouts: int,
     seed: int,
     out: Path,
-) -> Worth:
+) -> CauseCosts:
     """Price the causes of a gap.
 
     Args:
@@ -58,9 +58,11 @@ def run(
     causes = read_causes(effects)
     facts = {} if diagnosis is None else read_diagnosis(diagnosis)
     trained = load_trained(checkpoint, parts, algorithm)
-    more = ends_of(facts, causes) if facts else []
+    more = interval_endpoints(facts, causes) if facts else []
     with Progress(1, "robot") as progress:
-        worth = price(trained, causes, rollouts, seed=seed, excluded=more, report=progress.report)
+        worth = compute_cause_costs(
+            trained, causes, rollouts, seed=seed, excluded=more, report=progress.report
+        )
     about = {"policy": str(trained.source), "effects": effects, "diagnosis": diagnosis}
     write(worth, Path(out), shares_closed(facts, causes), {**about, "seed": seed})
     for cause, cost in zip(worth.causes, worth.costs["return"], strict=True):

@@ -24,7 +24,7 @@ from envs.params import Parameter
 from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import EXPERIMENT
 from sim2real.config.compose import INHERITED, root_of
-from sim2real.evaluation.worth import Cause, Robots
+from sim2real.evaluation.cause_costs import Cause, CauseTasks
 from sim2real.learning.algorithms.base import Components
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.runs.files import write_text
@@ -51,7 +51,7 @@ def corrected(parts: Components, causes: Sequence[Cause], folder: Path) -> Compo
 def distribution(environment: EnvironmentFactory, causes: Sequence[Cause]) -> Distribution:
     """Return the laws of causes, within the ranges of the environment's parameters."""
     effects = [cause.effect for cause in causes]
-    world = replace(environment, tasks=Robots(effects), fixed=())
+    world = replace(environment, tasks=CauseTasks(effects), fixed=())
     parameters = world.base_rows(1, threads=1).space.parameters
     entries, start = [], 0
     for cause in causes:

@@ -33,7 +33,7 @@ from hardware.errors import SafetyError
 from hardware.log import Log, read_logs
 from sim2real.deployment.actors import Actor, actor_of, load_actor
 from sim2real.diagnosis.data.progress import ProgressLines
-from sim2real.evaluation.worth import read_causes
+from sim2real.evaluation.cause_costs import read_causes
 from sim2real.learning.algorithms.base import Components
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.improve.corrected import FILE, corrected, describe

@@ -17,7 +17,7 @@ from hardware.log import Log
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_logs, has_policy
 from sim2real.diagnosis.contract.page import write_page
 from sim2real.evaluation import worth_report
-from sim2real.evaluation.worth import Cause, price
+from sim2real.evaluation.cause_costs import Cause, compute_cause_costs
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import whole_folder
@@ -69,7 +69,7 @@ def priced(
     if folder.is_dir():
         return
     with Progress(1, "robot") as progress:
-        worth = price(trained, causes, rollouts, seed=seed, report=progress.report)
+        worth = compute_cause_costs(trained, causes, rollouts, seed=seed, report=progress.report)
     told = worth_report.read_diagnosis(place / DIAGNOSIS)
     closed = worth_report.shares_closed(told, causes)
     about = {"policy": str(trained.source), "effects": str(place / DIAGNOSIS), "seed": seed}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim2real.evaluation.hypotheses import Claim, ClaimError, judge, registered
+from sim2real.evaluation.hypotheses import Claim, ClaimError, evaluate_claim, load_claims
 from sim2real.evaluation.study import Study, collect
 from sim2real.runs.statistics import bootstrap, iqm, mean, probability_of_improvement
 from tests.sim2real.made_runs import make_run
@@ -35,7 +35,7 @@ def study(root: Path, udr: Sequence[float], source: Sequence[float]) -> Study:
 
 def verdict(found: Study, what: Claim) -> str:
     """Return what becomes of a claim."""
-    return judge(what, found, 0, 500).verdict
+    return evaluate_claim(what, found, 0, 500).verdict
 
 
 def test_an_ordering_holds_only_where_it_is_sure(tmp_path: Path) -> None:
@@ -95,7 +95,7 @@ def test_runs_are_compared_after_the_same_steps(tmp_path: Path) -> None:
         make_run(tmp_path, "udr", seed, (0, 50 + seed), steps=300_000)
         make_run(tmp_path, "ppo_source", seed, (0, 10 + seed), steps=300_000)
         make_run(tmp_path, "ppo_source", seed, (0, 90 + seed), steps=500_000)
-    found = judge(claim("above"), Study(collect([tmp_path])), 0, 500)
+    found = evaluate_claim(claim("above"), Study(collect([tmp_path])), 0, 500)
     assert (found.verdict, found.steps) == ("held", 300_000)
 
 
@@ -111,7 +111,7 @@ def test_the_training_counts_too(tmp_path: Path) -> None:
         )
         assert verdict(found, claim("below", left=last, right=most, times=0.8)) == expected
     kl = {"experiment": "wild", "metric": "train/kl"}
-    lacking = judge(claim("above", left=kl, right=kl), found, 0, 500)
+    lacking = evaluate_claim(claim("above", left=kl, right=kl), found, 0, 500)
     assert lacking.verdict == "not enough seeds" and "no train/kl" in lacking.found
 
 
@@ -121,7 +121,7 @@ def test_the_newest_registration_counts_once(tmp_path: Path) -> None:
     for name in ("udr", "ppo_source"):
         for seed in (0, 1):
             make_run(tmp_path, name, seed, (1, 1), expect={"claims": [tree]})
-    assert [c.text for c in registered(collect([tmp_path]))] == ["some"]
+    assert [c.text for c in load_claims(collect([tmp_path]))] == ["some"]
 
 
 @pytest.mark.parametrize(

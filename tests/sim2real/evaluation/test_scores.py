@@ -10,7 +10,7 @@ import pytest
 
 from envs.params import Parameter
 from sim2real.evaluation.grid import Grid
-from sim2real.evaluation.scores import GridScores, ScoresError, combine
+from sim2real.evaluation.scores import GridScores, ScoresError, merge_runs
 from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
@@ -145,7 +145,7 @@ def test_a_torn_file_is_refused(tmp_path: Path) -> None:
 def test_runs_combine_in_order() -> None:
     """Two parts with one run each are two runs with their own returns."""
     first, second = scores(runs=1, seed=0), scores(runs=1, seed=1)
-    both = combine([first, second])
+    both = merge_runs([first, second])
     assert both.runs == ("seed 0", "seed 1")
     np.testing.assert_array_equal(both.after[1], second.after[0])
     assert both.frames == (1000, 1000)
@@ -154,8 +154,8 @@ def test_runs_combine_in_order() -> None:
 def test_runs_that_were_evaluated_otherwise_do_not_combine() -> None:
     """The first difference in the protocol is named with both values."""
     with pytest.raises(ScoresError, match="adaptation episodes 2, seed 0 has 3"):
-        combine([scores(runs=1), scores(runs=1, seed=1, spend=2)])
+        merge_runs([scores(runs=1), scores(runs=1, seed=1, spend=2)])
     with pytest.raises(ScoresError, match="adaptations 4, seed 0 has 5"):
-        combine([scores(runs=1), scores(runs=1, seed=1, adaptations=4)])
+        merge_runs([scores(runs=1), scores(runs=1, seed=1, adaptations=4)])
     with pytest.raises(ScoresError, match="no scores"):
-        combine([])
+        merge_runs([])

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim2real.evaluation.shapley import by_orders, coalitions, draw_orders, prefixes, shapley
+from sim2real.evaluation.shapley import (
+    coalitions,
+    marginal_contributions,
+    permutation_prefixes,
+    sample_permutations,
+    shapley,
+)
 
 OWN = np.array([1.0, -2.0, 0.5, 4.0])
 
@@ -39,12 +45,12 @@ def test_values_of_episodes_stay_apart() -> None:
 def test_drawn_orders_estimate_the_same() -> None:
     """Each order's shares add up; their mean comes near the exact ones, at no more subsets."""
     rng = np.random.default_rng(0)
-    orders = draw_orders(4, 200, rng)
-    values = {one: np.array(worth(one)) for one in prefixes(orders)}
-    found = by_orders(values, orders)
+    orders = sample_permutations(4, 200, rng)
+    values = {one: np.array(worth(one)) for one in permutation_prefixes(orders)}
+    found = marginal_contributions(values, orders)
     assert found.shape == (200, 4)
     assert found.sum(axis=1) == pytest.approx(np.full(200, worth(frozenset(range(4)))))
     assert found.mean(axis=0) == pytest.approx(OWN + np.array([0.0, 3.0, 0.0, 3.0]), abs=0.5)
-    few = draw_orders(8, 3, rng)
+    few = sample_permutations(8, 3, rng)
     assert len(few) == 4 and few[1] == few[0][::-1]
-    assert len(prefixes(few)) <= 4 * 7 + 2
+    assert len(permutation_prefixes(few)) <= 4 * 7 + 2

@@ -17,7 +17,7 @@ from envs import HopperPolito, MujocoEnv, make
 from envs.errors import TaskError
 from envs.toys import Nav2D, ToyEnv
 from sim2real.config.compose import compose, prepare
-from sim2real.evaluation.transfer import Transfer, TransferError, read, variant
+from sim2real.evaluation.transfer import Transfer, TransferError, env_with_robot, read
 from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.acting import Acting
@@ -63,7 +63,7 @@ def assess(world: EnvironmentFactory, **robots: dict[str, Any]) -> Any:
 
 def torso(world: EnvironmentFactory, robot: str, **changes: Any) -> float:
     """Return the mass of a robot's torso [kg]."""
-    rows: Any = variant(world, robot, changes).base_rows(1)
+    rows: Any = env_with_robot(world, robot, changes).base_rows(1)
     model: mujoco.MjModel = rows.plant.model
     return float(model.body("torso").mass[0])
 
@@ -142,6 +142,6 @@ def test_the_robots_of_a_configuration_are_simulated() -> None:
     """What Hydra's tree describes can be another robot, too, and keeps its name."""
     _, given = prepare(compose(["+experiment=ppo_source"]), Path())
     world = given["parts"].environment
-    other = variant(world, "light", {"max_steps": 100})
+    other = env_with_robot(world, "light", {"max_steps": 100})
     assert other.simulated and other.name == world.name
     assert other.task is not None and other.task.max_steps == 100

@@ -20,7 +20,7 @@ from hardware.config import load_robot
 from hardware.env import HardwareEnv
 from hardware.rows import RobotRows
 from sim2real.config.compose import compose, prepare
-from sim2real.evaluation.worth import Cause
+from sim2real.evaluation.cause_costs import Cause
 from sim2real.loops.improve.corrected import corrected
 from sim2real.loops.improve.operator import DeclinedError, Operator
 from sim2real.loops.improve.site import Site

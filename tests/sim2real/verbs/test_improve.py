@@ -125,7 +125,7 @@ def test_a_loop_that_was_killed_ends_alike(
     settings = (hidden(tmp_path), f"rounds={rounds}", "tolerance=0")
     monkeypatch.setattr(improve.Story, "end", lambda story: None)
     go(run, tmp_path / "whole", *settings)
-    part, price = tmp_path / "part", looks.price
+    part, price = tmp_path / "part", looks.compute_cause_costs
 
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt

@@ -165,7 +165,7 @@ def test_what_has_no_bars_has_curves_and_no_old_picture_stays(tmp_path: Path) ->
     make_run(runs, "pixels", 0, (3, 4), params={"renderer": "gl"}, steps=1_000_000)
     make_run(runs, "pixels", 1, (1, 2), params={"renderer": "gl"})
     study = Study(collect([runs]))
-    assert [group.shown() for group in study.groups] == [[500_000, 1_000_000], [500_000]]
+    assert [group.reported_budgets() for group in study.groups] == [[500_000, 1_000_000], [500_000]]
     pictures = report_plots.draw(study, None, out, draws=50, seed=0)
     assert [place for place, _ in pictures] == ["plots/learning_curves.png"]
     kept = {path.name for path in (out / "plots").iterdir()}

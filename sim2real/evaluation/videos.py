@@ -54,7 +54,7 @@ class Clip:
 
 
 @torch.no_grad()
-def film(
+def record_clip(
     env: EnvBase,
     actor: TensorDictModuleBase,
     values: np.ndarray,
@@ -92,7 +92,7 @@ def film(
     return Clip(title, np.stack(frames), total)
 
 
-def compose(clips: list[Clip], caption: str, least: int = 1) -> np.ndarray:
+def tile_clips(clips: list[Clip], caption: str, least: int = 1) -> np.ndarray:
     """Put clips side by side under their titles, with a caption below.
 
     A clip that ends early keeps its last picture.
@@ -195,17 +195,17 @@ class Video:
                     thetas = {"before adaptation": trained.theta, after: adapted}
                 luck = int(draw_seeds(rng, 1)[0])
                 clips = [
-                    film(env, trained.actor(theta), values, luck, name, self, camera)
+                    record_clip(env, trained.actor(theta), values, luck, name, self, camera)
                     for name, theta in thetas.items()
                 ]
-                words = ", ".join(in_words(rows.space.parameters, values))
-                parts.append(compose(clips, f"{said}: {words}" if said else words, least))
+                words = ", ".join(format_parameters(rows.space.parameters, values))
+                parts.append(tile_clips(clips, f"{said}: {words}" if said else words, least))
         path = folder / ("before_after.mp4" if adapts else "policy.mp4")
         write_mp4(path, np.concatenate(parts), self.fps)
         return path
 
 
-def in_words(parameters: Sequence[Parameter], values: np.ndarray) -> Iterator[str]:
+def format_parameters(parameters: Sequence[Parameter], values: np.ndarray) -> Iterator[str]:
     """Yield parameters (P,) with their values, such as "link mass of torso = 4.5 kg"."""
     for p, value in zip(parameters, values, strict=True):
         name, _, where = p.name.partition(".")

@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from sim2real.deployment.trained import load_policy
-from sim2real.evaluation.worth import Game, price, read_causes
-from sim2real.evaluation.worth_open import ends_of
+from sim2real.evaluation.cause_costs import CoalitionRollouts, compute_cause_costs, read_causes
+from sim2real.evaluation.worth_open import interval_endpoints
 from sim2real.evaluation.worth_report import read_diagnosis, shares_closed
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
@@ -39,7 +39,9 @@ def file(folder: Path, *entries: dict) -> Path:
 
 def test_costs_add_up_to_what_all_cost(trained: TrainedPolicy, tmp_path: Path) -> None:
     """Of three causes, the one that is nothing costs exactly nothing; the others add up."""
-    worth = price(trained, read_causes(file(tmp_path, WEAK, RUBS, NONE)), 8, resamples=200)
+    worth = compute_cause_costs(
+        trained, read_causes(file(tmp_path, WEAK, RUBS, NONE)), 8, resamples=200
+    )
     costs = [cost.value for cost in worth.costs["return"]]
     lost = worth.plain["return"].value - worth.every["return"].value
     assert worth.exact
@@ -53,9 +55,12 @@ def test_costs_add_up_to_what_all_cost(trained: TrainedPolicy, tmp_path: Path) -
 def test_the_same_episodes_are_played_on_all_robots(trained: TrainedPolicy, tmp_path: Path) -> None:
     """A seed decides all; values vary by their interval; a batch changes no episode."""
     causes = read_causes(file(tmp_path, WEAK, RUBS))
-    game = Game(trained, causes, 6, seed=3)
+    game = CoalitionRollouts(trained, causes, 6, seed=3)
     weak, every = frozenset({0}), frozenset({0, 1})
-    both, alone = game.play([weak, every]), Game(trained, causes, 6, seed=3).play([weak])
+    both, alone = (
+        game.play([weak, every]),
+        CoalitionRollouts(trained, causes, 6, seed=3).play([weak]),
+    )
     np.testing.assert_array_equal(both[weak].returns, alone[weak].returns)
     values = game._values(0, 0.0, 2.0)[:, 0]
     assert values.std() == pytest.approx(0.05 / 1.645, rel=0.8)
@@ -66,7 +71,7 @@ def test_the_same_episodes_are_played_on_all_robots(trained: TrainedPolicy, tmp_
 def test_play_takes_a_robot_of_its_own(trained: TrainedPolicy, tmp_path: Path) -> None:
     """What adds joints stands beside what does not, and without it the model has none."""
     causes = read_causes(file(tmp_path, PLAY, WEAK))
-    game = Game(trained, causes, 4, seed=0)
+    game = CoalitionRollouts(trained, causes, 4, seed=0)
     outcomes = game.play([frozenset(), frozenset({0}), frozenset({1}), frozenset({0, 1})])
     plain = trained.run_episodes(game.seeds, game.world([]))
     np.testing.assert_array_equal(outcomes[frozenset()].returns, plain.returns)
@@ -81,7 +86,7 @@ def test_of_many_causes_orders_are_drawn(trained: TrainedPolicy, tmp_path: Path)
     ]
     delay = {"effect": "command_delay", "where": None, "value": 0.01}
     causes = read_causes(file(tmp_path, WEAK, RUBS, *more, delay))
-    worth = price(trained, causes, 4, orders=4, resamples=100)
+    worth = compute_cause_costs(trained, causes, 4, orders=4, resamples=100)
     assert not worth.exact
     lost = worth.plain["return"].value - worth.every["return"].value
     assert sum(cost.value for cost in worth.costs["return"]) == pytest.approx(lost)
@@ -94,14 +99,16 @@ def test_what_is_not_excluded_is_priced(trained: TrainedPolicy, tmp_path: Path) 
         {"effect": "coulomb_friction", "where": "hinge", "side": None, "interval": [-0.01, 0.2]},
         {"effect": "motor_strength", "where": "hinge", "side": None, "interval": [-0.1, 0.1]},
     ]
-    ends = ends_of({"watched": watched}, causes)
+    ends = interval_endpoints({"watched": watched}, causes)
     assert [(c.effect.name, c.values[0]) for c in ends] == [
         ("motor_strength", 0.35),
         ("motor_strength", 0.45),
         ("coulomb_friction", -0.01),
         ("coulomb_friction", 0.2),
     ]
-    worth = price(trained, causes, 4, excluded=[ends[0], ends[1], ends[3]], resamples=100)
+    worth = compute_cause_costs(
+        trained, causes, 4, excluded=[ends[0], ends[1], ends[3]], resamples=100
+    )
     costs = [(one.effect, one.value, one.cost["return"].value) for one in worth.open]
     assert [value for *_, value in costs] == sorted((v for *_, v in costs), reverse=True)
     by_value = {value: cost for _, value, cost in costs}
@@ -128,4 +135,4 @@ def test_wrong_input_is_refused(trained: TrainedPolicy, tmp_path: Path) -> None:
         read_causes(file(tmp_path, WEAK, WEAK))
     causes = read_causes(file(tmp_path, WEAK))
     with pytest.raises(Sim2RealError, match="at least 2"):
-        price(trained, causes, 1)
+        compute_cause_costs(trained, causes, 1)

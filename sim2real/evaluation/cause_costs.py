@@ -27,10 +27,10 @@ from envs.params import ParamSpace
 from sim2real.evaluation.shapley import (
     Order,
     Set,
-    by_orders,
     coalitions,
-    draw_orders,
-    prefixes,
+    marginal_contributions,
+    permutation_prefixes,
+    sample_permutations,
     shapley,
 )
 from sim2real.learning.environment import EnvironmentFactory
@@ -76,7 +76,7 @@ class Cause:
         return self.effect.batch() not in (PLAIN, RULES)
 
 
-class Robots:
+class CauseTasks:
     """Which causes the episodes of a batch may have: the tasks of an environment.
 
     Values come with each episode; a row whose episode is over goes on with a robot without causes.
@@ -109,7 +109,7 @@ class Outcome(NamedTuple):
         return self[MEASURES.index(name)]
 
 
-class Priced(NamedTuple):
+class EffectCost(NamedTuple):
     """What an effect at a value costs on top of all causes."""
 
     effect: str
@@ -120,7 +120,7 @@ class Priced(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Worth:
+class CauseCosts:
     """What each cause costs.
 
     Attributes:
@@ -141,7 +141,7 @@ class Worth:
     costs: dict[str, list[Interval]]
     alone: dict[str, list[Interval]]
     last: dict[str, list[Interval]]
-    open: tuple[Priced, ...]
+    open: tuple[EffectCost, ...]
     exact: bool
     episodes: int
 
@@ -178,7 +178,7 @@ def _cause(given: tuple[Effect, tuple[float, ...]], entry: Mapping[str, Any]) ->
     return Cause(effect, values, 0.0 if ends is None else (ends[1] - ends[0]) / 2 / HALF, ends)
 
 
-class Game:
+class CoalitionRollouts:
     """A policy's episodes on robots with any of some causes, with common random numbers.
 
     Args:
@@ -257,7 +257,7 @@ class Game:
         made = self.trained.environment
         labels = {(c.effect.name, c.effect.where) for c in self.causes}
         fixed = [one for one in made.fixed if (one[0].name, one[0].where) not in labels]
-        return replace(made, tasks=Robots(effects), fixed=fixed)
+        return replace(made, tasks=CauseTasks(effects), fixed=fixed)
 
     def robots(
         self, structure: Set, robots: Sequence[Set]
@@ -290,7 +290,7 @@ class Game:
         return values
 
 
-def price(
+def compute_cause_costs(
     trained: TrainedPolicy,
     causes: Sequence[Cause],
     episodes: int = 64,
@@ -299,7 +299,7 @@ def price(
     excluded: Sequence[Cause] = (),
     resamples: int = 2000,
     report: Report | None = None,
-) -> Worth:
+) -> CauseCosts:
     """Say what each cause costs a policy, and what others could cost.
 
     Args:
@@ -314,7 +314,7 @@ def price(
         report: called with the robots done and the robots in all.
 
     Raises:
-        Sim2RealError: no causes; see also `Game`.
+        Sim2RealError: no causes; see also `CoalitionRollouts`.
         EffectError: an effect that the policy's robot cannot have.
     """
     if not causes:
@@ -322,10 +322,12 @@ def price(
     count, rng = len(causes), np.random.default_rng([seed, INTERVALS])
     drawn: list[Order] = []
     if count > EXACT_MAX:
-        drawn = draw_orders(count, orders, np.random.default_rng([seed, ORDERS]))
+        drawn = sample_permutations(count, orders, np.random.default_rng([seed, ORDERS]))
     ends = _ends(count)
-    robots = list(dict.fromkeys([*(prefixes(drawn) if drawn else coalitions(count)), *ends]))
-    game = Game(trained, causes, episodes, seed)
+    robots = list(
+        dict.fromkeys([*(permutation_prefixes(drawn) if drawn else coalitions(count)), *ends])
+    )
+    game = CoalitionRollouts(trained, causes, episodes, seed)
     outcomes = game.play(robots, report)
     nothing, everything = frozenset[int](), frozenset(range(count))
 
@@ -338,7 +340,9 @@ def price(
     costs, alone, last = {}, {}, {}
     for name in MEASURES:
         values = {robot: SIGNS[name] * one.measure(name) for robot, one in outcomes.items()}
-        shares = by_orders(values, drawn).mean(axis=0) if drawn else shapley(values, count)
+        shares = (
+            marginal_contributions(values, drawn).mean(axis=0) if drawn else shapley(values, count)
+        )
         costs[name] = [interval(share) for share in shares]
         alone[name] = [interval(values[frozenset({i})] - values[nothing]) for i in range(count)]
         last[name] = [interval(values[everything] - values[everything - {i}]) for i in range(count)]
@@ -347,12 +351,12 @@ def price(
         more = _more(game.beside(one), outcomes[everything])
         cost = {name: interval(values) for name, values in more.items()}
         effect = one.effect
-        open_.append(Priced(effect.name, effect.where, one.values[0], effect.unit, cost))
+        open_.append(EffectCost(effect.name, effect.where, one.values[0], effect.unit, cost))
         if report is not None:
             report(len(robots) + number, len(robots) + len(excluded))
     open_.sort(key=lambda one: -one.cost["return"].value)
     told = (costs, alone, last, tuple(open_), not drawn, episodes)
-    return Worth(tuple(causes), got(nothing), got(everything), *told)
+    return CauseCosts(tuple(causes), got(nothing), got(everything), *told)
 
 
 def _interval(values: np.ndarray, rng: np.random.Generator, resamples: int) -> Interval:

@@ -22,11 +22,11 @@ from envs.randomization import Draw, Randomization
 from envs.simulation import Simulation
 from envs.tasks.hopper import Hopper
 from envs.toys import Nav2D, NavGoals, ToyEnv
-from sim2real.evaluation import films as video
+from sim2real.evaluation import videos as video
 from sim2real.evaluation.evaluate import Evaluation
-from sim2real.evaluation.films import Camera, Clip, Video, compose, film, write_mp4
 from sim2real.evaluation.grid import Axis, Grid
 from sim2real.evaluation.scores import GridScores
+from sim2real.evaluation.videos import Camera, Clip, Video, record_clip, tile_clips, write_mp4
 from sim2real.learning.adapt import HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
@@ -117,7 +117,7 @@ def test_robots_are_filmed_one_after_the_other(
 
     def composed(clips: list[Clip], words: str, least: int) -> np.ndarray:
         said.append(words)
-        return compose(clips, words, least)
+        return tile_clips(clips, words, least)
 
     monkeypatch.setattr(video, "compose", composed)
     env = partial(MujocoEnv, task=Hopper(max_steps=20))
@@ -149,7 +149,7 @@ def test_an_adaptation_that_kept_the_policy_says_so(
 
     def composed(clips: list[Clip], words: str, least: int) -> np.ndarray:
         titles.extend(clip.title for clip in clips)
-        return compose(clips, words, least)
+        return tile_clips(clips, words, least)
 
     monkeypatch.setattr(video, "compose", composed)
     climb = HillClimb(mode="sequential", queries=2, parallel=1, sigma=0.1)
@@ -174,12 +174,12 @@ def test_the_robots_that_tell_most_are_chosen_by_their_gain() -> None:
     before, spread = np.zeros((1, 21, 2)), np.ones((1, 21, 2))
     after = before + gains[:, None] + np.array([-0.4, 0.4])
     scores = GridScores(grid, (), {}, ("seed 0",), (1,), (1,), 1, 2, before, after, spread, spread)
-    found = evaluation.telling(algorithm, scores)
+    found = evaluation.robots_to_film(algorithm, scores)
     assert found is not None and list(found) == ["median gain (+10)", "gain above 95% of all (+19)"]
     frictions = np.linspace(1.0, 3.0, 21)
     for (_, values), gain in zip(found.items(), (10, 19), strict=True):
         np.testing.assert_allclose(values, [4.0, frictions[int(np.flatnonzero(gains == gain)[0])]])
-    assert evaluation.telling(algorithm, replace(scores, adaptation_episodes=0)) is None
+    assert evaluation.robots_to_film(algorithm, replace(scores, adaptation_episodes=0)) is None
 
 
 @pytest.mark.render
@@ -217,7 +217,8 @@ def test_the_film_s_return_is_that_of_the_whole_episode() -> None:
     model, values = simulation.plant.batch.get_model(0), simulation.space.neutral
     with Camera(model, 64, 64, None) as camera:
         clips = [
-            film(env, still, values, 7, "x", Video(64, 64, 25, s), camera) for s in (0.1, 100.0)
+            record_clip(env, still, values, 7, "x", Video(64, 64, 25, s), camera)
+            for s in (0.1, 100.0)
         ]
     assert len(clips[0].frames) == 3 and len(clips[1].frames) > 5
     assert clips[0].reward == clips[1].reward > 10
@@ -235,7 +236,7 @@ def test_clips_are_labelled_and_the_shorter_waits() -> None:
     """Titles stand above, the caption below, and a clip that ends keeps its last picture."""
     short = Clip("before", np.full((2, 40, 101, 3), 50, np.uint8), 1.0)
     long = Clip("after", np.full((3, 40, 101, 3), 90, np.uint8), 2.0)
-    frames = compose([short, long], "mass = 3")
+    frames = tile_clips([short, long], "mass = 3")
     assert frames.shape == (3, 84, 202, 3)
     assert (frames[:, 22:62, :101] == 50).all() and (frames[:, 22:62, 101:202] == 90).all()
     for text in (frames[:, :22, :101], frames[:, :22, 101:], frames[:, 62:, :101]):
