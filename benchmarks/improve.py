@@ -163,7 +163,7 @@ def best(case: Case, told: dict[str, Any]) -> list[float]:
     _, given = prepare(compose(case.line), case.folder)
     parts, algorithm = given["parts"], given["algorithm"]
     first = load_trained(case.policy, parts, algorithm)
-    machine = deploy.make_machine(given["robot"], None, None)
+    machine = deploy.configure_robot(given["robot"], None, None)
     done = read_metadata(find(case.policy))["iteration"]
     rounds = max(len(told["rounds"]) - 1, 1)
     settings = {

@@ -31,7 +31,7 @@ from envs.errors import EnvsError
 from hardware.config import Robot, load_robot
 from hardware.errors import HardwareError
 from hardware.log import Log, read_log
-from sim2real.deployment.record import drive
+from sim2real.deployment.record import record_motions
 from sim2real.diagnosis.attribution.experiment_menu import Item, menu
 from sim2real.diagnosis.attribution.next_experiment import next_experiment
 from sim2real.diagnosis.diagnose import run_diagnosis
@@ -132,7 +132,7 @@ def recorder(robot: Robot) -> Callable[[Item, Path], Log]:
 
     def record(item: Item, path: Path) -> Log:
         rng = np.random.default_rng(item.seed)
-        drive(robot, item.motions, item.seconds, rng, path, item.size)
+        record_motions(robot, item.motions, item.seconds, rng, path, item.size)
         return read_log(path)
 
     return record

@@ -22,7 +22,7 @@ from benchmarks.study import sim2real, trained
 from hardware.config import Robot
 from hardware.errors import HardwareError
 from sim2real.config.compose import compose, prepare
-from sim2real.deployment.deploy import make_machine
+from sim2real.deployment.deploy import configure_robot
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import claimed, write_text
 
@@ -42,7 +42,7 @@ def run(plan: Plan) -> int:
 def robot(plan: Plan) -> Robot:
     """Return the emulated robot and what it hides."""
     words = ["run=record", f"robot={ROBOT}", f"robot.hidden={plan.effects}"]
-    return make_machine(compose(words)["robot"], None, None)
+    return configure_robot(compose(words)["robot"], None, None)
 
 
 def stand(plan: Plan) -> Path:

@@ -22,7 +22,7 @@ from envs.tasks.base import State
 from envs.tasks.servo import ServoTask
 from envs.tasks.servo.base import clock, commanded
 from envs.tasks.servo.legs import joints
-from sim2real.deployment.actors import Actor, load_actor
+from sim2real.deployment.actors import LoadedPolicy, load_actor
 from sim2real.diagnosis.contract.description import Description, read_description
 
 FOLDER = Path(__file__).parent
@@ -168,7 +168,7 @@ class Policy:
         """Read its description."""
         return read_description(self.observation, joints)
 
-    def actor(self) -> Actor:
+    def actor(self) -> LoadedPolicy:
         """Read the policy."""
         return load_actor(self.file)
 

@@ -29,7 +29,7 @@ Function = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Actor:
+class LoadedPolicy:
     """A policy without a memory.
 
     Attributes:
@@ -49,7 +49,7 @@ class Actor:
         return self.function(observation)
 
 
-def load_actor(path: str | Path) -> Actor:
+def load_actor(path: str | Path) -> LoadedPolicy:
     """Read a policy.
 
     Args:
@@ -78,7 +78,7 @@ def load_actor(path: str | Path) -> Actor:
     return _checkpoint(path)
 
 
-def _exported(folder: Path) -> Actor:
+def _exported(folder: Path) -> LoadedPolicy:
     """An export of ours, computed by NumPy."""
     import json
 
@@ -88,15 +88,15 @@ def _exported(folder: Path) -> Actor:
     facts = json.loads((folder / "policy.json").read_text(encoding="utf-8"))
     seen = facts["observation"]
     normalizer = np.array([seen["mean"], seen["std"]], float)
-    return Actor(policy, len(policy.names), facts.get("task"), normalizer)
+    return LoadedPolicy(policy, len(policy.names), facts.get("task"), normalizer)
 
 
-def _checkpoint(path: Path) -> Actor:
+def _checkpoint(path: Path) -> LoadedPolicy:
     """A run of ours; its actor as one program."""
     return actor_of(load_policy(path), path)
 
 
-def actor_of(trained: TrainedPolicy, path: str | Path) -> Actor:
+def actor_of(trained: TrainedPolicy, path: str | Path) -> LoadedPolicy:
     """Return a trained policy as a function of one observation.
 
     Args:
@@ -130,10 +130,10 @@ def actor_of(trained: TrainedPolicy, path: str | Path) -> Actor:
         made = action.numpy().astype(np.float64)
         return np.clip(made, low, high) if trained.clips_actions else made
 
-    return Actor(function, normalizer.shape[1], type(task).__name__, normalizer)
+    return LoadedPolicy(function, normalizer.shape[1], type(task).__name__, normalizer)
 
 
-def _program(path: Path) -> Actor:
+def _program(path: Path) -> LoadedPolicy:
     """A torch.export archive."""
     import torch
 
@@ -160,10 +160,10 @@ def _program(path: Path) -> Actor:
                 return _array(module(given))
             return np.stack([_array(module(row.reshape(like.shape))).reshape(-1) for row in given])
 
-    return Actor(function, int(like.shape[-1]))
+    return LoadedPolicy(function, int(like.shape[-1]))
 
 
-def _onnx(path: Path) -> Actor:
+def _onnx(path: Path) -> LoadedPolicy:
     """An ONNX model, computed by onnxruntime; no operators of other libraries are loaded."""
     if find_spec("onnxruntime") is None:
         raise ActorError(
@@ -200,7 +200,7 @@ def _onnx(path: Path) -> Actor:
         return np.concatenate([part.reshape(-1, part.shape[-1]) for part in made])
 
     size = like.shape[-1]
-    return Actor(function, size if isinstance(size, int) else None)
+    return LoadedPolicy(function, size if isinstance(size, int) else None)
 
 
 def _array(value: Any) -> np.ndarray:

@@ -28,7 +28,7 @@ from hardware.errors import SafetyError
 from hardware.rows import RobotRows
 from sim2real.deployment.fit import check_interface
 from sim2real.deployment.robot_env import play, robot_of
-from sim2real.deployment.session import STATE, Deployment, Turn, save
+from sim2real.deployment.session import STATE, Deployment, EpisodePlan, save
 from sim2real.deployment.stops import guarding as guarding
 from sim2real.deployment.trained import task_of
 from sim2real.learning.adapt import Adaptation, IdentifySession
@@ -55,7 +55,7 @@ def servo_task(environment: EnvironmentFactory) -> ServoTask:
     return task
 
 
-def make_machine(
+def configure_robot(
     robot: dict[str, Any],
     port: str | list[str] | None,
     calibration: str | None,
@@ -90,7 +90,7 @@ def check_base(rows: RobotRows, adapt: Adaptation) -> None:
     """Refuse to identify a robot whose logs do not tell where its base is."""
     if not adapt.needs_log:
         return
-    why = refusal(rows.task.spec().compile(), has_imu=is_felt(rows.backend))
+    why = refusal(rows.task.spec().compile(), has_imu=has_base_orientation(rows.backend))
     if why:
         raise Sim2RealError(
             f"adapt=identify replays a robot's logs, but {rows.backend.robot.name} {why}; choose "
@@ -99,19 +99,19 @@ def check_base(rows: RobotRows, adapt: Adaptation) -> None:
         )
 
 
-def is_felt(backend: Backend) -> bool:
+def has_base_orientation(backend: Backend) -> bool:
     """Return whether a robot's logs say how its base is turned, by an IMU at a known site."""
     senses = set(backend.senses)
     enough = "orientation" in senses or {"gyro", "acceleration"} <= senses
     return enough and backend.robot.imu is not None
 
 
-def drive(
+def run_deployment(
     env: TransformedEnv,
     trained: TrainedPolicy,
     deployment: Deployment,
     out: Path,
-    measure: Callable[[Turn], float] | None = None,
+    measure: Callable[[EpisodePlan], float] | None = None,
     resume: Path | None = None,
 ) -> None:
     """Run the episodes that are left, and park.
@@ -137,7 +137,7 @@ def drive(
     try:
         rows.arm()
         while (turn := deployment.next()) is not None:
-            rows.facts = made_by(trained) if turn.phase == "before" else {}
+            rows.facts = policy_metadata(trained) if turn.phase == "before" else {}
             explores, actor = deployment.explores(turn), trained.acting(env, turn.theta)
             value, steps = play(env, actor, turn.seed, explores)
             rows.finish()  # where a transform ended the episode before its task
@@ -151,7 +151,9 @@ def drive(
             save(out / STATE, deployment)
             write_text(out / "returns.csv", list_returns(deployment).csv())
             if isinstance(deployment.session, IdentifySession):
-                write_text(out / "parameters.csv", list_found(deployment.session).csv())
+                write_text(
+                    out / "parameters.csv", identified_parameters_table(deployment.session).csv()
+                )
             log_.info("%s, episode %d: return %.4g", turn.phase, turn.number + 1, value)
     except KeyboardInterrupt:
         done = f"stopped after {deployment.done} of {deployment.total} episodes, torque is off"
@@ -160,7 +162,7 @@ def drive(
         env.close()
 
 
-def made_by(trained: TrainedPolicy) -> dict[str, Any]:
+def policy_metadata(trained: TrainedPolicy) -> dict[str, Any]:
     """Return what the metadata of a log say of the policy that made it, as it was trained."""
     return {} if trained.source is None else {"policy": str(trained.source.resolve())}
 
@@ -179,7 +181,7 @@ def list_returns(deployment: Deployment) -> Table:
     return table
 
 
-def list_found(session: IdentifySession) -> Table:
+def identified_parameters_table(session: IdentifySession) -> Table:
     """Return the robot's parameters as they were known after each episode, each in its unit."""
     table = Table(("episode", *session.names))
     for number, values in enumerate(session.history, 1):
@@ -187,7 +189,7 @@ def list_found(session: IdentifySession) -> Table:
     return table
 
 
-def simulated(
+def simulate_returns(
     trained: TrainedPolicy, task: ServoTask, theta: np.ndarray, seeds: np.ndarray
 ) -> list[float]:
     """Return what a policy earns in its own simulator from the same starts."""
@@ -209,7 +211,7 @@ def report(deployment: Deployment, trained: TrainedPolicy, task: ServoTask, out:
         name = f"after {deployment.adapt.episodes} episodes of adaptation"
         phases.append((name, deployment.after, deployment.session.result))
     for name, returns, theta in phases:
-        twin = simulated(trained, task, theta, deployment.fresh)
+        twin = simulate_returns(trained, task, theta, deployment.fresh)
         table.add(name, len(returns), estimate(returns, rng), estimate(twin, rng))
     if len(deployment.fresh) > 1:
         note = (

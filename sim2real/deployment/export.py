@@ -58,14 +58,14 @@ def export(trained: TrainedPolicy, task: ServoTask, out: Path, rng: np.random.Ge
             "supports policy=linear, mlp, mlp2 and actor_critic"
         )
     module = trained.program(trained.theta).eval()
-    arrays, shape = dense(module, task)
+    arrays, shape = to_arrays(module, task)
     seen = observations(arrays, rng)
-    program = exported(module, seen)
+    program = export_program(module, seen)
     wanted = evaluate(module, seen)
     golden = {"observation": seen[:PAIRS].tolist(), "action": wanted[:PAIRS].tolist()}
     facts = {**describe(trained, task, arrays), **shape, "golden": golden}
-    compare(ExportedPolicy(facts, arrays)(seen), wanted, "policy.npz")
-    compare(evaluate(program.module(), seen), wanted, "policy.pt2")
+    check_parity(ExportedPolicy(facts, arrays)(seen), wanted, "policy.npz")
+    check_parity(evaluate(program.module(), seen), wanted, "policy.pt2")
     out.mkdir(parents=True, exist_ok=True)
     with whole_file(out / "policy.pt2") as temporary:
         torch.export.save(program, temporary)
@@ -83,7 +83,7 @@ def export(trained: TrainedPolicy, task: ServoTask, out: Path, rng: np.random.Ge
     return out
 
 
-def dense(module: nn.Module, task: ServoTask) -> tuple[Arrays, dict[str, Any]]:
+def to_arrays(module: nn.Module, task: ServoTask) -> tuple[Arrays, dict[str, Any]]:
     """Return a policy's numbers as arrays, and what its perceptron is like.
 
     Raises:
@@ -126,7 +126,7 @@ def observations(arrays: Arrays, rng: np.random.Generator) -> np.ndarray:
     return arrays["mean"] + spread * arrays["std"] * noise
 
 
-def exported(module: nn.Module, seen: np.ndarray) -> torch.export.ExportedProgram:
+def export_program(module: nn.Module, seen: np.ndarray) -> torch.export.ExportedProgram:
     """Return the policy as a program for any number of observations (n, O) float64."""
     many = torch.export.Dim("rows", min=1)
     example = torch.from_numpy(seen[:2])
@@ -139,7 +139,7 @@ def evaluate(module: Callable[[torch.Tensor], torch.Tensor], seen: np.ndarray) -
         return module(torch.from_numpy(seen)).numpy().astype(np.float64)
 
 
-def compare(got: np.ndarray, wanted: np.ndarray, name: str) -> None:
+def check_parity(got: np.ndarray, wanted: np.ndarray, name: str) -> None:
     """Raise ExportError if actions (n, A) differ by more than TOLERANCE of their range."""
     off = float(np.abs(got - wanted).max()) / max(float(np.abs(wanted).max()), 1.0)
     if not off <= TOLERANCE:

@@ -33,7 +33,7 @@ from sim2real.runs.figures import COLOURS, INK, figure
 log_ = logging.getLogger(__name__)
 
 
-def prepared(
+def prepare_robot(
     robot: dict[str, Any],
     port: str | list[str] | None,
     calibration: str | None,
@@ -70,7 +70,7 @@ def prepared(
     return machine
 
 
-def drive(
+def record_motions(
     robot: Robot,
     motions: Sequence[Kind],
     seconds: float,

@@ -30,7 +30,7 @@ STATE = "state.npz"
 Phase = Literal["before", "adapt", "after"]
 
 
-class Turn(NamedTuple):
+class EpisodePlan(NamedTuple):
     """One episode to run: its phase, its number there, parameters (P,) and seed."""
 
     phase: Phase
@@ -84,19 +84,19 @@ class Deployment:
         """Episodes that were told."""
         return len(self.before) + len(self.adapting) + len(self.after)
 
-    def next(self) -> Turn | None:
+    def next(self) -> EpisodePlan | None:
         """Return the next episode to run, or None at the end."""
         if (number := len(self.before)) < self.trials:
-            return Turn("before", number, self.theta, int(self.fresh[number]))
+            return EpisodePlan("before", number, self.theta, int(self.fresh[number]))
         candidate = self.session.ask()
         if candidate is not None:
             number = len(self.adapting)
-            return Turn("adapt", number, candidate, int(self._luck[number]))
+            return EpisodePlan("adapt", number, candidate, int(self._luck[number]))
         if self.adapts and (number := len(self.after)) < self.trials:
-            return Turn("after", number, self.session.result, int(self.fresh[number]))
+            return EpisodePlan("after", number, self.session.result, int(self.fresh[number]))
         return None
 
-    def explores(self, turn: Turn) -> bool:
+    def explores(self, turn: EpisodePlan) -> bool:
         """Return whether an episode's actions are to be drawn, and its steps told."""
         return turn.phase == "adapt" and self.adapt.explores
 

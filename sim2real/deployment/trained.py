@@ -77,7 +77,7 @@ def load_teacher(checkpoint: str | Path | None) -> TrainedPolicy:
     return load_policy(checkpoint)
 
 
-def trained_for(checkpoint: str | list[str] | Path | None) -> Adaptation | None:
+def training_adaptation(checkpoint: str | list[str] | Path | None) -> Adaptation | None:
     """Return how a policy adapted while it was trained, or None where its run does not say.
 
     Args:

@@ -38,7 +38,7 @@ FPS = 50  # pictures a second in the window
 SETTLE = 0.5  # s between going to the start and an episode
 
 
-class Closed(Exception):  # noqa: N818 - a signal, not an error
+class WindowClosedError(Exception):  # noqa: N818 - a signal, not an error
     """The window was closed."""
 
 
@@ -52,7 +52,7 @@ class Screen(Protocol):
         ...
 
 
-class WatchedClock(VirtualClock):
+class RenderingClock(VirtualClock):
     """A virtual clock that shows the robot whenever a picture is due.
 
     Args:
@@ -80,11 +80,11 @@ class WatchedClock(VirtualClock):
             self._due += self._screen.every
             try:
                 self._screen.show(self._world)
-            except Closed:
+            except WindowClosedError:
                 self._over = True
                 raise
             if self._over:
-                raise Closed
+                raise WindowClosedError
         super().sleep_until(moment)
 
 
@@ -104,7 +104,7 @@ class Window:
     def show(self, world: World) -> None:
         """Wait until the robot's time is the wall's, and draw."""
         if not self._handle.is_running():
-            raise Closed
+            raise WindowClosedError
         now = time.perf_counter()
         self._start = now - world.time if self._start is None else self._start
         time.sleep(max(self._start + world.time - now, 0.0))
@@ -155,11 +155,11 @@ def watch(
     stops: dict[str, float] | None,
 ) -> None:
     """Drive the emulated robot and show it, until it is over or nobody looks any more."""
-    clock = WatchedClock(world, screen, seconds)
+    clock = RenderingClock(world, screen, seconds)
     backend = ServoBackend(world.robot, SETTLE, world, limits=guarding(stops), clock=clock)
     try:
         drive(backend)
-    except Closed:
+    except WindowClosedError:
         log.info("seen %.1f s", clock.now())
     finally:
         backend.close()
@@ -186,7 +186,7 @@ def write_film(
     return path
 
 
-def along(
+def motion_driver(
     robot: Robot, motions: list[Kind], seconds: float, seed: int
 ) -> Callable[[ServoBackend], None]:
     """Return what drives a robot along motions, again and again."""
@@ -202,7 +202,9 @@ def along(
     return drive
 
 
-def by_policy(task: ServoTask, trained: TrainedPolicy, seed: int) -> Callable[[ServoBackend], None]:
+def policy_driver(
+    task: ServoTask, trained: TrainedPolicy, seed: int
+) -> Callable[[ServoBackend], None]:
     """Return what drives a robot by a policy, episode after episode."""
     rng = np.random.default_rng(seed)
 

@@ -26,7 +26,7 @@ from envs.mujoco import MujocoEnv
 from envs.simulation import Simulation
 from envs.tasks import servo as servo_tasks
 from envs.tasks.servo import ServoTask
-from sim2real.deployment.actors import Actor, load_actor
+from sim2real.deployment.actors import LoadedPolicy, load_actor
 from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.closed_loop.check import Drawn
@@ -59,7 +59,7 @@ def load_player(path: str | Path, task: str | None = None) -> Player:
     return Player(_of_file(actor, path, actor.task or task))
 
 
-def _of_file(actor: Actor, path: Path, name: str | None) -> TrainedPolicy:
+def _of_file(actor: LoadedPolicy, path: Path, name: str | None) -> TrainedPolicy:
     """Return a function of observations as a trained policy of a task of ours."""
     kind = getattr(servo_tasks, name or "", None)
     if not (isinstance(kind, type) and issubclass(kind, ServoTask)):

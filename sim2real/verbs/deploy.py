@@ -29,17 +29,17 @@ from hardware.backends import ServoBackend
 from sim2real.deployment.deploy import (
     check_base,
     check_reward,
+    configure_robot,
     draw,
-    drive,
-    make_machine,
     report,
+    run_deployment,
     servo_task,
 )
 from sim2real.deployment.dry_run import tell_commands
 from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment, load
 from sim2real.deployment.stops import guarding
-from sim2real.deployment.trained import load_trained, one_checkpoint, trained_for
+from sim2real.deployment.trained import load_trained, one_checkpoint, training_adaptation
 from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.runs.errors import Sim2RealError
@@ -96,7 +96,7 @@ def run(
     """
     one_checkpoint(checkpoint)
     out, task = Path(out), servo_task(parts.environment)
-    machine = make_machine(robot, port, calibration, imu_port)
+    machine = configure_robot(robot, port, calibration, imu_port)
     if machine.port is not None and not (arm or dry_run):
         raise Sim2RealError(
             f"{machine.name} at {machine.port} would move; clear the space around it, then "
@@ -114,13 +114,13 @@ def run(
         trained.environment
     )
     deployment = Deployment(trained.theta, adapt, trials, seed)
-    tell(deployment, trained_for(checkpoint))
+    tell(deployment, training_adaptation(checkpoint))
     if resume is not None:
         load(resume, deployment)
         log_.info("continuing after %d of %d episodes", deployment.done, deployment.total)
     try:
         if deployment.done < deployment.total:
-            drive(env, trained, deployment, out)
+            run_deployment(env, trained, deployment, out)
     finally:
         if deployment.done == deployment.total:  # also where parking failed
             report(deployment, trained, task, out)

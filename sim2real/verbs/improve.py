@@ -136,7 +136,7 @@ def run(
             raise Sim2RealError("target= stands for the robot: leave port= out, or target=")
         site = Target(parts.environment.with_base(target), parts.environment, trials, seed)
     else:
-        machine = deploy.make_machine(robot, port, calibration, imu_port)
+        machine = deploy.configure_robot(robot, port, calibration, imu_port)
         if machine.port is not None and not arm:
             raise Sim2RealError(
                 f"{machine.name} at {machine.port} would move; clear the space around it, then "

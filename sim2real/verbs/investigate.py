@@ -11,7 +11,7 @@ import numpy as np
 
 from hardware.excite import Kind
 from hardware.log import Log, read_log, read_logs
-from sim2real.deployment.record import drive, prepared
+from sim2real.deployment.record import prepare_robot, record_motions
 from sim2real.diagnosis.attribution.experiment_menu import Item
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.diagnosis.outcome import last_words
@@ -58,12 +58,12 @@ def run(
         HardwareError: a robot that is wrong, is not there, or stopped on the way; the rounds until
             then are written.
     """
-    machine = prepared(robot, port, calibration, arm, seconds, size)
+    machine = prepare_robot(robot, port, calibration, arm, seconds, size)
 
     def record(item: Item, path: Path) -> Log:
         log_.info("recording %s, %g s", item.name, item.seconds)
         rng = np.random.default_rng(item.seed)
-        drive(machine, item.motions, item.seconds, rng, path, item.size)
+        record_motions(machine, item.motions, item.seconds, rng, path, item.size)
         return read_log(path)
 
     first = Item("all motions", tuple(motions), seconds, size, seed)

@@ -19,7 +19,7 @@ import numpy as np
 
 from hardware.excite import Kind
 from hardware.log import Log
-from sim2real.deployment.record import draw, drive, prepared
+from sim2real.deployment.record import draw, prepare_robot, record_motions
 from sim2real.deployment.stops import guarding
 
 
@@ -60,8 +60,8 @@ def run(
             then are in log.csv, whose metadata say why.
     """
     limits = guarding(stops)
-    machine = prepared(robot, port, calibration, arm, seconds, size)
+    machine = prepare_robot(robot, port, calibration, arm, seconds, size)
     rng, path = np.random.default_rng(seed), Path(out) / "log.csv"
-    log = drive(machine, motions, seconds, rng, path, size, limits=limits)
+    log = record_motions(machine, motions, seconds, rng, path, size, limits=limits)
     draw(log, machine, Path(out) / "plots" / "log.png")
     return log

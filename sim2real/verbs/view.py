@@ -23,10 +23,10 @@ from sim2real.deployment.trained import load_trained
 from sim2real.deployment.view import (
     SETTLE,
     Window,
-    along,
-    by_policy,
     check_display,
+    motion_driver,
     open_window,
+    policy_driver,
     watch,
     write_film,
 )
@@ -92,12 +92,12 @@ def run(
         raise Sim2RealError(f"seconds={seconds} must be above 0")
     if video is None:
         check_display()
-    drive = along(machine, motions, seconds, seed)
+    drive = motion_driver(machine, motions, seconds, seed)
     if checkpoint is not None:
         task = servo_task(parts.environment)
         RobotRows(task, ServoBackend(machine, SETTLE))  # refuses another robot's policy at once
         trained = load_trained(checkpoint, parts, algorithm)
-        drive = by_policy(task, trained, seed)
+        drive = policy_driver(task, trained, seed)
     world = World(machine, seed=seed)
     if video is None:
         with open_window(world) as handle:

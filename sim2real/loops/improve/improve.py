@@ -31,7 +31,7 @@ from typing import Any
 from envs.effects.file import load_effects, write_effects
 from hardware.errors import SafetyError
 from hardware.log import Log, read_logs
-from sim2real.deployment.actors import Actor, actor_of, load_actor
+from sim2real.deployment.actors import LoadedPolicy, actor_of, load_actor
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.evaluation.cause_costs import read_causes
 from sim2real.learning.algorithms.base import Components
@@ -276,6 +276,6 @@ class _Loop:
         return found != [(effect.label(), tuple(values)) for effect, values in fixed]
 
 
-def _at_hand(trained: TrainedPolicy, path: str | Path) -> Actor:
+def _at_hand(trained: TrainedPolicy, path: str | Path) -> LoadedPolicy:
     """Return the policy that a log of ours names."""
     return actor_of(trained, path)

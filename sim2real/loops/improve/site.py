@@ -30,9 +30,9 @@ from hardware.excite import Kind
 from hardware.log import Log, read_logs
 from hardware.rows import RobotRows
 from hardware.safety import StopLimits
-from sim2real.deployment.deploy import drive, is_felt, servo_task
+from sim2real.deployment.deploy import has_base_orientation, run_deployment, servo_task
 from sim2real.deployment.robot_env import on_robot
-from sim2real.deployment.session import STATE, Deployment, Turn, load
+from sim2real.deployment.session import STATE, Deployment, EpisodePlan, load
 from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.trained import TrainedPolicy
@@ -105,7 +105,7 @@ class Site:
     def _refuse_loose(self) -> None:
         """Refuse the ground for a robot of whose base nothing tells where it is."""
         model = mujoco.MjModel.from_xml_path(str(self.machine.model))
-        why = refusal(model, has_imu=is_felt(self._backend()))
+        why = refusal(model, has_imu=has_base_orientation(self._backend()))
         if why:
             raise Sim2RealError(
                 f"stand=false: {self.machine.name} {why}, so its episodes cannot be simulated "
@@ -172,10 +172,10 @@ class Site:
         )
         env = on_robot(trained, self.task, self._backend(), folder / "logs")
         measure = self._measure if self.by_distance else None
-        drive(env, trained, plan, folder, measure, resume=folder.parent.parent)
+        run_deployment(env, trained, plan, folder, measure, resume=folder.parent.parent)
         return plan.before
 
-    def _measure(self, turn: Turn) -> float:
+    def _measure(self, turn: EpisodePlan) -> float:
         return self.operator.distance(f"episode {turn.number + 1} of {self.trials}")
 
     def record(self, place: Path, number: int) -> list[Log]:

@@ -23,7 +23,7 @@ from hardware.excite import Kind
 from hardware.log import Log
 from hardware.safety import StopLimits
 from hardware.stand import home_pose, hung
-from sim2real.deployment.record import drive
+from sim2real.deployment.record import record_motions
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import write
@@ -116,7 +116,7 @@ def on_stand(
             path = place / f"{name}.csv"
             own = {"pose": pose, "limits": limits, "seed": seed + number}
             try:
-                drive(hanging, motions, seconds, rng, path, **own)
+                record_motions(hanging, motions, seconds, rng, path, **own)
             except SafetyError:
                 os.replace(place, _free(folder))
                 raise

@@ -20,7 +20,7 @@ from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.env import HardwareEnv
 from sim2real.config.compose import compose, prepare
-from sim2real.deployment.deploy import drive
+from sim2real.deployment.deploy import run_deployment
 from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment
 from sim2real.learning.adapt import NoAdaptation
@@ -112,7 +112,7 @@ def test_somebody_s_own_transform_and_actor_drive_the_emulated_bus(
     deployment = Deployment(trained.theta, NoAdaptation(), trials=2, seed=0)
     backend = ServoBackend(load_robot("bench1"), settle=0.1)
     env = on_robot(trained, task, backend, tmp_path / "logs")
-    drive(env, trained, deployment, tmp_path)
+    run_deployment(env, trained, deployment, tmp_path)
     log = robot_of(env).log.last
     assert log is not None and len(log) == STEPS + 1 < task.max_steps
     seen = np.stack([log.column(f"obs.{i}") for i in range(size)], 1)[:STEPS]

@@ -14,7 +14,7 @@ import pytest
 from envs.effects import make
 from hardware.config import load_robot
 from hardware.log import Log, read_log
-from sim2real.deployment.record import drive
+from sim2real.deployment.record import record_motions
 from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.attribution.experiment_menu import Item
 from sim2real.diagnosis.outcome import Diagnosis
@@ -34,7 +34,9 @@ def recorder(hidden: Path) -> Callable[[Item, Path], Log]:
     robot = replace(load_robot("bench1"), hidden=hidden)
 
     def record(item: Item, path: Path) -> Log:
-        drive(robot, item.motions, item.seconds, np.random.default_rng(item.seed), path, item.size)
+        record_motions(
+            robot, item.motions, item.seconds, np.random.default_rng(item.seed), path, item.size
+        )
         return read_log(path)
 
     return record

@@ -19,7 +19,7 @@ from envs import MujocoEnv
 from envs.tasks import Bench1, Quad8
 from hardware.exported import ExportedPolicy, PolicyError
 from sim2real.config.compose import compose, prepare
-from sim2real.deployment.export import ExportError, compare, dense, export
+from sim2real.deployment.export import ExportError, check_parity, export, to_arrays
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.interface import observation_names as names
 from sim2real.learning.trained import TrainedPolicy, from_module
@@ -188,7 +188,7 @@ class Odd(nn.Module):
 def test_a_network_that_numpy_cannot_have_is_refused(layers):
     """Other nonlinearities, mixed ones, a last one, and none at all."""
     with pytest.raises(ExportError, match="is no perceptron with one nonlinearity"):
-        dense(Odd(*layers), Bench1())
+        to_arrays(Odd(*layers), Bench1())
 
 
 def test_what_does_not_agree_is_not_written(tmp_path):
@@ -206,7 +206,7 @@ def test_what_does_not_agree_is_not_written(tmp_path):
         export(trained, Bench1(), tmp_path / "out", np.random.default_rng(0))
     assert not (tmp_path / "out").exists()
     with pytest.raises(ExportError):
-        compare(np.array([[np.nan]]), np.array([[0.0]]), "policy.pt2")
+        check_parity(np.array([[np.nan]]), np.array([[0.0]]), "policy.pt2")
 
 
 def test_steep_policies_are_exported_too(tmp_path):

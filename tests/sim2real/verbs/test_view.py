@@ -110,12 +110,12 @@ def test_a_watched_clock_keeps_the_time_of_an_unwatched_one():
         def show(self, world: World) -> None:
             pass
 
-    clock = view.WatchedClock(World(load_robot("bench1")), Blind(), end=0.5)
+    clock = view.RenderingClock(World(load_robot("bench1")), Blind(), end=0.5)
     for moment in (0.013, 0.2, 0.1, 0.30001):
         before = clock.now()
         clock.sleep_until(moment)
         assert clock.now() == max(moment, before)
-    with pytest.raises(view.Closed):
+    with pytest.raises(view.WindowClosedError):
         clock.sleep_until(1.0)
     clock.sleep_until(2.0)
     assert clock.now() == 2.0

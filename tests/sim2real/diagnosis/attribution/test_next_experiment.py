@@ -13,7 +13,7 @@ from envs.effects import make
 from envs.plant import Fixed
 from hardware.config import load_robot
 from hardware.excite import Kind
-from sim2real.deployment.record import drive
+from sim2real.deployment.record import record_motions
 from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.attribution.experiment_menu import Item, menu
 from sim2real.diagnosis.attribution.next_experiment import (
@@ -164,7 +164,7 @@ def test_the_plan_can_be_recorded() -> None:
         member("armature", [0.001], where="hinge"),
     )
     assert set(plan.item.motions) <= set(get_args(Kind))
-    log = drive(load_robot("bench1"), plan.item.motions, 2.0, np.random.default_rng(0))
+    log = record_motions(load_robot("bench1"), plan.item.motions, 2.0, np.random.default_rng(0))
     assert len(log) == 100
     assert f"motions=[{','.join(plan.item.motions)}]" in plan.overrides
 
