@@ -30,11 +30,11 @@ from envs import distribution_file
 from envs.distribution import Distribution
 from hardware.log import read_logs
 from sim2real.identification.data import Recordings
-from sim2real.identification.held_out import judge
-from sim2real.identification.methods.base import Run
+from sim2real.identification.held_out import score_held_out
+from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.matching import Matching
-from sim2real.identification.prior import of_candidates
-from sim2real.identification.providers.base import Aligned
+from sim2real.identification.prior import prior_from_candidates
+from sim2real.identification.providers.base import AlignedProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.scores.aligned import KStep
 from sim2real.identification.searches import Cma
@@ -110,13 +110,13 @@ def folds(count: int) -> list[Split]:
 
 def judged(case: Case, out: Path) -> Iterator[dict[str, str]]:
     """Yield a row for each held-out log; errors are in degrees."""
-    prior = of_candidates(case.report, case.data)
+    prior = prior_from_candidates(case.report, case.data)
     made = replay(case.data, prior.effects, rows=None, seed=0)
     for number, (fitted, held) in enumerate(case.splits):
         found = identified(made, prior, fitted, number, out / f"distribution_{number}.yaml")
         for log in held:
             rng = np.random.default_rng([number, log])
-            said = judge(_logs(made, [log]), found, rng)
+            said = score_held_out(_logs(made, [log]), found, rng)
             degrees = np.degrees(np.mean(made.scale))
             sizes = [said.before, said.after, said.crps, said.absolute]
             before, after, crps, absolute = (f"{degrees * size:.4f}" for size in sizes)
@@ -126,19 +126,19 @@ def judged(case: Case, out: Path) -> Iterator[dict[str, str]]:
 
 
 def identified(
-    made: Aligned, prior: Distribution, logs: Sequence[int], seed: int, path: Path
+    made: AlignedProvider, prior: Distribution, logs: Sequence[int], seed: int, path: Path
 ) -> Distribution:
     """Return the distribution that some logs speak for; it is read where it was written."""
     if path.is_file():
         return distribution_file.read(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    found = Matching(KStep(), Cma()).found(_logs(made, logs), prior, Run(seed=seed))
+    found = Matching(KStep(), Cma()).found(_logs(made, logs), prior, FitContext(seed=seed))
     distribution_file.write(path, found)
     return distribution_file.read(path)
 
 
-def _logs(made: Aligned, logs: Sequence[int]) -> Aligned:
-    return made.only(np.flatnonzero(np.isin(made.episode, list(logs))))
+def _logs(made: AlignedProvider, logs: Sequence[int]) -> AlignedProvider:
+    return made.subset(np.flatnonzero(np.isin(made.episode, list(logs))))
 
 
 def read(path: Path) -> list[dict[str, str]]:

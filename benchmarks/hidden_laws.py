@@ -39,7 +39,7 @@ from hardware.stand import home_pose
 from sim2real.exam.logs import drive, exam_robot, motions
 from sim2real.identification.data import Recordings
 from sim2real.identification.identify import identify
-from sim2real.identification.methods.base import Run
+from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.matching import Matching
 from sim2real.identification.methods.npe import FILE, Npe
 from sim2real.identification.providers.replay import replay
@@ -149,7 +149,7 @@ def judge(number: int, robot: Robot, seed: int, npe: bool) -> Row:
     logs = [recorded(robot, values, rng) for values in law.sample(rng, ROBOTS)]
     start, given = sum(os.times()[:4]), prior()
     data = Recordings(logs, robot.model)
-    outcome = identify(data, Matching(KStep(), Cma()), given, run=Run(seed=number))
+    outcome = identify(data, Matching(KStep(), Cma()), given, run=FitContext(seed=number))
     spent = sum(os.times()[:4]) - start
     found, fresh = outcome.found, law.sample(rng, FRESH)[rng.permutation(FRESH)]
     draws = shares(found.sample(rng, DRAWS))
@@ -185,7 +185,7 @@ def recorded(robot: Robot, values: np.ndarray, rng: np.random.Generator) -> Log:
 def least_p(data: Recordings, given: Distribution, seed: int) -> float:
     """Return the least p of NPE's ranks over the parameters; far below 0.01: not calibrated."""
     with TemporaryDirectory() as folder:
-        Npe().fit(replay, given, data, Run(seed=seed, folder=Path(folder)))
+        Npe().fit(replay, given, data, FitContext(seed=seed, folder=Path(folder)))
         with (Path(folder) / FILE).open(newline="", encoding="utf-8") as file:
             return min(float(row["p"]) for row in csv.DictReader(file))
 

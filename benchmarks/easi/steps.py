@@ -17,7 +17,7 @@ from envs.simulation import Simulation
 from sim2real.config.compose import compose
 from sim2real.config.targets import build
 from sim2real.identification.outcome import FILE
-from sim2real.identification.prior import of_tasks
+from sim2real.identification.prior import prior_from_tasks
 from sim2real.runs.files import claimed
 
 LOG = "demonstrations.csv"
@@ -209,7 +209,7 @@ def demonstrated(
 
 def prior(plan: Plan) -> Distribution:
     """Return EASI's prior: what uniform randomization draws, for another target BEYOND as far."""
-    before = of_tasks(build(compose([f"params={plan.study.params}"])["params"], "params"))
+    before = prior_from_tasks(build(compose([f"params={plan.study.params}"])["params"], "params"))
     if plan.target is None:
         return before
     space = Simulation(plan.study.task(), 1, before.effects, 1).space

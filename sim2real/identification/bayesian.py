@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.stats.qmc import Sobol
 
-from sim2real.identification.searches import Evaluate, Found, OnTurn, Space
+from sim2real.identification.searches import Evaluate, OnTurn, SearchResult, Space
 from sim2real.runs.errors import Sim2RealError
 
 RESTARTS, RAW = 4, 128  # of the search for where to ask next: from so many of so many drawn points
@@ -49,7 +49,7 @@ class Bayesian:
         prior: Space,
         seed: int,
         on_turn: OnTurn | None = None,
-    ) -> Found:
+    ) -> SearchResult:
         """Search within the prior's ends; see `Search`."""
         low, width = prior.low, prior.high - prior.low
         asked = spread(len(low), self.first, seed)  # (n, P) in the unit cube
@@ -65,7 +65,7 @@ class Bayesian:
             if on_turn is not None:
                 on_turn(turn + 1, self.generations, float(numbers.min()))
         best, std = history[-1]
-        return Found(best, best, std, np.array(history))
+        return SearchResult(best, best, std, np.array(history))
 
 
 def require(what: str) -> None:

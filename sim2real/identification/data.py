@@ -26,7 +26,7 @@ Act = Callable[[np.ndarray], np.ndarray]  # observations (n, O) to actions (n, A
 
 
 @dataclass(frozen=True)
-class World:
+class PolicySimulation:
     """The simulated task that a policy acts in, for rollouts.
 
     Args:
@@ -55,7 +55,7 @@ class Recordings:
     logs: Sequence[Log]
     model: str | Path | None = None
     fixed: Sequence[Fixed] = ()
-    world: World | None = field(default=None)
+    world: PolicySimulation | None = field(default=None)
 
     @cached_property
     def windows(self) -> Data:

@@ -1,6 +1,6 @@
 """Between two episodes: the parameters that a policy's environment draws, as the logs say them.
 
-    find = Finder(Nearby(rows=1, transitions=50))
+    find = EpisodeIdentifier(Nearby(rows=1, transitions=50))
     find(trained.environment, logs, seed=0)             # (P,), each in its unit
 
 The logs are replayed in the task that the policy was trained in; what training draws is the prior.
@@ -21,8 +21,8 @@ from envs.randomization import Tasks
 from envs.tasks.base import Task
 from hardware.log import Log
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import Method, Run
-from sim2real.identification.prior import of_tasks
+from sim2real.identification.methods.base import FitContext, Method
+from sim2real.identification.prior import prior_from_tasks
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -38,7 +38,7 @@ class Simulated(Protocol):
         ...
 
 
-class Finder:
+class EpisodeIdentifier:
     """Identifies by a method.
 
     Args:
@@ -73,5 +73,5 @@ class Finder:
             model = Path(folder, "model.xml")
             model.write_text(named(task.spec()).to_xml(), encoding="utf-8")
             data = Recordings(logs, model, environment.fixed)
-            prior = of_tasks(environment.tasks, data, self._beyond)
-            return self._method.fit(self._method.provider, prior, data, Run(seed)).mean
+            prior = prior_from_tasks(environment.tasks, data, self._beyond)
+            return self._method.fit(self._method.provider, prior, data, FitContext(seed)).mean

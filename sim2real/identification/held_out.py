@@ -19,13 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.distribution import Distribution
-from sim2real.identification.providers.base import Aligned
+from sim2real.identification.providers.base import AlignedProvider
 from sim2real.identification.settings import DEFAULT, Settings
 
 HALVINGS = 16  # of the interval in which enough noise is looked for
 
 
-class Judged(NamedTuple):
+class HeldOutScores(NamedTuple):
     """Held-out numbers; gaps are root mean squares over all readings, in units of their scale."""
 
     before: float  # the gap with the effects absent
@@ -36,8 +36,11 @@ class Judged(NamedTuple):
     absolute: float  # mean absolute error of the distribution's mean
 
 
-def widened(
-    fitted: Aligned, found: Distribution, rng: np.random.Generator, settings: Settings = DEFAULT
+def inflate_noise(
+    fitted: AlignedProvider,
+    found: Distribution,
+    rng: np.random.Generator,
+    settings: Settings = DEFAULT,
 ) -> Distribution:
     """Return the distribution with the noise that its draws lack to hold the fitted readings.
 
@@ -52,7 +55,7 @@ def widened(
     """
     few = max(1, int(settings.compared // max(fitted.real[0].size, 1)))
     pieces = np.sort(rng.permutation(len(fitted.real))[:few])
-    some = fitted.only(pieces)
+    some = fitted.subset(pieces)
     drawn = some.errors(found.sample(rng, settings.draws))  # (D, W, T, M)
     noise = {}
     for place, name in enumerate(some.names):
@@ -82,9 +85,12 @@ def _share(errors: np.ndarray, band: float) -> float:
     return float(((low <= 0) & (high >= 0)).mean())
 
 
-def judge(
-    held: Aligned, found: Distribution, rng: np.random.Generator, settings: Settings = DEFAULT
-) -> Judged:
+def score_held_out(
+    held: AlignedProvider,
+    found: Distribution,
+    rng: np.random.Generator,
+    settings: Settings = DEFAULT,
+) -> HeldOutScores:
     """Judge a distribution by recordings.
 
     Args:
@@ -102,7 +108,7 @@ def judge(
     errors = drawn[:, there]  # (D, n)
     if errors.shape[1] > settings.compared:
         errors = errors[:, rng.choice(errors.shape[1], settings.compared, replace=False)]
-    return Judged(
+    return HeldOutScores(
         _rms(before),
         _rms(after),
         _share(errors, settings.band),

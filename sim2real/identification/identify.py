@@ -16,11 +16,11 @@ import numpy as np
 from envs.distribution import Distribution
 from envs.randomization import Randomization, Tasks
 from sim2real.identification.data import Recordings
-from sim2real.identification.held_out import Judged, judge
-from sim2real.identification.methods.base import Method, Run
+from sim2real.identification.held_out import HeldOutScores, score_held_out
+from sim2real.identification.methods.base import FitContext, Method
 from sim2real.identification.outcome import Outcome
-from sim2real.identification.prior import of_candidates, of_tasks
-from sim2real.identification.providers.base import Aligned, MakeProvider, Provider
+from sim2real.identification.prior import prior_from_candidates, prior_from_tasks
+from sim2real.identification.providers.base import AlignedProvider, MakeProvider, Provider
 from sim2real.identification.providers.replay import replay
 from sim2real.runs.errors import Sim2RealError
 
@@ -34,16 +34,16 @@ def prior_of(
     """Return the prior: of a diagnosis or of effects by name, or what a training draws.
 
     Raises:
-        Sim2RealError: both or neither are given, or see `of_candidates` and `of_tasks`.
+        Sim2RealError: both or neither are given, or see `prior_from_candidates` and `prior_from_tasks`.
     """
     drawn = bool(tasks.effects)
     if candidates is None:
-        return of_tasks(tasks, data if drawn else None)
+        return prior_from_tasks(tasks, data if drawn else None)
     if drawn:
         raise Sim2RealError(
             "candidates and params are two priors; give one of them (params=none leaves it out)"
         )
-    return of_candidates(candidates, data)
+    return prior_from_candidates(candidates, data)
 
 
 def identify(
@@ -51,7 +51,7 @@ def identify(
     method: Method,
     prior: Distribution | str | Path | Sequence[str] | Tasks,
     provider: MakeProvider = replay,
-    run: Run | None = None,
+    run: FitContext | None = None,
 ) -> Outcome:
     """Fit a distribution to logs, and judge it by those that were held out.
 
@@ -65,7 +65,7 @@ def identify(
     Raises:
         Sim2RealError: logs, priors, methods and scores that do not fit each other, before any work.
     """
-    run = run or Run()
+    run = run or FitContext()
     if not isinstance(prior, Distribution):
         tasks = prior if hasattr(prior, "effects") else Randomization()
         given = None if hasattr(prior, "effects") else prior
@@ -75,9 +75,9 @@ def identify(
     return Outcome(prior, found, _judged(made, found, run.seed), made.neutral)
 
 
-def _judged(made: Provider, found: Distribution, seed: int) -> Judged | None:
+def _judged(made: Provider, found: Distribution, seed: int) -> HeldOutScores | None:
     """Return what held-out recordings say; None where the provider is not aligned."""
-    if not isinstance(made, Aligned):
+    if not isinstance(made, AlignedProvider):
         return None
     _, held = made.split()
-    return judge(held, found, np.random.default_rng([seed, JUDGING]))
+    return score_held_out(held, found, np.random.default_rng([seed, JUDGING]))

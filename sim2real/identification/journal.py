@@ -65,7 +65,7 @@ class Journal:
         self._told = [held[f"told.{i}"] for i in range(self._known)]
         self._state = {n.removeprefix(STATE): a for n, a in held.items() if n.startswith(STATE)}
 
-    def told(self, points: np.ndarray, turn: int, evaluate: Evaluate) -> np.ndarray:
+    def evaluate(self, points: np.ndarray, turn: int, evaluate: Evaluate) -> np.ndarray:
         """Return the points' numbers, (n,): those that are recorded, or new ones, which are kept.
 
         Raises:

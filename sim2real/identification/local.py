@@ -18,11 +18,11 @@ import numpy as np
 
 from envs.distribution import Distribution, Flat
 from sim2real.diagnosis.settings import TINY, TINY_SQUARE
-from sim2real.identification.providers.base import Aligned
+from sim2real.identification.providers.base import AlignedProvider
 from sim2real.identification.settings import DEFAULT, Settings
 
 
-class Local(NamedTuple):
+class LocalSensitivity(NamedTuple):
     """What the logs say around a point."""
 
     point: np.ndarray  # (P,)
@@ -50,9 +50,9 @@ class Local(NamedTuple):
         return tuple(found)
 
 
-def explore(
-    provider: Aligned, prior: Distribution, point: np.ndarray, settings: Settings = DEFAULT
-) -> Local:
+def analyze_sensitivity(
+    provider: AlignedProvider, prior: Distribution, point: np.ndarray, settings: Settings = DEFAULT
+) -> LocalSensitivity:
     """Find which directions the logs know at a point.
 
     Args:
@@ -66,16 +66,16 @@ def explore(
     change = sensitivities(provider, prior, point[None].repeat(provider.episodes, 0), settings)
     noise = np.maximum(_square(error), _floor(provider, settings))  # (M,)
     # each reading over its noise, and so often as it says something new
-    weight = 1 / np.sqrt(noise * correlation(error))
+    weight = 1 / np.sqrt(noise * autocorrelation_time(error))
     flat = _readings(change * weight) * scale[:, None]
     information, vectors = np.linalg.eigh(flat @ flat.T)
     narrowed = 1 - 1 / np.sqrt(1 + np.maximum(information, 0.0))
     sure = narrowed >= settings.known
-    return Local(point, scale, vectors[:, sure], vectors[:, ~sure], narrowed[~sure])
+    return LocalSensitivity(point, scale, vectors[:, sure], vectors[:, ~sure], narrowed[~sure])
 
 
 def sensitivities(
-    provider: Aligned, prior: Distribution, values: np.ndarray, settings: Settings = DEFAULT
+    provider: AlignedProvider, prior: Distribution, values: np.ndarray, settings: Settings = DEFAULT
 ) -> np.ndarray:
     """Return how errors change with each parameter, (P, W, T, M), at values (E, P) of episodes."""
     width = prior.high - prior.low
@@ -89,8 +89,11 @@ def sensitivities(
     return (moved[:size] - moved[size:]) / np.maximum(length, TINY)[:, :, None, None]
 
 
-def per_episode(
-    provider: Aligned, prior: Distribution, local: Local, settings: Settings = DEFAULT
+def fit_per_episode(
+    provider: AlignedProvider,
+    prior: Distribution,
+    local: LocalSensitivity,
+    settings: Settings = DEFAULT,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fit each episode by itself, along the known directions, from the common point.
 
@@ -117,21 +120,23 @@ def per_episode(
     return shifts, _covariances(provider, change, error, settings), error
 
 
-class Likely(NamedTuple):
+class MAPEstimate(NamedTuple):
     """The most likely values, and how sure they are."""
 
     point: np.ndarray  # (P,)
     covariance: np.ndarray  # (P, P)
 
 
-def most_likely(provider: Aligned, prior: Distribution, settings: Settings = DEFAULT) -> Likely:
+def maximum_a_posteriori(
+    provider: AlignedProvider, prior: Distribution, settings: Settings = DEFAULT
+) -> MAPEstimate:
     """Go from the prior's mean to the values that the logs and the prior make most likely.
 
     Damped Gauss-Newton steps. Each reading counts over its noise, which is what is left of the gap
     so far. A part of what is left may act like any parameter: it is the same in all readings, so
     that the prior counts for more against them the more of it there is. While values are looked
     for, most of what is left is that of wrong values; so it is a smaller part then (`hold`) than
-    for how sure they are in the end (`doubt`).
+    for how sure they are in the end (`model_discrepancy`).
 
     Args:
         provider: what simulates; all episodes together.
@@ -168,11 +173,11 @@ def most_likely(provider: Aligned, prior: Distribution, settings: Settings = DEF
         shift, error = trials[best - 1], errors[best - 1]
     weight = _weight(provider, error, noise, settings.doubt, settings)
     sure = weight * np.linalg.inv(information + weight * np.eye(len(scale)))
-    return Likely(at(shift), scale[:, None] * sure * scale)
+    return MAPEstimate(at(shift), scale[:, None] * sure * scale)
 
 
 def _weight(
-    provider: Aligned, error: np.ndarray, noise: np.ndarray, part: float, settings: Settings
+    provider: AlignedProvider, error: np.ndarray, noise: np.ndarray, part: float, settings: Settings
 ) -> float:
     """Return how many readings the prior counts as, 1 where all that is left is noise."""
     beyond = np.minimum(1 - _floor(provider, settings) / noise, _lasting(error))
@@ -189,19 +194,23 @@ def _inside(values: np.ndarray, prior: Distribution) -> np.ndarray:
     return np.clip(values, prior.low, prior.high)
 
 
-def _along(change: np.ndarray, local: Local) -> np.ndarray:
+def _along(change: np.ndarray, local: LocalSensitivity) -> np.ndarray:
     """Return changes along the known directions, (K, W, T, M), of those with parameters."""
     return np.tensordot((local.known * local.scale[:, None]).T, change, axes=1)
 
 
-def _costs(provider: Aligned, error: np.ndarray) -> np.ndarray:
+def _costs(provider: AlignedProvider, error: np.ndarray) -> np.ndarray:
     """Return the sum of squares of each episode, (E,)."""
     each = np.nansum(error**2, axis=(1, 2))
     return np.bincount(provider.episode, each, provider.episodes)
 
 
 def _steps(
-    provider: Aligned, local: Local, change: np.ndarray, error: np.ndarray, settings: Settings
+    provider: AlignedProvider,
+    local: LocalSensitivity,
+    change: np.ndarray,
+    error: np.ndarray,
+    settings: Settings,
 ) -> np.ndarray:
     """Return a step for each damping and episode, (D, E, K)."""
     size = len(change)
@@ -220,10 +229,10 @@ def _steps(
 
 
 def _covariances(
-    provider: Aligned, change: np.ndarray, error: np.ndarray, settings: Settings
+    provider: AlignedProvider, change: np.ndarray, error: np.ndarray, settings: Settings
 ) -> np.ndarray:
     """Return how well each episode knows its shifts, (E, K, K)."""
-    size, lags = len(change), int(np.ceil(correlation(error).max()))
+    size, lags = len(change), int(np.ceil(autocorrelation_time(error).max()))
     floor = _floor(provider, settings)
     found = np.empty((provider.episodes, size, size))
     for e in range(provider.episodes):
@@ -249,13 +258,17 @@ def _newey_west(pull: np.ndarray, lags: int) -> np.ndarray:
     return meat
 
 
-def doubt(
-    provider: Aligned, prior: Distribution, local: Local, left: np.ndarray, settings: Settings
+def model_discrepancy(
+    provider: AlignedProvider,
+    prior: Distribution,
+    local: LocalSensitivity,
+    left: np.ndarray,
+    settings: Settings,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return by how much what is left of the gap may have shifted all episodes alike.
 
     What is left beyond noise, and lasts from one row to the next, is something that no parameter
-    says. It is the same in every episode, so that more of them make it no smaller; `doubt` of it
+    says. It is the same in every episode, so that more of them make it no smaller; `model_discrepancy` of it
     may act like a change along any direction.
 
     Args:
@@ -263,7 +276,7 @@ def doubt(
         prior: gives the widths.
         local: the point and its directions.
         left: errors that are left when every episode is fitted, (W, T, M).
-        settings: `doubt` is used.
+        settings: `model_discrepancy` is used.
 
     Returns:
         A covariance along the directions (K, K), and the rest of what is left that such shifts do
@@ -286,7 +299,7 @@ def doubt(
     return shared, np.sqrt(rest)
 
 
-def correlation(error: np.ndarray) -> np.ndarray:
+def autocorrelation_time(error: np.ndarray) -> np.ndarray:
     """Return over how many rows errors (W, T, M) hang together, (M,); 1: each stands alone.
 
     Their integrated autocorrelation time, up to the first lag that is not positive (Sokal 1997).
@@ -320,7 +333,7 @@ def _square(error: np.ndarray) -> np.ndarray:
     return np.nanmean(error**2, axis=(0, 1))
 
 
-def _floor(provider: Aligned, settings: Settings) -> np.ndarray:
+def _floor(provider: AlignedProvider, settings: Settings) -> np.ndarray:
     """Return the least mean square error that counts, (M,): noise, and what simulations resolve."""
     motion = np.nanstd(provider.real, axis=(0, 1))
     return np.maximum(provider.floor**2 + (settings.resolution * motion) ** 2, TINY_SQUARE)

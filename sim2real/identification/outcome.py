@@ -15,7 +15,7 @@ import numpy as np
 from envs import distribution_file
 from envs.distribution import Distribution
 from envs.distribution_file import NINETY
-from sim2real.identification.held_out import Judged
+from sim2real.identification.held_out import HeldOutScores
 from sim2real.identification.settings import DEFAULT, Settings
 from sim2real.runs.figures import COLOURS, FAINT, INK, figure
 from sim2real.runs.files import write_text
@@ -32,7 +32,7 @@ class Outcome(NamedTuple):
 
     prior: Distribution
     found: Distribution
-    judged: Judged | None  # None where nothing aligned could be held out
+    judged: HeldOutScores | None  # None where nothing aligned could be held out
     neutral: np.ndarray  # (P,) values at which the effects are absent
     truth: Mapping[str, float] = {}  # by parameter, of a robot that is known
 
@@ -67,7 +67,7 @@ def table(outcome: Outcome) -> Table:
     return made
 
 
-def readable(made: Table) -> Table:
+def format_cells(made: Table) -> Table:
     """Return a table whose numbers are texts of three digits, small ones too."""
     rows: list[Sequence[Cell]] = [[_digits(cell) for cell in row] for row in made.rows]
     return Table(made.columns, rows, made.notes)
@@ -118,7 +118,7 @@ def write(outcome: Outcome, out: Path) -> None:
     distribution_file.write(out / FILE, outcome.found)
     made = table(outcome)
     write_text(out / "table.csv", made.csv())
-    write_text(out / "table.md", f"# The robot's parameters\n\n{readable(made).markdown()}")
+    write_text(out / "table.md", f"# The robot's parameters\n\n{format_cells(made).markdown()}")
     draw(outcome, out / "plots" / "parameters.png")
     judged = None if outcome.judged is None else outcome.judged._asdict()
     content = {

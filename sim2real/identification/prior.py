@@ -31,7 +31,9 @@ from sim2real.runs.errors import Sim2RealError
 log_ = logging.getLogger(__name__)
 
 
-def of_tasks(tasks: Tasks, data: Recordings | None = None, beyond: float = 0.0) -> Distribution:
+def prior_from_tasks(
+    tasks: Tasks, data: Recordings | None = None, beyond: float = 0.0
+) -> Distribution:
     """Return what a training draws from as a prior.
 
     Args:
@@ -45,7 +47,7 @@ def of_tasks(tasks: Tasks, data: Recordings | None = None, beyond: float = 0.0) 
         Sim2RealError: tasks of another kind, or without a width.
     """
     if isinstance(tasks, Distribution):
-        return checked(tasks)
+        return check_width(tasks)
     if not isinstance(tasks, Randomization) or not tasks.draws:
         raise Sim2RealError(
             "identify needs a prior: give candidates=PATH/report.json of a diagnosis, "
@@ -63,10 +65,10 @@ def of_tasks(tasks: Tasks, data: Recordings | None = None, beyond: float = 0.0) 
         ends = [(max(low - more, p.low), min(high + more, p.high)) for p in own]
         wide = tuple(Law("normal", law.mean, law.std, a, b) for a, b in ends)
         entries.append(Entry(draw.effect, wide if beyond else (law,) * len(own)))
-    return checked(Distribution(tuple(entries)))
+    return check_width(Distribution(tuple(entries)))
 
 
-def of_candidates(
+def prior_from_candidates(
     given: str | Path | Sequence[str], data: Recordings, settings: Settings = DEFAULT
 ) -> Distribution:
     """Return the prior over a diagnosis's causes and their equivalents, or over effects by name.
@@ -86,7 +88,7 @@ def of_candidates(
     there = candidates(data.windows, fixed=data.fixed)
     there += candidates(data.windows, fixed=data.fixed, standing_in=True)
     if not isinstance(given, str | Path):
-        return checked(Distribution(tuple(_named(given, there))))
+        return check_width(Distribution(tuple(_named(given, there))))
     report = _report(Path(given).expanduser())
     found: dict[str, Entry] = {}
     for cause in report.values:
@@ -102,10 +104,10 @@ def of_candidates(
             f"candidates={given}: the verdict is {report.verdict} and there is no cause to find a "
             "distribution of; name effects instead, candidates=[effect, ...]"
         )
-    return checked(Distribution(tuple(found.values())))
+    return check_width(Distribution(tuple(found.values())))
 
 
-def checked(prior: Distribution) -> Distribution:
+def check_width(prior: Distribution) -> Distribution:
     """Return the prior; raises Sim2RealError for one without width in some parameter."""
     for name, law in zip(prior.names, prior.laws, strict=True):
         if not law.high > law.low:

@@ -19,7 +19,7 @@ from sim2real.diagnosis.settings import TINY, TINY_SQUARE
 from sim2real.identification.settings import DEFAULT, Settings
 
 
-class Split(NamedTuple):
+class VarianceComponents(NamedTuple):
     """A mean, and two covariances."""
 
     mean: np.ndarray  # (P,)
@@ -29,7 +29,7 @@ class Split(NamedTuple):
 
 def random_effects(
     estimates: np.ndarray, covariances: np.ndarray, settings: Settings = DEFAULT
-) -> Split:
+) -> VarianceComponents:
     """Split the scatter of episodes' estimates.
 
     Args:
@@ -39,7 +39,7 @@ def random_effects(
     """
     count, size = estimates.shape
     if count == 1 or size == 0:
-        return Split(estimates[0], np.zeros((size, size)), covariances[0])
+        return VarianceComponents(estimates[0], np.zeros((size, size)), covariances[0])
     spread = np.atleast_2d(np.cov(estimates.T)) + TINY * np.eye(size)
     for _ in range(settings.em_rounds):
         mean, inverse, uncertainty = _mean(estimates, covariances, spread)
@@ -53,10 +53,10 @@ def random_effects(
         if done:
             break
     mean, _, uncertainty = _mean(estimates, covariances, spread)
-    return Split(mean, spread, uncertainty)
+    return VarianceComponents(mean, spread, uncertainty)
 
 
-def shrunk(covariance: np.ndarray, count: int) -> np.ndarray:
+def shrink_correlations(covariance: np.ndarray, count: int) -> np.ndarray:
     """Return a covariance of few episodes with smaller correlations, (P, P).
 
     Correlations r of n episodes have variances of about (1 - r^2)^2 / (n - 1). All are multiplied

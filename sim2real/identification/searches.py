@@ -55,7 +55,7 @@ class Box(NamedTuple):
     names: tuple[str, ...]
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """Where a search ended."""
 
     best: np.ndarray  # (P,) the point of the smallest number that was seen
@@ -73,7 +73,7 @@ class Search(Protocol):
         prior: Space,
         seed: int,
         on_turn: OnTurn | None = None,
-    ) -> Found:
+    ) -> SearchResult:
         """Search within the prior's ends.
 
         Args:
@@ -123,7 +123,7 @@ class Cma:
         prior: Space,
         seed: int,
         on_turn: OnTurn | None = None,
-    ) -> Found:
+    ) -> SearchResult:
         """Search within the prior's ends; see `Search`."""
         import cma
 
@@ -159,7 +159,7 @@ class Cma:
             if strategy.stop():
                 break
         mean, std = history[-1]
-        return Found(best, mean, std, np.array(history))
+        return SearchResult(best, mean, std, np.array(history))
 
 
 class EasiEs:
@@ -200,7 +200,7 @@ class EasiEs:
         prior: Space,
         seed: int,
         on_turn: OnTurn | None = None,
-    ) -> Found:
+    ) -> SearchResult:
         """Search within the prior's ends; see `Search`."""
         low, high = prior.low, prior.high
         rng, n = np.random.default_rng(seed), self.population
@@ -221,7 +221,7 @@ class EasiEs:
                 best, least = points[numbers.argmin()], float(numbers.min())
             if on_turn is not None:
                 on_turn(turn + 1, self.generations, least)
-        return Found(best, mean, std, np.array(history))
+        return SearchResult(best, mean, std, np.array(history))
 
     def _weights(self) -> np.ndarray:
         """Return the recombination weights of the elites, (k,), which sum to 1."""

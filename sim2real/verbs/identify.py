@@ -13,11 +13,11 @@ from envs.effects import load_effects
 from envs.plant import Fixed
 from envs.randomization import Tasks
 from hardware.log import read_logs
-from sim2real.identification.data import Recordings, World
+from sim2real.identification.data import PolicySimulation, Recordings
 from sim2real.identification.identify import identify as find
 from sim2real.identification.identify import prior_of
-from sim2real.identification.methods.base import Run
-from sim2real.identification.outcome import Outcome, readable, table, warnings, write
+from sim2real.identification.methods.base import FitContext
+from sim2real.identification.outcome import Outcome, format_cells, table, warnings, write
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.progress import Progress
 
@@ -69,7 +69,7 @@ def run(
     if checkpoint is not None:
         data = replace(data, world=_world(checkpoint, prior, fixed, seed))
     with Progress(total=1, unit="generation") as progress:
-        watch = Run(
+        watch = FitContext(
             seed,
             Path(out),
             None if resume is None else Path(resume),
@@ -77,7 +77,7 @@ def run(
         )
         outcome = find(data, identify, prior, identify.provider, watch)
     write(outcome, Path(out))
-    log_.info("the robot's parameters\n%s", readable(table(outcome)).markdown())
+    log_.info("the robot's parameters\n%s", format_cells(table(outcome)).markdown())
     for words in warnings(outcome):
         log_.warning("%s", words)
     return outcome
@@ -85,7 +85,7 @@ def run(
 
 def _world(
     checkpoint: str | list[str], prior: Distribution, fixed: Sequence[Fixed], seed: int
-) -> World:
+) -> PolicySimulation:
     """Return what rollouts need: the checkpoint's policy in the simulator that it was trained in.
 
     It draws its actions, as EASI's does. This imports torch.
@@ -94,7 +94,7 @@ def _world(
 
     trained = load_policy(one_checkpoint(checkpoint))
     environment = replace(trained.environment, tasks=prior, fixed=tuple(fixed))
-    return World(
+    return PolicySimulation(
         lambda effects, rows: environment.base_rows(rows),
         lambda rows: trained.controller(num_rows=rows, explore=seed),
         environment.name,

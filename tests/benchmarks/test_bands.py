@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import bands
 from envs.distribution import Distribution
-from sim2real.identification.methods.base import Run
+from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.matching import Matching
 from tests.sim2real.identification.linear import PRIOR, Linear
 
@@ -32,9 +32,9 @@ def test_a_distribution_is_of_its_logs_and_read_again(
     made, path = Linear(values, 0.05, rng), tmp_path / "bands" / "distribution_0.yaml"
     found = bands.identified(made, PRIOR, [4, 5, 6], 0, path)
     assert found.mean == pytest.approx([3.0, 2.0], abs=0.05)
-    asked: list[Run] = []
+    asked: list[FitContext] = []
 
-    def fit(self: Matching, provider: Linear, prior: Distribution, run: Run) -> Distribution:
+    def fit(self: Matching, provider: Linear, prior: Distribution, run: FitContext) -> Distribution:
         asked.append(run)
         return prior
 

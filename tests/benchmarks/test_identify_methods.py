@@ -12,14 +12,14 @@ from envs.distribution import Distribution, Entry
 from envs.effects import make
 from envs.laws import Law, uniform
 from sim2real.config.compose import compose
-from sim2real.identification.held_out import Judged
+from sim2real.identification.held_out import HeldOutScores
 from sim2real.identification.outcome import Outcome
 
 EFFECTS = (make("link_mass", where="torso", how="set"), make("ground_friction", how="set"))
 PRIOR = Distribution(tuple(Entry(e, (uniform(1.0, 9.0),)) for e in EFFECTS))
 
 
-def answer(mean: float, judged: Judged | None) -> Answer:
+def answer(mean: float, judged: HeldOutScores | None) -> Answer:
     """Return one with both parameters at a mean, 0.1 unsure."""
     law = Law("normal", mean, 0.1, 1.0, 9.0)
     found = Distribution(tuple(Entry(e, (law,)) for e in EFFECTS))
@@ -29,7 +29,7 @@ def answer(mean: float, judged: Judged | None) -> Answer:
 def test_each_method_has_a_row_and_a_panel(tmp_path: Path) -> None:
     """Means with 90 % of the draws, the share of the gap that is left, and the cost."""
     answers = {
-        "cma": answer(6.5, Judged(2.0, 0.5, 0.9, 0.9, 0.1, 0.1)),
+        "cma": answer(6.5, HeldOutScores(2.0, 0.5, 0.9, 0.9, 0.1, 0.1)),
         "easi": answer(6.0, None),
     }
     assert list(answers["cma"].outcome.found.names) == list(TRUTH)

@@ -24,7 +24,7 @@ Watch = Callable[[int, int, float | None], None]  # turns done, turns in all, be
 
 
 @dataclass(frozen=True)
-class Run:
+class FitContext:
     """Where a fit keeps its journal, whom it tells, and where its randomness comes from.
 
     Args:
@@ -63,7 +63,7 @@ class Method(Protocol):
         ...
 
     def fit(
-        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: Run = ...
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: FitContext = ...
     ) -> Distribution:
         """Return the distribution of simulators that the data speak for.
 

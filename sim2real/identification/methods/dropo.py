@@ -20,8 +20,8 @@ import numpy as np
 
 from envs.distribution import Distribution
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import Run, gaussian
-from sim2real.identification.providers.base import Aligned, MakeProvider
+from sim2real.identification.methods.base import FitContext, gaussian
+from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.searches import Box, Search
 from sim2real.identification.settings import DEFAULT, Settings
@@ -82,19 +82,21 @@ class Dropo:
         provider: MakeProvider,
         prior: Distribution,
         data: Recordings,
-        run: Run | None = None,
+        run: FitContext | None = None,
     ) -> Distribution:
         """Return the distribution; see `Method`."""
-        run = run or Run()
+        run = run or FitContext()
         made: Any = provider(data, prior.effects, rows=self.rows, seed=run.seed)
-        if not isinstance(made, Aligned):
+        if not isinstance(made, AlignedProvider):
             raise Sim2RealError("dropo compares row by row; choose identify/provider=replay")
         fitted, _ = made.split(self.settings)
         found = self.found(fitted, prior, run)
         made_by = run.made_by(self.name, search=self.search) | {"rows": self.rows}
         return replace(found, made_by=made_by, logs=data.hashes())
 
-    def found(self, provider: Aligned, prior: Distribution, run: Run) -> Distribution:
+    def found(
+        self, provider: AlignedProvider, prior: Distribution, run: FitContext
+    ) -> Distribution:
         """Return the Gaussian under which an aligned provider's data are likely."""
         provider, count = self._few(provider, run.seed), len(prior.names)
         width = prior.high - prior.low
@@ -113,7 +115,7 @@ class Dropo:
             return np.array([self._surprise(provider, prior, point, normal) for point in points])
 
         def told(points: np.ndarray, turn: int) -> np.ndarray:
-            return journal.told(points, turn, evaluate)
+            return journal.evaluate(points, turn, evaluate)
 
         best = self.search.minimize(told, box, run.seed, run.watch).best
         mean, std = best[:count], np.exp(best[count:])
@@ -121,16 +123,16 @@ class Dropo:
         found = gaussian(prior, mean, np.diag(std**2), std)
         return replace(found, noise=dict(zip(provider.names, map(float, noise), strict=True)))
 
-    def _few(self, provider: Aligned, seed: int) -> Aligned:
+    def _few(self, provider: AlignedProvider, seed: int) -> AlignedProvider:
         """Return the provider with at most so many transitions."""
         count = len(provider.chosen)
         if count <= self.transitions:
             return provider
         rng = np.random.default_rng([seed, CHOICE])
-        return provider.only(np.sort(rng.choice(count, self.transitions, replace=False)))
+        return provider.subset(np.sort(rng.choice(count, self.transitions, replace=False)))
 
     def _surprise(
-        self, provider: Aligned, prior: Distribution, point: np.ndarray, normal: np.ndarray
+        self, provider: AlignedProvider, prior: Distribution, point: np.ndarray, normal: np.ndarray
     ) -> float:
         """Return the mean negative log-likelihood of a transition under a Gaussian (2 P,)."""
         count = normal.shape[1]

@@ -17,7 +17,7 @@ import numpy as np
 
 from envs.distribution import Distribution
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import Run, gaussian, refuse_kind
+from sim2real.identification.methods.base import FitContext, gaussian, refuse_kind
 from sim2real.identification.providers.base import MakeProvider
 from sim2real.identification.providers.rollout import Rollout, rollout
 from sim2real.identification.scores.base import Score
@@ -48,17 +48,17 @@ class Easi:
         provider: MakeProvider,
         prior: Distribution,
         data: Recordings,
-        run: Run | None = None,
+        run: FitContext | None = None,
     ) -> Distribution:
         """Return the distribution; see `Method`."""
-        run = run or Run()
+        run = run or FitContext()
         made: Any = provider(data, prior.effects, rows=None, seed=run.seed)
         refuse_kind(self.score, made.aligned)
         found = self.found(made, prior, run)
         made_by = run.made_by(self.name, score=self.score, search=self.search)
         return replace(found, made_by=made_by, logs=data.hashes())
 
-    def found(self, provider: Rollout, prior: Distribution, run: Run) -> Distribution:
+    def found(self, provider: Rollout, prior: Distribution, run: FitContext) -> Distribution:
         """Return the last generation's distribution."""
         begin = getattr(self.score, "begin", None)  # of a score that learns
         if begin is not None:
@@ -69,7 +69,7 @@ class Easi:
             return self.score(provider.real, provider.simulate(points, turn), turn)
 
         def told(points: np.ndarray, turn: int) -> np.ndarray:
-            return journal.told(points, turn, evaluate)
+            return journal.evaluate(points, turn, evaluate)
 
         last = self.search.minimize(told, prior, run.seed, run.watch)
         return gaussian(prior, last.mean, np.diag(last.std**2))

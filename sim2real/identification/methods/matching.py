@@ -21,12 +21,21 @@ from envs.distribution import Distribution
 from envs.distribution_file import NINETY
 from sim2real.diagnosis.settings import TINY_SQUARE
 from sim2real.identification.data import Recordings
-from sim2real.identification.held_out import widened
-from sim2real.identification.local import Local, doubt, explore, per_episode
-from sim2real.identification.methods.base import Run, gaussian, refuse_kind
-from sim2real.identification.providers.base import Aligned, MakeProvider
+from sim2real.identification.held_out import inflate_noise
+from sim2real.identification.local import (
+    LocalSensitivity,
+    analyze_sensitivity,
+    fit_per_episode,
+    model_discrepancy,
+)
+from sim2real.identification.methods.base import FitContext, gaussian, refuse_kind
+from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
-from sim2real.identification.random_effects import Split, random_effects, shrunk
+from sim2real.identification.random_effects import (
+    VarianceComponents,
+    random_effects,
+    shrink_correlations,
+)
 from sim2real.identification.scores.base import Score
 from sim2real.identification.searches import Search
 from sim2real.identification.settings import DEFAULT, Settings
@@ -40,7 +49,7 @@ class Estimates(NamedTuple):
 
     shifts: np.ndarray  # (E, K)
     covariances: np.ndarray  # (E, K, K) how well each is known
-    split: Split  # of their scatter
+    split: VarianceComponents  # of their scatter
     shared: np.ndarray  # (K, K) covariance of what may be wrong in all of them alike
 
 
@@ -75,10 +84,10 @@ class Matching:
         provider: MakeProvider,
         prior: Distribution,
         data: Recordings,
-        run: Run | None = None,
+        run: FitContext | None = None,
     ) -> Distribution:
         """Return the distribution; see `Method`."""
-        run = run or Run()
+        run = run or FitContext()
         made: Any = provider(data, prior.effects, rows=self.score.rows, seed=run.seed)
         refuse_kind(self.score, made.aligned)
         fitted, _ = made.split(self.settings)
@@ -86,7 +95,9 @@ class Matching:
         made_by = run.made_by(self.name, score=self.score, search=self.search)
         return replace(found, made_by=made_by, logs=data.hashes())
 
-    def found(self, provider: Aligned, prior: Distribution, run: Run) -> Distribution:
+    def found(
+        self, provider: AlignedProvider, prior: Distribution, run: FitContext
+    ) -> Distribution:
         """Return the distribution that an aligned provider's data speak for."""
         journal = run.journal()
 
@@ -94,13 +105,13 @@ class Matching:
             return self.score(provider.real, provider.simulate(points, turn), turn)
 
         def told(points: np.ndarray, turn: int) -> np.ndarray:
-            return journal.told(points, turn, evaluate)
+            return journal.evaluate(points, turn, evaluate)
 
         best = self.search.minimize(told, prior, run.seed, run.watch).best
-        local = explore(provider, prior, best, self.settings)
-        shifts, covariances, left = per_episode(provider, prior, local, self.settings)
+        local = analyze_sensitivity(provider, prior, best, self.settings)
+        shifts, covariances, left = fit_per_episode(provider, prior, local, self.settings)
         split = random_effects(shifts, covariances, self.settings)
-        shared, rest = doubt(provider, prior, local, left, self.settings)
+        shared, rest = model_discrepancy(provider, prior, local, left, self.settings)
         found = _spelled(prior, local, Estimates(shifts, covariances, split, shared))
         noise = rest * provider.scale
         found = replace(
@@ -109,10 +120,10 @@ class Matching:
             noise=dict(zip(provider.names, map(float, noise), strict=True)),
         )
         rng = np.random.default_rng([run.seed, WIDENING])
-        return widened(provider, found, rng, self.settings)
+        return inflate_noise(provider, found, rng, self.settings)
 
 
-def _spelled(prior: Distribution, local: Local, estimates: Estimates) -> Distribution:
+def _spelled(prior: Distribution, local: LocalSensitivity, estimates: Estimates) -> Distribution:
     """Return laws of the parameters from what is known along directions.
 
     Draws are robots that were not seen yet. Few episodes tell badly how much robots differ, and
@@ -128,7 +139,7 @@ def _spelled(prior: Distribution, local: Local, estimates: Estimates) -> Distrib
     if several:
         factor = _few_episodes(estimates, turn)
         sure = sure * np.outer(factor, factor)
-        draws = shrunk(spread, count) * (student.ppf(UPPER, count - 1) / NINETY) ** 2
+        draws = shrink_correlations(spread, count) * (student.ppf(UPPER, count - 1) / NINETY) ** 2
     sure = sure + turn @ estimates.shared @ turn.T
     unknown = rest @ rest.T
     return gaussian(

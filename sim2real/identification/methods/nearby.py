@@ -19,9 +19,9 @@ import numpy as np
 
 from envs.distribution import Distribution
 from sim2real.identification.data import Recordings
-from sim2real.identification.local import explore, most_likely
-from sim2real.identification.methods.base import Run, gaussian
-from sim2real.identification.providers.base import Aligned, MakeProvider
+from sim2real.identification.local import analyze_sensitivity, maximum_a_posteriori
+from sim2real.identification.methods.base import FitContext, gaussian
+from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
@@ -81,29 +81,31 @@ class Nearby:
         provider: MakeProvider,
         prior: Distribution,
         data: Recordings,
-        run: Run | None = None,
+        run: FitContext | None = None,
     ) -> Distribution:
         """Return normal laws about the point; see `Method`."""
-        run = run or Run()
+        run = run or FitContext()
         made: Any = self._provided(provider, prior, data, run)
-        if not isinstance(made, Aligned):
+        if not isinstance(made, AlignedProvider):
             raise Sim2RealError(
                 "identify=nearby compares row by row, and rollouts are not aligned with the logs; "
                 "choose identify/provider=replay"
             )
-        few = made.only(_spread(len(made.real), self.transitions))
+        few = made.subset(_spread(len(made.real), self.transitions))
         few.episode = np.zeros(len(few.real), np.int64)  # one robot: all logs together
-        point, sure = most_likely(few, prior, self.settings)
+        point, sure = maximum_a_posteriori(few, prior, self.settings)
         return replace(
             gaussian(prior, point, sure, None, np.sqrt(np.diag(sure))),
-            flat=explore(few, prior, point, self.settings).named(prior.names, self.settings),
+            flat=analyze_sensitivity(few, prior, point, self.settings).named(
+                prior.names, self.settings
+            ),
             noise=dict.fromkeys(made.names, 0.0),
             made_by=run.made_by(self.name),
             logs=data.hashes(),
         )
 
     def _provided(
-        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: Run
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: FitContext
     ) -> Any:
         effects, seed = prior.effects, run.seed
         if self.rows is None:

@@ -25,8 +25,8 @@ from envs.laws import Law
 from sim2real.diagnosis.settings import TINY
 from sim2real.identification.calibration import ALARM, Calibration, calibrate, write
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import Run
-from sim2real.identification.providers.base import Aligned, MakeProvider
+from sim2real.identification.methods.base import FitContext
+from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
@@ -83,12 +83,12 @@ class Npe:
         provider: MakeProvider,
         prior: Distribution,
         data: Recordings,
-        run: Run | None = None,
+        run: FitContext | None = None,
     ) -> Distribution:
         """Return the posterior's draws; see `Method`."""
-        run = run or Run()
+        run = run or FitContext()
         made: Any = provider(data, prior.effects, rows=None, seed=run.seed)
-        if not isinstance(made, Aligned):
+        if not isinstance(made, AlignedProvider):
             raise Sim2RealError("npe sums up replays of logs; choose identify/provider=replay")
         fitted, _ = made.split(self.settings)
         found, checked = self.found(fitted, prior, run)
@@ -105,7 +105,7 @@ class Npe:
         return replace(found, made_by=made_by, logs=data.hashes())
 
     def found(
-        self, provider: Aligned, prior: Distribution, run: Run
+        self, provider: AlignedProvider, prior: Distribution, run: FitContext
     ) -> tuple[Distribution, Calibration]:
         """Return the posterior of an aligned provider's data, and how it is calibrated."""
         if prior.joint is not None or prior.particles is not None:
@@ -127,7 +127,7 @@ class Npe:
         return replace(found, noise=noise), checked
 
     def _simulated(
-        self, provider: Aligned, prior: Distribution, run: Run
+        self, provider: AlignedProvider, prior: Distribution, run: FitContext
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return places in the prior (n, P), their summaries (n, K) and that of the logs (K,)."""
         count = self.simulations + self.calibrations
@@ -147,16 +147,16 @@ class Npe:
             error = error + provider.floor * rng.standard_normal(error.shape)
             return (_flat(error) - basis[0]) @ basis[1:].T
 
-        basis = journal.told(shares[:BATCH], PILOT, pilot)  # (K + 1, D), the mean first
+        basis = journal.evaluate(shares[:BATCH], PILOT, pilot)  # (K + 1, D), the mean first
         found = []
         starts = range(0, count, BATCH)
         for turn, start in enumerate(starts, start=1):
-            found.append(journal.told(shares[start : start + BATCH], turn, summed))
+            found.append(journal.evaluate(shares[start : start + BATCH], turn, summed))
             run.watch(turn, len(starts), None)
         return shares, np.concatenate(found), -basis[0] @ basis[1:].T
 
 
-class Untracked:
+class NullTracker:
     """What sbi reports its training to; its own choice is a folder below the current one."""
 
     log_dir = None
@@ -177,14 +177,14 @@ class Untracked:
         """Keep nothing."""
 
 
-class Learned(NamedTuple):
+class TrainedPosterior(NamedTuple):
     """A posterior that was learned."""
 
     draws: Callable[[np.ndarray, int], np.ndarray]  # summary (K,), n -> places in the prior (n, P)
     ranker: Callable[[np.ndarray, np.ndarray, int], np.ndarray]  # see `calibrate`
 
 
-def _learned(shares: np.ndarray, summaries: np.ndarray, epochs: int, seed: int) -> Learned:
+def _learned(shares: np.ndarray, summaries: np.ndarray, epochs: int, seed: int) -> TrainedPosterior:
     """Train a masked autoregressive flow on simulations; torch's generator stays as it is."""
     import torch
     from sbi.diagnostics import run_sbc
@@ -203,7 +203,7 @@ def _learned(shares: np.ndarray, summaries: np.ndarray, epochs: int, seed: int) 
         # in logits a flow has no way out of the box, and no draw is thrown away
         net = posterior_nn("zuko_maf", z_score_theta="transform_to_unconstrained", x_dist=box)
         inference = NPE(
-            prior=box, density_estimator=net, tracker=Untracked(), show_progress_bars=False
+            prior=box, density_estimator=net, tracker=NullTracker(), show_progress_bars=False
         )
         inference.append_simulations(tensor(shares), tensor(summaries))
         inference.train(max_num_epochs=epochs)
@@ -227,7 +227,7 @@ def _learned(shares: np.ndarray, summaries: np.ndarray, epochs: int, seed: int) 
             )
         return found.numpy()
 
-    return Learned(draws, ranks)
+    return TrainedPosterior(draws, ranks)
 
 
 def particles(prior: Distribution, values: np.ndarray) -> Distribution:

@@ -24,7 +24,7 @@ from envs.distribution import Distribution, Entry
 from envs.laws import UNIFORM_WIDTH, uniform
 from sim2real.diagnosis.settings import TINY
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import Method, Run
+from sim2real.identification.methods.base import FitContext, Method
 from sim2real.identification.providers.base import MakeProvider
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -76,10 +76,10 @@ class SimOpt:
         provider: MakeProvider,
         prior: Distribution,
         data: Recordings,
-        run: Run | None = None,
+        run: FitContext | None = None,
     ) -> Distribution:
         """Return the last round's distribution; see `Method`."""
-        run, box = run or Run(), prior
+        run, box = run or FitContext(), prior
         boxes: list[Distribution] = []
         found: list[Distribution] = []
         for number in range(self.rounds):
@@ -88,11 +88,11 @@ class SimOpt:
             _write(run.folder, boxes, found)
             if self._is_still(found):
                 break
-            box = narrowed(prior, box, found[-1], self.widen, self.narrowest)
+            box = narrow_prior(prior, box, found[-1], self.widen, self.narrowest)
         made_by = run.made_by(self.name) | {"of": self.method.name, "rounds": len(found)}
         return replace(_up_to(prior, found[-1]), made_by={**found[-1].made_by, **made_by})
 
-    def _of_round(self, run: Run, number: int) -> Run:
+    def _of_round(self, run: FitContext, number: int) -> FitContext:
         """Return what a round is given: its own randomness, and its own folder below the run's."""
         folder = f"round_{number + 1}"
         seed = run.seed if number == 0 else _mixed(run.seed, number)
@@ -104,13 +104,13 @@ class SimOpt:
         def watch(done: int, total: int, best: float | None) -> None:
             run.watch(number * total + done, self.rounds * total, best)
 
-        return Run(seed, own, resume, watch)
+        return FitContext(seed, own, resume, watch)
 
     def _is_still(self, found: list[Distribution]) -> bool:
         """Return whether the last round moved nothing; say so, or what still moves at the end."""
         if len(found) < 2:
             return False
-        far = moved(*found[-2:])
+        far = mean_shift(*found[-2:])
         worst = int(far.argmax())
         what = f"{found[-1].names[worst]} moved by {far[worst]:.2g} of its uncertainty"
         log_.info("round %d: %s", len(found), what)
@@ -125,14 +125,14 @@ class SimOpt:
         return False
 
 
-def moved(before: Distribution, after: Distribution) -> np.ndarray:
+def mean_shift(before: Distribution, after: Distribution) -> np.ndarray:
     """Return how far each mean moved, (P,), in uncertainties of the later estimate."""
     sure = after.columns("uncertainty")
     sure = np.where(np.isfinite(sure), sure, after.std)
     return np.abs(after.mean - before.mean) / np.maximum(sure, TINY)
 
 
-def narrowed(
+def narrow_prior(
     prior: Distribution, box: Distribution, found: Distribution, widen: float, narrowest: float
 ) -> Distribution:
     """Return uniform laws about what was found, within the prior's ends.
@@ -185,7 +185,7 @@ def _write(folder: Path | None, boxes: list[Distribution], found: list[Distribut
     if folder is None:
         return
     made = Table(["round", "parameter", "prior low", "prior high", "mean", "std", "moved"])
-    ways = [None, *(moved(*pair) for pair in pairwise(found))]
+    ways = [None, *(mean_shift(*pair) for pair in pairwise(found))]
     for number, (box, one, way) in enumerate(zip(boxes, found, ways, strict=True), start=1):
         for row in _rows(box, one, way):
             made.add(number, *row)

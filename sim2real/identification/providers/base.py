@@ -50,7 +50,7 @@ class MakeProvider(Protocol):
         ...
 
 
-class Aligned(ABC):
+class AlignedProvider(ABC):
     """A provider whose simulations belong to the measured rows.
 
     Attributes:
@@ -106,7 +106,7 @@ class Aligned(ABC):
         """Return what simulations under values make of the data, (n, W, T, M)."""
         return self.real + self.errors(values)
 
-    def only(self, pieces: np.ndarray) -> Aligned:
+    def subset(self, pieces: np.ndarray) -> AlignedProvider:
         """Return the same with some of its pieces, (n,) indices; their episodes are renumbered."""
         other = copy(self)
         other.real, other.chunk = self.real[pieces], self.chunk[pieces]
@@ -114,7 +114,7 @@ class Aligned(ABC):
         other.episode = np.unique(self.episode[pieces], return_inverse=True)[1]
         return other
 
-    def split(self, settings: Settings = DEFAULT) -> tuple[Aligned, Aligned]:
+    def split(self, settings: Settings = DEFAULT) -> tuple[AlignedProvider, AlignedProvider]:
         """Return what is fitted to and what is held out.
 
         Whole episodes are held out where there are enough of them, else stretches of all; of a
@@ -127,4 +127,4 @@ class Aligned(ABC):
         held = np.isin(number, order[: max(count // settings.held_every, 1)])
         if held.all():
             return self, self
-        return self.only(np.flatnonzero(~held)), self.only(np.flatnonzero(held))
+        return self.subset(np.flatnonzero(~held)), self.subset(np.flatnonzero(held))

@@ -14,7 +14,7 @@ from envs.effects import Effect
 from envs.plant import Plant
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.identification.data import Recordings
-from sim2real.identification.providers.base import Aligned
+from sim2real.identification.providers.base import AlignedProvider
 from sim2real.identification.providers.steps import Steps
 from sim2real.identification.settings import DEFAULT, Settings
 
@@ -26,7 +26,7 @@ def replay(
     rows: int | None = None,
     seed: int = 0,
     settings: Settings = DEFAULT,
-) -> Aligned:
+) -> AlignedProvider:
     """Return the provider that replays logs.
 
     Args:
@@ -44,7 +44,7 @@ def replay(
     return Steps(data, effects, rows, settings)
 
 
-class Windows(Aligned):
+class Windows(AlignedProvider):
     """Windows of the logs as a diagnosis cuts and simulates them; see `diagnosis.data.dataset`."""
 
     def __init__(self, data: Recordings, effects: Sequence[Effect]) -> None:

@@ -82,10 +82,10 @@ class Rollout:
         if self._rows.num_rows != count:
             self._rows = self._world.rows(self._effects, count)
         rng = np.random.default_rng([self._seed, turn])
-        return roll(self._rows, self._world.act(count), values, self.steps, rng)
+        return collect_transitions(self._rows, self._world.act(count), values, self.steps, rng)
 
 
-def roll(
+def collect_transitions(
     rows: Rows, act: Act, values: np.ndarray, steps: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Let a policy act for some steps, (n, steps, 2 O + A); episodes that end start again.

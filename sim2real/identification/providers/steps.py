@@ -24,7 +24,7 @@ from sim2real.diagnosis.data.impedance import gear_of, impedance_of
 from sim2real.diagnosis.data.recording import check_log, columns_of, load_model, with_bus_delay
 from sim2real.diagnosis.settings import TINY
 from sim2real.identification.data import Recordings
-from sim2real.identification.providers.base import Aligned
+from sim2real.identification.providers.base import AlignedProvider
 from sim2real.identification.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
 
@@ -39,7 +39,7 @@ class States(NamedTuple):
     dt: float  # s between rows
 
 
-class Steps(Aligned):
+class Steps(AlignedProvider):
     """Transitions of k rows.
 
     Args:

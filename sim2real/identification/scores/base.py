@@ -42,7 +42,7 @@ class Score(Protocol):
         ...
 
 
-class Memoryless:
+class StatelessScore:
     """A score whose calls do not depend on each other."""
 
     def state(self) -> dict[str, Any]:

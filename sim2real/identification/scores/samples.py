@@ -9,19 +9,19 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from sim2real.identification.scores.base import Memoryless
+from sim2real.identification.scores.base import StatelessScore
 from sim2real.runs.distances import TINY, WIDTHS, gaussian, squares, standard
 from sim2real.runs.errors import Sim2RealError
 
 
-def some(values: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
+def subsample(values: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
     """Return at most so many rows of values (N, F), drawn at random."""
     if len(values) <= most:
         return values
     return values[rng.choice(len(values), most, replace=False)]
 
 
-class Mmd(Memoryless):
+class Mmd(StatelessScore):
     """Maximum mean discrepancy with Gaussian kernels (Gretton et al., JMLR 13, 2012), squared.
 
     Args:
@@ -45,20 +45,20 @@ class Mmd(Memoryless):
     def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:
         """Return it for each simulation, (n,)."""
         rng = np.random.default_rng(turn)
-        first = standard(real, some(real, self.compared, rng))
+        first = standard(real, subsample(real, self.compared, rng))
         within = squares(first, first)
         middle = float(np.median(within[~np.eye(len(first), dtype=bool)])) + TINY
         own = gaussian(within, middle, self.widths).mean()
         found = []
         for one in simulated:
-            other = standard(real, some(one, self.compared, rng))
+            other = standard(real, subsample(one, self.compared, rng))
             across = gaussian(squares(first, other), middle, self.widths).mean()
             inside = gaussian(squares(other, other), middle, self.widths).mean()
             found.append(own + inside - 2 * across)
         return np.array(found)
 
 
-class SlicedWasserstein(Memoryless):
+class SlicedWasserstein(StatelessScore):
     """Wasserstein distance along random directions (Bonneel et al. 2015), by the library POT.
 
     Args:
@@ -88,17 +88,17 @@ class SlicedWasserstein(Memoryless):
         from ot import sliced_wasserstein_distance
 
         rng = np.random.default_rng(turn)
-        first = standard(real, some(real, self.compared, rng))
+        first = standard(real, subsample(real, self.compared, rng))
         found = []
         for one in simulated:
-            other = standard(real, some(one, self.compared, rng))
+            other = standard(real, subsample(one, self.compared, rng))
             found.append(
                 sliced_wasserstein_distance(first, other, n_projections=self.projections, seed=turn)
             )
         return np.array(found, dtype=float)
 
 
-class Embedding(Memoryless):
+class Embedding(StatelessScore):
     """Conditional mean embedding: simulated changes beside those that real ones lead to expect.
 
     Kernel ridge regression, by random Fourier features (Rahimi and Recht, NeurIPS 2007), learns
@@ -146,7 +146,7 @@ class Embedding(Memoryless):
             raise Sim2RealError("score=embedding: call begin(observation_size, seed) first")
         rng, changed = np.random.default_rng(self._seed), -self._observation
         before = real[:, :changed]  # observation and action
-        few = standard(before, some(before, self.compared, rng))
+        few = standard(before, subsample(before, self.compared, rng))
         apart = squares(few, few)[~np.eye(len(few), dtype=bool)]
         turns = rng.standard_normal((before.shape[1], self.features))
         turns /= self.width * np.sqrt(np.median(apart) + TINY)

@@ -37,7 +37,7 @@ META = "meta"  # a log's metadata, as JSON in bytes
 
 
 class ParameterEstimator(Protocol):
-    """Finds a robot's parameters in its logs, as `sim2real.identification.episodes.Finder` does."""
+    """Finds a robot's parameters in its logs, as `sim2real.identification.episodes.EpisodeIdentifier` does."""
 
     def __call__(self, environment: Any, logs: Sequence[Log], seed: int) -> np.ndarray:
         """Return the parameters (P,) that an environment draws, each in its unit.

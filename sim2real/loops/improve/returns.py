@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from envs.distribution import Distribution
-from sim2real.identification.prior import of_tasks
+from sim2real.identification.prior import prior_from_tasks
 from sim2real.learning.algorithms.base import Components
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.bayrn import BayRn, Session, search, table
@@ -54,7 +54,7 @@ def improve_by_returns(
         HardwareError: a robot that is wrong, or was stopped on the way.
         Stopped: after Ctrl-C; what was done is on disk.
     """
-    session = recipe.start(of_tasks(parts.tasks), site.seed)
+    session = recipe.start(prior_from_tasks(parts.tasks), site.seed)
     source = None if first is None else first.source
     settings = training if source is None else longer(training, source)
 

@@ -10,7 +10,7 @@ import numpy as np
 from envs.distribution import Distribution, Entry
 from envs.effects import make
 from envs.laws import uniform
-from sim2real.identification.providers.base import Aligned
+from sim2real.identification.providers.base import AlignedProvider
 
 PRIOR = Distribution(
     tuple(
@@ -20,7 +20,7 @@ PRIOR = Distribution(
 )
 
 
-class Linear(Aligned):
+class Linear(AlignedProvider):
     """E episodes of T rows and M readings: real = change @ value of the episode + noise.
 
     Args:

@@ -16,9 +16,9 @@ from envs.models import named
 from envs.tasks import Hopper
 from hardware.log import Log
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import Run
+from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.dropo import Dropo
-from sim2real.identification.providers.base import Aligned
+from sim2real.identification.providers.base import AlignedProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.searches import Cma
 from sim2real.runs.errors import Sim2RealError
@@ -27,7 +27,7 @@ DATA = os.environ.get("SIM2REAL_DATA")
 PUBLIC = Path(DATA or ".") / "hopper_transitions" / "hopper10000.npz"
 
 
-class Carts(Aligned):
+class Carts(AlignedProvider):
     """Two carts, pushed once each: speeds change by force over mass."""
 
     def __init__(self, masses: np.ndarray, rng: np.random.Generator, noise: float = 0.0) -> None:
@@ -55,7 +55,7 @@ def test_a_known_gaussian_is_recovered() -> None:
     rng = np.random.default_rng(0)
     drawn = rng.normal([1.5, 0.9], [0.2, 0.05], (400, 2))
     method = Dropo(Cma(population=12, generations=60), samples=60, noise=0.01)
-    found = method.found(Carts(drawn, rng), masses("a", "b"), Run())
+    found = method.found(Carts(drawn, rng), masses("a", "b"), FitContext())
     assert found.mean == pytest.approx(drawn.mean(axis=0), rel=0.05)
     assert found.columns("spread") == pytest.approx(drawn.std(axis=0), rel=0.25)
     np.testing.assert_array_equal(found.std, found.columns("spread"))
@@ -66,7 +66,7 @@ def test_one_robot_has_a_narrow_gaussian() -> None:
     rng = np.random.default_rng(0)
     carts = Carts(np.full((300, 2), 1.2), rng, noise=0.01)
     found = Dropo(Cma(population=12, generations=60), samples=40).found(
-        carts, masses("a", "b"), Run()
+        carts, masses("a", "b"), FitContext()
     )
     assert found.mean == pytest.approx([1.2, 1.2], rel=0.02)
     assert (found.std < 0.02).all()

@@ -14,8 +14,8 @@ from envs.laws import uniform
 from envs.params import Parameter, ParamSpace
 from envs.rows import Step
 from hardware.log import Log
-from sim2real.identification.data import Recordings, World
-from sim2real.identification.methods.base import Run
+from sim2real.identification.data import PolicySimulation, Recordings
+from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.easi import Easi
 from sim2real.identification.methods.matching import Matching
 from sim2real.identification.providers.rollout import rollout, transitions
@@ -83,7 +83,9 @@ def demonstrations(count: int = 8) -> Log:
     return Log(columns)
 
 
-DATA = Recordings([demonstrations()], world=World(lambda effects, n: Pendulums(n), act, "Pendulum"))
+DATA = Recordings(
+    [demonstrations()], world=PolicySimulation(lambda effects, n: Pendulums(n), act, "Pendulum")
+)
 
 
 @pytest.mark.slow
@@ -133,10 +135,10 @@ def test_a_critic_resumes(tmp_path: Path) -> None:
 
     def go(generations: int, name: str, resume: str | None = None) -> Distribution:
         search = EasiEs(population=8, generations=6)
-        run = Run(0, tmp_path / name, tmp_path / resume if resume else None)
+        run = FitContext(0, tmp_path / name, tmp_path / resume if resume else None)
         method = Easi(Critic("gp", updates=3, batch=80), search)
         if generations < 6:
-            run = Run(0, run.folder, None, _stop_after(generations))
+            run = FitContext(0, run.folder, None, _stop_after(generations))
         return method.fit(rollout, PRIOR, DATA, run)
 
     whole = go(6, "whole")

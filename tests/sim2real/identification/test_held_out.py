@@ -10,7 +10,7 @@ import pytest
 from envs.distribution import Distribution, Entry
 from envs.effects import make
 from envs.laws import Law
-from sim2real.identification.held_out import crps, judge, widened
+from sim2real.identification.held_out import crps, inflate_noise, score_held_out
 from sim2real.identification.settings import DEFAULT
 from tests.sim2real.identification.linear import Linear
 
@@ -32,24 +32,24 @@ def linear(noise: float, episodes: int = 12, seed: int = 0) -> Linear:
 
 def test_noise_grows_to_what_the_draws_lack() -> None:
     """The errors of a point are normal with 0.3: so is the noise that holds nine tenths of them."""
-    found = widened(linear(0.3), narrow(0.01), np.random.default_rng(0))
+    found = inflate_noise(linear(0.3), narrow(0.01), np.random.default_rng(0))
     assert found.noise["hinge"] == pytest.approx(0.3, rel=0.1)
-    judged = judge(linear(0.3, seed=5), found, np.random.default_rng(1))
+    judged = score_held_out(linear(0.3, seed=5), found, np.random.default_rng(1))
     assert judged.coverage == pytest.approx(0.9, abs=0.02)
     assert judged.crps == pytest.approx(judged.absolute / np.sqrt(2), rel=0.03)  # of a normal law
 
 
 def test_noise_never_shrinks() -> None:
     """Draws that are wide enough, or noise that is there, are left as they are."""
-    assert widened(linear(0.3), narrow(0.8), np.random.default_rng(0)).noise == {"hinge": 0.8}
-    wide = widened(linear(0.3), narrow(0.01, std=0.6), np.random.default_rng(0))
+    assert inflate_noise(linear(0.3), narrow(0.8), np.random.default_rng(0)).noise == {"hinge": 0.8}
+    wide = inflate_noise(linear(0.3), narrow(0.01, std=0.6), np.random.default_rng(0))
     assert wide.noise["hinge"] < 0.1
 
 
 def test_few_readings_are_looked_at_where_there_are_many() -> None:
     """A setting says how many; the answer is about the same."""
     settings = replace(DEFAULT, compared=1000)
-    found = widened(linear(0.3), narrow(0.01), np.random.default_rng(0), settings)
+    found = inflate_noise(linear(0.3), narrow(0.01), np.random.default_rng(0), settings)
     assert found.noise["hinge"] == pytest.approx(0.3, rel=0.2)
 
 

@@ -21,12 +21,12 @@ from hardware.config import ROBOTS
 from hardware.log import Log, read_logs
 from sim2real.identification.data import Recordings
 from sim2real.identification.identify import identify
-from sim2real.identification.local import correlation
-from sim2real.identification.methods.base import Run
+from sim2real.identification.local import autocorrelation_time
+from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.matching import Matching
 from sim2real.identification.outcome import warnings
 from sim2real.identification.providers.replay import replay
-from sim2real.identification.random_effects import random_effects, shrunk
+from sim2real.identification.random_effects import random_effects, shrink_correlations
 from sim2real.identification.scores.aligned import KStep, Likelihood, OneStep
 from sim2real.identification.searches import Cma
 from sim2real.verbs import record
@@ -75,7 +75,7 @@ def test_intervals_of_a_linear_system_hold_the_truth_nine_times_in_ten() -> None
     for _ in range(120):
         values = np.array([1.0, -2.0]) + spread * rng.normal(size=(6, 2))
         provider = Linear(values, 0.3, rng)
-        found = Matching(KStep(), Cma(generations=2)).found(provider, PRIOR, Run())
+        found = Matching(KStep(), Cma(generations=2)).found(provider, PRIOR, FitContext())
         off = np.abs(found.mean - [1.0, -2.0])
         held.append(off <= NINETY * found.columns("uncertainty"))
         spreads.append(found.columns("spread") ** 2)
@@ -91,7 +91,7 @@ def test_draws_of_six_robots_hold_a_seventh_nine_times_in_ten() -> None:
     for _ in range(150):
         values = np.array([1.0, -2.0]) + spread * rng.normal(size=(7, 2))
         provider = Linear(values[:6], 0.1, rng)
-        found = Matching(KStep(), Cma(generations=2)).found(provider, PRIOR, Run())
+        found = Matching(KStep(), Cma(generations=2)).found(provider, PRIOR, FitContext())
         draws = found.sample(rng, 1000)
         low, high = np.quantile(draws, [0.05, 0.95], axis=0)
         held.append((low <= values[6]) & (values[6] <= high))
@@ -102,7 +102,7 @@ def test_draws_of_six_robots_hold_a_seventh_nine_times_in_ten() -> None:
 def test_one_robot_has_no_spread() -> None:
     """Where all episodes have the same values, the spread found is far below the uncertainty."""
     rng = np.random.default_rng(1)
-    found = Matching(KStep(), QUICK).found(Linear(np.ones((12, 2)), 0.3, rng), PRIOR, Run())
+    found = Matching(KStep(), QUICK).found(Linear(np.ones((12, 2)), 0.3, rng), PRIOR, FitContext())
     assert (found.columns("spread") < 0.06).all()  # an episode alone knows 0.05
     assert (found.std < 0.1).all()
     assert (np.abs(found.mean - 1.0) < 3 * found.columns("uncertainty")).all()
@@ -111,7 +111,7 @@ def test_one_robot_has_no_spread() -> None:
 def test_one_episode_says_so() -> None:
     """Of one episode the spread is not known, which is not the same as none."""
     found = Matching(KStep(), QUICK).found(
-        Linear(np.ones((1, 2)), 0.3, np.random.default_rng(1)), PRIOR, Run()
+        Linear(np.ones((1, 2)), 0.3, np.random.default_rng(1)), PRIOR, FitContext()
     )
     assert found.entries[0].spread is None
     assert np.isfinite(found.columns("uncertainty")).all()
@@ -123,7 +123,7 @@ def test_few_episodes_hang_together_by_chance() -> None:
     before, after = [], []
     for _ in range(100):
         own = np.cov(rng.normal(size=(6, 4)).T)
-        small = shrunk(own, 6)
+        small = shrink_correlations(own, 6)
         np.testing.assert_allclose(np.diag(small), np.diag(own))
         assert np.linalg.eigvalsh(small)[0] > 0
         before.append(_most(own))
@@ -131,7 +131,7 @@ def test_few_episodes_hang_together_by_chance() -> None:
     assert np.mean(before) > 0.65 and np.mean(after) < 0.35
     true = np.cov(rng.multivariate_normal([0, 0], [[1e-10, 0.8e-5], [0.8e-5, 1.0]], 600).T)
     assert _most(true) == pytest.approx(0.8, abs=0.05)
-    np.testing.assert_allclose(shrunk(true, 600), true, rtol=0.005)
+    np.testing.assert_allclose(shrink_correlations(true, 600), true, rtol=0.005)
 
 
 def _most(covariance: np.ndarray) -> float:
@@ -158,8 +158,8 @@ def test_errors_that_hang_together_count_less() -> None:
     rng, series = np.random.default_rng(0), np.zeros((1, 40000, 1))
     for i in range(1, 40000):
         series[0, i] = 0.6 * series[0, i - 1] + rng.normal()
-    assert correlation(series) == pytest.approx([4.0], rel=0.15)
-    assert correlation(rng.normal(size=(1, 40000, 1))) == pytest.approx([1.0], abs=0.1)
+    assert autocorrelation_time(series) == pytest.approx([4.0], rel=0.15)
+    assert autocorrelation_time(rng.normal(size=(1, 40000, 1))) == pytest.approx([1.0], abs=0.1)
 
 
 def test_mass_and_gain_are_flat_together(tmp_path: Path) -> None:

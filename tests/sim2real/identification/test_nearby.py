@@ -14,9 +14,9 @@ from envs.randomization import Draw, Randomization
 from envs.simulation import Simulation
 from envs.tasks import Hopper
 from sim2real.identification.data import Recordings
-from sim2real.identification.episodes import Finder
+from sim2real.identification.episodes import EpisodeIdentifier
 from sim2real.identification.methods.nearby import Nearby
-from sim2real.identification.prior import of_tasks
+from sim2real.identification.prior import prior_from_tasks
 from sim2real.identification.providers.replay import replay
 from sim2real.learning.population.recording import record
 from sim2real.runs.errors import Sim2RealError
@@ -47,7 +47,7 @@ def recordings(truth: list[float], folder: Path) -> Recordings:
 def test_it_moves_from_the_middle_to_the_truth(truth: list[float], tmp_path: Path) -> None:
     """Half a second of falling tells the mass; friction where the foot slips."""
     data = recordings(truth, tmp_path)
-    prior = of_tasks(TASKS, data)
+    prior = prior_from_tasks(TASKS, data)
     found = Nearby(transitions=30).fit(replay, prior, data)
     assert found.mean[0] == pytest.approx(truth[0], rel=0.01)
     assert abs(found.mean[1] - truth[1]) <= abs(prior.mean[1] - truth[1]) + 1e-9
@@ -59,7 +59,7 @@ def test_it_moves_from_the_middle_to_the_truth(truth: list[float], tmp_path: Pat
 def test_a_robot_beyond_the_ranges_of_training_is_found(tmp_path: Path) -> None:
     """A torso of 11 kg where training has 9 at most; what means nothing stays out."""
     data = recordings([11.0, 2.0], tmp_path)
-    prior = of_tasks(TASKS, data, beyond=0.5)
+    prior = prior_from_tasks(TASKS, data, beyond=0.5)
     np.testing.assert_allclose([prior.low[1], prior.high[1], prior.high[0]], [1.0, 3.0, 13.0])
     assert 0 <= prior.low[0] < 1.0, "1 - 4 kg would be no mass"
     assert Nearby(transitions=30).fit(replay, prior, data).mean[0] == pytest.approx(11.0, rel=0.01)
@@ -73,4 +73,4 @@ def test_numbers_out_of_range_are_refused() -> None:
     with pytest.raises(Sim2RealError, match="difference=0 above 0"):
         Nearby(difference=0.0)
     with pytest.raises(Sim2RealError, match="beyond=-1 must not be below 0"):
-        Finder(Nearby(), beyond=-1.0)
+        EpisodeIdentifier(Nearby(), beyond=-1.0)

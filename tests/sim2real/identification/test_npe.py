@@ -14,7 +14,7 @@ from envs.distribution_file import write as write_distribution
 from sim2real.identification.calibration import ALARM, calibrate, write
 from sim2real.identification.data import Recordings
 from sim2real.identification.methods import npe
-from sim2real.identification.methods.base import Run
+from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.npe import Npe
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.identification.linear import PRIOR, Linear, maker
@@ -82,7 +82,7 @@ def test_the_posterior_of_a_linear_system(tmp_path: Path) -> None:
     pytest.importorskip("sbi", reason="needs sbi: pip install 'sim2real[npe]'")
     made = Linear(np.array([[1.0, -2.0]]), 3.0, np.random.default_rng(0))
     method = Npe(simulations=1000, calibrations=200)
-    found = method.fit(maker(made), PRIOR, Recordings([]), Run(0, tmp_path / "whole"))
+    found = method.fit(maker(made), PRIOR, Recordings([]), FitContext(0, tmp_path / "whole"))
     change, measured = made._change[0, :, 0], made._measured[0, :, 0]
     cover = 9.0 * np.linalg.inv(change.T @ change)
     exact, std = np.linalg.lstsq(change, measured)[0], np.sqrt(np.diag(cover))
@@ -97,7 +97,7 @@ def test_the_posterior_of_a_linear_system(tmp_path: Path) -> None:
     simulated: list[int] = []
     errors, made.errors = made.errors, lambda v: simulated.append(len(v)) or errors(v)  # type: ignore[method-assign]
     again = method.fit(
-        maker(made), PRIOR, Recordings([]), Run(0, tmp_path / "again", tmp_path / "whole")
+        maker(made), PRIOR, Recordings([]), FitContext(0, tmp_path / "again", tmp_path / "whole")
     )
     np.testing.assert_array_equal(again.particles, found.particles)
     assert sum(simulated) == 1  # the mean alone

@@ -15,10 +15,10 @@ from envs.distribution import Distribution, Entry
 from envs.laws import Law
 from sim2real.config.compose import compose, prepare
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import Run
+from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.dropo import Dropo
 from sim2real.identification.methods.matching import Matching
-from sim2real.identification.methods.simopt import SimOpt, moved, narrowed
+from sim2real.identification.methods.simopt import SimOpt, mean_shift, narrow_prior
 from sim2real.identification.scores.aligned import KStep
 from sim2real.identification.searches import Cma
 from sim2real.runs.errors import Sim2RealError
@@ -47,8 +47,8 @@ def small(search: Cma | None = None) -> Dropo:
 @pytest.mark.parametrize("seed", range(3))
 def test_rounds_find_what_one_round_misses(seed: int) -> None:
     """Masses within 10 % in each seed, where a round alone is off by more than 30 %."""
-    once = small().fit(carts(), WIDE, NOTHING, Run(seed))
-    found = SimOpt(small(), rounds=8).fit(carts(), WIDE, NOTHING, Run(seed))
+    once = small().fit(carts(), WIDE, NOTHING, FitContext(seed))
+    found = SimOpt(small(), rounds=8).fit(carts(), WIDE, NOTHING, FitContext(seed))
     assert np.abs(once.mean / TRUTH - 1).max() > 0.3
     assert found.mean == pytest.approx(TRUTH, rel=0.1)
     assert found.made_by["of"] == "dropo" and found.made_by["seed"] == seed
@@ -59,7 +59,7 @@ def test_it_stops_where_nothing_moves(tmp_path: Path) -> None:
     """A linear system is found at once: the second round says the same, and there is no third."""
     made = Linear(np.full((6, 2), 1.0), 0.3, np.random.default_rng(1))
     method = SimOpt(Matching(KStep(), Cma(population=6, generations=12)), rounds=5)
-    found = method.fit(maker(made), PRIOR, NOTHING, Run(0, tmp_path))
+    found = method.fit(maker(made), PRIOR, NOTHING, FitContext(0, tmp_path))
     assert found.made_by["rounds"] == 2
     assert (np.abs(found.mean - 1.0) < 3 * found.columns("uncertainty")).all()
     assert {p.name for p in tmp_path.iterdir()} == {"round_1", "round_2", "rounds.csv"}
@@ -79,8 +79,8 @@ def test_what_has_not_settled_is_said(caplog: pytest.LogCaptureFixture) -> None:
 
 def test_one_round_is_the_method() -> None:
     """With rounds=1 nothing is added: the same points, the same answer."""
-    once = small().fit(carts(), WIDE, NOTHING, Run(3))
-    found = SimOpt(small(), rounds=1).fit(carts(), WIDE, NOTHING, Run(3))
+    once = small().fit(carts(), WIDE, NOTHING, FitContext(3))
+    found = SimOpt(small(), rounds=1).fit(carts(), WIDE, NOTHING, FitContext(3))
     np.testing.assert_array_equal([found.mean, found.std], [once.mean, once.std])
 
 
@@ -92,7 +92,7 @@ def test_where_nothing_is_known_nothing_narrows() -> None:
     found = SimOpt(method).fit(maker(made), PRIOR, NOTHING)
     assert len(found.flat) == 2
     np.testing.assert_allclose(found.std, PRIOR.std)
-    box = narrowed(PRIOR, PRIOR, found, 1.0, 0.02)
+    box = narrow_prior(PRIOR, PRIOR, found, 1.0, 0.02)
     np.testing.assert_allclose([box.low, box.high], [PRIOR.low, PRIOR.high])
 
 
@@ -114,16 +114,16 @@ def law(mean: float, std: float) -> Distribution:
 )
 def test_how_a_prior_is_narrowed(mean: float, std: float, low: float, high: float) -> None:
     """Its ends, from a mean and a standard deviation."""
-    box = narrowed(law(5.0, 1.0), law(5.0, 1.0), law(mean, std), 3.0, 0.02)
+    box = narrow_prior(law(5.0, 1.0), law(5.0, 1.0), law(mean, std), 3.0, 0.02)
     assert (box.low[0], box.high[0]) == pytest.approx((low, high))
 
 
 def test_moves_are_measured_in_uncertainties() -> None:
     """In standard deviations where the method knows none."""
     before, after = law(5.0, 1.0), law(5.6, 0.3)
-    assert moved(before, after) == pytest.approx([2.0])
+    assert mean_shift(before, after) == pytest.approx([2.0])
     sure = replace(after, entries=(replace(after.entries[0], uncertainty=(0.1,)),))
-    assert moved(before, sure) == pytest.approx([6.0])
+    assert mean_shift(before, sure) == pytest.approx([6.0])
 
 
 class Stopping(Cma):
@@ -150,7 +150,7 @@ def test_stopped_rounds_resume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
     def go(name: str, after: float = np.inf, resume: Path | None = None) -> Distribution:
         method = SimOpt(small(Stopping(after)), rounds=3, still=1e-9)
-        return method.fit(carts(), WIDE, NOTHING, Run(0, tmp_path / name, resume))
+        return method.fit(carts(), WIDE, NOTHING, FitContext(0, tmp_path / name, resume))
 
     whole = go("whole")
     with pytest.raises(KeyboardInterrupt):

@@ -12,7 +12,7 @@ from envs.randomization import Draw, Randomization
 from envs.tasks.servo.base import ASSETS
 from sim2real.identification.data import Recordings
 from sim2real.identification.methods.nearby import Nearby
-from sim2real.identification.prior import of_tasks
+from sim2real.identification.prior import prior_from_tasks
 from sim2real.identification.providers.replay import replay
 from tests.sim2real.diagnosis.ground.walk import stretch, trot
 
@@ -29,7 +29,7 @@ FRICTION = 0.35
 def test_a_slippery_ground_is_found_without_the_bases_pose() -> None:
     """A quadruped that draws its legs apart slips; its base is estimated."""
     data = Recordings([stretch(FRICTION).log], ASSETS / "quad8.xml")
-    prior = of_tasks(TASKS, data)
+    prior = prior_from_tasks(TASKS, data)
     found = Nearby(transitions=50).fit(replay, prior, data)
     assert found.mean[1] == pytest.approx(FRICTION, rel=0.1)
     assert found.mean[0] == pytest.approx(1.0, rel=0.05)
