@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from benchmarks.study import claimed, command, sim2real, trained
+from benchmarks.study import command, folder_lock, sim2real, trained
 from sim2real.evaluation.scores import GridScores
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval
@@ -110,7 +110,7 @@ def train(plan: Plan, branch: str, seed: int) -> bool:
 
 
 def _train(plan: Plan, folder: Path, words: tuple[str, ...], seed: int, frames: int) -> bool:
-    with claimed(folder) as mine:
+    with folder_lock(folder) as mine:
         if (steps := trained(folder)) >= frames:
             return True
         if not mine:
@@ -128,7 +128,7 @@ def _train(plan: Plan, folder: Path, words: tuple[str, ...], seed: int, frames: 
 def evaluate(plan: Plan, branch: str, test: str, seed: int) -> bool:
     """Test a branch unless it was; return whether its scores are there."""
     folder = plan.folder(seed, f"{branch}_after_{test}")
-    with claimed(folder) as mine:
+    with folder_lock(folder) as mine:
         if (folder / "evaluation.json").is_file():
             return True
         masses, frictions = plan.cells

@@ -33,10 +33,10 @@ from sim2real.runs.files import write_text
 from sim2real.runs.statistics import (
     Interval,
     difference,
+    fraction_above,
     iqm,
     mean,
     probability_of_improvement,
-    share_above,
     wins,
 )
 from sim2real.runs.tables import Cell, Table
@@ -303,7 +303,7 @@ def methods_table(scores: Mapping[str, GridScores]) -> Table:
             cells: list[Cell] = [
                 found.interval(values[:, m], mean, DRAWS, rng) if m.any() else None for m in masks
             ]
-            shares = found.interval(values, share_above(THRESHOLD), DRAWS, rng)
+            shares = found.interval(values, fraction_above(THRESHOLD), DRAWS, rng)
             middle = found.interval(values, iqm, DRAWS, rng)
             steps = float(np.mean(found.frames))
             table.add(name, found.repeats, steps, *cells, shares, middle)

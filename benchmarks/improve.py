@@ -34,7 +34,7 @@ from sim2real.loops.improve.site import Site
 from sim2real.loops.improve.steps import learn
 from sim2real.loops.improve.story import RESULT
 from sim2real.runs.checkpoint import FOLDER, find, read_metadata
-from sim2real.runs.files import claimed, write_text
+from sim2real.runs.files import folder_lock, write_text
 from sim2real.runs.statistics import Interval, bootstrap, iqm
 from sim2real.runs.tables import Table
 
@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     left = [case for case in every if not case.result.is_file()]
     failed = 0
     for case in left[: chosen.most]:
-        with claimed(case.folder) as mine:
+        with folder_lock(case.folder) as mine:
             failed += mine and not case.result.is_file() and not run(case)
         report(every, chosen.results)
     if report(every, chosen.results) is None:
@@ -128,7 +128,7 @@ def cases(robots: Sequence[str], seeds: Sequence[int], out: Path) -> list[Case]:
 
 def run(case: Case) -> bool:
     """Train, improve and compare; return whether that came to its end."""
-    with claimed(case.policy) as mine:
+    with folder_lock(case.policy) as mine:
         if not mine or not trained(case):
             return False
     case.folder.mkdir(parents=True, exist_ok=True)

@@ -42,7 +42,7 @@ from sim2real.exam.score import wilson
 from sim2real.exam.sizes import entries, hide
 from sim2real.loops.investigate import Investigation, Limits, investigate
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import claimed, write_text
+from sim2real.runs.files import folder_lock, write_text
 from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results"
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     files = [chosen.out / f"{chosen.seed}_{number:03d}.json" for number in range(chosen.robots)]
     left = [number for number, file in enumerate(files) if not file.is_file()]
     for number in left[: chosen.most]:
-        with claimed(chosen.out / "claims" / files[number].stem) as mine:
+        with folder_lock(chosen.out / "claims" / files[number].stem) as mine:
             if mine and not files[number].is_file():
                 told = one_robot(chosen.seed, number)
                 write_text(files[number], json.dumps(told, indent=1) + "\n")

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.study import claimed, command, sim2real, trained
+from benchmarks.study import command, folder_lock, sim2real, trained
 from sim2real.evaluation.scores import GridScores
 from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table
@@ -29,7 +29,7 @@ ASKED = 1100.0  # mean return over the grid after adaptation
 
 def train(folder: Path, seed: int) -> bool:
     """Run the main job with a seed unless it was; return whether it is done."""
-    with claimed(folder) as mine:
+    with folder_lock(folder) as mine:
         if not mine or done(folder):
             return done(folder)
         resume = [f"resume={folder}"] if trained(folder) else []

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.robots_report import Figures, write
-from benchmarks.study import claimed, command, sim2real, trained
+from benchmarks.study import command, folder_lock, sim2real, trained
 from hardware.errors import HardwareError
 from sim2real.config.compose import compose, prepare
 from sim2real.evaluation.transfer import read
@@ -117,7 +117,7 @@ def run(plan: Plan) -> int:
 
 def follow(plan: Plan, robot: str, seed: int, training: Training) -> int:
     """Train a policy and take it to the bus; return how many jobs failed."""
-    with claimed(plan.folder(robot, seed, training.name)) as mine:
+    with folder_lock(plan.folder(robot, seed, training.name)) as mine:
         if not mine:
             return 0
         if not train(plan, robot, seed, training):

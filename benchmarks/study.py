@@ -19,7 +19,7 @@ from pathlib import Path
 from sim2real.evaluation.study_plots import list_figures
 from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import claimed
+from sim2real.runs.files import folder_lock
 
 RESULTS = Path(__file__).parent / "results"
 SIGNALLED = 128  # exit statuses above are those of a job that was told to stop
@@ -112,7 +112,7 @@ def train(plan: Plan, row: Row, seed: int) -> bool | None:
         Whether it came to its end; None where nothing was left to do, or another program does it.
     """
     folder, done = plan.folder(row, seed), None
-    with claimed(folder) as mine:
+    with folder_lock(folder) as mine:
         for budget in plan.budgets(row) if mine else ():
             if evaluated(folder, budget):
                 continue

@@ -24,7 +24,7 @@ from hardware.errors import HardwareError
 from sim2real.config.compose import compose, prepare
 from sim2real.deployment.deploy import configure_robot
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import claimed, write_text
+from sim2real.runs.files import folder_lock, write_text
 
 TARGET, ROBOT, TRIALS = "servos", "quad8", 10
 ROWS = ("udr", "oracle", "easi_1", "easi_50", "easi_100", "easi_200")
@@ -52,7 +52,7 @@ def stand(plan: Plan) -> Path:
 
 def follow(plan: Plan, row: Row, seed: int) -> bool:
     """Train a row's policy and let it walk on the robot; return whether it came to its end."""
-    with claimed(plan.folder(seed, row.name)) as mine:
+    with folder_lock(plan.folder(seed, row.name)) as mine:
         if not mine:
             return True
         robots = found(plan, row, seed)

@@ -18,7 +18,7 @@ from sim2real.config.compose import compose
 from sim2real.config.targets import build
 from sim2real.identification.outcome import FILE
 from sim2real.identification.prior import prior_from_tasks
-from sim2real.runs.files import claimed
+from sim2real.runs.files import folder_lock
 
 LOG = "demonstrations.csv"
 BEYOND = 2.0  # a further target's prior goes so many times as far: from a sixth to six times
@@ -51,7 +51,7 @@ def in_rounds(plan: Plan, follow: Callable[[Plan, Row, int], bool]) -> int:
 def follow(plan: Plan, row: Row, seed: int) -> bool:
     """Train one row with one seed, from where it stopped; return whether it came to its end."""
     folder = plan.folder(seed, row.name)
-    with claimed(folder) as mine:
+    with folder_lock(folder) as mine:
         if not mine or evaluated(folder, plan.frames):
             return True
         if row.name == "udr" and plan.target is not None:

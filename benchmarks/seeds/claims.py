@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.seeds.figures import DRAWS, STATISTICS, Found
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.statistics import FEW, Interval, bootstrap, difference
-from sim2real.runs.tables import show
+from sim2real.runs.tables import format_cell
 
 KEYS = {"claim", "left", "is", "right", "by", "times", "paired"}
 
@@ -47,7 +47,7 @@ class Verdict:
         if self.by is None:
             return f"{self.answer}: {self.claim}"
         few = ", few runs" if self.few else ""
-        return f"{self.answer}{few}: {self.claim} ({show(self.by)})"
+        return f"{self.answer}{few}: {self.claim} ({format_cell(self.by)})"
 
 
 def decide(

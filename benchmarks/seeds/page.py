@@ -19,7 +19,7 @@ import yaml
 from benchmarks.seeds.claims import Verdict, decide
 from benchmarks.seeds.figures import Found, find
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.tables import Table, show
+from sim2real.runs.tables import Table, format_cell
 
 ROWS = Path(__file__).with_name("rows.yaml")
 KEYS = {
@@ -164,7 +164,7 @@ def _cells(row: Row) -> Iterator[str]:
         + [f"{name}: {m['seed']}" for name, m in about["measures"].items() if "seed" in m]
     )
     figures = [
-        f"{name}: {show(found.interval(statistic))}"
+        f"{name}: {format_cell(found.interval(statistic))}"
         for name, found in row.found.items()
         if found.values
     ]

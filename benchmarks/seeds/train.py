@@ -22,7 +22,7 @@ from benchmarks.robots import cpu_minutes, timed
 from benchmarks.study import sim2real, trained
 from sim2real.evaluation.scores import GridScores
 from sim2real.evaluation.transfer import read as read_transfer
-from sim2real.runs.files import claimed, write_text
+from sim2real.runs.files import folder_lock, write_text
 
 COLUMNS = ("training", "seed", "figure", "value", "steps", "cpu_minutes", "command", "versions")
 THEN = "then"  # folder of an evaluation within its run's
@@ -63,7 +63,9 @@ def run(name: str, seeds: Sequence[int], plan: Plan) -> int:
     for seed in seeds:
         folder, policy = plan.folder(name, seed), plan.trained(name, seed)
         with ExitStack() as stack:
-            mine = [stack.enter_context(claimed(one)) for one in dict.fromkeys((folder, policy))]
+            mine = [
+                stack.enter_context(folder_lock(one)) for one in dict.fromkeys((folder, policy))
+            ]
             if not all(mine) or list(figures(folder, name in plan.then)):
                 continue
             with timed(folder):

@@ -29,7 +29,7 @@ from benchmarks.zoo.models import Model, models
 from hardware.log import Log, write_log
 from sim2real.exam.score import wilson
 from sim2real.runs.files import write_text
-from sim2real.runs.tables import Table, show
+from sim2real.runs.tables import Table, format_cell
 
 RESULTS = Path(__file__).parents[1] / "results"
 LONGEST = 7200.0  # s of one diagnosis, after which it counts as failed; 17 joints take an hour
@@ -131,7 +131,9 @@ def table(done: list[dict[str, Any]], wanted: int) -> Table:
     made.notes.append(f"{len(done)} of {wanted} models; {len(refused)} refused.")
     for text, hits in (("The place is right", right), ("as dry friction", friction)):
         if share := wilson(hits):
-            made.notes.append(f"{text}: {sum(hits)} of the other {len(hits)}, {show(share)}.")
+            made.notes.append(
+                f"{text}: {sum(hits)} of the other {len(hits)}, {format_cell(share)}."
+            )
     made.notes += [f"{one['model']}: {one['told']}" for one in done if "told" in one]
     return made
 

@@ -34,7 +34,7 @@ from sim2real.deployment.trained import task_of
 from sim2real.learning.adapt import Adaptation, IdentifySession
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.trained import TrainedPolicy
-from sim2real.runs.errors import Sim2RealError, Stopped
+from sim2real.runs.errors import RunInterrupted, Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap, mean
@@ -157,7 +157,7 @@ def run_deployment(
             log_.info("%s, episode %d: return %.4g", turn.phase, turn.number + 1, value)
     except KeyboardInterrupt:
         done = f"stopped after {deployment.done} of {deployment.total} episodes, torque is off"
-        raise Stopped(f"{done}; {again}", 130) from None
+        raise RunInterrupted(f"{done}; {again}", 130) from None
     finally:
         env.close()
 

@@ -31,7 +31,7 @@ from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.stops import guarding
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.film import Camera, write_mp4
+from sim2real.runs.video import Camera, write_mp4
 
 log = logging.getLogger(__name__)
 FPS = 50  # pictures a second in the window

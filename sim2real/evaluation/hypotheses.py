@@ -39,7 +39,7 @@ from sim2real.runs.statistics import (
     probability_of_improvement,
     wins,
 )
-from sim2real.runs.tables import show
+from sim2real.runs.tables import format_cell
 
 RELATIONS = ("above", "below", "not_above", "similar", "within")
 TAKES = ("max", "last")
@@ -215,7 +215,7 @@ def _within(
     found = bootstrap(x[:, None], iqm, rng, draws=draws, resample="rows")
     low, high = claim.range
     held = low <= found.value <= high
-    return ClaimResult(claim, "held" if held else "failed", f"IQM {show(found)}", budget)
+    return ClaimResult(claim, "held" if held else "failed", f"IQM {format_cell(found)}", budget)
 
 
 def _compare(
@@ -236,7 +236,7 @@ def _compare(
         found = probability_of_improvement(first, second, rng, draws=draws)
     factor = "" if claim.times == 1 else f"{claim.times:g} x "
     middle = [float(iqm(values[:, None])) for values in (x, y)]
-    text = f"P = {show(found)}; IQM {show(middle[0])} against {factor}{show(middle[1])}"
+    text = f"P = {format_cell(found)}; IQM {format_cell(middle[0])} against {factor}{format_cell(middle[1])}"
     return ClaimResult(claim, "held" if _holds(claim, found) else "failed", text, budget)
 
 

@@ -30,9 +30,9 @@ from sim2real.runs.statistics import (
     Interval,
     Statistic,
     bootstrap,
+    fraction_above,
     iqm,
     mean,
-    share_above,
     wins,
 )
 from sim2real.runs.tables import Table
@@ -140,7 +140,7 @@ class GridScores:
         for name, mask in self.regions().items():
             where = f"{name} ({int(mask.sum())})"
             for policy, values in self._policies(mask).items():
-                statistics = (mean, iqm, share_above(threshold))
+                statistics = (mean, iqm, fraction_above(threshold))
                 cells = [self.interval(values, statistic, draws, rng) for statistic in statistics]
                 table.add(where, policy, *cells, None, float(np.mean(self.frames)))
             if self.adaptation_episodes:

@@ -29,7 +29,7 @@ from envs.pixels.library import library
 from sim2real.learning.algorithms.base import Algorithm
 from sim2real.learning.population.population import draw_seeds
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.film import Camera, write_mp4
+from sim2real.runs.video import Camera, write_mp4
 
 VIDEO_STREAM = 3  # which of the seed's streams the film's task and luck are
 SIGNS = {"set": "=", "add": "+", "scale": "×"}  # what a parameter does to the model's own value

@@ -34,7 +34,7 @@ from sim2real.exam.measure import apart
 from sim2real.exam.outline import KEY, Outline
 from sim2real.exam.score import Mark
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import claimed, write_text
+from sim2real.runs.files import folder_lock, write_text
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
@@ -101,7 +101,7 @@ def prepare(exam: Examiner, block: Sequence[Outline], folder: Path) -> list[str]
             write_text(keys / name / DROPPED, f"{outline.robot} cannot show {effects}\n")
 
     share(list(outlines), made, make, folder / CLAIMS / "making")
-    with claimed(folder / CLAIMS / "seal") as mine:
+    with folder_lock(folder / CLAIMS / "seal") as mine:
         if mine and not outlines.keys() <= set(seal.cases(logs)):
             seal.close(keys, logs, outlines)
     return [name for name in outlines if (keys / name / KEY).is_file()]
@@ -134,7 +134,7 @@ def share(
     while True:
         for name in names:
             if not done(name):
-                with claimed(claims / name) as mine:
+                with folder_lock(claims / name) as mine:
                     if mine and not done(name):
                         do(name)
         if all(done(name) for name in names):

@@ -26,11 +26,11 @@ from sim2real.learning.algorithms.base import Algorithm, Components, build
 from sim2real.learning.interface import write_interface
 from sim2real.learning.population.cluster import Cluster
 from sim2real.runs.checkpoint import find, restore
-from sim2real.runs.errors import Sim2RealError, Stopped
+from sim2real.runs.errors import RunInterrupted, Sim2RealError
 from sim2real.runs.loggers import Loggers
 from sim2real.runs.progress import Progress
 from sim2real.runs.run_files import SCORE, RunFiles
-from sim2real.runs.stopping import Stopping
+from sim2real.runs.stopping import GracefulStop
 
 Finish = Callable[[Algorithm, RunFiles], None]
 log = logging.getLogger(__name__)
@@ -93,7 +93,7 @@ def run_training_loop(
     Raises:
         Stopped: after a signal; see the module's text.
     """
-    with Stopping() as stopping, budget.progress(algorithm) as progress:
+    with GracefulStop() as stopping, budget.progress(algorithm) as progress:
         try:
             while not budget.done(algorithm) and not stopping.signal:
                 start, steps = time.monotonic(), algorithm.frames
@@ -111,11 +111,13 @@ def run_training_loop(
         )
 
 
-def interruption_error(files: RunFiles, what: str, number: int) -> Stopped:
+def interruption_error(files: RunFiles, what: str, number: int) -> RunInterrupted:
     """Return what a run that signal `number` ended raises: what was lost, and how to resume."""
     newest = files.store.latest()
     again = f"to continue, run the same command with resume={newest}"
-    return Stopped(f"{what}; {again if newest else 'there is no checkpoint yet'}", 128 + number)
+    return RunInterrupted(
+        f"{what}; {again if newest else 'there is no checkpoint yet'}", 128 + number
+    )
 
 
 def train(

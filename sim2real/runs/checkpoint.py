@@ -31,7 +31,7 @@ import torch
 from torchrl.checkpoint import Checkpoint, CheckpointAdapter, CheckpointRotation, GlobalRNGState
 
 from sim2real.runs.errors import CheckpointError, DamagedCheckpointError, DiskError
-from sim2real.runs.tree import flat
+from sim2real.runs.tree import flatten
 
 FOLDER = "checkpoints"
 _NAME = re.compile(r"checkpoint-(\d+)\.torchrl")
@@ -326,7 +326,7 @@ def restore(
 
 def check_expected(path: Path, metadata: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
     """Raise CheckpointError, naming both values, where metadata differ from what is expected."""
-    there, here = flat(metadata), flat(json.loads(json.dumps(expected)))
+    there, here = flatten(metadata), flatten(json.loads(json.dumps(expected)))
     for key, value in here.items():
         if there.get(key) != value:
             raise CheckpointError(

@@ -1,6 +1,6 @@
 """How far apart two samples are, where nothing belongs to anything: kernels and slices.
 
-    pool = Pool(samples, group, rng)            # (N, F) in E groups, such as episodes
+    pool = PooledSamples(samples, group, rng)            # (N, F) in E groups, such as episodes
     pool.wasserstein(first, second)             # weights of the groups, (E,) each
     pool.mmd(first, second)
 
@@ -17,7 +17,7 @@ HALF = 0.5
 WIDTHS = (0.5, 1.0, 2.0)  # of the kernels, in the median distance
 
 
-def standard(real: np.ndarray, values: np.ndarray) -> np.ndarray:
+def standardize(real: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return values (..., F) less the mean of the real data (N, F), over its deviation."""
     return (values - real.mean(axis=0)) / np.maximum(real.std(axis=0), TINY)
 
@@ -33,7 +33,7 @@ def gaussian(square: np.ndarray, middle: float, widths: tuple[float, ...] = WIDT
     return np.mean([np.exp(-HALF * square / (middle * w**2)) for w in widths], axis=0)
 
 
-class Pool:
+class PooledSamples:
     """Samples of all worlds together, standardized, each in a group.
 
     Args:

@@ -33,7 +33,7 @@ class DiskError(Sim2RealError):
         return "name a folder that can be written, with out=FOLDER, or make this one writable"
 
 
-class Stopped(KeyboardInterrupt):
+class RunInterrupted(KeyboardInterrupt):
     """A run ended on request (Ctrl-C, SIGTERM), after it wrote a checkpoint.
 
     It is a KeyboardInterrupt so that a sweep stops with it. Its text is one sentence that says how

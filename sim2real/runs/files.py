@@ -26,7 +26,7 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 @contextmanager
-def whole_folder(path: str | Path) -> Iterator[Path]:
+def atomic_folder(path: str | Path) -> Iterator[Path]:
     """Yield a new folder beside `path`; move it there if the block ends well, else remove it.
 
     What a process that was killed left of the same folder is removed first.
@@ -45,7 +45,7 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def claimed(folder: str | Path) -> Iterator[bool]:
+def folder_lock(folder: str | Path) -> Iterator[bool]:
     """Hold a folder; yield False if another program works there. A program's end frees it."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.tree import flat
+from sim2real.runs.tree import flatten
 
 
 class LoggerError(Sim2RealError):
@@ -144,7 +144,7 @@ class MLflow(Logger):
         super().close()
 
 
-class OfTorchRL(Logger):
+class TorchRLLogger(Logger):
     """A run of any logger with TorchRL's interface, one's own included.
 
     Args:
@@ -165,11 +165,11 @@ class Loggers:
     """Several loggers as one.
 
     Args:
-        loggers: may be empty; a `partial` makes a logger of TorchRL's interface, see `OfTorchRL`.
+        loggers: may be empty; a `partial` makes a logger of TorchRL's interface, see `TorchRLLogger`.
     """
 
     def __init__(self, loggers: Sequence[Logger | partial[Any]]) -> None:
-        self.loggers = tuple(OfTorchRL(o) if isinstance(o, partial) else o for o in loggers)
+        self.loggers = tuple(TorchRLLogger(o) if isinstance(o, partial) else o for o in loggers)
 
     @contextmanager
     def opened(self, out: Path, config: Mapping[str, Any] | None = None) -> Iterator[Loggers]:
@@ -192,5 +192,5 @@ class Loggers:
 
 def _plain(config: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
     """Return settings by dotted name; what is no number, text or truth becomes text."""
-    items = flat(config).items()
+    items = flatten(config).items()
     return {k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in items}

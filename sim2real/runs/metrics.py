@@ -52,7 +52,7 @@ class MetricsFile:
         self.path.unlink(missing_ok=True)
         self._columns = []
 
-    def cut(self, key: str, last: int, source: MetricsFile | None = None) -> None:
+    def truncate(self, key: str, last: int, source: MetricsFile | None = None) -> None:
         """Keep the rows in which `key` is at most `last`: of this file or, if given, another's."""
         source = source or self
         kept = [row for row in source.rows() if int(row[key]) <= last]

@@ -82,7 +82,7 @@ class Progress:
         elif now - self._last_line >= self._every or done >= self.total:
             self._last_line = now
             left = (now - self._start) * max(self.total - done, 0) / max(done - self._start_done, 1)
-            words.append(f"{clock(left)} left")
+            words.append(f"{format_duration(left)} left")
             log.info("%s %d/%d, %s", self.unit, done, self.total, ", ".join(words))
 
     def report(self, done: int, total: int) -> None:
@@ -112,7 +112,7 @@ class Progress:
         self.close()
 
 
-def clock(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Write a duration as 1:02:03 or 2:03."""
     minutes, seconds = divmod(round(max(seconds, 0)), 60)
     hours, minutes = divmod(minutes, 60)

@@ -31,7 +31,7 @@ DECISIVE = ("env", "effects", "params", "policy", "adapt", "algorithm")
 PACKAGES = ("mujoco", "numpy", "torch")
 
 
-class Counted(Stateful, Protocol):
+class Checkpointable(Stateful, Protocol):
     """What a run saves, and how far it is; an `Algorithm` is one."""
 
     frames: int
@@ -64,7 +64,7 @@ class RunFiles:
         self._identity, self._every = identity, checkpoint_every
         self._saved, self._score = 0, float("nan")
 
-    def begin(self, algorithm: Counted, source: Path | None) -> None:
+    def begin(self, algorithm: Checkpointable, source: Path | None) -> None:
         """Start a new run, or continue from the checkpoint `source` of another run or of this one.
 
         Raises:
@@ -87,7 +87,7 @@ class RunFiles:
             self.store.adopt(source)
             for file in (self.metrics, self.timing):
                 former = MetricsFile(run_folder(source) / file.path.name)
-                file.cut(STEP, algorithm.iteration, former)
+                file.truncate(STEP, algorithm.iteration, former)
         log.info("continuing %s after iteration %d", source, algorithm.iteration)
 
     def _compare(self, source: Path, found: Mapping[str, Any]) -> None:
@@ -110,7 +110,7 @@ class RunFiles:
             )
 
     def record(
-        self, algorithm: Counted, metrics: dict[str, float], seconds: float, steps: int
+        self, algorithm: Checkpointable, metrics: dict[str, float], seconds: float, steps: int
     ) -> dict[str, float]:
         """Write the rows of an iteration, and a checkpoint if one is due.
 
@@ -136,7 +136,7 @@ class RunFiles:
             self.save(algorithm)
         return step | metrics | clock
 
-    def save(self, algorithm: Counted) -> None:
+    def save(self, algorithm: Checkpointable) -> None:
         """Write a checkpoint of the present state, unless there is one."""
         if algorithm.iteration == self._saved:
             return

@@ -56,7 +56,7 @@ def mean(values: np.ndarray) -> np.ndarray:
     return np.asarray(values, dtype=np.float64).mean(axis=(-2, -1))
 
 
-def share_above(threshold: float) -> Statistic:
+def fraction_above(threshold: float) -> Statistic:
     """Return the statistic that is the share of values above a threshold."""
     return lambda values: (np.asarray(values) > threshold).mean(axis=(-2, -1))
 

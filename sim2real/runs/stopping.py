@@ -1,6 +1,6 @@
 """Ending a run from outside: Ctrl-C and SIGTERM ask once, Ctrl-C again insists.
 
-with Stopping() as stopping:
+with GracefulStop() as stopping:
     while work and not stopping.signal:
         iterate()
 """
@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-class Stopping:
+class GracefulStop:
     """Notes the first signal, so that the iteration in progress can finish; a second interrupts it.
 
     Outside the main thread, where Python delivers no signals, it does nothing.
@@ -30,7 +30,7 @@ class Stopping:
         self.signal = 0
         self._before: dict[int, Any] = {}
 
-    def __enter__(self) -> Stopping:
+    def __enter__(self) -> GracefulStop:
         """Take over the signals."""
         if threading.current_thread() is threading.main_thread():
             self._before = {number: signal.signal(number, self._note) for number in SIGNALS}

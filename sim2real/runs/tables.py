@@ -54,7 +54,7 @@ class Table:
 
     def markdown(self) -> str:
         """Return the table and its notes as Markdown."""
-        texts = [[_escape(show(cell)) for cell in row] for row in self.rows]
+        texts = [[_escape(format_cell(cell)) for cell in row] for row in self.rows]
         numeric = [
             all(not isinstance(row[i], str) for row in self.rows) for i in range(len(self.columns))
         ]
@@ -90,14 +90,14 @@ class Table:
         write_text(f"{stem}.csv", self.csv())
 
 
-def show(cell: Cell) -> str:
+def format_cell(cell: Cell) -> str:
     """Return a cell as a person reads it: about three digits, millions as `20.0 M`."""
     if cell is None:
         return "–"
     if isinstance(cell, str):
         return cell
     if isinstance(cell, Interval):
-        return f"{show(cell.value)} [{show(cell.low)}, {show(cell.high)}]"
+        return f"{format_cell(cell.value)} [{format_cell(cell.low)}, {format_cell(cell.high)}]"
     return _number(cell)
 
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return {"a.b": 1} for {"a": {"b": 1}}."""
     found: dict[str, Any] = {}
     for key, value in tree.items():
         inner = isinstance(value, Mapping)
-        found |= flat(value, f"{prefix}{key}.") if inner else {f"{prefix}{key}": value}
+        found |= flatten(value, f"{prefix}{key}.") if inner else {f"{prefix}{key}": value}
     return found

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import pixels, study
-from benchmarks.study import Plan, claimed, run
+from benchmarks.study import Plan, folder_lock, run
 from benchmarks.transfer import MAIN, ROUNDS, STUDY
 
 
@@ -97,7 +97,7 @@ def test_one_failure_does_not_stop_the_others(
 def test_programs_share_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run that another program holds is left to it."""
     shell, mine = Shell(monkeypatch), plan(tmp_path, ("source", "ndr"))
-    with claimed(mine.folder(STUDY.rows["source"], 0)) as free:
+    with folder_lock(mine.folder(STUDY.rows["source"], 0)) as free:
         assert free
         run(mine)
     assert [t["+experiment"] for t in shell.trainings] == ["ndr"]

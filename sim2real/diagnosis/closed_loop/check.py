@@ -27,7 +27,7 @@ from sim2real.diagnosis.closed_loop.measured import Episode, episodes_of, histor
 from sim2real.diagnosis.contract.logged import place_of
 from sim2real.diagnosis.schema import ClosedLoop, ClosedLoopVerdict, Distance, Estimate, Returns
 from sim2real.diagnosis.settings import ClosedLoopSettings
-from sim2real.runs.distances import TINY, Pool, standard
+from sim2real.runs.distances import TINY, PooledSamples, standardize
 from sim2real.runs.errors import Sim2RealError
 
 FEW = 2  # episodes of a robot, below which it has no distance from itself
@@ -176,7 +176,9 @@ def _distances(
     samples, group = histories(every, names, settings)
     real = samples[group < own]
     moved = real.std(axis=0) > TINY
-    pool = Pool(standard(real[:, moved], samples[:, moved]), group, rng, settings.directions)
+    pool = PooledSamples(
+        standardize(real[:, moved], samples[:, moved]), group, rng, settings.directions
+    )
     half, count = own // 2, len(every)
     rows: dict[str, list[list[float]]] = {"sliced_wasserstein": [], "mmd": []}
     for _ in range(settings.draws):

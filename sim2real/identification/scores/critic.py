@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from sim2real.runs.distances import standard
+from sim2real.runs.distances import standardize
 from sim2real.runs.errors import Sim2RealError
 
 VARIANTS = ("gp", "paper")
@@ -92,7 +92,7 @@ class Critic:
     def _inputs(self, real: np.ndarray, values: np.ndarray) -> torch.Tensor:
         """Return what the network sees of transitions (..., 2 O + A)."""
         if self.variant == "gp":
-            return torch.as_tensor(standard(real, values), dtype=torch.float32)
+            return torch.as_tensor(standardize(real, values), dtype=torch.float32)
         size = self._observation
         after = values[..., :size] + values[..., -size:]
         given = np.concatenate([values[..., :-size], after], axis=-1)

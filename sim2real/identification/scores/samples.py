@@ -10,7 +10,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from sim2real.identification.scores.base import StatelessScore
-from sim2real.runs.distances import TINY, WIDTHS, gaussian, squares, standard
+from sim2real.runs.distances import TINY, WIDTHS, gaussian, squares, standardize
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -45,13 +45,13 @@ class Mmd(StatelessScore):
     def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:
         """Return it for each simulation, (n,)."""
         rng = np.random.default_rng(turn)
-        first = standard(real, subsample(real, self.compared, rng))
+        first = standardize(real, subsample(real, self.compared, rng))
         within = squares(first, first)
         middle = float(np.median(within[~np.eye(len(first), dtype=bool)])) + TINY
         own = gaussian(within, middle, self.widths).mean()
         found = []
         for one in simulated:
-            other = standard(real, subsample(one, self.compared, rng))
+            other = standardize(real, subsample(one, self.compared, rng))
             across = gaussian(squares(first, other), middle, self.widths).mean()
             inside = gaussian(squares(other, other), middle, self.widths).mean()
             found.append(own + inside - 2 * across)
@@ -88,10 +88,10 @@ class SlicedWasserstein(StatelessScore):
         from ot import sliced_wasserstein_distance
 
         rng = np.random.default_rng(turn)
-        first = standard(real, subsample(real, self.compared, rng))
+        first = standardize(real, subsample(real, self.compared, rng))
         found = []
         for one in simulated:
-            other = standard(real, subsample(one, self.compared, rng))
+            other = standardize(real, subsample(one, self.compared, rng))
             found.append(
                 sliced_wasserstein_distance(first, other, n_projections=self.projections, seed=turn)
             )
@@ -146,18 +146,18 @@ class Embedding(StatelessScore):
             raise Sim2RealError("score=embedding: call begin(observation_size, seed) first")
         rng, changed = np.random.default_rng(self._seed), -self._observation
         before = real[:, :changed]  # observation and action
-        few = standard(before, subsample(before, self.compared, rng))
+        few = standardize(before, subsample(before, self.compared, rng))
         apart = squares(few, few)[~np.eye(len(few), dtype=bool)]
         turns = rng.standard_normal((before.shape[1], self.features))
         turns /= self.width * np.sqrt(np.median(apart) + TINY)
-        seen = _features(standard(before, before), turns)  # (N, D)
-        wanted = standard(real[:, changed:], real[:, changed:])  # (N, O)
+        seen = _features(standardize(before, before), turns)  # (N, D)
+        wanted = standardize(real[:, changed:], real[:, changed:])  # (N, O)
         square = seen.T @ seen + self.ridge * np.eye(seen.shape[1])
         weights = np.linalg.solve(square, seen.T @ wanted)
         found = []
         for one in simulated:
-            expected = _features(standard(before, one[:, :changed]), turns) @ weights
-            off = standard(real[:, changed:], one[:, changed:]) - expected
+            expected = _features(standardize(before, one[:, :changed]), turns) @ weights
+            off = standardize(real[:, changed:], one[:, changed:]) - expected
             found.append((off**2).mean())
         return np.array(found)
 

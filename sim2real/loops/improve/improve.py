@@ -52,8 +52,8 @@ from sim2real.loops.improve.story import (
     words_of,
 )
 from sim2real.loops.improve.target import Target
-from sim2real.runs.errors import Sim2RealError, Stopped
-from sim2real.runs.tables import show
+from sim2real.runs.errors import RunInterrupted, Sim2RealError
+from sim2real.runs.tables import format_cell
 
 log_ = logging.getLogger(__name__)
 POLICY, KNOWN = "policy", "known.yaml"
@@ -141,7 +141,7 @@ def improve(
         end = "declined"
     except KeyboardInterrupt as stop:
         text = f"stopped in round {loop.number}; continue with resume={out}"
-        raise Stopped(text, getattr(stop, "exit_code", 130)) from None
+        raise RunInterrupted(text, getattr(stop, "exit_code", 130)) from None
     loop.story.write(out, end, loop.about, why)
     log_.info("it ended because %s%s", WORDS[end], f" ({why})" if why else "")
     if end in GOES_ON:
@@ -196,7 +196,7 @@ class _Loop:
         self.story.write(self.out, None, self.about)
         row = self.story.table().rows[-1]
         text = f"{one.number}: {words_of(one.causes) or 'the policy as given'}"
-        log_.info("round %s; simulator %s, robot %s", text, *map(show, row[2:4]))
+        log_.info("round %s; simulator %s, robot %s", text, *map(format_cell, row[2:4]))
 
     def run(self) -> End:
         """Run all rounds; return why they end."""

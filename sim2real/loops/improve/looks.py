@@ -20,7 +20,7 @@ from sim2real.evaluation import worth_report
 from sim2real.evaluation.cause_costs import Cause, compute_cause_costs
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import whole_folder
+from sim2real.runs.files import atomic_folder
 from sim2real.runs.progress import Progress
 
 log_ = logging.getLogger(__name__)
@@ -73,7 +73,7 @@ def priced(
     told = worth_report.read_diagnosis(place / DIAGNOSIS)
     closed = worth_report.shares_closed(told, causes)
     about = {"policy": str(trained.source), "effects": str(place / DIAGNOSIS), "seed": seed}
-    with whole_folder(folder) as made:
+    with atomic_folder(folder) as made:
         worth_report.write(worth, made, closed, about)
 
 

@@ -32,8 +32,8 @@ from sim2real.learning.algorithms.base import Components
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.learning.training import train
 from sim2real.runs.checkpoint import FOLDER, find, read_metadata
-from sim2real.runs.errors import Stopped
-from sim2real.runs.files import whole_folder
+from sim2real.runs.errors import RunInterrupted
+from sim2real.runs.files import atomic_folder
 
 log_ = logging.getLogger(__name__)
 LOGS = ("a", "b")  # recordings on the stand
@@ -70,9 +70,9 @@ def learn(
             start=start,
             out=place,
         )
-    except Stopped as stopped:
+    except RunInterrupted as stopped:
         text = f"stopped while it trained {name}; continue with resume={folder}"
-        raise Stopped(text, stopped.exit_code) from None
+        raise RunInterrupted(text, stopped.exit_code) from None
     return replace(learner.trained(), source=find(place))
 
 
@@ -109,7 +109,7 @@ def on_stand(
     """
     if folder.is_dir():
         return
-    with whole_folder(folder) as place:
+    with atomic_folder(folder) as place:
         hanging = hung(robot, place)
         pose = home_pose(hanging)
         for number, name in enumerate(LOGS):
@@ -150,7 +150,7 @@ def diagnosed(
     """
     if not folder.is_dir():
         found = run_diagnosis(list(logs), None, known, (), seed, progress)
-        with whole_folder(folder) as place:
+        with atomic_folder(folder) as place:
             write(found, place)
         log_.info("%s", words.sentence(found.report))
     return folder / FILE

@@ -22,7 +22,7 @@ import numpy as np
 from sim2real.loops.improve.picture import draw
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap, mean
-from sim2real.runs.tables import Table, show
+from sim2real.runs.tables import Table, format_cell
 
 End = Literal[
     "within_noise",
@@ -210,11 +210,11 @@ def table_of(one: Round, gap: str) -> Table:
         size = f"{cause['value']:.3g} [{ends[0]:.3g}, {ends[1]:.3g}]"
         price = Interval(*cause["cost"])
         table.add(cause["label"], size, cause["unit"] or "factor", cause["closed"], price)
-    robot = "was not run" if one.robot is None else show(float(np.mean(one.robot)))
+    robot = "was not run" if one.robot is None else format_cell(float(np.mean(one.robot)))
     table.notes += [
         gap,
         f"Return lost: what each cause costs the policy of round {one.number - 1} (95 %). After "
-        f"this round: {show(float(np.mean(one.simulator)))} in its simulator, on the robot "
+        f"this round: {format_cell(float(np.mean(one.simulator)))} in its simulator, on the robot "
         f"{robot}.",
     ]
     return table

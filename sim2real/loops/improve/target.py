@@ -33,7 +33,7 @@ from sim2real.learning.population.recording import RecordedEpisodes, record
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.improve.site import DEPLOYED, check_trials
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import whole_folder, write_text
+from sim2real.runs.files import atomic_folder, write_text
 
 log_ = logging.getLogger(__name__)
 PIECE = 0.25  # s between restarts from a recorded state: longer ones diverge by themselves
@@ -94,7 +94,7 @@ class Target:
         """Run a policy on the target, unless the folder is there, and return its returns."""
         if not folder.is_dir():
             done = self._played(trained, self.world)
-            with whole_folder(folder) as place:
+            with atomic_folder(folder) as place:
                 write_text(place / "model.xml", self._model())
                 (place / "logs").mkdir()
                 log = replace(done.log, meta={**done.log.meta, "model": "../model.xml"})

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sim2real.runs.distances import Pool, standard
+from sim2real.runs.distances import PooledSamples, standardize
 
 
-def pool(*samples: np.ndarray, directions: int = 16) -> Pool:
+def pool(*samples: np.ndarray, directions: int = 16) -> PooledSamples:
     """Return a pool with one group for each array of samples."""
     group = np.repeat(np.arange(len(samples)), [len(one) for one in samples])
     rng = np.random.default_rng(0)
-    return Pool(np.concatenate(samples), group, rng, directions)
+    return PooledSamples(np.concatenate(samples), group, rng, directions)
 
 
 def test_along_a_line_it_is_the_distance_of_a_library() -> None:
@@ -44,6 +44,6 @@ def test_units_do_not_count() -> None:
     """Columns are in deviations of the real data, whatever their unit."""
     rng = np.random.default_rng(3)
     real = rng.normal(5.0, [1.0, 1000.0], (100, 2))
-    scaled = standard(real, real)
+    scaled = standardize(real, real)
     np.testing.assert_allclose(scaled.mean(axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(scaled.std(axis=0), 1.0)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from envs.effects import make, write_effects
-from sim2real.runs.files import claimed, whole_folder, write_text
+from sim2real.runs.files import atomic_folder, folder_lock, write_text
 
 HOLDER = """
 import sys
@@ -57,24 +57,24 @@ def test_a_folder_has_one_holder_and_is_free_after_its_end(tmp_path: Path) -> No
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline().strip() == b"True"
-        with claimed(tmp_path) as mine:
+        with folder_lock(tmp_path) as mine:
             assert not mine
         holder.kill()
         holder.wait()
     for _ in range(2):
-        with claimed(tmp_path) as mine:
+        with folder_lock(tmp_path) as mine:
             assert mine
 
 
 def test_a_folder_is_whole_or_absent(tmp_path: Path) -> None:
     """What fails leaves nothing, and what a killed process left is gone with the next try."""
     (tmp_path / ".step-killed").mkdir()
-    with pytest.raises(ZeroDivisionError), whole_folder(tmp_path / "step") as made:
+    with pytest.raises(ZeroDivisionError), atomic_folder(tmp_path / "step") as made:
         (made / "half").touch()
         assert not (tmp_path / "step").exists()
         raise ZeroDivisionError
     assert list(tmp_path.iterdir()) == []
-    with whole_folder(tmp_path / "step") as made:
+    with atomic_folder(tmp_path / "step") as made:
         (made / "all").touch()
     assert [path.name for path in (tmp_path / "step").iterdir()] == ["all"]
     assert len(list(tmp_path.iterdir())) == 1

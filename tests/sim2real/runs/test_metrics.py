@@ -26,9 +26,9 @@ def test_a_cut_keeps_what_came_before(tmp_path: Path) -> None:
     text = (tmp_path / "m.csv").read_text()
     with (tmp_path / "m.csv").open("a") as file:
         file.write("5,0.")
-    metrics.cut("i", 4)
+    metrics.truncate("i", 4)
     assert (tmp_path / "m.csv").read_text() == text
-    metrics.cut("i", 2)
+    metrics.truncate("i", 2)
     assert (tmp_path / "m.csv").read_text() == "".join(text.splitlines(keepends=True)[:3])
 
 
@@ -38,7 +38,7 @@ def test_another_file_s_rows_are_taken_over(tmp_path: Path) -> None:
     for i in range(1, 4):
         former.write({"i": i, "a": 0.1 * i})
     here = MetricsFile(tmp_path / "here.csv")
-    here.cut("i", 2, former)
+    here.truncate("i", 2, former)
     here.write({"i": 3, "a": 0.1 * 3})
     assert (tmp_path / "here.csv").read_bytes() == (tmp_path / "former.csv").read_bytes()
 

@@ -7,7 +7,7 @@ import logging
 
 import pytest
 
-from sim2real.runs.progress import Progress, clock
+from sim2real.runs.progress import Progress, format_duration
 
 
 def test_progress_without_a_terminal_is_a_line_now_and_then(
@@ -42,4 +42,4 @@ def test_progress_in_a_terminal_is_a_bar() -> None:
 
 def test_durations_read_as_clocks() -> None:
     """Hours appear when there are any."""
-    assert [clock(s) for s in (5, 125, 3725)] == ["0:05", "2:05", "1:02:05"]
+    assert [format_duration(s) for s in (5, 125, 3725)] == ["0:05", "2:05", "1:02:05"]

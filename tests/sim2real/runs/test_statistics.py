@@ -11,10 +11,10 @@ from sim2real.runs.statistics import (
     StatsError,
     bootstrap,
     difference,
+    fraction_above,
     iqm,
     mean,
     probability_of_improvement,
-    share_above,
     wins,
 )
 
@@ -34,13 +34,13 @@ def test_iqm_is_the_mean_of_the_middle_half() -> None:
 
 def test_share_counts_the_values_above() -> None:
     """A point of the performance profile; a value at the threshold is not above it."""
-    assert share_above(2.0)(np.array([[0.0, 3.0], [2.0, 3.0]])) == 0.5
+    assert fraction_above(2.0)(np.array([[0.0, 3.0], [2.0, 3.0]])) == 0.5
 
 
 def test_statistics_reduce_the_last_two_axes() -> None:
     """A stack of tables gives the same numbers as the tables by themselves."""
     stack = rng().normal(size=(5, 3, 7))
-    for statistic in (iqm, mean, share_above(0.1)):
+    for statistic in (iqm, mean, fraction_above(0.1)):
         np.testing.assert_allclose(statistic(stack), [statistic(table) for table in stack])
 
 

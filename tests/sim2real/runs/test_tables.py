@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sim2real.runs.statistics import Interval
-from sim2real.runs.tables import Table, show
+from sim2real.runs.tables import Table, format_cell
 
 
 def table() -> Table:
@@ -44,7 +44,7 @@ def test_csv_keeps_full_precision_and_splits_intervals(tmp_path: Path) -> None:
 
 def test_numbers_are_shown_with_the_digits_that_matter() -> None:
     """Whole from 100 up, one digit from 10, two below, millions shortened."""
-    shown = [show(x) for x in (403010, 1234.5, 99.94, 0.123, 3, 2.5e6, None, float("nan"))]
+    shown = [format_cell(x) for x in (403010, 1234.5, 99.94, 0.123, 3, 2.5e6, None, float("nan"))]
     assert shown == ["403,010", "1234", "99.9", "0.12", "3", "2.5 M", "–", "nan"]
 
 

@@ -29,7 +29,7 @@ from sim2real.deployment.session import Deployment
 from sim2real.learning.modules.acting import Actor
 from sim2real.learning.transforms import affine
 from sim2real.runs.checkpoint import find
-from sim2real.runs.errors import Sim2RealError, Stopped
+from sim2real.runs.errors import RunInterrupted, Sim2RealError
 from sim2real.verbs import contract, replay
 from sim2real.verbs import deploy as verb
 from tests.sim2real.trained import SMALL_ES, SMALL_PPO, note_worlds, train
@@ -144,7 +144,9 @@ def test_what_was_interrupted_goes_on_as_if_it_had_not_been(run, tmp_path, monke
         return play(*arguments)
 
     monkeypatch.setattr(deploy, "play", interrupted)
-    with pytest.raises(Stopped, match=r"after 4 of 8 episodes, torque is off; continue with"):
+    with pytest.raises(
+        RunInterrupted, match=r"after 4 of 8 episodes, torque is off; continue with"
+    ):
         go(run, tmp_path / "part", *CLIMB)
     monkeypatch.setattr(deploy, "play", play)
     again = go(run, tmp_path / "rest", *CLIMB, f"resume={tmp_path / 'part'}")
@@ -322,7 +324,9 @@ def test_a_policy_adapts_by_its_steps_on_the_robot(tmp_path, monkeypatch, words)
         return play(*arguments)
 
     monkeypatch.setattr(deploy, "play", interrupted)
-    with pytest.raises(Stopped, match=r"after 4 of 7 episodes, torque is off; continue with"):
+    with pytest.raises(
+        RunInterrupted, match=r"after 4 of 7 episodes, torque is off; continue with"
+    ):
         go(run, tmp_path / "part", *words)
     monkeypatch.setattr(deploy, "play", play)
     again = go(run, tmp_path / "rest", *words, f"resume={tmp_path / 'part'}")

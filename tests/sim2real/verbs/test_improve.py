@@ -20,7 +20,7 @@ from sim2real.diagnosis.report import words
 from sim2real.loops.improve import improve, looks, steps
 from sim2real.loops.improve.improve import Improvement
 from sim2real.runs.checkpoint import read_metadata
-from sim2real.runs.errors import Sim2RealError, Stopped
+from sim2real.runs.errors import RunInterrupted, Sim2RealError
 from tests.sim2real.trained import SMALL_ES, train
 
 WEAK = 0.3  # of the motor's torque, as the robot has it
@@ -131,7 +131,7 @@ def test_a_loop_that_was_killed_ends_alike(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(looks, "price", interrupted)
-    with pytest.raises(Stopped, match=rf"stopped in round 1; continue with resume={part}"):
+    with pytest.raises(RunInterrupted, match=rf"stopped in round 1; continue with resume={part}"):
         go(run, part, *settings)
     monkeypatch.setattr(looks, "price", price)
     drive, count = improve.Site.deploy, iter(range(10))
@@ -144,7 +144,7 @@ def test_a_loop_that_was_killed_ends_alike(
         return returns
 
     monkeypatch.setattr(improve.Site, "deploy", broken)
-    with pytest.raises(Stopped):
+    with pytest.raises(RunInterrupted):
         go(run, tmp_path / "other", *settings, f"resume={part}")
     assert len(diagnosed) == rounds + 1  # once a round for the whole, once for the part
     monkeypatch.setattr(improve.Site, "deploy", drive)

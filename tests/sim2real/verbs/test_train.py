@@ -20,7 +20,7 @@ from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.checkpoint import listing, read_metadata
-from sim2real.runs.errors import CheckpointError, DiskError, Sim2RealError, Stopped
+from sim2real.runs.errors import CheckpointError, DiskError, RunInterrupted, Sim2RealError
 from sim2real.runs.loggers import Loggers
 from sim2real.runs.metrics import MetricsFile
 from sim2real.verbs import train as verb
@@ -147,7 +147,9 @@ def test_ctrl_c_finishes_the_iteration_and_says_how_to_resume(tmp_path: Path) ->
     """SIGINT and SIGTERM: a checkpoint of the iteration in progress, and one line with its path."""
     for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
         out = tmp_path / str(code)
-        with pytest.raises(Stopped, match=r"after iteration 6; .*resume=.*000006\.torchrl") as stop:
+        with pytest.raises(
+            RunInterrupted, match=r"after iteration 6; .*resume=.*000006\.torchrl"
+        ) as stop:
             go(out, events={6: lambda number=number: os.kill(os.getpid(), number)})
         assert stop.value.exit_code == code and saved(out) == [4, 6]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -163,7 +165,7 @@ def test_a_second_ctrl_c_abandons_the_iteration(tmp_path: Path) -> None:
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGINT)
 
-    with pytest.raises(Stopped, match=r"abandoned; .*000004\.torchrl"):
+    with pytest.raises(RunInterrupted, match=r"abandoned; .*000004\.torchrl"):
         go(tmp_path / "run", events={6: twice})
     go(tmp_path / "whole")
     go(tmp_path / "on", resume=tmp_path / "run")
@@ -177,7 +179,7 @@ def test_ctrl_c_after_training_keeps_it(tmp_path: Path) -> None:
         def assess(self, *_: Any, **__: Any) -> None:
             raise KeyboardInterrupt
 
-    with pytest.raises(Stopped, match=r"training is complete.*000010\.torchrl"):
+    with pytest.raises(RunInterrupted, match=r"training is complete.*000010\.torchrl"):
         go(tmp_path, eval=Interrupted())
 
 
