@@ -19,7 +19,7 @@ from benchmarks.easi.demonstrations import demonstrate
 from benchmarks.study import command, sim2real, trained
 from envs.models import named
 from envs.tasks import Hopper
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.identification.outcome import Outcome, legend, panel
 from sim2real.runs.figures import figure
 from sim2real.runs.files import write_text
@@ -84,7 +84,7 @@ def ask(method: str, out: Path) -> Answer:
     }
     words = [f"{key}={value}" for key, value in given.items()]
     begun = time.process_time()
-    verb, arguments = prepare(compose([*words, *METHODS[method]]), out / method)
+    verb, arguments = instantiate(compose([*words, *METHODS[method]]), out / method)
     outcome = verb(**arguments)._replace(truth=TRUTH)
     return Answer(outcome, time.process_time() - begun)
 

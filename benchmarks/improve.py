@@ -26,7 +26,7 @@ import numpy as np
 
 from benchmarks import study
 from benchmarks.study import command
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.deployment import deploy
 from sim2real.deployment.trained import load_trained
 from sim2real.loops.improve.operator import Operator
@@ -160,7 +160,7 @@ def best(case: Case, told: dict[str, Any]) -> list[float]:
 
     It goes on from the policy as given, for as many iterations as the loop's best one did.
     """
-    _, given = prepare(compose(case.line), case.folder)
+    _, given = instantiate(compose(case.line), case.folder)
     parts, algorithm = given["parts"], given["algorithm"]
     first = load_trained(case.policy, parts, algorithm)
     machine = deploy.configure_robot(given["robot"], None, None)

@@ -27,7 +27,7 @@ from pathlib import Path
 from benchmarks.robots_report import Figures, write
 from benchmarks.study import command, folder_lock, sim2real, trained
 from hardware.errors import HardwareError
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.evaluation.transfer import read
 from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.errors import Sim2RealError
@@ -208,7 +208,7 @@ def ride(plan: Plan, robot: str, seed: int, name: str, shift: str | None = None)
         *([hidden, *CLIMB] if hidden else ["adapt=none"]),
     ]
     try:
-        verb, arguments = prepare(compose(words), folder)
+        verb, arguments = instantiate(compose(words), folder)
         verb(**arguments)
     except (Sim2RealError, HardwareError) as error:
         print(f"{folder}: {error}", file=sys.stderr)

@@ -92,11 +92,11 @@ def readable(arguments: list[str]) -> list[str]:
         ConfigError: a package of the same name that hides ours; see also `as_overrides`.
     """
     from sim2real.config import extensions
-    from sim2real.config.arguments import as_overrides, shadowing
+    from sim2real.config.arguments import as_overrides, find_shadowing_module
     from sim2real.config.targets import ConfigError
 
-    extensions.use(extensions.of_arguments(arguments))
-    if other := shadowing():
+    extensions.activate(extensions.of_arguments(arguments))
+    if other := find_shadowing_module():
         raise ConfigError(f"another package hides one of sim2real's: {other}; rename or remove it")
     own = extensions.folder()
     searched = [] if own is None else ["--config-dir", str(own)]
@@ -117,15 +117,15 @@ def precheck(arguments: list[str]) -> list[str]:
     options = [a for a in arguments if a.startswith("-")]
     if {a.split("=")[0] for a in options} & set(PASSED_ON + OTHER_ROOT):
         return own + arguments
-    from sim2real.config.compose import compose, sweep_jobs, used_keys, with_checkpoint
-    from sim2real.config.folders import refuse_missing
+    from sim2real.config.compose import compose, inherit_run_overrides, sweep_jobs, used_keys
+    from sim2real.config.folders import check_paths_exist
 
     given = [a for a in arguments if not a.startswith("-")]
     sweep = {"--multirun", "-m"} & set(options)
     for overrides in sweep_jobs(given) if sweep else [given]:
         tree = compose(overrides)
-        refuse_missing(tree, used_keys(tree))
-    return own + options + with_checkpoint(given)
+        check_paths_exist(tree, used_keys(tree))
+    return own + options + inherit_run_overrides(given)
 
 
 def launch() -> None:
@@ -152,7 +152,7 @@ def job(config: Any) -> None:
     from sim2real.config import extensions
 
     try:
-        extensions.use(extensions.of_arguments([]))  # in another process of a sweep
+        extensions.activate(extensions.of_arguments([]))  # in another process of a sweep
         _run(config)
     except Exception as error:
         sentence = None if os.environ.get(WANTED) == "1" else explained(error)
@@ -174,17 +174,17 @@ def _run(config: Any) -> None:
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
-    from sim2real.config.compose import checked, prepare, save
-    from sim2real.config.folders import refuse_used
+    from sim2real.config.compose import instantiate, save, validate
+    from sim2real.config.folders import check_output_is_free
     from sim2real.runs.manifest import write_manifest
 
     hydra = HydraConfig.get()
     out = Path(hydra.runtime.output_dir)
-    tree = checked(config)
-    refuse_used(out, tree)
+    tree = validate(config)
+    check_output_is_free(out, tree)
     write_manifest(out, seed=tree["seed"])
     save(tree, out)
-    verb, arguments = prepare(tree, out)
+    verb, arguments = instantiate(tree, out)
     logging.raiseExceptions = False  # a log file on a full disk; what else is written says so
     logging.getLogger("sim2real").info("%s in %s", verb.__module__.split(".")[-1], out)
     answer = verb(**arguments)
@@ -262,7 +262,7 @@ def overview(arguments: list[str]) -> str:
     from sim2real.config import extensions
     from sim2real.config.catalogue import lines
 
-    extensions.use(extensions.of_arguments(arguments))
+    extensions.activate(extensions.of_arguments(arguments))
     return "\n".join(lines())
 
 

@@ -26,7 +26,7 @@ def _no_folder_stays_in_use() -> Iterator[None]:
     yield
     if signatures.OWN:
         signatures.OWN.clear()
-        signatures.forget()
+        signatures.clear_cache()
         sys.path[:] = path
     if variable is None:
         os.environ.pop(extensions.VARIABLE, None)

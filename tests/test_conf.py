@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from sim2real.config.catalogue import CONF, groups, options, summary
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.config.targets import build
 from sim2real.learning.algorithms.base import build as make_algorithm
 
@@ -106,7 +106,7 @@ def test_experiments_can_be_built(name: str, tmp_path: Path) -> None:
         tree["logger"] = experiment("smoke")["logger"]  # no page is opened
     if name == "blindcheck_drake":
         pytest.importorskip("pydrake", reason="needs Drake: pip install 'sim2real[engines]'")
-    verb, arguments = prepare(tree, tmp_path)
+    verb, arguments = instantiate(tree, tmp_path)
     assert callable(verb)
     if not trains:
         return

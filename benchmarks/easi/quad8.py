@@ -21,7 +21,7 @@ from benchmarks.robots import mean, phases, timed
 from benchmarks.study import sim2real, trained
 from hardware.config import Robot
 from hardware.errors import HardwareError
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.deploy import configure_robot
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock, write_text
@@ -94,7 +94,7 @@ def walked(plan: Plan, policy: Path, folder: Path, episodes: int, seed: int) -> 
     words = ["run=deploy", f"checkpoint={policy}", f"robot={ROBOT}", f"trials={episodes}"]
     words += [f"robot.hidden={plan.effects}", f"seed={seed}", STOPS, *begun]
     try:
-        verb, arguments = prepare(compose(words), folder)
+        verb, arguments = instantiate(compose(words), folder)
         verb(**arguments)
     except (Sim2RealError, HardwareError) as error:
         print(f"{folder}: {error}", file=sys.stderr)

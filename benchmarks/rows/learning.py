@@ -18,7 +18,7 @@ from torch import nn
 
 from benchmarks.rows.base import Row, Timing
 from benchmarks.rows.others import TASK
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.sac import SAC
 
@@ -59,7 +59,7 @@ class Ours(Row):
         """Make the learner and warm it up."""
         few = ["algorithm.steps=10"] if self.unit == "updates" else []  # or a run would be too long
         tree = compose([f"algorithm={self._preset}", *self._words, *few])
-        _, given = prepare(tree, Path())
+        _, given = instantiate(tree, Path())
         self._learner = build(given["algorithm"], given["parts"])
         while not self._count():
             self._learner.iterate()

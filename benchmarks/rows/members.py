@@ -19,7 +19,7 @@ from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 from benchmarks.rows.base import Row, Timing
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.adapt import PPOAdaptation
 from sim2real.learning.adapt.batched_ppo import BlockedPPO, RolloutBatch
 from sim2real.learning.modules.actor_critic import Policy
@@ -31,7 +31,7 @@ EXPERIMENT = "es_ppo_lite"
 def parts() -> tuple[PPOAdaptation, Any]:
     """Return the experiment's adaptation and a new policy of it."""
     torch.manual_seed(0)
-    _, given = prepare(compose([f"+experiment={EXPERIMENT}", "logger=csv"]), Path())
+    _, given = instantiate(compose([f"+experiment={EXPERIMENT}", "logger=csv"]), Path())
     made = given["parts"]
     policy = made.policy(made.environment.make(1, threads=1))
     assert isinstance(made.adapt, PPOAdaptation) and isinstance(policy, Policy)

@@ -133,7 +133,7 @@ def path_value(value: str) -> str:
     return "'" + path.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
-def shadowing(root: Path = CONF.parent) -> str | None:
+def find_shadowing_module(root: Path = CONF.parent) -> str | None:
     """Return the file that Python finds in the place of one of our packages; None if none does."""
     from importlib.util import find_spec
 

@@ -25,10 +25,17 @@ from omegaconf.errors import OmegaConfBaseException
 from envs.errors import did_you_mean
 from sim2real.config import extensions, signatures
 from sim2real.config.catalogue import EXPERIMENT, options
-from sim2real.config.composed import composed
 from sim2real.config.folders import free_folder, run_folder
-from sim2real.config.renamed import renamed
-from sim2real.config.targets import ConfigError, build, build_named, check, check_named, locate
+from sim2real.config.hydra_compose import hydra_compose
+from sim2real.config.renamed import renamed_key_hint
+from sim2real.config.targets import (
+    ConfigError,
+    build,
+    build_named,
+    check,
+    check_named,
+    import_target,
+)
 from sim2real.runs.files import write_text
 
 ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
@@ -137,17 +144,17 @@ def compose(overrides: list[str]) -> dict[str, Any]:
         overrides: overrides as on the command line, such as `+experiment=smoke` or `seed=3`.
 
     Raises:
-        ConfigError: see `checked`; a name or a value that is not there.
+        ConfigError: see `validate`; a name or a value that is not there.
     """
     try:
-        return checked(composed(with_checkpoint(overrides)), overrides)
+        return validate(hydra_compose(inherit_run_overrides(overrides)), overrides)
     except yaml.YAMLError as error:
         raise ConfigError(f"this is no YAML: {' '.join(str(error).split())}") from error
     except (HydraException, OmegaConfBaseException) as error:
         raise explain(error, overrides) from error
 
 
-def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str, Any]:
+def validate(config: DictConfig, overrides: list[str] | None = None) -> dict[str, Any]:
     """Return the configuration as a plain tree, after every check that needs no import of torch.
 
     Args:
@@ -214,7 +221,7 @@ def _alone(value: Any, key: str, overrides: list[str]) -> Any:
     return {name: v for name, v in value.items() if name == "_target_" or f"{key}.{name}" in own}
 
 
-def with_checkpoint(overrides: list[str]) -> list[str]:
+def inherit_run_overrides(overrides: list[str]) -> list[str]:
     """Put before the overrides what the run that `checkpoint=` or `start=` points at was given.
 
     So a checkpoint says itself what its experiment, robot, tasks and policy are. What the user sets
@@ -241,7 +248,7 @@ def save(tree: dict[str, Any], out: Path) -> Path:
     return write_text(out / RESOLVED, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
 
 
-def prepare(tree: dict[str, Any], out: Path) -> tuple[Any, dict[str, Any]]:
+def instantiate(tree: dict[str, Any], out: Path) -> tuple[Any, dict[str, Any]]:
     """Return the verb and its arguments, built. This imports torch.
 
     Args:
@@ -260,11 +267,11 @@ def prepare(tree: dict[str, Any], out: Path) -> tuple[Any, dict[str, Any]]:
         arguments["device"] = device(tree["device"])
     if "parts" in verb.arguments:
         own = {key: arguments[key] for key in _of_parts()}
-        arguments["parts"] = locate(PARTS, "parts")(**own)
+        arguments["parts"] = import_target(PARTS, "parts")(**own)
     if "out" in verb.arguments:
         arguments["out"] = out
     taken = {key: value for key, value in arguments.items() if key in verb.arguments}
-    return locate(tree["run"]["_target_"], "run"), taken
+    return import_target(tree["run"]["_target_"], "run"), taken
 
 
 def device(name: str) -> str:
@@ -333,7 +340,7 @@ def _unknown(key: str, overrides: list[str]) -> str:
         _siblings(parent, [o for o in overrides if not o.lstrip("+~").startswith(key.lstrip("+~"))])
     )
     beside = f"; {parent or 'the configuration'} has: {', '.join(known)}" if known else ""
-    hint = renamed(key.lstrip("+~")) or did_you_mean(name, known)
+    hint = renamed_key_hint(key.lstrip("+~")) or did_you_mean(name, known)
     return f"{key}: there is no such key{hint}{beside}"
 
 
@@ -341,7 +348,7 @@ def _siblings(parent: str, overrides: list[str]) -> Iterable[str]:
     if not parent:
         return [*(f.name for f in fields(Config)), EXPERIMENT]
     try:
-        node = OmegaConf.select(composed(overrides), parent)
+        node = OmegaConf.select(hydra_compose(overrides), parent)
     except (HydraException, OmegaConfBaseException):
         return []
     return (

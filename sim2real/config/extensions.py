@@ -51,7 +51,7 @@ def without_option(arguments: list[str]) -> list[str]:
     return kept
 
 
-def use(folder: str | Path | None) -> None:
+def activate(folder: str | Path | None) -> None:
     """Put a folder's YAML groups and modules in reach of this process and those it starts.
 
     Raises:
@@ -75,7 +75,7 @@ def use(folder: str | Path | None) -> None:
             )
     signatures.OWN.clear()
     signatures.OWN.update({"": place, **{name: place for name in modules(place)}})
-    signatures.forget()
+    signatures.clear_cache()
     sys.path.append(str(place))
 
 

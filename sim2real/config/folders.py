@@ -52,7 +52,7 @@ def free_folder(wanted: str) -> str:
     return wanted
 
 
-def refuse_missing(tree: dict[str, Any], used: Collection[str]) -> None:
+def check_paths_exist(tree: dict[str, Any], used: Collection[str]) -> None:
     """Refuse paths that lead nowhere before a run's folder is made.
 
     Args:
@@ -79,7 +79,7 @@ def refuse_missing(tree: dict[str, Any], used: Collection[str]) -> None:
                 raise ConfigError(f"{key}={path}: there is no such file or folder{hint}")
 
 
-def refuse_used(out: Path, tree: dict[str, Any]) -> None:
+def check_output_is_free(out: Path, tree: dict[str, Any]) -> None:
     """Keep a new training out of a folder that holds another, before anything is written there.
 
     Raises:

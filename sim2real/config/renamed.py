@@ -27,7 +27,7 @@ RENAMED = {
 }
 
 
-def renamed(key: str) -> str:
+def renamed_key_hint(key: str) -> str:
     """Return " (it is now ...)" for an old key, "" for any other."""
     new = RENAMED.get(key)
     return f" (it is now {new})" if new else ""

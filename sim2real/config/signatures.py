@@ -57,7 +57,7 @@ class Argument:
     required: bool
     module: Module
 
-    def fits(self, value: Any) -> bool:
+    def accepts(self, value: Any) -> bool:
         """Return whether a plain value of YAML can be this argument, as far as its hint says."""
         return _fits(value, self.hint, self.module)
 
@@ -161,7 +161,7 @@ def _of_class(node: ast.ClassDef, module: Module) -> Signature:
     return Signature(node.name, arguments, is_open, is_class=True)
 
 
-def forget() -> None:
+def clear_cache() -> None:
     """Read sources again: other modules are importable."""
     find.cache_clear()
     _load.cache_clear()

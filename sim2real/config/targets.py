@@ -90,7 +90,7 @@ def check_named(tree: dict[str, Any] | None, where: str) -> None:
     check(tree, where)
 
 
-def locate(target: str, where: str) -> Callable[..., Any]:
+def import_target(target: str, where: str) -> Callable[..., Any]:
     """Import and return what a `_target_` names.
 
     Raises:
@@ -156,7 +156,7 @@ def _check_arguments(
             )
         if isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f"{prefix}{key}={value}: it must be a finite number")
-        if argument is not None and not argument.fits(value):
+        if argument is not None and not argument.accepts(value):
             shown = "null" if value is None else repr(value)
             hint = did_you_mean(value, argument.choices()) if isinstance(value, str) else ""
             raise ConfigError(f"{prefix}{key}={shown}: it must be {argument.describe()}{hint}")
@@ -175,15 +175,15 @@ def _build(tree: Any, where: str) -> Any:
     }
     if "_target_" not in tree:
         return built
-    make = locate(tree["_target_"], where)
+    make = import_target(tree["_target_"], where)
     if tree["_target_"].split(".")[0] in FOREIGN:
         _check_foreign(make, built, where)
-    later = Later(make, **built)
+    later = DeferredObject(make, **built)
     later.place = where
     return later if tree.get("_partial_", False) else later()
 
 
-class Later(functools.partial):
+class DeferredObject(functools.partial):
     """What a configuration describes, to be made with further arguments; it says where it stands.
 
     Raises, when called:

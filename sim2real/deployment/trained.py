@@ -15,7 +15,7 @@ import yaml
 
 from envs.tasks.base import Task
 from sim2real.config.arguments import path_value
-from sim2real.config.compose import RESOLVED, compose, prepare
+from sim2real.config.compose import RESOLVED, compose, instantiate
 from sim2real.config.targets import build as build_part
 from sim2real.config.targets import check
 from sim2real.learning.adapt import Adaptation
@@ -59,7 +59,9 @@ def load_policy(checkpoint: str | Path, device: str = "cpu") -> TrainedPolicy:
         Sim2RealError: no such run, a checkpoint that is damaged, or one of another version.
     """
     source = path_value(str(find(checkpoint)))
-    _, made = prepare(compose(["run=export", f"checkpoint={source}", f"device={device}"]), Path())
+    _, made = instantiate(
+        compose(["run=export", f"checkpoint={source}", f"device={device}"]), Path()
+    )
     return load_trained(checkpoint, made["parts"], made["algorithm"])
 
 

@@ -103,7 +103,7 @@ def fails_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
 
         return verb, {}
 
-    monkeypatch.setattr("sim2real.config.compose.prepare", prepare)
+    monkeypatch.setattr("sim2real.config.compose.instantiate", prepare)
 
 
 def test_ctrl_c_is_one_line(

@@ -77,11 +77,11 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     (folder / "params" / "springs.yaml").write_text(DRAWN, encoding="utf-8")
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setenv(extensions.VARIABLE, "")
-    extensions.use(folder)
+    extensions.activate(folder)
     extensions.load()
     yield
     signatures.OWN.clear()
-    signatures.forget()
+    signatures.clear_cache()
     EFFECTS.pop("return_spring", None)
     sys.modules.pop("my_springs", None)
 

@@ -17,7 +17,7 @@ import pytest
 
 from hardware.log import Log
 from sim2real.config import extensions, signatures
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.diagnosis.preflight import checks
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.environment import make_env
@@ -91,11 +91,11 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (tmp_path / name).write_text(text)
     path, known = list(sys.path), list(checks.CHECKS)
     monkeypatch.delenv(extensions.VARIABLE, raising=False)
-    extensions.use(tmp_path)
+    extensions.activate(tmp_path)
     yield tmp_path
     monkeypatch.delenv(extensions.VARIABLE, raising=False)
     signatures.OWN.clear()
-    signatures.forget()
+    signatures.clear_cache()
     sys.path[:], checks.CHECKS[:] = path, known
     for name in ("my_env", "my_task", "my_algorithm", "my_check"):
         sys.modules.pop(name, None)
@@ -111,7 +111,7 @@ def test_an_environment_of_one_s_own_is_trained_in(own: Path) -> None:
     """Any EnvBase that takes num_envs gets transforms, a collector and a policy of its sizes."""
     tree = compose(["env=point", "algorithm=ppo_sb3", *SMALL, "seed=1"])
     assert make_env(tree, num_envs=3).rollout(4)["observation"].shape == (3, 4, 2)
-    _, given = prepare(tree, own / "out")
+    _, given = instantiate(tree, own / "out")
     learner = build(given["algorithm"], given["parts"])
     assert learner.iterate()["train/frames"] == 64
 
@@ -124,13 +124,13 @@ def test_a_task_of_one_s_own_is_simulated(own: Path) -> None:
     )
     assert (mine["observation"] == ours["observation"])[:, 0].all()
     assert (mine["next", "reward"] == -ours["next", "reward"])[:, 0].sum() >= 0
-    _, given = prepare(compose(["env=backwards", "algorithm=ppo_sb3", *SMALL]), own / "out")
+    _, given = instantiate(compose(["env=backwards", "algorithm=ppo_sb3", *SMALL]), own / "out")
     assert build(given["algorithm"], given["parts"]).identity["task"] == "Backwards"
 
 
 def test_an_algorithm_of_one_s_own_is_driven(own: Path) -> None:
     """A verb asks it for what `Algorithm` declares, and a checkpoint says whose it is."""
-    _, given = prepare(
+    _, given = instantiate(
         compose(["algorithm=patient", *SMALL, "env.max_steps=null"][:5]), own / "out"
     )
     learner = build(given["algorithm"], given["parts"])

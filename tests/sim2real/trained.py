@@ -9,7 +9,7 @@ import pytest
 import yaml
 from torchrl.envs import EnvBase, TransformedEnv
 
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 
 ES = ["env=bench1", "env.task.seconds=0.4", "policy=mlp", "iterations=1"]
 SMALL_ES = [*ES, "algorithm.num_rows=4", "algorithm.shards=1", "algorithm.pairs=2"]
@@ -23,7 +23,7 @@ def train(out: Path, overrides: list[str]) -> Path:
     """Train as the command line does, and return the run's folder."""
     (out / ".hydra").mkdir(parents=True)
     (out / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(overrides))
-    verb, arguments = prepare(compose(overrides), out)
+    verb, arguments = instantiate(compose(overrides), out)
     verb(**arguments)
     return out
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from sim2real.config.arguments import as_overrides, path_value, shadowing
+from sim2real.config.arguments import as_overrides, find_shadowing_module, path_value
 from sim2real.config.renamed import ENDED
 from sim2real.config.targets import ConfigError
 
@@ -68,8 +68,8 @@ def test_what_cannot_be_meant_is_refused(typed: list[str], sentence: str) -> Non
 
 def test_a_package_that_hides_ours_is_named(tmp_path: Path) -> None:
     """Packages that are found elsewhere than beside conf/ are not ours."""
-    assert shadowing() is None
-    assert str(shadowing(tmp_path)).startswith("envs (")
+    assert find_shadowing_module() is None
+    assert str(find_shadowing_module(tmp_path)).startswith("envs (")
 
 
 @pytest.mark.parametrize("verb", ENDED)

@@ -16,7 +16,7 @@ from hydra.core.global_hydra import GlobalHydra
 
 from sim2real.config import signatures
 from sim2real.config.catalogue import CONF
-from sim2real.config.compose import compose, device, save, sweep_jobs, with_checkpoint
+from sim2real.config.compose import compose, device, inherit_run_overrides, save, sweep_jobs
 from sim2real.config.folders import run_folder
 from sim2real.config.targets import ConfigError, build, check, check_named
 
@@ -160,7 +160,7 @@ def test_a_checkpoint_says_what_it_was_trained_with(tmp_path: Path) -> None:
     (tmp_path / ".hydra" / "overrides.yaml").write_text(lines)
     own = compose(["run=deploy", f"checkpoint={tmp_path}", "robot=quad8"])["adapt"]
     assert (own["mode"], own["queries"], own["sigma"]) == ("sequential", 3, 0.1)
-    assert with_checkpoint([*given, "+experiment=nav2d"]) == [*given, "+experiment=nav2d"]
+    assert inherit_run_overrides([*given, "+experiment=nav2d"]) == [*given, "+experiment=nav2d"]
     tuned = compose([f"start={tmp_path}", "effects=effects.yaml"])
     assert tuned["env"] == compose(["+experiment=quad8_esmaml"])["env"]
     assert (tuned["adapt"]["queries"], tuned["effects"]) == (3, "effects.yaml")
@@ -332,5 +332,5 @@ def test_values_are_held_against_type_hints(
     of, argument = name.split(".")
     found = signatures.find(f"{module}.{of}")
     assert found is not None
-    assert all(found.arguments[argument].fits(value) for value in good)
-    assert not any(found.arguments[argument].fits(value) for value in bad)
+    assert all(found.arguments[argument].accepts(value) for value in good)
+    assert not any(found.arguments[argument].accepts(value) for value in bad)

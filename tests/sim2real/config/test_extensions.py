@@ -43,7 +43,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield folder
     monkeypatch.delenv(extensions.VARIABLE, raising=False)
     signatures.OWN.clear()
-    signatures.forget()
+    signatures.clear_cache()
     FORMATS[:], sys.path[:] = formats, path
     for name in {n for n in sys.modules if n.startswith("my_")} - known:
         del sys.modules[name]
@@ -51,7 +51,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def test_groups_and_modules_are_found(own: Path) -> None:
     """A choice, an experiment and a class outside the repository are composed and built."""
-    extensions.use(own)
+    extensions.activate(own)
     assert "plain" in options("adapt")
     assert any("try" in line and "a try" in line for line in lines())
     tree = compose(["+experiment=try", "adapt.width=2.5"])
@@ -61,7 +61,7 @@ def test_groups_and_modules_are_found(own: Path) -> None:
 
 def test_mistakes_in_them_are_sentences(own: Path) -> None:
     """A wrong key, a wrong type and a class that is not there are refused without an import."""
-    extensions.use(own)
+    extensions.activate(own)
     with pytest.raises(ConfigError, match=r"adapt.widht: .*did you mean 'width'"):
         check({"_target_": "my_plain.Plain", "widht": 1.0}, "adapt")
     with pytest.raises(ConfigError, match="it must be a number"):
@@ -80,7 +80,7 @@ def test_without_the_folder_nothing_is_allowed(own: Path) -> None:
 def test_modules_register_what_they_bring(own: Path) -> None:
     """Every module is imported before a verb starts; one that fails is named."""
     (own / "my_reader.py").write_text(READER)
-    extensions.use(own)
+    extensions.activate(own)
     extensions.load()
     assert FORMATS[0].name == "mine"
     (own / "my_fault.py").write_text("1 / 0")
@@ -92,14 +92,14 @@ def test_a_module_that_would_hide_another_is_refused(own: Path) -> None:
     """A name that Python finds elsewhere already cannot be a user's module."""
     (own / "json.py").write_text("")
     with pytest.raises(ConfigError, match="'json' is there already"):
-        extensions.use(own)
+        extensions.activate(own)
     with pytest.raises(ConfigError, match="no such folder"):
-        extensions.use(own / "none")
+        extensions.activate(own / "none")
 
 
 def test_robots_are_found_by_name(own: Path) -> None:
     """`robot=mine` works in every verb and in `python -m hardware`."""
-    extensions.use(own)
+    extensions.activate(own)
     assert load_robot("mine").rate == load_robot("bench1").rate
     assert "mine" in options("robot")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sim2real.config.compose import compose, used_keys
-from sim2real.config.folders import free_folder, refuse_missing
+from sim2real.config.folders import check_paths_exist, free_folder
 from sim2real.config.targets import ConfigError
 
 
@@ -40,7 +40,7 @@ def test_what_is_not_there_is_refused_first(
     Path("swing.csv").touch()
     tree = compose(typed)
     with pytest.raises(ConfigError, match=sentence):
-        refuse_missing(tree, used_keys(tree))
+        check_paths_exist(tree, used_keys(tree))
 
 
 def test_what_is_there_and_what_a_verb_does_not_use_passes(tmp_path: Path) -> None:
@@ -48,10 +48,10 @@ def test_what_is_there_and_what_a_verb_does_not_use_passes(tmp_path: Path) -> No
     (tmp_path / "swing.csv").touch()
     for typed in (["run=replay", f"log={tmp_path}/swing.csv"], ["+experiment=smoke"]):
         tree = compose(typed)
-        refuse_missing(tree, used_keys(tree))
+        check_paths_exist(tree, used_keys(tree))
 
 
 def test_one_line_starts_an_exam_and_continues_it(tmp_path: Path) -> None:
     """`resume=` may name a folder that the exam is only going to make."""
     tree = compose(["+experiment=blindcheck_small", f"resume={tmp_path}/exam"])
-    refuse_missing(tree, used_keys(tree))
+    check_paths_exist(tree, used_keys(tree))

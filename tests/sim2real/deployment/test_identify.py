@@ -14,7 +14,7 @@ from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.exported import ExportedPolicy, PolicyError
 from hardware.rows import RobotRows
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.deploy import check_base
 from sim2real.deployment.trained import load_policy
 from sim2real.learning.adapt import Identify, NoAdaptation
@@ -40,7 +40,7 @@ def deployed(run: Path, out: Path, *words: str) -> Any:
     hidden = out.parent / "hidden.yaml"
     hidden.write_text(HIDDEN, encoding="utf-8")
     given = ["run=deploy", f"checkpoint={run}", "robot=bench1", f"robot.hidden={hidden}"]
-    verb, arguments = prepare(compose([*given, "trials=1", "settle=0.1", *words]), out)
+    verb, arguments = instantiate(compose([*given, "trials=1", "settle=0.1", *words]), out)
     return verb(**arguments)
 
 
@@ -83,7 +83,7 @@ def test_a_robot_whose_base_nothing_tells_is_refused() -> None:
 
 def test_an_export_says_which_parameters_it_needs(run: Path, tmp_path: Path) -> None:
     """They stand behind the observation, with unit and range; without them it computes nothing."""
-    verb, arguments = prepare(compose(["run=export", f"checkpoint={run}"]), tmp_path / "export")
+    verb, arguments = instantiate(compose(["run=export", f"checkpoint={run}"]), tmp_path / "export")
     verb(**arguments)
     policy = ExportedPolicy.load(tmp_path / "export")
     assert policy.names[-2:] == ["viscous_friction", "link_mass.arm"]

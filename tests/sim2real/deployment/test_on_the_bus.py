@@ -19,7 +19,7 @@ from envs.tasks import Bench1
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.env import HardwareEnv
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.deploy import run_deployment
 from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment
@@ -35,7 +35,7 @@ STEPS = 20  # of an episode that a transform ends
 
 def test_a_collector_drives_the_emulated_bus_as_it_drives_the_simulation() -> None:
     """Same specs of what is seen and done, same transforms with the statistics of training."""
-    _, given = prepare(compose(WORDS), Path())
+    _, given = instantiate(compose(WORDS), Path())
     learner: Any = build(given["algorithm"], given["parts"])
     learner.iterate()
     trained = learner.trained()

@@ -16,7 +16,7 @@ from torch import nn
 from envs import HopperPolito, MujocoEnv, make
 from envs.errors import TaskError
 from envs.toys import Nav2D, ToyEnv
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.evaluation.transfer import Transfer, TransferError, env_with_robot, read
 from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.environment import EnvironmentFactory
@@ -140,7 +140,7 @@ def test_mistakes_are_sentences(tmp_path: Path) -> None:
 
 def test_the_robots_of_a_configuration_are_simulated() -> None:
     """What Hydra's tree describes can be another robot, too, and keeps its name."""
-    _, given = prepare(compose(["+experiment=ppo_source"]), Path())
+    _, given = instantiate(compose(["+experiment=ppo_source"]), Path())
     world = given["parts"].environment
     other = env_with_robot(world, "light", {"max_steps": 100})
     assert other.simulated and other.name == world.name

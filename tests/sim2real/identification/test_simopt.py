@@ -13,7 +13,7 @@ import pytest
 
 from envs.distribution import Distribution, Entry
 from envs.laws import Law
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.identification.data import Recordings
 from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.dropo import Dropo
@@ -192,7 +192,7 @@ def test_any_method_is_composed(tmp_path: Path) -> None:
     """The method of the rounds is chosen by its group, and has its own keys."""
     words = ["run=identify", "log=run.csv", "params=udr", "identify=simopt", "identify.rounds=3"]
     other = ["identify@identify.method=dropo", "identify.method.samples=20"]
-    _, arguments = prepare(compose([*words, *other]), tmp_path)
+    _, arguments = instantiate(compose([*words, *other]), tmp_path)
     method = arguments["identify"]
     assert isinstance(method, SimOpt) and isinstance(method.method, Dropo)
     assert (method.rounds, method.method.samples, method.rows) == (3, 20, 1)

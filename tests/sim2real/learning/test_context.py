@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import Algorithm, build
 from sim2real.learning.environment import EnvironmentFactory, environment_of
 from sim2real.learning.trained import TrainedPolicy
@@ -39,7 +39,7 @@ def hopper(*words: str) -> EnvironmentFactory:
 
 def learner(words: list[str]) -> Algorithm:
     """Return what trains."""
-    _, given = prepare(compose(words), Path())
+    _, given = instantiate(compose(words), Path())
     return build(given["algorithm"], given["parts"])
 
 

@@ -18,7 +18,7 @@ from envs.errors import EffectError, ParameterError, TaskError
 from envs.params import ParamSpace
 from envs.torch_env import RandomizeParams
 from envs.toys import AngleBias, BiasedCartPole, Nav2D, ToyEnv
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.environment import EnvironmentFactory, make_env
 from sim2real.learning.transforms import RunningNorm
@@ -63,7 +63,7 @@ def test_parts_that_do_not_go_together_are_refused(
     words: list[str], sentence: str, tmp_path: Path
 ) -> None:
     """A part that is not used, one that is missing, entries that are not there: a sentence each."""
-    _, given = prepare(compose(["env=nav2d", "params=goals", *words]), tmp_path)
+    _, given = instantiate(compose(["env=nav2d", "params=goals", *words]), tmp_path)
     with pytest.raises(Sim2RealError, match=sentence):
         build(given["algorithm"], given["parts"])
 

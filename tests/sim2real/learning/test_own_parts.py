@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from sim2real.config import extensions, signatures
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.config.targets import ConfigError
 from sim2real.learning.algorithms.base import build
 from sim2real.runs.errors import Sim2RealError
@@ -85,11 +85,11 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (tmp_path / name).write_text(text)
     path = list(sys.path)
     monkeypatch.delenv(extensions.VARIABLE, raising=False)
-    extensions.use(tmp_path)
+    extensions.activate(tmp_path)
     yield tmp_path
     monkeypatch.delenv(extensions.VARIABLE, raising=False)
     signatures.OWN.clear()
-    signatures.forget()
+    signatures.clear_cache()
     sys.path[:] = path
     sys.modules.pop("my_parts", None)
 
@@ -98,7 +98,7 @@ def test_a_user_s_transform_actor_and_loss_are_trained_with(own: Path) -> None:
     """Each is used, shown by the configuration, resumed and evaluated like one of the project's."""
     tree = compose([*SMALL, "transforms=mine", "policy=mine", "loss=mine", "seed=1"])
     assert tree["transforms"]["doubled"] == {"_target_": "my_parts.Doubled", "factor": 2.0}
-    _, given = prepare(tree, own / "out")
+    _, given = instantiate(tree, own / "out")
     made: list[Any] = [build(given["algorithm"], given["parts"]) for _ in range(2)]
     first, second = made
     first.iterate()
@@ -118,7 +118,7 @@ def test_a_user_s_actor_and_transform_are_trained_by_evolution_strategies(own: P
     """The same parts adapt: members see what the transform shows, by the user's own network."""
     small = ["algorithm.pairs=2", "algorithm.num_rows=4", "env.task.max_steps=20"]
     words = ["+experiment=esmaml", "policy=mine", "transforms=mine", "video=none", "eval=none"]
-    _, given = prepare(compose([*words, *small]), own / "out")
+    _, given = instantiate(compose([*words, *small]), own / "out")
     algorithm = build(given["algorithm"], given["parts"])
     first = algorithm.trained()
     assert {type(m).__name__ for m in first.actor(first.theta).modules()} >= {"Sine"}
@@ -134,7 +134,7 @@ def test_what_does_not_fit_is_a_sentence(own: Path) -> None:
         (["policy=bare"], "the actor is a Linear, no tensordict module; wrap it"),
         (["loss=needy"], "loss: Needy reads 'wages', which is not there; there are: action,"),
     ):
-        _, given = prepare(compose([*SMALL, *words]), own / "out")
+        _, given = instantiate(compose([*SMALL, *words]), own / "out")
         with pytest.raises(Sim2RealError, match=sentence):
             build(given["algorithm"], given["parts"]).iterate()
     (own / "loss" / "gone.yaml").write_text("# mine\n_target_: my_parts.Gone\n_partial_: true\n")

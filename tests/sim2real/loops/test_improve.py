@@ -19,7 +19,7 @@ from hardware.body import EmulatedBody
 from hardware.config import load_robot
 from hardware.env import HardwareEnv
 from hardware.rows import RobotRows
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.evaluation.cause_costs import Cause
 from sim2real.loops.improve.corrected import corrected
 from sim2real.loops.improve.operator import DeclinedError, Operator
@@ -114,7 +114,7 @@ def test_where_nothing_tracks_the_robot_its_operator_measures(
 ) -> None:
     """The distance is added to each episode, and the simulator's return is of the same kind."""
     words = ["env=quad8", "env.task.seconds=0.4", "policy=linear", "algorithm.num_rows=4"]
-    _, given = prepare(compose(words), tmp_path)
+    _, given = instantiate(compose(words), tmp_path)
     learner = given["algorithm"](given["parts"])
     trained = learner.trained()
 
@@ -147,7 +147,7 @@ def test_the_ground_is_refused_where_nothing_tells_of_the_base(tmp_path: Path) -
     """A pendulum's episodes can be simulated again, a walker's with an IMU, a hopper's."""
     made = {}
     for name in ("bench1", "quad8", "hopper2"):
-        made[name] = prepare(compose([f"env={name}"]), tmp_path)[1]["parts"].environment
+        made[name] = instantiate(compose([f"env={name}"]), tmp_path)[1]["parts"].environment
         the_site(made[name], name, Operator(), stand=False)
     robot, limits = load_robot("quad8"), ServoBackend(load_robot("bench1"), 0.1)._limits
     rest: Any = (Operator(), 2, 0.1, limits, False, ("ramp",), 1.0, 0)
@@ -198,6 +198,6 @@ def made(tmp_path: Path) -> Callable[..., dict]:
         words = ["env=bench1", "env.task.seconds=0.4", f"algorithm={name}", "algorithm.num_rows=4"]
         small = ["algorithm.pairs=2", "policy=linear"] if name == "esmaml" else []
         small = small or ["algorithm.steps=32", "algorithm.minibatch_size=32"]
-        return prepare(compose([*words, *small]), tmp_path)[1]
+        return instantiate(compose([*words, *small]), tmp_path)[1]
 
     return make_it

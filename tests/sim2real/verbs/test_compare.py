@@ -10,7 +10,7 @@ import pytest
 
 from hardware.log import write_log
 from sim2real import __main__ as program
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
 from tests.sim2real.diagnosis.comparison.test_compare import driven, noisy
@@ -49,6 +49,6 @@ def test_one_side_is_not_enough(
     """A sentence before anything is simulated."""
     monkeypatch.chdir(tmp_path)
     write_log("log.csv", driven(seconds=4.0))
-    verb, arguments = prepare(compose(["run=compare", *words]), tmp_path / "out")
+    verb, arguments = instantiate(compose(["run=compare", *words]), tmp_path / "out")
     with pytest.raises(Sim2RealError, match=said):
         verb(**arguments)

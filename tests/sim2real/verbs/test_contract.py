@@ -17,7 +17,7 @@ from hardware.exported import ExportedPolicy
 from hardware.log import Log, read_log, write_log
 from hardware.rows import RobotRows
 from sim2real import __main__ as program
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis.contract.walk import ABOUT, walk
 
@@ -37,7 +37,7 @@ def logged(tmp_path_factory) -> Path:
 
 def run(out: Path, *overrides: str):
     """Run the verb with overrides."""
-    verb, arguments = prepare(compose(["run=contract", *overrides]), out)
+    verb, arguments = instantiate(compose(["run=contract", *overrides]), out)
     return verb(**arguments)
 
 

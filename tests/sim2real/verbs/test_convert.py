@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from hardware.log import read_log
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.runs.errors import Sim2RealError
 from tests.hardware.formats.recorded import mcap, run
 
 
 def convert(out: Path, *words: str) -> list[Path]:
     """Convert as the command line does."""
-    verb, arguments = prepare(compose(["run=convert", *words]), out)
+    verb, arguments = instantiate(compose(["run=convert", *words]), out)
     return verb(**arguments)
 
 

@@ -23,7 +23,7 @@ from hardware.env import HardwareEnv
 from hardware.errors import RobotError, SafetyError, ServoError
 from hardware.log import read_logs
 from hardware.rows import RobotRows
-from sim2real.config.compose import compose, prepare, save
+from sim2real.config.compose import compose, instantiate, save
 from sim2real.deployment import deploy
 from sim2real.deployment.session import Deployment
 from sim2real.learning.modules.acting import Actor
@@ -46,7 +46,7 @@ def run(tmp_path_factory) -> Path:
 def go(run: Path, out: Path, *overrides: str, **changes: Any) -> Deployment:
     """Deploy as the command line does; `changes` are arguments of the verb."""
     words = ["run=deploy", f"checkpoint={run}", "trials=2", "settle=0.2", *overrides]
-    _, arguments = prepare(compose(words), out)
+    _, arguments = instantiate(compose(words), out)
     return verb.run(**(arguments | changes))
 
 
@@ -196,7 +196,7 @@ def test_an_actor_with_a_memory_adapts_on_the_robot(tmp_path):
 def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
     """On the robot the network sees what it saw in training: mean and deviation taken out."""
     run = train(tmp_path / "run", SMALL_PPO)
-    verb, arguments = prepare(compose(SMALL_PPO), tmp_path / "again")
+    verb, arguments = instantiate(compose(SMALL_PPO), tmp_path / "again")
     learner = verb(**arguments)  # the same seed gives the same policy
     taken, pairs = RowsEnv.taken, []
 

@@ -14,7 +14,7 @@ import pytest
 from envs.errors import ParameterError
 from envs.randomization import Tasks
 from envs.toys import BiasedCartPole, Nav2D, NavGoals, ToyEnv
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.evaluation.evaluate import Evaluation, evaluate_grid, find_runs, run_cells
 from sim2real.evaluation.grid import Grid
 from sim2real.learning.adapt import Adaptation, HillClimb, NoAdaptation
@@ -237,12 +237,12 @@ def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
     small = ["algorithm.pairs=2", "algorithm.num_rows=16", "adapt.queries=2"]
     for seed in (3, 4):
         own = [f"seed={seed}", "iterations=1", "eval=none"]
-        verb, arguments = prepare(compose(["+experiment=nav2d", *small, *own]), tmp_path)
+        verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *own]), tmp_path)
         out = tmp_path / "sweep" / str(seed)
         learner = verb(**arguments | {"out": out})
         (out / "manifest.json").write_text(json.dumps({"seed": seed}), encoding="utf-8")
     again = ["run=evaluate", f"checkpoint={tmp_path / 'sweep'}", "eval.adaptations=1"]
-    verb, arguments = prepare(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
+    verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
     scores = verb(**arguments)
     assert scores.runs == ("seed 3", "seed 4")
     assert scores.frames[1] == learner.frames
@@ -260,10 +260,10 @@ def test_all_runs_are_checked_before_the_first_is_evaluated(
     small = ["algorithm.pairs=2", "algorithm.num_rows=16", "adapt.queries=2", "policy=linear"]
     for name in ("nav2d", "corners4"):
         own = [f"+experiment={name}", "iterations=1", "eval=none"]
-        verb, arguments = prepare(compose([*small, *own]), tmp_path)
+        verb, arguments = instantiate(compose([*small, *own]), tmp_path)
         verb(**arguments | {"out": tmp_path / name})
     again = ["run=evaluate", f"checkpoint=[{tmp_path / 'nav2d'},{tmp_path / 'corners4'}]"]
-    verb, arguments = prepare(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
+    verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
     monkeypatch.setattr(Evaluation, "assess", lambda *_: pytest.fail("the first was evaluated"))
     with pytest.raises(Sim2RealError, match="corners4"):
         verb(**arguments)
@@ -272,7 +272,7 @@ def test_all_runs_are_checked_before_the_first_is_evaluated(
 def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) -> None:
     """An untrained PPO policy, near 0 everywhere: each goal's score is that of standing still."""
     words = ["env=nav2d", "params=goals", "algorithm=ppo", "eval=grid_goals"]
-    _, arguments = prepare(compose(words), tmp_path)
+    _, arguments = instantiate(compose(words), tmp_path)
     learner = build(arguments["algorithm"], arguments["parts"])
     scores = run_cells(learner, evaluation(episodes=3, adaptations=2), 0, "run")
     still = run_cells(Still(NoAdaptation()), evaluation(episodes=3, adaptations=2), 0, "run")
@@ -287,11 +287,11 @@ def test_every_operator_adapts_every_policy(trainer: str, tmp_path: Path) -> Non
     """The actor of PPO and of SAC is a vector, too; the same seed adapts it alike."""
     words = ["env=nav2d", "env.max_steps=20", "params=goals", f"algorithm={trainer}"]
     words.append("policy.actor.num_cells=[16]")
-    _, arguments = prepare(compose(words), tmp_path)
+    _, arguments = instantiate(compose(words), tmp_path)
     learner = build(arguments["algorithm"], arguments["parts"])
     asked = evaluation(episodes=1, adaptations=1)
     for name in ("hillclimb", "average", "batch", "gradient"):
-        adapt = prepare(compose([*words, f"adapt={name}"]), tmp_path)[1]["parts"].adapt
+        adapt = instantiate(compose([*words, f"adapt={name}"]), tmp_path)[1]["parts"].adapt
         adapt.sigma = adapt.rate = 0.3
         learner.parts = replace(learner.parts, adapt=adapt)
         first = run_cells(learner, asked, 0, "run")
@@ -306,7 +306,7 @@ def test_a_policy_in_a_population_gets_what_it_gets_alone(tmp_path: Path) -> Non
     """The same parameters under the same seeds, transforms with frozen statistics included."""
     words = ["env=hopper", "params=mass_friction", "algorithm=ppo", "algorithm.num_rows=4"]
     words += ["algorithm.steps=64", "env.task.max_steps=60"]
-    _, arguments = prepare(compose(words), tmp_path)
+    _, arguments = instantiate(compose(words), tmp_path)
     learner = build(arguments["algorithm"], arguments["parts"])
     learner.iterate()
     trained = learner.trained()
@@ -329,7 +329,7 @@ def test_ppo_adapts_what_ppo_trained_by_its_critic(tmp_path: Path) -> None:
     """
     words = ["env=nav2d", "env.max_steps=20", "params=goals", "algorithm=ppo"]
     words += ["policy.actor.num_cells=[16]", "adapt.rounds=2", "adapt.steps=30", "adapt=ppo"]
-    _, arguments = prepare(compose([*words, "run=evaluate", "checkpoint=none"]), tmp_path)
+    _, arguments = instantiate(compose([*words, "run=evaluate", "checkpoint=none"]), tmp_path)
     learner = build(arguments["algorithm"], arguments["parts"], adapts=False)
     learner.iterate()
     critic = learner.trained().critic

@@ -18,7 +18,7 @@ from torch import nn
 from envs import MujocoEnv
 from envs.tasks import Bench1, Quad8
 from hardware.exported import ExportedPolicy, PolicyError
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.export import ExportError, check_parity, export, to_arrays
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.interface import observation_names as names
@@ -35,7 +35,9 @@ def folders(tmp_path_factory) -> dict[str, Path]:
     out, made = tmp_path_factory.mktemp("export"), {}
     for name, overrides in (("es", SMALL_ES), ("ppo", SMALL_PPO)):
         run = train(out / name, overrides)
-        verb, arguments = prepare(compose(["run=export", f"checkpoint={run}"]), out / f"{name}-out")
+        verb, arguments = instantiate(
+            compose(["run=export", f"checkpoint={run}"]), out / f"{name}-out"
+        )
         verb(**arguments)
         made[name] = out / f"{name}-out"
     return made
@@ -233,6 +235,6 @@ def test_steep_policies_are_exported_too(tmp_path):
 
 def test_a_checkpoint_is_needed(tmp_path):
     """Without one there is nothing to export."""
-    verb, arguments = prepare(compose(["run=export", "env=bench1"]), tmp_path)
+    verb, arguments = instantiate(compose(["run=export", "env=bench1"]), tmp_path)
     with pytest.raises(Sim2RealError, match="one trained policy is needed, none was given"):
         verb(**arguments)

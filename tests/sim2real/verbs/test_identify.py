@@ -14,8 +14,8 @@ from envs.effects import make
 from envs.params import ParamSpace
 from envs.randomization import Draw, Randomization
 from hardware.log import Log, write_log
-from sim2real.config.compose import compose, prepare
-from sim2real.config.folders import refuse_missing
+from sim2real.config.compose import compose, instantiate
+from sim2real.config.folders import check_paths_exist
 from sim2real.config.targets import ConfigError
 from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained
 from sim2real.identification.methods.matching import Matching
@@ -199,8 +199,8 @@ def test_the_command_line_composes_it(tmp_path: Path, log: Path) -> None:
     """Score and search are chosen by their groups; names in brackets are no paths."""
     words = ["run=identify", f"log={log}", "candidates=[coulomb_friction]"]
     tree = compose([*words, "identify/score=likelihood", "identify.search.generations=4"])
-    refuse_missing(tree, {"log", "candidates"})
-    verb, arguments = prepare(tree, tmp_path)
+    check_paths_exist(tree, {"log", "candidates"})
+    verb, arguments = instantiate(tree, tmp_path)
     assert verb is identify.run
     assert type(arguments["identify"].score).__name__ == "Likelihood"
     assert arguments["identify"].search.generations == 4
@@ -208,7 +208,7 @@ def test_the_command_line_composes_it(tmp_path: Path, log: Path) -> None:
         compose([*words, "identify/score=onestep"])
     tree = compose(["run=identify", f"log={log}", "candidates=nowhere/report.json"])
     with pytest.raises(ConfigError, match="there is no such file"):
-        refuse_missing(tree, {"log", "candidates"})
+        check_paths_exist(tree, {"log", "candidates"})
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

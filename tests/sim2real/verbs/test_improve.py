@@ -14,7 +14,7 @@ import yaml
 from envs.distribution_file import read
 from envs.effects import load_effects, make, write_effects
 from hardware.log import read_logs, write_log
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.report import words
 from sim2real.loops.improve import improve, looks, steps
@@ -73,7 +73,7 @@ def go(run: Path, out: Path, *words: str, **changes: Any) -> Improvement:
     (out / ".hydra").mkdir(parents=True, exist_ok=True)
     given = [word for word in yaml.safe_load((run / ".hydra" / "overrides.yaml").read_text())]
     (out / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump([*given, *line]))
-    verb, arguments = prepare(compose(line), out)
+    verb, arguments = instantiate(compose(line), out)
     return verb(**(arguments | changes))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from envs.distribution import Distribution
 from envs.distribution_file import read
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import train
@@ -41,7 +41,7 @@ def worlds(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def go(out: Path, *words: str, **more: Any) -> Any:
     """Run the verb."""
-    verb, arguments = prepare(compose([*SHORT, *words]), out)
+    verb, arguments = instantiate(compose([*SHORT, *words]), out)
     assert verb is run
     return run(**arguments | more)
 

@@ -14,7 +14,7 @@ from envs.effects import make
 from envs.models import named
 from envs.simulation import Simulation
 from hardware.log import Log, read_logs
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.data.replay import measure
 from sim2real.learning.environment import EnvironmentFactory
@@ -85,7 +85,7 @@ def go(policy: Path, out: Path, *words: str) -> Improvement:
     (out / ".hydra").mkdir(parents=True, exist_ok=True)
     given = yaml.safe_load((policy / ".hydra" / "overrides.yaml").read_text())
     (out / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump([*given, *line]))
-    done = run(**prepare(compose(line), out)[1])
+    done = run(**instantiate(compose(line), out)[1])
     assert isinstance(done, Improvement)
     return done
 
@@ -156,13 +156,13 @@ def test_a_target_without_a_robot_is_refused(policy: Path, tmp_path: Path) -> No
     """A toy has nothing to diagnose."""
     line = ["run=improve", f"checkpoint={policy}", "+env@target=nav2d"]
     with pytest.raises(Sim2RealError, match="no robot to diagnose"):
-        run(**prepare(compose(line), tmp_path)[1])
+        run(**instantiate(compose(line), tmp_path)[1])
 
 
 @pytest.mark.parametrize("name", ["hopper_gap", "hopper2_gap"])
 def test_the_experiments_ask_for_a_policy(name: str, tmp_path: Path) -> None:
     """Both improve one."""
-    verb, arguments = prepare(compose([f"+experiment={name}"]), tmp_path)
+    verb, arguments = instantiate(compose([f"+experiment={name}"]), tmp_path)
     assert verb is run
     with pytest.raises(Sim2RealError, match="give checkpoint=PATH"):
         run(**arguments)

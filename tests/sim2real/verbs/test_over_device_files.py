@@ -13,7 +13,7 @@ import pytest
 
 from hardware.errors import HardwareError
 from hardware.log import read_log, read_logs
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from tests.hardware.test_main import emulated, patiently
 from tests.sim2real.trained import train
 
@@ -32,7 +32,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 def go(out: Path, *words: str) -> Any:
     """Run a verb as the command line does."""
-    verb, arguments = prepare(compose(list(words)), out)
+    verb, arguments = instantiate(compose(list(words)), out)
     return verb(**arguments)
 
 

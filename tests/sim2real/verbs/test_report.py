@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from sim2real.config.catalogue import CONF, options
-from sim2real.config.compose import ConfigError, compose, prepare
+from sim2real.config.compose import ConfigError, compose, instantiate
 from sim2real.evaluation import report
 from sim2real.evaluation import study_plots as report_plots
 from sim2real.evaluation.hypotheses import Claim
@@ -63,7 +63,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_everything_that_it_promises_is_there(runs: Path, tmp_path: Path) -> None:
     """Tables, verdicts and pictures, from the command's own arguments."""
     out = tmp_path / "report"
-    verb, arguments = prepare(compose(["run=report", f"runs={runs}"]), out)
+    verb, arguments = instantiate(compose(["run=report", f"runs={runs}"]), out)
     (verdict,) = verb(**arguments)
     assert (verdict.verdict, verdict.claim.text) == ("held", "a tenth helps")
     page = (out / "report.md").read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ import pytest
 from hardware.config import load_robot
 from hardware.emulator.world import World
 from hardware.errors import RobotError
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.deployment import view
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import view as verb
@@ -40,7 +40,7 @@ class Handle:
 def go(out: Path, *words: str, **changes: Any) -> Path | None:
     """View as the command line does."""
     overrides = ["run=view", "robot=bench1", "motions=[ramp]", "seconds=1.0", *words]
-    verb, arguments = prepare(compose(overrides), out)
+    verb, arguments = instantiate(compose(overrides), out)
     return verb(**(arguments | changes))
 
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from envs.errors import EnvsError
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, train
 
@@ -28,7 +28,7 @@ def price(run: Path, out: Path, *entries: dict, words: tuple[str, ...] = ()) -> 
     out.mkdir(exist_ok=True)
     (out / "effects.yaml").write_text(yaml.safe_dump(list(entries)))
     given = [f"checkpoint={run}", f"effects={out / 'effects.yaml'}", "rollouts=4", *words]
-    verb, arguments = prepare(compose(["run=worth", *given]), out)
+    verb, arguments = instantiate(compose(["run=worth", *given]), out)
     verb(**arguments)
 
 
@@ -51,7 +51,7 @@ def test_a_diagnosis_and_a_policy_make_a_table_and_a_picture(run: Path, tmp_path
 
 def test_what_cannot_be_priced_is_refused(run: Path, tmp_path: Path) -> None:
     """No causes, and an effect that the robot cannot have."""
-    verb, arguments = prepare(compose(["run=worth", f"checkpoint={run}"]), tmp_path)
+    verb, arguments = instantiate(compose(["run=worth", f"checkpoint={run}"]), tmp_path)
     with pytest.raises(Sim2RealError, match="give effects=PATH"):
         verb(**arguments)
     with pytest.raises(EnvsError, match="knee"):

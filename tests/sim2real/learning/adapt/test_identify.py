@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.config.targets import build as build_part
 from sim2real.evaluation.evaluate import run_cells
 from sim2real.learning.adapt import Identify, IdentifySession
@@ -103,14 +103,14 @@ def test_a_policy_that_is_told_nothing_is_refused() -> None:
         ([*TOLD, *SMALL, "adapt=identify"], "trains no policy by identification"),
         ([*TOLD, *SMALL, "adapt=hillclimb"], "adapt what no robot gives it"),
     ):
-        _, given = prepare(compose([*words, "eval=grid_hopper"]), Path())
+        _, given = instantiate(compose([*words, "eval=grid_hopper"]), Path())
         with pytest.raises(Sim2RealError, match=sentence):
             given["eval"].check(build(given["algorithm"], given["parts"]))
 
 
 def test_on_a_simulated_robot_it_finds_the_truth() -> None:
     """From one short episode to mass and friction; the policy then acts as the oracle does."""
-    _, given = prepare(compose([*TOLD, *SMALL, "seed=1"]), Path())
+    _, given = instantiate(compose([*TOLD, *SMALL, "seed=1"]), Path())
     learner = build(given["algorithm"], given["parts"])
     trained = learner.trained()
     adapt = build_part(compose(["adapt=identify", "adapt.episodes=1"])["adapt"], "adapt")
@@ -137,7 +137,7 @@ def test_the_grid_is_scored_before_and_after(tmp_path: Path) -> None:
     """`run=evaluate adapt=identify` tells the middle before, and what was found after."""
     axes = "eval.grid.axes=[{parameter: link_mass.torso, low: 2.0, high: 8.0, count: 2}]"
     words = [*TOLD, *SMALL, "eval=grid_hopper", axes, "eval.adaptations=1", "eval.episodes=1"]
-    _, given = prepare(compose([*words, "run=evaluate", "adapt=identify"]), tmp_path)
+    _, given = instantiate(compose([*words, "run=evaluate", "adapt=identify"]), tmp_path)
     learner = build(given["algorithm"], given["parts"], adapts=False)
     scores = run_cells(learner, given["eval"], 0, "run")
     assert scores.adaptation_episodes == 3 and scores.after.shape == (1, 2, 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.adapt import HillClimb, LinearGAE, NoisyReturns, PolicyGradient
 from sim2real.runs.errors import Sim2RealError
 
@@ -96,7 +96,7 @@ def test_an_operator_that_needs_more_than_returns_is_refused() -> None:
 def test_it_is_composed() -> None:
     """`adapt=noisy` with another operator in it."""
     words = ["+experiment=quad8_es", "adapt=noisy", "adapt@adapt.operator=average"]
-    _, given = prepare(compose(words), __file__)  # type: ignore[arg-type]
+    _, given = instantiate(compose(words), __file__)  # type: ignore[arg-type]
     adapt = given["parts"].adapt
     assert isinstance(adapt, NoisyReturns) and str(adapt).endswith(
         "one_sided errors of 0.5 in the returns"

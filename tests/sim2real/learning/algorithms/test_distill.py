@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import Components, build
 from sim2real.learning.algorithms.distill import Distill
 from sim2real.learning.student import EstimateContext
@@ -24,7 +24,7 @@ SETTINGS = {"num_rows": 6, "history": 4, "hidden": (16,), "learning_rate": 0.01}
 
 def teacher(*words: str) -> tuple[TrainedPolicy, Components]:
     """Return a policy that was not trained, and its parts."""
-    _, given = prepare(compose([*WORDS, *SMALL, *words]), Path())
+    _, given = instantiate(compose([*WORDS, *SMALL, *words]), Path())
     return build(given["algorithm"], given["parts"]).trained(), given["parts"]
 
 

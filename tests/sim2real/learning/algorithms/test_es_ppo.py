@@ -13,7 +13,7 @@ from torch import nn
 from torchrl.modules import MLP
 
 from envs.toys import AngleBias, BiasedCartPole
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.adapt import HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.esmaml import ESMAML
@@ -126,7 +126,7 @@ def test_the_experiments_search_the_whole_policy(name: str, tmp_path: Path) -> N
     few = ["algorithm.pairs=2", "algorithm.num_rows=4", "adapt.steps=16", "env.task.max_steps=12"]
     settings = compose([f"+experiment={name}"])["algorithm"]
     assert settings["pairs"] == {"es_ppo": 192, "es_ppo_lite": 64}[name]
-    _, given = prepare(compose([f"+experiment={name}", *few, "logger=csv"]), tmp_path)
+    _, given = instantiate(compose([f"+experiment={name}", *few, "logger=csv"]), tmp_path)
     algorithm = build(given["algorithm"], given["parts"])
     for _ in range(2):
         metrics = algorithm.iterate()

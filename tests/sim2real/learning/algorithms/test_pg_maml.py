@@ -13,7 +13,7 @@ from tensordict import TensorDict
 from torch.nn.utils import parameters_to_vector
 
 from envs.toys import Corners
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.pg_maml import PGMAML
 from sim2real.learning.collectors.by_task import TaskActor, TaskBatch
@@ -29,7 +29,7 @@ SMALL += ("env.max_steps=15", "policy.actor.num_cells=[8]", "algorithm.fisher_st
 
 def learner(*words: str, experiment: str = "nav2d_pg") -> PGMAML:
     """Return an untrained PG-MAML of Nav-2D with changes."""
-    _, given = prepare(compose([f"+experiment={experiment}", *words]), Path())
+    _, given = instantiate(compose([f"+experiment={experiment}", *words]), Path())
     made = build(given["algorithm"], given["parts"])
     assert isinstance(made, PGMAML)
     return made
@@ -144,7 +144,7 @@ def test_a_checkpoint_is_evaluated_by_its_own_adaptation(tmp_path: Path) -> None
     for choice in ([], ["adapt=hillclimb", "adapt.queries=1"], ["adapt=none"]):
         given = ["run=evaluate", f"checkpoint={run}", *grid, *choice]
         out = tmp_path / "_".join(["out", *choice])
-        _, arguments = prepare(compose(given), out)
+        _, arguments = instantiate(compose(given), out)
         scores = evaluate.run(**arguments)
         assert scores.after.shape[-2:] == (2, 1) and np.isfinite(scores.after).all()
         assert (scores.after == scores.before).all() == (choice == ["adapt=none"])

@@ -19,7 +19,7 @@ from torchrl.envs import EnvBase
 from envs import MujocoEnv
 from envs.pixels.env import PixelsEnv
 from envs.tasks import HopperPolito, InvertedPendulum
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.on_policy import OnPolicy
 from sim2real.learning.algorithms.ppo import PPO
@@ -40,7 +40,7 @@ def learner(
 ) -> Any:
     """Return an untrained PPO of a preset, with changes."""
     own = [f"algorithm.{name}={'null' if v is None else v}" for name, v in changes.items()]
-    _, given = prepare(compose([f"algorithm={preset}", *words, *own]), Path())
+    _, given = instantiate(compose([f"algorithm={preset}", *words, *own]), Path())
     parts = replace(given["parts"], seed=seed, device=device)
     environment = replace(parts.environment, base=base)
     made = build(given["algorithm"], replace(parts, environment=environment))

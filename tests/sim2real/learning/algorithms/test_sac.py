@@ -17,7 +17,7 @@ from torch import nn
 
 from envs import MujocoEnv
 from envs.tasks import Hopper, InvertedPendulum
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.sac import SAC
 from sim2real.runs.checkpoint import CheckpointStore, restore
@@ -37,7 +37,7 @@ def learner(
     """Return an untrained SAC of the preset, with small networks."""
     settings = {"batch_size": 64, "steps": 50} | changes
     own = [f"algorithm.{name}={value}" for name, value in settings.items()]
-    _, given = prepare(compose(["algorithm=sac", *(words or SMALL), *own]), Path())
+    _, given = instantiate(compose(["algorithm=sac", *(words or SMALL), *own]), Path())
     environment = replace(given["parts"].environment, base=base)
     parts = replace(given["parts"], environment=environment, seed=seed, device=device)
     made = build(given["algorithm"], parts)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import torch
 
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import build
 from sim2real.runs.errors import Sim2RealError
 
@@ -19,7 +19,7 @@ SMALL += ["algorithm.num_rows=4", "algorithm.steps=32", "algorithm.epochs=1"]
 
 def learner(*words: str) -> Any:
     """Return what trains in two processes."""
-    _, given = prepare(compose([*SMALL, *words]), Path())
+    _, given = instantiate(compose([*SMALL, *words]), Path())
     return build(given["algorithm"], given["parts"])
 
 

@@ -11,7 +11,7 @@ import torch
 from torch import nn
 from torchrl.modules import set_recurrent_mode
 
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.ppo import PPO
 from sim2real.runs.errors import Sim2RealError
@@ -25,7 +25,7 @@ def learner(*words: str, seed: int = 0) -> PPO:
     """Return an untrained PPO."""
     short = ["env.task.max_steps=20", "algorithm.minibatch_size=16", "algorithm.epochs=2"]
     tree = compose(["algorithm=ppo_sb3", f"seed={seed}", *short, *words])
-    _, given = prepare(tree, Path())
+    _, given = instantiate(tree, Path())
     made = build(given["algorithm"], given["parts"])
     assert isinstance(made, PPO)
     return made

@@ -14,7 +14,7 @@ from torchrl.modules import MLP
 
 from envs import MujocoEnv
 from envs.tasks import InvertedPendulum
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.actor_critic import Policy, actor_critic
 from sim2real.learning.modules.functional_actor import (
@@ -80,7 +80,7 @@ def test_its_fisher_matrix_is_the_hessian_of_the_divergence() -> None:
 def test_an_actor_that_is_no_function_is_refused() -> None:
     """A memory makes an action depend on more than what is seen."""
     words = ["env=hopper", "algorithm=trpo", "policy=gru"]
-    _, given = prepare(compose(words), Path())
+    _, given = instantiate(compose(words), Path())
     made = given["parts"].policy(given["parts"].environment.make(2))
     with pytest.raises(Sim2RealError, match=r"without a memory; use policy=actor_critic"):
         FunctionalActor(made.actor)

@@ -14,7 +14,7 @@ from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import CONF
 
 
-def composed(overrides: list[str]) -> DictConfig:
+def hydra_compose(overrides: list[str]) -> DictConfig:
     """Compose a configuration, also within a job that Hydra runs, whose own state stays as it is.
 
     Args:
