@@ -31,7 +31,7 @@ from benchmarks.cases import Cases, share, typed
 from benchmarks.study import command
 from envs.distribution import Distribution, Entry
 from envs.effects import make
-from envs.laws import uniform
+from envs.marginals import uniform
 from hardware.config import Robot
 from hardware.excite import excite
 from hardware.log import Log

@@ -20,7 +20,7 @@ from scipy.special import ndtr
 
 from envs.effects.base import Effect
 from envs.errors import ParameterError
-from envs.laws import Law
+from envs.marginals import Marginal
 from envs.params import ParamSpace
 
 NEAR = 1e-6  # a correlation matrix may miss its properties by so much, from being written as text
@@ -39,13 +39,13 @@ class Entry:
     """
 
     effect: Effect
-    laws: tuple[Law, ...]
+    laws: tuple[Marginal, ...]
     spread: tuple[float, ...] | None = None
     uncertainty: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
-class Flat:
+class UnidentifiedDirection:
     """A direction in which the data say nothing.
 
     Args:
@@ -82,7 +82,7 @@ class Distribution:
     particles: np.ndarray | None = None
     made_by: Mapping[str, Any] = field(default_factory=dict)
     logs: Mapping[str, str] = field(default_factory=dict)
-    flat: tuple[Flat, ...] = ()
+    flat: tuple[UnidentifiedDirection, ...] = ()
     noise: Mapping[str, float] = field(default_factory=dict)
     per: Literal["reset", "row"] = "reset"
 
@@ -110,7 +110,7 @@ class Distribution:
         return tuple(entry.effect for entry in self.entries)
 
     @property
-    def laws(self) -> tuple[Law, ...]:
+    def laws(self) -> tuple[Marginal, ...]:
         """The laws of all parameters, P of them."""
         return tuple(law for entry in self.entries for law in entry.laws)
 

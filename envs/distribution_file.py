@@ -43,10 +43,10 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 
-from envs.distribution import Distribution, Entry, Flat
+from envs.distribution import Distribution, Entry, UnidentifiedDirection
 from envs.effects.file import ENTRIES, KEYS, LAW_KEYS, entry_of, parse_entry
 from envs.errors import EnvsError, ParameterError, did_you_mean
-from envs.laws import Law
+from envs.marginals import Marginal
 
 ROOT_KEYS = (ENTRIES, "joint", "flat", "noise", "made_by", "logs")
 NINETY = 1.6448536269514722  # standard deviations on either side of a 90 % interval
@@ -75,7 +75,10 @@ def read(
     try:
         entries = [_numbered(n, one) for n, one in enumerate(tree[ENTRIES], 1)]
         joint, particles = _joint(tree.get("joint"), Path(path).expanduser(), entries)
-        flat = tuple(Flat(dict(one["parameters"]), float(one["known"])) for one in tree["flat"])
+        flat = tuple(
+            UnidentifiedDirection(dict(one["parameters"]), float(one["known"]))
+            for one in tree["flat"]
+        )
         rest = {name: dict(tree[name]) for name in ("noise", "made_by", "logs")}
         return Distribution(tuple(entries), joint, particles, flat=flat, per=per, **rest)
     except EnvsError as error:
@@ -135,7 +138,7 @@ def _entry(given: Any) -> Entry:
     numbers = {key: _column(given, key, label, count) for key in ("std", "low", "high")}
     try:
         columns = zip(mean, *numbers.values(), strict=True)
-        laws = tuple(Law(given.get("law", "normal"), *column) for column in columns)
+        laws = tuple(Marginal(given.get("law", "normal"), *column) for column in columns)
     except ParameterError as error:
         raise ParameterError(f"{label}: {error}") from None
     apart = {
@@ -191,7 +194,7 @@ def _particles(path: Path, entries: list[Entry]) -> np.ndarray:
 
 def _plain(entry: Entry) -> Entry:
     """Return an entry whose laws need no particles, to ask for its names."""
-    laws = tuple(Law("uniform", law.mean, law.std, law.low, law.high) for law in entry.laws)
+    laws = tuple(Marginal("uniform", law.mean, law.std, law.low, law.high) for law in entry.laws)
     return Entry(entry.effect, laws)
 
 

@@ -43,7 +43,7 @@ def available() -> int:
     return free
 
 
-def refuse_larger(needed: float, what: str, remedy: str) -> None:
+def check_memory(needed: float, what: str, remedy: str) -> None:
     """Raise EnvsError where more memory is needed than there is.
 
     Args:
@@ -57,12 +57,12 @@ def refuse_larger(needed: float, what: str, remedy: str) -> None:
     there = available()
     if needed > there:
         raise EnvsError(
-            f"{what} need about {told(needed)} of memory, and {told(there)} are free; "
+            f"{what} need about {format_bytes(needed)} of memory, and {format_bytes(there)} are free; "
             f"ask for {remedy}"
         )
 
 
-def told(size: float) -> str:
+def format_bytes(size: float) -> str:
     """Return a number of bytes in words, `3.2 GB`."""
     size, unit = max(size, 0.0), 0
     while size >= 1000 and unit < len(UNITS) - 1:

@@ -35,7 +35,7 @@ from envs.effects.goal import Goal
 from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, edited
 from envs.errors import EffectError, TaskError
-from envs.memory import refuse_larger, row_bytes
+from envs.memory import check_memory, row_bytes
 from envs.params import ParamSpace
 from envs.quiet import quiet_engine
 from envs.sparse_fault import warn_of_sparse_fault
@@ -108,7 +108,7 @@ class Plant:
         ]
 
         needed = num_rows * row_bytes(self.model)
-        refuse_larger(needed, f"{num_rows} simulations side by side", "fewer rows")
+        check_memory(needed, f"{num_rows} simulations side by side", "fewer rows")
         self.batch = Batch(self.model, num_rows, threads, persistent)
         self.num_rows = num_rows
         self.ctrl, self.applied, self.time = (
@@ -141,7 +141,7 @@ class Plant:
         self._parts = list({id(part): part for part in parts}.values())
         self._commands = [b for b in self._parts if isinstance(b, CommandRule)]
         self._measurements = [b for b in self._parts if isinstance(b, Measurement)]
-        starters = [b for b in self._parts if type(b).start is not BoundEffect.start]
+        starters = [b for b in self._parts if type(b).start is not BoundEffect.on_episode_start]
         self._starters = sorted(
             starters, key=lambda b: not isinstance(b, CommandRule)
         )  # what arrives, then who hears it
@@ -187,7 +187,7 @@ class Plant:
         """Return the same for a substep rule to change; each substep starts as `write` left it."""
         return self._substeps.live(name, self.field(name))
 
-    def hold(self, name: str, ids: np.ndarray, values: np.ndarray) -> None:
+    def override_field(self, name: str, ids: np.ndarray, values: np.ndarray) -> None:
         """Let a field that was given out be values (n, ...) in the rows ids, from now on.
 
         Live fields return to them before each substep; new parameters undo it.
@@ -195,7 +195,7 @@ class Plant:
         self._fields[name][ids] = values
         self._substeps.hold(name, ids)
 
-    def varies(self, name: str) -> bool:
+    def is_field_written(self, name: str) -> bool:
         """Return whether an effect writes that model field, so that rows may differ in it."""
         return name in self._fields
 
@@ -206,7 +206,7 @@ class Plant:
         own = np.asarray(getattr(self.model, name))
         return np.broadcast_to(own, (len(ids), *own.shape))
 
-    def share(self, name: str, make: Callable[[], T]) -> T:
+    def shared_mechanism(self, name: str, make: Callable[[], T]) -> T:
         """Return the mechanism of that name, made once for all the effects that are parts of it."""
         if name not in self._shared:
             self._shared[name] = make()
@@ -300,7 +300,7 @@ class Plant:
         broken = np.zeros(self.num_rows, dtype=bool)
         if self._substeps.rules:
             for _ in range(nstep):
-                self._substeps.act(ids, self.applied)
+                self._substeps.apply(ids, self.applied)
                 self._advance(ids, 1, broken)
         else:
             self._advance(ids, nstep, broken)

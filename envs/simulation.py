@@ -26,7 +26,7 @@ from envs.errors import EffectError, TaskError
 from envs.plant import Fixed, Plant
 from envs.quiet import no_deprecation_notice
 from envs.rows import Step
-from envs.tasks.base import Commanded, State, Task
+from envs.tasks.base import CommandState, State, Task
 
 
 class Simulation:
@@ -84,7 +84,7 @@ class Simulation:
     def _shared_goals(self) -> np.ndarray:
         """Return the rows' goals as the task's reward reads them; the effect `goal` writes them."""
         axes = self.task.goal_axes
-        values = self.plant.share("goal", lambda: Goals(self.num_rows, axes)).values
+        values = self.plant.shared_mechanism("goal", lambda: Goals(self.num_rows, axes)).values
         if values.shape[1] != axes:
             raise EffectError(
                 f"goal: axes={values.shape[1]}, {type(self.task).__name__} asks for {axes}; give "
@@ -203,11 +203,11 @@ class Simulation:
         command = self._commanded(rows)
         return State(self.plant.qpos[rows], self.plant.qvel[rows], extra, forces, command, goal)
 
-    def _commanded(self, rows: np.ndarray | slice) -> Commanded | None:
+    def _commanded(self, rows: np.ndarray | slice) -> CommandState | None:
         if not self.task.commands:
             return None
         time = self._steps[rows] * self.task.dt
-        return Commanded(time, self._action[rows].copy(), self._goal[rows].copy())
+        return CommandState(time, self._action[rows].copy(), self._goal[rows].copy())
 
     def measured(self, ids: np.ndarray | None = None) -> State:
         """Return the state of the rows ids (None: all) as the robots' sensors report it."""

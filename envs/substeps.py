@@ -68,7 +68,7 @@ class Substeps:
         if isinstance(rule, SubstepRule) and rule in self._present:
             self._present[rule][ids] = present
 
-    def act(self, ids: np.ndarray | None, applied: np.ndarray) -> None:
+    def apply(self, ids: np.ndarray | None, applied: np.ndarray) -> None:
         """Bring live fields and applied forces (N, nv) back, and let the rules act.
 
         Args:

@@ -39,7 +39,7 @@ class Step(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """What was asked of the robot last; the fields of `envs.tasks.base.Commanded`, one row each."""
+    """What was asked of the robot last; the fields of `envs.tasks.base.CommandState`, one row each."""
 
     time: np.ndarray  # (1,) s
     action: np.ndarray  # (1, A)

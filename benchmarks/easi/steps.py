@@ -12,7 +12,7 @@ from benchmarks.robots import timed
 from benchmarks.study import sim2real, trained
 from envs.distribution import Distribution, Entry
 from envs.distribution_file import read, write
-from envs.laws import Law, uniform
+from envs.marginals import Marginal, uniform
 from envs.simulation import Simulation
 from sim2real.config.compose import compose
 from sim2real.config.targets import build
@@ -223,7 +223,7 @@ def prior(plan: Plan) -> Distribution:
 def narrowed(before: Distribution, after: Distribution) -> Distribution:
     """Return the widths that were found, about the middle of the prior."""
     laws = [
-        Law("normal", law.mean, new.std, law.low, law.high)
+        Marginal("normal", law.mean, new.std, law.low, law.high)
         for law, new in zip(before.laws, after.laws, strict=True)
     ]
     entries = tuple(Entry(e.effect, (law,)) for e, law in zip(before.entries, laws, strict=True))

@@ -52,7 +52,7 @@ class Bower(Quad8):
         """Return the command at times (n,): how far to crouch and to lean [rad], (n, 2)."""
         return np.stack([0.3 * np.sin(4.4 * time), 0.2 * np.sin(6.9 * time)], axis=1)
 
-    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return the default pose and a share of the action [rad], (n, 8)."""
         return self.pose + LEGS_SCALE * action
 
@@ -91,7 +91,7 @@ class Leg(Hopper2):
         super().setup(model)
         self.pose = self.rest(model)
 
-    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return the default pose and a share of the action [rad], (n, 2)."""
         return self.pose + LEG_SCALE * np.clip(action, -1.0, 1.0)
 
@@ -115,7 +115,7 @@ class Pointer(Follow):
         """Return how far a network's mean may go, (n,) each."""
         return np.full(model.nu, -4.0), np.full(model.nu, 4.0)
 
-    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return the default pose and a share of the action [rad], (n, servos)."""
         return self.pose + ARM_SCALE * action
 

@@ -26,7 +26,6 @@ from envs.effects.base import (
 )
 from envs.effects.clock import ClockDrift
 from envs.effects.cogging import Cogging
-from envs.effects.combine import combined
 from envs.effects.command import CommandDelay, PacketLoss, ProfileAcceleration, ProfileVelocity
 from envs.effects.contact import ContactStiffness, GroundFriction
 from envs.effects.drive import ActuatorLag, IntegralAction, TorqueSpeedKnee
@@ -44,6 +43,7 @@ from envs.effects.hysteresis import HystereticCompliance
 from envs.effects.imu import GyroBias, GyroScale, ImuDelay, ImuMounting
 from envs.effects.inertia import CenterOfMass, GravityTilt, LinkInertia, LinkMass, Payload
 from envs.effects.length import LinkLength
+from envs.effects.merge import merge_effects
 from envs.effects.registry import EFFECTS, make, register
 from envs.effects.sampling import ObservationDelay
 from envs.effects.scale import RobotScale
@@ -88,7 +88,7 @@ __all__ = [
     "RobotScale",
     "Sizes",
     "SubstepRule",
-    "combined",
+    "merge_effects",
     "load_effects",
     "make",
     "register",

@@ -23,7 +23,7 @@ FLOOR = "world"  # the body that carries the floor and everything else that is f
 class Appearance(Effect):
     """An effect that a camera sees, while the physics stays as it is to the last bit."""
 
-    closes_gaps = False
+    visible_in_replay = False
     no_mjcf = "it changes images, not how the robot moves"
     symptom = "nothing in a log: only images change"
     source = "appearance randomization, Tobin et al. 2017"

@@ -59,7 +59,7 @@ class BoundEffect:
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         """Forget what the rows ids remember; their state is set, nothing is measured yet."""
 
-    def start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
+    def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         """Take note of the commands (n, nu) held from before the episodes in the rows ids."""
 
 
@@ -152,7 +152,7 @@ class Effect(ABC):
     factors: ClassVar[tuple[float, ...]] = (0.5, 0.75, 1.3, 1.8)  # where a search looks first
 
     # For people. Sentences without a full stop.
-    words: ClassVar[str] = ""  # the name in words; "": the standard name without underscores
+    display_name: ClassVar[str] = ""  # the name in words; "": the standard name without underscores
     symptom: ClassVar[str]  # what a person sees in the log when it is there
     source: ClassVar[str]  # where its equation comes from
     experiment: ClassVar[str]  # the recording that isolates it
@@ -161,10 +161,14 @@ class Effect(ABC):
     constants: ClassVar[bool] = False  # whether the model's derived constants depend on it
     composes: ClassVar[bool] = False  # whether it may stand twice at a place, added or multiplied
 
-    # For diagnosis and exam; see also `variants`, `probes`, `batch`, `why_not_mjcf`, `to_mjcf`.
-    closes_gaps: ClassVar[bool] = True  # False: no replay shows it (noise, what a camera sees)
+    # For diagnosis and exam; see also `variants`, `probes`, `batch`, `mjcf_limitation`, `to_mjcf`.
+    visible_in_replay: ClassVar[bool] = (
+        True  # False: no replay shows it (noise, what a camera sees)
+    )
     shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
-    needs_witness: ClassVar[bool] = False  # whether it explains only what a channel measured, too
+    needs_measured_channel: ClassVar[bool] = (
+        False  # whether it explains only what a channel measured, too
+    )
     imitates: ClassVar[Mapping[str, str]] = {}  # by another at its joint: what both act like
     servo_rank: ClassVar[int | None] = None  # its turn among what every servo's model guesses
     tied: ClassVar[str] = ""  # effects of one such name start from one factor
@@ -291,7 +295,7 @@ class Effect(ABC):
     @classmethod
     def in_words(cls) -> str:
         """Return the name for a sentence: `Coulomb friction`."""
-        return cls.words or cls.name.replace("_", " ")
+        return cls.display_name or cls.name.replace("_", " ")
 
     @property
     def variant(self) -> str:
@@ -322,7 +326,7 @@ class Effect(ABC):
             more["free"] = free
         return [{"side": side, **more} for side in cls.sides] or [more]
 
-    def passes_for(self, scale: RobotScale) -> str | None:
+    def mimics(self, scale: RobotScale) -> str | None:
         """Return the name of an effect at the same place that this one hardly differs from.
 
         It is then fitted in that one's place alone, from each of its probes, and takes part in no
@@ -356,7 +360,7 @@ class Effect(ABC):
         """
         return self.name
 
-    def why_not_mjcf(self) -> str | None:
+    def mjcf_limitation(self) -> str | None:
         """Return why MJCF cannot say the effect; None where it can."""
         return self.no_mjcf
 

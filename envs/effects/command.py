@@ -107,7 +107,7 @@ class _Loss(CommandRule):
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         self.count[ids], self.seeds[ids] = 0, seeds
 
-    def start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
+    def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         self.held[ids] = ctrl
 
     def command(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
@@ -126,7 +126,7 @@ class PacketLoss(Effect):
     place = "robot"
     unit = ""
     typical = (0.0, 0.1)
-    closes_gaps = False
+    visible_in_replay = False
     no_mjcf = "it is random"
     symptom = "now and then a step of the command is missing in the motion"
     source = "held commands with independent losses; bus error counters"
@@ -179,7 +179,7 @@ class Profile(SubstepRule):
             at = (ids[:, None], columns)
             limits[at] = np.minimum(limits[at], own[ids])
 
-    def start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
+    def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         """Begin at rest at the command that was held."""
         self._rest(ids, ctrl[:, self.columns])
         self.moving[ids] = self._limited(ids)
@@ -288,8 +288,8 @@ class _ProfileEffect(ActuatorEffect):
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Write into the plant's one profile."""
-        profile = plant.share("profile", lambda: Profile(plant))
-        plant.share("profile targets", lambda: _Targets(profile))
+        profile = plant.shared_mechanism("profile", lambda: Profile(plant))
+        plant.shared_mechanism("profile targets", lambda: _Targets(profile))
         columns = np.flatnonzero(np.isin(profile.index, self.actuators(plant.model)))
         return _Limit(profile, self.limit, columns)
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import PLAIN, BoundEffect, Effect
-from envs.effects.field import FieldEffect, Several
+from envs.effects.field import BoundFieldGroup, FieldEffect
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -292,5 +292,5 @@ class ContactStiffness(_ContactEffect):
         """Write the contacts' reference of each row."""
         feet, floor = self._feet(plant.model), self._ground(plant.model)
         if self.where is not None and self._shared(plant.model):
-            return Several([_OwnStiffness(plant, foot, floor[0]) for foot in feet])
+            return BoundFieldGroup([_OwnStiffness(plant, foot, floor[0]) for foot in feet])
         return _Stiffness(plant, np.array(feet + floor))

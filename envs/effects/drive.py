@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import RULES, BoundEffect, Extra, SubstepRule
-from envs.effects.history import Arrivals
+from envs.effects.history import DelayedCommands
 from envs.effects.places import block, joint_driven
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -26,7 +26,7 @@ class _DriveRule(SubstepRule):
 
     def __init__(self, plant: PlantView, index: np.ndarray) -> None:
         model = plant.model
-        self.plant, self.index, self.arrivals = plant, index, Arrivals.of(plant)
+        self.plant, self.index, self.arrivals = plant, index, DelayedCommands.of(plant)
         self.gear = model.actuator_gear[index, 0]  # (k,)
         joint = model.actuator_trnid[index, 0]
         self.q, self.v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
@@ -113,7 +113,7 @@ class TorqueSpeedKnee(ActuatorEffect):
         ),
     )
     typical = (1.0, 20.0)
-    words = "torque-speed knee"
+    display_name = "torque-speed knee"
     no_mjcf = "MJCF has no force range that depends on the speed"
     symptom = "fast motions under load fall behind, slow ones with the same torque do not"
     source = "|tau| <= tau_max min(1, (w0 - |w|) / (w0 - wk)): a motor's back-EMF at full voltage"

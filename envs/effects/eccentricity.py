@@ -113,10 +113,12 @@ class EncoderEccentricity(Effect):
         servos = [i for i in range(model.nactuator) if is_joint_servo(model, i)]
         servos = np.array([i for i in servos if model.actuator_trnid[i, 0] in found], int)
         if servos.size:
-            plant.share(f"servo of {self.label()}", lambda: _Loop(plant, encoder, servos))
+            plant.shared_mechanism(
+                f"servo of {self.label()}", lambda: _Loop(plant, encoder, servos)
+            )
         return encoder
 
-    def passes_for(self, scale: RobotScale) -> str | None:
+    def mimics(self, scale: RobotScale) -> str | None:
         """Return the shifted encoder where the joint turned little."""
         return "encoder_offset" if scale.span(str(self.where)) < SEEN else None
 

@@ -41,7 +41,7 @@ class FieldBound(BoundEffect):
             self._field[index] = np.where(value == self._parameter.neutral, own, value)
 
 
-class Several(BoundEffect):
+class BoundFieldGroup(BoundEffect):
     """Writes the same value into several places."""
 
     def __init__(self, parts: Sequence[BoundEffect]) -> None:

@@ -33,7 +33,7 @@ def with_less(sizes: np.ndarray, own: float) -> np.ndarray:
 
 
 def stiffen(spec: mujoco.MjSpec, where: str | None) -> None:
-    """Make friction stick without creep in joints whose model has none; see `Grip` for others."""
+    """Make friction stick without creep in joints whose model has none; see `NoCreepFriction` for others."""
     driven = {actuator.target for actuator in spec.actuators}
     for joint in spec.joints:
         if joint.frictionloss == 0 and (
@@ -43,7 +43,7 @@ def stiffen(spec: mujoco.MjSpec, where: str | None) -> None:
             joint.solref_friction = [2 * spec.option.timestep, 1.0]
 
 
-class Grip:
+class NoCreepFriction:
     """Makes a model's own creeping friction stick, in the rows to which an effect adds some.
 
     Rows without keep what the model says, bit for bit. A joint whose model sticks keeps it, too.
@@ -76,7 +76,7 @@ class _Coulomb(BoundEffect):
         (parameter,) = effect.parameters(plant.model)
         elements = effect.elements(plant.model)
         self._loss = FieldBound(plant.field(effect.field), elements, parameter)
-        self._grip, self._neutral = Grip(plant, effect.where), parameter.neutral
+        self._grip, self._neutral = NoCreepFriction(plant, effect.where), parameter.neutral
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self._loss.write(ids, values)
@@ -96,7 +96,7 @@ class CoulombFriction(FieldEffect):
     hows: ClassVar[tuple[How, ...]] = ("add", "scale", "set")
     field = "dof_frictionloss"
     typical = (0.0, 0.2)
-    words = "Coulomb friction"
+    display_name = "Coulomb friction"
     servo_rank = 2
     comparable = True
     sizes = Sizes("add", "stall", 2e-3, 0.3)

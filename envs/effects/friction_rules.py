@@ -15,7 +15,7 @@ import numpy as np
 
 from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
 from envs.effects.bristles import Bristles
-from envs.effects.friction import PARTS, Grip, stiffen
+from envs.effects.friction import PARTS, NoCreepFriction, stiffen
 from envs.effects.places import block, joint_driven, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -36,7 +36,7 @@ class _FrictionRule(SubstepRule):
         self.loss = plant.live("dof_frictionloss")  # (N, nv)
         self.value = np.zeros((plant.num_rows, 1))
         self.qvel = plant.layout.raw_qvel
-        self.grip = Grip(plant, where)
+        self.grip = NoCreepFriction(plant, where)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Keep the coefficient of each row."""
@@ -59,7 +59,7 @@ class _Stribeck(_FrictionRule):
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect.where, effect)
         self.speed, self.shape = np.ones((plant.num_rows, 1)), np.ones((plant.num_rows, 1))
-        self.bristles = plant.share(
+        self.bristles = plant.shared_mechanism(
             f"{effect.label()} bristles", lambda: Bristles(plant, self.dofs)
         )
 
@@ -125,7 +125,7 @@ class StribeckFriction(Effect):
         ),
     )
     typical = (0.0, 0.15)
-    words = "Stribeck friction"
+    display_name = "Stribeck friction"
     no_mjcf = "MJCF has no friction that depends on the speed"
     imitates: ClassVar[Mapping[str, str]] = {"viscous_friction": "dry friction"}  # falling, rising
     sizes = Sizes("add", "stall", 2e-3, 0.3)
@@ -310,7 +310,7 @@ class AsymmetricFriction(Effect):
         ),
     )
     typical = (-0.1, 0.1)
-    words = "asymmetric Coulomb friction"
+    display_name = "asymmetric Coulomb friction"
     no_mjcf = "MJCF has no friction that depends on the direction"
     symptom = "one direction of motion lags or stops short more than the other, in every pose"
     source = "tau = -(K + v) for w > 0, K for w < 0; Armstrong-Hélouvry 1991; Kelly et al. 2000"

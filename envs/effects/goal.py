@@ -34,7 +34,7 @@ class Goal(Effect):
     place = "robot"
     unit = "1"
     hows = ("set",)
-    closes_gaps = False
+    visible_in_replay = False
     no_mjcf = "it is what a task asks for, not how the robot moves"
     typical = (-1.0, 1.0)
     symptom = "nothing in a log: only rewards change"
@@ -61,7 +61,7 @@ class Goal(Effect):
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Keep the goal of each row where the task's reward finds it."""
-        return plant.share(self.name, lambda: Goals(plant.num_rows, self.axes))
+        return plant.shared_mechanism(self.name, lambda: Goals(plant.num_rows, self.axes))
 
 
 class Goals(BoundEffect):

@@ -37,14 +37,14 @@ class CommandHistory(BoundEffect):
             for i in single
         ]
 
-    def start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
+    def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         """Hold the commands (n, nu) for all of the past."""
         for column, address, samples in self._lines:
             first = address + 2 + samples
             self._history[ids[:, None], np.arange(first, first + samples)] = ctrl[:, column, None]
 
 
-class Arrivals(SubstepRule):
+class DelayedCommands(SubstepRule):
     """What reaches the actuators in the coming substep; read once for all who ask.
 
     Between two substeps nothing but a goal profile (order 10) changes it, and nobody asks before
@@ -67,9 +67,9 @@ class Arrivals(SubstepRule):
         self._stale = True
 
     @classmethod
-    def of(cls, plant: PlantView) -> Arrivals:
+    def of(cls, plant: PlantView) -> DelayedCommands:
         """Return the plant's one; to be asked for while effects are bound."""
-        return plant.share("arrivals", lambda: cls(plant))
+        return plant.shared_mechanism("arrivals", lambda: cls(plant))
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep the rows whose commands are late, and the ranges of all."""

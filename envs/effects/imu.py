@@ -169,7 +169,7 @@ class ImuMounting(_ImuEffect):
 
     name = "imu_mounting"
     unit = "rad"
-    words = "mounting of the IMU"
+    display_name = "mounting of the IMU"
     typical = (-0.1, 0.1)
     comparable = True
     symptom = "the base is never level, whatever the feet say, and its tilt turns with the robot"
@@ -198,7 +198,7 @@ class ImuDelay(_ImuEffect):
 
     name = "imu_delay"
     unit = "s"
-    words = "delay of the IMU"
+    display_name = "delay of the IMU"
     extras = ObservationDelay.extras
     typical = (0.0, 0.04)
     comparable = True
@@ -225,7 +225,7 @@ class GyroBias(_ImuEffect):
 
     name = "gyro_bias"
     unit = "rad/s"
-    words = "bias of the gyro"
+    display_name = "bias of the gyro"
     typical = (-0.1, 0.1)
     comparable = True
     symptom = "the gyro says that the base turns while the orientation stays"
@@ -246,7 +246,7 @@ class GyroScale(_ImuEffect):
 
     name = "gyro_scale"
     unit = ""
-    words = "scale of the gyro"
+    display_name = "scale of the gyro"
     hows = ("scale",)
     typical = (0.8, 1.2)
     comparable = True

@@ -156,7 +156,7 @@ class Layout:
         self.raw_qpos[ids] = raw_qpos
         self.read(ids)
 
-    def seen(self, raw: np.ndarray) -> np.ndarray:
+    def encoder_positions(self, raw: np.ndarray) -> np.ndarray:
         """Return what encoders see of positions of the simulated model: (..., nq) of the nominal.
 
         A joint on whose motor's side the encoder sits is left out.
@@ -169,7 +169,7 @@ class Layout:
                 qpos[..., self.address(joint.motor)[0]] += raw[..., joint.q]
         return qpos
 
-    def seen_speed(self, raw: np.ndarray) -> np.ndarray:
+    def encoder_velocities(self, raw: np.ndarray) -> np.ndarray:
         """Return the same of velocities of the simulated model: (..., nv) of the nominal."""
         if self._keep is None:
             return raw

@@ -52,6 +52,6 @@ class PlantView(Protocol):
         """Return the same for a substep rule to change; each substep starts as `write` left it."""
         ...
 
-    def share(self, name: str, make: Callable[[], T]) -> T:
+    def shared_mechanism(self, name: str, make: Callable[[], T]) -> T:
         """Return the mechanism of that name, made once for all the effects that are parts of it."""
         ...

@@ -42,7 +42,7 @@ class _SensorEffect(Effect):
     """A measurement of joints with one scalar."""
 
     place = "joint"
-    closes_gaps = False
+    visible_in_replay = False
     no_mjcf = READ
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
@@ -72,7 +72,7 @@ class _Offset(_JointSensor, CommandRule):
         if self.range is not None:
             self.range[ids[:, None], self.columns] -= (values[:, :1] * self.gear)[..., None]
 
-    def start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
+    def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         self.command(ids, ctrl)
 
     def command(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
@@ -109,7 +109,7 @@ class EncoderOffset(_SensorEffect):
         ),
     )
     typical = (-0.1, 0.1)
-    closes_gaps = True
+    visible_in_replay = True
     no_mjcf = None
     own_mjcf = True
     comparable = True
@@ -153,7 +153,7 @@ class EncoderOffset(_SensorEffect):
         """Return the group of effects without rules, or that of offsets of the log."""
         return PLAIN if self.extra["servo"] else "log offset"
 
-    def why_not_mjcf(self) -> str | None:
+    def mjcf_limitation(self) -> str | None:
         """Return why an offset that only the log has cannot be said."""
         return None if self.extra["servo"] else READ
 

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
-from envs.effects.field import FieldBound, FieldEffect, Several
-from envs.effects.history import Arrivals
+from envs.effects.field import BoundFieldGroup, FieldBound, FieldEffect
+from envs.effects.history import DelayedCommands
 from envs.effects.places import block, members
 from envs.effects.plant_view import PlantView
 from envs.effects.registry import EFFECTS
@@ -107,7 +107,7 @@ class _Gain(ActuatorEffect):
         plain = index[plant.model.actuator_gaintype[index] == FIXED]
         if self.with_gain and plain.size:
             fields.append(FieldBound(plant.field("actuator_gainprm"), (plain, 0), parameter))
-        return Several(fields)
+        return BoundFieldGroup(fields)
 
     def batch(self) -> str:
         """Return the group of effects that only write model fields."""
@@ -250,7 +250,7 @@ class _DeadZone(SubstepRule):
     order = 30
 
     def __init__(self, plant: PlantView, index: np.ndarray, effect: Effect) -> None:
-        self.plant, self.index, self.arrivals = plant, index, Arrivals.of(plant)
+        self.plant, self.index, self.arrivals = plant, index, DelayedCommands.of(plant)
         self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
         self.effect = effect
         self.value, self.punch = np.zeros(plant.num_rows), np.ones(plant.num_rows)

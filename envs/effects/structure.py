@@ -200,7 +200,7 @@ class SeriesEffect(Effect):
         for part in parts:
             place = f"{self.label()} at {part.joint}"
             if part.motor_side:
-                plant.share(f"log of {place}", lambda part=part: MotorSide(part))
+                plant.shared_mechanism(f"log of {place}", lambda part=part: MotorSide(part))
             if self.side == "motor":
                 continue
             servos = [
@@ -209,21 +209,23 @@ class SeriesEffect(Effect):
                 if is_joint_servo(plant.model, i) and plant.model.actuator_trnid[i, 0] == part.motor
             ]
             if servos:
-                plant.share(f"servo of {place}", lambda part=part, s=servos: LinkSide(part, s))
-        return All(parts)
+                plant.shared_mechanism(
+                    f"servo of {place}", lambda part=part, s=servos: LinkSide(part, s)
+                )
+        return SeriesGroup(parts)
 
     def batch(self) -> str:
         """Return a group of its own: no other effect has its joint."""
         return f"{self.label()} {self.variant}"
 
-    def why_not_mjcf(self) -> str | None:
+    def mjcf_limitation(self) -> str | None:
         """Return why a loop that is closed behind the joint cannot be said."""
         if self.side == "link":
             return "a position actuator cannot close its loop on the far side of a play or spring"
         return self.no_mjcf
 
 
-class All(BoundEffect):
+class SeriesGroup(BoundEffect):
     """Several series joints with one value."""
 
     def __init__(self, parts: list[Any]) -> None:

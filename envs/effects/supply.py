@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
-from envs.effects.field import Several
+from envs.effects.field import BoundFieldGroup
 from envs.effects.places import block, joint_driven
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -95,7 +95,7 @@ class SupplyVoltage(Effect):
         voltage, current = self._split(plant.model)
         parts: list[Any] = [LawScale(plant, voltage, parameter, law=True, damping=False)]
         parts.append(LawScale(plant, current, parameter, law=False, damping=False))
-        return Several(parts)
+        return BoundFieldGroup(parts)
 
     def batch(self) -> str:
         """Return the group of effects that only write model fields."""

@@ -9,7 +9,7 @@ CAPSULE = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDE
 NEAR = 1e-3  # m: what is closer than this to the camera's plane fills the image
 
 
-class Lens:
+class PinholeCamera:
     """A perspective camera with square pixels, looking along its own -z.
 
     Args:

@@ -63,7 +63,7 @@ class GLRenderer(Renderer):
         self._looks = {
             field: map_array(folder, field, (rows, *np.shape(getattr(self.model, field))), None)
             for field in LOOKS
-            if self.plant.varies(field)
+            if self.plant.is_field_written(field)
         }
         command = [sys.executable, "-m", "envs.pixels.worker", name, str(folder)]
         command += [str(rows), str(size), str(self.camera), *self._looks]

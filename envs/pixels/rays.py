@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from envs.pixels.base import Renderer
-from envs.pixels.camera import Lens, spheres
+from envs.pixels.camera import PinholeCamera, spheres
 from envs.pixels.texture import Texture
 from envs.simulation import Simulation
 
@@ -30,7 +30,7 @@ class RayRenderer(Renderer):
     def __init__(self, simulation: Simulation, size: int, camera: str | None = None) -> None:
         super().__init__(simulation, size, camera)
         model = self.model
-        self._lens = Lens(float(model.cam_fovy[self.camera]), size)
+        self._lens = PinholeCamera(float(model.cam_fovy[self.camera]), size)
         self._eyes, self._frames = self.watch("cam_xpos", "cam_xmat")  # (N, ncam, 3), (.., 9)
         self._places, self._turns = self.watch("geom_xpos", "geom_xmat")
         self._lights = self.watch("light_xdir")[0] if model.nlight else None  # (N, nlight, 3)
@@ -164,7 +164,9 @@ class RayRenderer(Renderer):
 class _View:
     """The cameras of n rows and the rays through their pixels, in the world's frame."""
 
-    def __init__(self, rows: np.ndarray, eye: np.ndarray, frame: np.ndarray, lens: Lens) -> None:
+    def __init__(
+        self, rows: np.ndarray, eye: np.ndarray, frame: np.ndarray, lens: PinholeCamera
+    ) -> None:
         self.rows, self.lens = rows, lens
         self.eye, self.frame = eye.astype(np.float32), frame.astype(np.float32)
         self.shared = bool((self.frame == self.frame[0]).all())  # all cameras look the same way

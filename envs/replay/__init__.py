@@ -25,8 +25,8 @@ Contracts:
 
 from envs.replay.engine import (
     DivergedError,
+    InterpolationPoints,
     Motion,
-    Readings,
     interpolate,
     readings,
     replay,
@@ -34,18 +34,18 @@ from envs.replay.engine import (
 )
 from envs.replay.impedance import with_impedance, without_impedance
 from envs.replay.recording import Recording, Schedule, schedule, switchable
-from envs.replay.roll import roll
+from envs.replay.rollout import rollout
 
 __all__ = [
     "DivergedError",
     "Motion",
-    "Readings",
+    "InterpolationPoints",
     "Recording",
     "Schedule",
     "interpolate",
     "readings",
     "replay",
-    "roll",
+    "rollout",
     "schedule",
     "simulate",
     "switchable",

@@ -13,7 +13,7 @@ import numpy as np
 from envs.errors import EnvsError, TaskError
 from envs.plant import Plant
 from envs.replay.recording import Recording, Schedule, schedule
-from envs.replay.roll import roll
+from envs.replay.rollout import rollout
 
 
 class DivergedError(EnvsError):
@@ -32,7 +32,7 @@ class DivergedError(EnvsError):
         )
 
 
-class Readings(NamedTuple):
+class InterpolationPoints(NamedTuple):
     """Moments on the clock of a simulation, of any shape."""
 
     before: np.ndarray  # the physics step at or before each
@@ -67,17 +67,19 @@ class Motion(NamedTuple):
         chosen = list(every if columns is None else columns)
         read = recording.time[:, None] if recording.read is None else recording.read[:, chosen]
         before, share = readings(read, self.dt)
-        return interpolate(path[None][..., chosen], Readings(before[None], share[None]))[0][0]
+        return interpolate(path[None][..., chosen], InterpolationPoints(before[None], share[None]))[
+            0
+        ][0]
 
 
-def readings(times: np.ndarray, dt: float) -> Readings:
+def readings(times: np.ndarray, dt: float) -> InterpolationPoints:
     """Return moments [s] on the clock of a simulation; none is before its start."""
     at = np.maximum(times / dt, 0.0)
     before = at.astype(int)
-    return Readings(before, at - before)
+    return InterpolationPoints(before, at - before)
 
 
-def interpolate(qpos: np.ndarray, at: Readings) -> tuple[np.ndarray, np.ndarray]:
+def interpolate(qpos: np.ndarray, at: InterpolationPoints) -> tuple[np.ndarray, np.ndarray]:
     """Return positions at some moments, and their change until the next physics step.
 
     Args:
@@ -121,7 +123,7 @@ def simulate(
     if 0 < len(known) < len(plans):
         raise TaskError("some recordings bring gains (impedance control) and others do not")
     law = np.stack([_extended(one, longest) for one in known]) if known else None  # (N, K, nu, 4)
-    return Motion(plant.model.opt.timestep, roll(plant, ctrl, off, law, steps), steps)
+    return Motion(plant.model.opt.timestep, rollout(plant, ctrl, off, law, steps), steps)
 
 
 def replay(

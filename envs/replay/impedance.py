@@ -107,7 +107,7 @@ def impedances(model: mujoco.MjModel) -> np.ndarray:
     return np.array([model.actuator(name).id for name in names], dtype=int)
 
 
-class Laws:
+class ImpedanceGains:
     """Brings the actuators of a plant to the laws of each physics step.
 
     Args:
@@ -168,5 +168,5 @@ class Laws:
 
     def _hold(self, gain: np.ndarray, bias: np.ndarray) -> None:
         every = np.arange(self._plant.num_rows)
-        self._plant.hold("actuator_gainprm", every, gain)
-        self._plant.hold("actuator_biasprm", every, bias)
+        self._plant.override_field("actuator_gainprm", every, gain)
+        self._plant.override_field("actuator_biasprm", every, bias)

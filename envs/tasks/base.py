@@ -30,11 +30,11 @@ class State(NamedTuple):
     qvel: np.ndarray  # (n, nv) [m/s, rad/s]
     extra: np.ndarray | None = None  # (n, ...): the task's `extra_field` of MjData
     forces: np.ndarray | None = None  # (n, bodies, 6) [N·m, N]: on each body, MjData's cfrc_ext
-    command: Commanded | None = None  # of a task that makes commands of its actions
+    command: CommandState | None = None  # of a task that makes commands of its actions
     goal: np.ndarray | None = None  # (n,) or (n, axes) of a task that has one; for the reward alone
 
 
-class Commanded(NamedTuple):
+class CommandState(NamedTuple):
     """What was asked of n robots last, and when in their episodes they are."""
 
     time: np.ndarray  # (n,) s from the episode's start

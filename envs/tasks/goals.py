@@ -34,7 +34,7 @@ class GoalTask(Task):
     alive: float = 0.0
 
     @abstractmethod
-    def asked(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
+    def goal_reward(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
         """Return what the goals (n,) or (n, axes) pay for the motion between two states, (n,)."""
 
     def reward(
@@ -42,14 +42,14 @@ class GoalTask(Task):
     ) -> np.ndarray:
         """Return what the goal pays + alive - cost of the effort, (n,)."""
         assert after.goal is not None
-        paid = self.asked(before, after, after.goal)
+        paid = self.goal_reward(before, after, after.goal)
         return paid + self.alive * ~terminated - self.effort_cost * effort(action)
 
 
 class Direction(GoalTask):
     """The goal is 1 for forward and -1 for backward; it pays goal * velocity [m/s]."""
 
-    def asked(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
+    def goal_reward(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
         """Return the velocity towards the goal, (n,)."""
         return goal * self.velocity(before, after)
 
@@ -57,7 +57,7 @@ class Direction(GoalTask):
 class Velocity(GoalTask):
     """The goal is a forward velocity [m/s]; it pays -|velocity - goal|."""
 
-    def asked(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
+    def goal_reward(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
         """Return minus the distance from the velocity asked for, (n,)."""
         return -np.abs(self.velocity(before, after) - goal)
 
@@ -133,6 +133,6 @@ class AntPosition(GoalTask, _Lasting):
         """Return (x, y, then what Ant observes), (n, 29 or 107)."""
         return np.concatenate([state.qpos[:, :2], super().observe(state)], axis=1)
 
-    def asked(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
+    def goal_reward(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
         """Return minus the distance to the point, summed over x and y, (n,)."""
         return -np.abs(after.qpos[:, :2] - goal).sum(axis=1)

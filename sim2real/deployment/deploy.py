@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from torchrl.envs import TransformedEnv
 
-from envs.loose import refusal
 from envs.mujoco import MujocoEnv
 from envs.tasks.servo import ServoTask
+from envs.unactuated import unobservable_joints_message
 from hardware.backends import Backend
 from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import Robot, make_robot
@@ -90,7 +90,9 @@ def check_base(rows: RobotRows, adapt: Adaptation) -> None:
     """Refuse to identify a robot whose logs do not tell where its base is."""
     if not adapt.needs_log:
         return
-    why = refusal(rows.task.spec().compile(), has_imu=has_base_orientation(rows.backend))
+    why = unobservable_joints_message(
+        rows.task.spec().compile(), has_imu=has_base_orientation(rows.backend)
+    )
     if why:
         raise Sim2RealError(
             f"adapt=identify replays a robot's logs, but {rows.backend.robot.name} {why}; choose "

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.effects import combined
+from envs.effects import merge_effects
 from hardware.log import Log
 from sim2real.diagnosis.attribution.conclude import Conclusion
 from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics
@@ -82,7 +82,7 @@ def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     """Add how far the channels that nothing was fitted to are off, and which speak against it."""
     pairs = [(log, data.models[model_of(data, k)]) for k, log in enumerate(data.logs)]
     torque = measured_torques(pairs, data.settings.servo)
-    every = combined(found.known, found.found) if found.found else found.known
+    every = merge_effects(found.known, found.found) if found.found else found.known
     gaps = channel_gaps(data, found.known, every, torque)
     against = [Finding(*words) for words in contradicting(gaps, data.settings.channels)]
     report, evidence = found.report, replace(found.report.evidence, channels=gaps)
@@ -110,7 +110,7 @@ def played(
     """
     if blocking(found.report):
         return found
-    effects = combined(found.known, found.found)
+    effects = merge_effects(found.known, found.found)
     drawn = [Drawn(*one, ci) for one, ci in zip(effects, intervals_of(found), strict=True)]
     loop = closed_loop_of(logs, load_player, actor, drawn, seed, settings.closed_loop)
     return found._replace(report=replace(found.report, closed_loop=loop))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import mujoco
 
-from envs.effects import combined, write_effects
+from envs.effects import merge_effects, write_effects
 from envs.plant import Fixed
 from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.preflight.checks import BLOCKING, NOTES
@@ -45,7 +45,7 @@ def write(found: Diagnosis, out: Path) -> None:
     found.report.write(out / "report.json")
     write_html(out / "report.html", found.report)
     if not blocking(found.report):
-        effects = combined(found.known, found.found)
+        effects = merge_effects(found.known, found.found)
         write_effects(out / "effects.yaml", effects, intervals_of(found))
         write_model(found.spec, effects, out / "model.xml")
 
@@ -69,7 +69,7 @@ def last_words(report: Report) -> list[str]:
 def intervals_of(found: Diagnosis) -> list[tuple[float, float] | None]:
     """Return the intervals of the combined effects' first values; None for what was known alone."""
     lows, highs = (
-        combined(
+        merge_effects(
             found.known,
             [
                 (effect, (ends[side], *values[1:]))

@@ -23,7 +23,7 @@ from typing import Any, Protocol, TypeVar
 import mujoco
 import numpy as np
 
-from envs.effects import combined, load_effects
+from envs.effects import load_effects, merge_effects
 from envs.errors import EnvsError
 from envs.plant import Fixed
 from hardware.log import Log, read_log
@@ -216,7 +216,7 @@ def closes(
     spec = mujoco.MjSpec.from_file(str(log.model))
     before = overall(apart(log, spec, known))
     try:
-        after = overall(apart(log, spec, combined(known, named))) if named else before
+        after = overall(apart(log, spec, merge_effects(known, named))) if named else before
     except EnvsError as error:
         log_.warning("the found effects cannot be replayed: %s", error)
         return None

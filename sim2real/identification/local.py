@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.distribution import Distribution, Flat
+from envs.distribution import Distribution, UnidentifiedDirection
 from sim2real.diagnosis.settings import TINY, TINY_SQUARE
 from sim2real.identification.providers.base import AlignedProvider
 from sim2real.identification.settings import DEFAULT, Settings
@@ -35,7 +35,9 @@ class LocalSensitivity(NamedTuple):
         """Return points (..., P) that lie at shifts (..., K) along the known directions."""
         return self.point + shifts @ self.known.T * self.scale
 
-    def named(self, names: tuple[str, ...], settings: Settings = DEFAULT) -> tuple[Flat, ...]:
+    def named(
+        self, names: tuple[str, ...], settings: Settings = DEFAULT
+    ) -> tuple[UnidentifiedDirection, ...]:
         """Return the flat directions by the names of what is in them."""
         found = []
         for direction, narrowed in zip(self.flat.T, self.narrowed, strict=True):
@@ -46,7 +48,7 @@ class LocalSensitivity(NamedTuple):
                 for i in order
                 if abs(direction[i]) >= settings.weight
             }
-            found.append(Flat(weights, float(narrowed)))
+            found.append(UnidentifiedDirection(weights, float(narrowed)))
         return tuple(found)
 
 

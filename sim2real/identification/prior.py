@@ -17,7 +17,7 @@ import numpy as np
 from envs.distribution import Distribution, Entry
 from envs.effects import Effect, make
 from envs.errors import did_you_mean
-from envs.laws import Law, uniform
+from envs.marginals import Marginal, uniform
 from envs.params import Parameter
 from envs.plant import Plant
 from envs.randomization import Randomization, Tasks
@@ -63,7 +63,7 @@ def prior_from_tasks(
         own = parameters(draw.effect, data)
         law = uniform(low, high)
         ends = [(max(low - more, p.low), min(high + more, p.high)) for p in own]
-        wide = tuple(Law("normal", law.mean, law.std, a, b) for a, b in ends)
+        wide = tuple(Marginal("normal", law.mean, law.std, a, b) for a, b in ends)
         entries.append(Entry(draw.effect, wide if beyond else (law,) * len(own)))
     return check_width(Distribution(tuple(entries)))
 

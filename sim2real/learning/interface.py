@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.tasks.base import Commanded
+from envs.tasks.base import CommandState
 from envs.tasks.servo import ServoTask
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.runs.checkpoint import FOLDER
@@ -115,8 +115,8 @@ def observation_names(task: ServoTask) -> list[str]:
     def see(
         angle: np.ndarray, speed: np.ndarray, time: float, action: np.ndarray, **body: np.ndarray
     ) -> np.ndarray:
-        command = Commanded(np.array([time]), action, rest)
-        return task.observe(task.measured(angle, speed, command, **body))[0]
+        command = CommandState(np.array([time]), action, rest)
+        return task.observe(task.state_from_measurement(angle, speed, command, **body))[0]
 
     zero, idle = np.zeros_like(rest), np.zeros((1, size))
     changes: dict[str, np.ndarray] = {}

@@ -104,7 +104,7 @@ class Player:
         self.trained = trained
         self.name = str(trained.source)
         self.step = float(self.task.dt)
-        self.needs_tracker = self.task.by_distance() is not None
+        self.needs_tracker = self.task.with_distance_reward() is not None
 
     def __call__(self, effects: Sequence[Drawn], episodes: int, seed: int) -> list[Episode]:
         """Play episodes in the simulator with effects.

@@ -18,7 +18,7 @@ from benchmarks.easi.steps import LOG, prior
 from envs.distribution import Distribution, Entry
 from envs.distribution_file import read, write
 from envs.effects import make
-from envs.laws import Law
+from envs.marginals import Marginal
 from envs.simulation import Simulation
 from envs.tasks import CartPole
 from hardware.log import Log
@@ -30,10 +30,10 @@ LEVELS = {"udr": 160.0, "oracle": 185.0, "easi_200": 180.0, "narrow": 150.0, "po
 SIMULATED = [name for name in STUDIES if name != "quad8"]  # whose targets are simulated, too
 LEVELS |= {"tuned": 170.0}
 PRIOR = Distribution(
-    (Entry(make("position_gain", where="slider"), (Law("uniform", 1.6, 0.7, 0.33, 3.0),)),)
+    (Entry(make("position_gain", where="slider"), (Marginal("uniform", 1.6, 0.7, 0.33, 3.0),)),)
 )
 FOUND = Distribution(
-    (Entry(make("position_gain", where="slider"), (Law("normal", 1.1, 0.2, 0.33, 3.0),)),)
+    (Entry(make("position_gain", where="slider"), (Marginal("normal", 1.1, 0.2, 0.33, 3.0),)),)
 )
 
 

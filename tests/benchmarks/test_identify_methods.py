@@ -10,7 +10,7 @@ import pytest
 from benchmarks.identify_methods import METHODS, TRUTH, Answer, draw, table
 from envs.distribution import Distribution, Entry
 from envs.effects import make
-from envs.laws import Law, uniform
+from envs.marginals import Marginal, uniform
 from sim2real.config.compose import compose
 from sim2real.identification.held_out import HeldOutScores
 from sim2real.identification.outcome import Outcome
@@ -21,7 +21,7 @@ PRIOR = Distribution(tuple(Entry(e, (uniform(1.0, 9.0),)) for e in EFFECTS))
 
 def answer(mean: float, judged: HeldOutScores | None) -> Answer:
     """Return one with both parameters at a mean, 0.1 unsure."""
-    law = Law("normal", mean, 0.1, 1.0, 9.0)
+    law = Marginal("normal", mean, 0.1, 1.0, 9.0)
     found = Distribution(tuple(Entry(e, (law,)) for e in EFFECTS))
     return Answer(Outcome(PRIOR, found, judged, np.zeros(2), TRUTH), 12.3)
 

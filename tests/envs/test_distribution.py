@@ -11,11 +11,11 @@ import pytest
 import yaml
 from scipy import stats
 
-from envs.distribution import Distribution, Entry, Flat
+from envs.distribution import Distribution, Entry, UnidentifiedDirection
 from envs.distribution_file import read, write
 from envs.effects import load_effects, make, write_effects
 from envs.errors import ParameterError
-from envs.laws import Law, uniform
+from envs.marginals import Marginal, uniform
 from envs.plant import Plant
 from envs.simulation import Simulation
 from envs.tasks import Hopper
@@ -28,15 +28,15 @@ JOINT = np.array([[1.0, 0.8], [0.8, 1.0]])
 def found(**changes: object) -> Distribution:
     """Return a normal mass and a lognormal friction that go together."""
     entries = (
-        Entry(MASS, (Law("normal", 1.2, 0.1, 0.5, 2.0),), spread=(0.08,), uncertainty=(0.06,)),
-        Entry(FRICTION, (Law("lognormal", 2.0, 0.5, 0.1, 9.0),)),
+        Entry(MASS, (Marginal("normal", 1.2, 0.1, 0.5, 2.0),), spread=(0.08,), uncertainty=(0.06,)),
+        Entry(FRICTION, (Marginal("lognormal", 2.0, 0.5, 0.1, 9.0),)),
     )
     made = Distribution(
         entries,
         JOINT,
         made_by={"method": "matching"},
         logs={"a.csv": "00ff"},
-        flat=(Flat({"link_mass.torso": 0.7, "ground_friction": -0.7}, 0.1),),
+        flat=(UnidentifiedDirection({"link_mass.torso": 0.7, "ground_friction": -0.7}, 0.1),),
         noise={"hip": 0.002},
     )
     return replace(made, **changes)  # type: ignore[arg-type]
@@ -55,14 +55,14 @@ def edited(folder: Path, **changes: object) -> Path:
 @pytest.mark.parametrize(
     ("law", "same"),
     [
-        (Law("normal", 1.2, 0.1, -9.0, 9.0), stats.norm(1.2, 0.1)),
-        (Law("normal", 0.0, 1.0, -0.5, 3.0), stats.truncnorm(-0.5, 3.0)),
+        (Marginal("normal", 1.2, 0.1, -9.0, 9.0), stats.norm(1.2, 0.1)),
+        (Marginal("normal", 0.0, 1.0, -0.5, 3.0), stats.truncnorm(-0.5, 3.0)),
         (uniform(1.0, 3.0), stats.uniform(1.0, 2.0)),
-        (Law("lognormal", 2.0, 0.5, 0.0, 99.0), stats.lognorm(0.24622, scale=1.940285)),
+        (Marginal("lognormal", 2.0, 0.5, 0.0, 99.0), stats.lognorm(0.24622, scale=1.940285)),
     ],
     ids=["normal", "cut", "uniform", "lognormal"],
 )
-def test_draws_follow_their_law(law: Law, same: stats.rv_continuous) -> None:
+def test_draws_follow_their_law(law: Marginal, same: stats.rv_continuous) -> None:
     """A Kolmogorov-Smirnov test does not tell draws from their law, and tells them from another."""
     made = Distribution((Entry(FRICTION, (law,)),))
     drawn = made.sample(np.random.default_rng(1), 5000)[:, 0]
@@ -95,7 +95,8 @@ def test_particles_are_rows_of_their_table(tmp_path: Path) -> None:
     """They are written beside the file, and drawn whole, so that what goes together stays."""
     table = np.random.default_rng(0).uniform(0.5, 1.5, (20, 2))
     laws = [
-        Law("particles", m, s, 0.5, 1.5) for m, s in zip(table.mean(0), table.std(0), strict=True)
+        Marginal("particles", m, s, 0.5, 1.5)
+        for m, s in zip(table.mean(0), table.std(0), strict=True)
     ]
     entries = tuple(Entry(e, (law,)) for e, law in zip((MASS, FRICTION), laws, strict=True))
     again = read(write(tmp_path / "d.yaml", Distribution(entries, particles=table)))
@@ -116,7 +117,7 @@ def test_effects_takes_the_mean(tmp_path: Path) -> None:
 def test_zero_width_is_an_effects_file(tmp_path: Path) -> None:
     """A distribution without any width makes the same robot as effects.yaml, to the bit."""
     entries = tuple(
-        Entry(effect, (Law("normal", value, 0.0, 0.1, 9.0),))
+        Entry(effect, (Marginal("normal", value, 0.0, 0.1, 9.0),))
         for effect, value in ((MASS, 1.2), (FRICTION, 2.0))
     )
     made = read(write(tmp_path / "d.yaml", Distribution(entries)))
@@ -137,7 +138,7 @@ def test_a_simulation_of_another_robot_is_refused() -> None:
     found().check(world)
     with pytest.raises(ParameterError, match=r"of 2 parameters .* the simulation has 1"):
         found().check(Plant(Hopper().spec(), [MASS]).space)
-    wide = Entry(FRICTION, (Law("normal", 1.0, 0.5, -1.0, 2.0),))
+    wide = Entry(FRICTION, (Marginal("normal", 1.0, 0.5, -1.0, 2.0),))
     with pytest.raises(ParameterError, match=r"ground_friction: draws reach \[-1, 2\]"):
         Distribution((Entry(MASS, found().entries[0].laws), wide)).check(world)
 

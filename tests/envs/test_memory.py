@@ -12,7 +12,7 @@ import pytest
 
 from envs import memory
 from envs.errors import EnvsError
-from envs.memory import available, refuse_larger, row_bytes, told
+from envs.memory import available, check_memory, format_bytes, row_bytes
 from envs.plant import Plant
 
 XML = """<mujoco><worldbody><body><joint name="a"/><geom size=".1"/></body></worldbody>
@@ -64,5 +64,5 @@ def test_what_is_free_is_the_least_of_machine_and_container(
 
 def test_what_fits_passes_and_sizes_are_words() -> None:
     """Nothing is said of a megabyte; 3.2e9 bytes are 3.2 GB."""
-    refuse_larger(1e6, "10 rows", "fewer rows")
-    assert [told(x) for x in (5.0, 3.2e9, 1.4e17)] == ["5 B", "3.2 GB", "140 PB"]
+    check_memory(1e6, "10 rows", "fewer rows")
+    assert [format_bytes(x) for x in (5.0, 3.2e9, 1.4e17)] == ["5 B", "3.2 GB", "140 PB"]

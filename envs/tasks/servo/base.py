@@ -28,10 +28,10 @@ from envs.effects.registry import make
 from envs.errors import TaskError, did_you_mean
 from envs.noise import uniform
 from envs.quiet import no_deprecation_notice
-from envs.tasks.base import Commanded, State, Task
-from envs.tasks.servo.drive import COUNT, ideal, servo, slope
+from envs.tasks.base import CommandState, State, Task
+from envs.tasks.servo.drive import COUNT, ideal, max_torque_rate, servo
+from envs.tasks.servo.pwm_slope import PwmSlope
 from envs.tasks.servo.robot import read_machine
-from envs.tasks.servo.slope import PwmSlope
 
 Fidelity = Literal["ideal", "servo"]
 ASSETS = Path(__file__).parents[2] / "assets"
@@ -108,7 +108,7 @@ class ServoTask(Task):
     def setup(self, model: mujoco.MjModel) -> None:
         """Read off where the servos are in the model, and where it rests in the home pose."""
         super().setup(model)
-        self.start = settled(model)
+        self.start = settled_pose(model)
         joints = model.actuator_trnid[:, 0]
         self.q, self.v = model.jnt_qposadr[joints], model.jnt_dofadr[joints]  # (n,) each
         self._damping = model.actuator_damping.copy()  # (n,) back-EMF
@@ -123,7 +123,9 @@ class ServoTask(Task):
             (make("velocity_filter"), (SPEED_FILTER,)),
             (make("observation_delay", longest=max(OLDEST, 2 * machine.age)), (machine.age,)),
         ]
-        rates = [slope(k, r) for k, r in zip(machine.kinds, machine.registers, strict=True)]
+        rates = [
+            max_torque_rate(k, r) for k, r in zip(machine.kinds, machine.registers, strict=True)
+        ]
         return own if np.isinf(rates).all() else [*own, (PwmSlope(np.array(rates)), ())]
 
     def rest(self, model: mujoco.MjModel) -> np.ndarray:
@@ -140,19 +142,19 @@ class ServoTask(Task):
     def command(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return the goals to send [rad], (n, servos): within the robot's limits, in counts."""
         machine, last = self.machine, commanded(state).goal
-        goal = np.clip(self.wanted(state, action), machine.low, machine.high)
+        goal = np.clip(self.target_angles(state, action), machine.low, machine.high)
         goal = np.clip(goal, last - machine.most_step, last + machine.most_step)
         return goal if self.fidelity == "ideal" else np.round(goal / COUNT) * COUNT
 
     @abstractmethod
-    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return the goals that an action asks for [rad], (n, servos), before any limit."""
 
-    def measured(
+    def state_from_measurement(
         self,
         angle: np.ndarray,
         speed: np.ndarray,
-        command: Commanded,
+        command: CommandState,
         orientation: np.ndarray | None = None,
         gyro: np.ndarray | None = None,
         position: np.ndarray | None = None,
@@ -173,11 +175,11 @@ class ServoTask(Task):
         n = len(angle)
         qpos, qvel = np.tile(self.start, (n, 1)), np.zeros((n, self.nv))
         qpos[:, self.q], qvel[:, self.v] = angle, speed
-        self.place(qpos, qvel, orientation, gyro, position)
+        self.write_base_pose(qpos, qvel, orientation, gyro, position)
         torque = np.zeros((n, len(self.q))) if torque is None else torque
         return State(qpos, qvel, torque + self._damping * speed, None, command)
 
-    def place(
+    def write_base_pose(
         self,
         qpos: np.ndarray,
         qvel: np.ndarray,
@@ -187,7 +189,7 @@ class ServoTask(Task):
     ) -> None:
         """Write what is measured of the base into qpos (n, nq) and qvel (n, nv); it has none."""
 
-    def by_distance(self) -> Self | None:
+    def with_distance_reward(self) -> Self | None:
         """Return the same task, paid for distance [m] at any speed, less its other costs.
 
         Where nothing tracks the base, a person who measures the distance knows the return of that
@@ -209,7 +211,7 @@ class ServoTask(Task):
         return np.abs(self.torque(state) * state.qvel[:, self.v]).sum(1)
 
 
-def settled(model: mujoco.MjModel) -> np.ndarray:
+def settled_pose(model: mujoco.MjModel) -> np.ndarray:
     """Return where the robot comes to rest holding its keyframe `home`, (nq,).
 
     Soft servos sag, and a robot that starts an episode did so before. A floating base stays above
@@ -224,7 +226,7 @@ def settled(model: mujoco.MjModel) -> np.ndarray:
     return data.qpos.copy()
 
 
-def commanded(state: State) -> Commanded:
+def commanded(state: State) -> CommandState:
     """Return what was commanded; raises TaskError for a state that does not say."""
     if state.command is None:
         raise TaskError(

@@ -57,7 +57,7 @@ class Bench1(ServoTask):
             speed += size * (time < 1.0) * np.sin(turn)
         return angle, speed
 
-    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return where the pendulum shall be one step later, plus the action."""
         return self.reference(commanded(state).time + self.dt)[0][:, None] + action
 

@@ -33,11 +33,11 @@ DERIVATIVE = 16  # divisor of the D gain register
 LINEAR = 1  # the engine's number for linear interpolation of a delay line
 
 
-class Kind(NamedTuple):
+class ServoMotorConstants(NamedTuple):
     """A servo type at its output: constant [N·m/A], resistance [ohm], P divisor, stall [N·m].
 
     `stiff` is what a naive model takes for its stiffness [N·m/rad]: a guess. `full` is the register
-    of full duty, `most` the largest that the firmware gives, `limit` the register that lowers it,
+    of full duty, `max_pwm` the largest that the firmware gives, `limit` the register that lowers it,
     `derivative` the divisor of the D gain register (None: not known).
     """
 
@@ -47,29 +47,31 @@ class Kind(NamedTuple):
     stall: float
     stiff: float
     full: int = FULL_PWM
-    most: int = FULL_PWM
+    max_pwm: int = FULL_PWM
     limit: str = "pwm_limit"
     derivative: int | None = DERIVATIVE
 
 
 KINDS = {
     # constant, resistance, divisor: identified in Rhoban's BAM, params/xl330; stall: e-manual, 5 V
-    "xl330-m288": Kind(0.386, 3.40, 256, 0.52, 10.0),
+    "xl330-m288": ServoMotorConstants(0.386, 3.40, 256, 0.52, 10.0),
     # sqrt(0.215 N·m / 1.47 A * 5 V / 40.1 rad/s) and 5 V / 1.47 A of its data sheet
-    "xl330-m077": Kind(0.135, 3.40, 256, 0.215, 10.0),
+    "xl330-m077": ServoMotorConstants(0.135, 3.40, 256, 0.215, 10.0),
     # sqrt(1.4 N·m / 1.3 A * 11.1 V / 6.0 rad/s) and 11.1 V / 1.3 A of its data sheet;
     # stiffness: that of a public model of such servos (MuJoCo Menagerie's dynamixel_2r)
-    "xl430-w250": Kind(1.42, 8.54, 128, 1.4, 50.0),
+    "xl430-w250": ServoMotorConstants(1.42, 8.54, 128, 1.4, 50.0),
     # sqrt(3.0 N·m / 2.3 A * 12 V / 8.06 rad/s) and 12 V / 2.3 A of its data sheet;
     # stiffness: as above
-    "xm430-w210": Kind(1.39, 5.22, 128, 3.0, 50.0),
+    "xm430-w210": ServoMotorConstants(1.39, 5.22, 128, 3.0, 50.0),
     # constant, resistance, P gain, largest duty: identified in Rhoban's BAM,
     # params/feetech_sts3215_7_4V; stall, stiffness: the public model of the SO-101 (SO-ARM100)
-    "sts3215": Kind(1.178, 2.48, 3.93, 2.94, 998.22, 1000, 970, "torque_limit", None),
+    "sts3215": ServoMotorConstants(
+        1.178, 2.48, 3.93, 2.94, 998.22, 1000, 970, "torque_limit", None
+    ),
 }
 
 
-def kind(name: str) -> Kind:
+def motor_constants(name: str) -> ServoMotorConstants:
     """Return a servo type's constants; raises TaskError for an unknown one."""
     if name not in KINDS:
         raise TaskError(
@@ -79,15 +81,15 @@ def kind(name: str) -> Kind:
     return KINDS[name]
 
 
-def slope(name: str, registers: Mapping[str, int]) -> float:
+def max_torque_rate(name: str, registers: Mapping[str, int]) -> float:
     """Return how fast the firmware lets a motor's torque change [N·m/s]; inf for no limit."""
-    motor, steps = kind(name), registers.get("pwm_slope", NO_SLOPE)
+    motor, steps = motor_constants(name), registers.get("pwm_slope", NO_SLOPE)
     return math.inf if steps >= NO_SLOPE else steps * SLOPE * motor.constant / motor.resistance
 
 
 def ideal(actuator: mujoco.MjsActuator, name: str) -> None:
     """Make an actuator the naive model of a servo type."""
-    motor = kind(name)
+    motor = motor_constants(name)
     actuator.set_to_position(kp=motor.stiff, dampratio=1.0)
     actuator.damping[:] = 0.0
     actuator.forcerange = [-motor.stall, motor.stall]
@@ -114,7 +116,7 @@ def servo(
     Raises:
         TaskError: a type or a setting that is not simulated.
     """
-    motor = kind(name)
+    motor = motor_constants(name)
     if registers.get("position_i_gain", 0):
         raise TaskError(
             f"{actuator.name}: position_i_gain={registers['position_i_gain']} is not simulated;"
@@ -130,7 +132,7 @@ def servo(
     duty = full / motor.full / COUNT  # N·m/rad for a gain of one PWM step a count
     kp = registers["position_p_gain"] / motor.divisor * duty
     kv = d_gain / (motor.derivative or 1) * duty * TICK
-    limit = full * min(registers.get(motor.limit, motor.most), motor.most) / motor.full
+    limit = full * min(registers.get(motor.limit, motor.max_pwm), motor.max_pwm) / motor.full
     actuator.set_to_position(kp=kp, kv=kv)
     actuator.damping[:] = [motor.constant**2 / motor.resistance, 0.0, 0.0]
     actuator.forcerange = [-limit, limit]

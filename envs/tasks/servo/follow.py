@@ -85,7 +85,7 @@ class Follow(ServoTask):
         home = self.start[self.q]
         return home + ramp * (self._middle + swing - home)
 
-    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return where the joints shall be one step later, plus the action."""
         return self.reference(commanded(state).time + self.dt) + action
 

@@ -70,7 +70,7 @@ class Hopper2(ServoTask):
         """Return the least and largest offsets [rad], (2,) each."""
         return np.full(2, -self.reach), np.full(2, self.reach)
 
-    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return the rhythm with the action's swing and extension added [rad], (n, 2)."""
         swing, extension = self.gait.pattern(clock(state, self.gait.frequency)[:, None])
         return joints(swing + action[:, :1], extension + action[:, 1:], self.home_bend)
@@ -101,7 +101,7 @@ class Hopper2(ServoTask):
             gain = self.height_reward * np.maximum(self.height(after) - self.straight, 0.0)
         return (gain - self.energy_cost * self.power(after)) * self.dt
 
-    def by_distance(self) -> Self | None:
+    def with_distance_reward(self) -> Self | None:
         """Return the task without a largest speed that is paid; None where height is paid."""
         if self.goal != "distance":
             return None
@@ -109,7 +109,7 @@ class Hopper2(ServoTask):
         other.fastest = np.inf
         return other
 
-    def place(
+    def write_base_pose(
         self,
         qpos: np.ndarray,
         qvel: np.ndarray,

@@ -37,6 +37,6 @@ class Quad12(Quadruped):
     ) -> None:
         super().__init__(fidelity, robot, seconds)
 
-    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return the trot with the action's swings, extensions, abductions [rad], (N, 12)."""
-        return spread(action[:, 8:], super().wanted(state, action))
+        return spread(action[:, 8:], super().target_angles(state, action))

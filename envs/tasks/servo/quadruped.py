@@ -41,7 +41,7 @@ class Quadruped(ServoTask):
         """Return the least and largest offsets [rad], (n,) each."""
         return np.full(model.nu, -self.reach), np.full(model.nu, self.reach)
 
-    def wanted(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return hips and knees of the trot with swings and extensions added [rad], (N, 8)."""
         phase = clock(state, self.gait.frequency)[:, None] + OFFSETS  # (N, 4)
         swing, extension = self.gait.pattern(phase)
@@ -66,13 +66,13 @@ class Quadruped(ServoTask):
         speed = (after.qpos[:, 0] - before.qpos[:, 0]) / self.dt
         return (np.minimum(speed, self.fastest) - self.energy_cost * self.power(after)) * self.dt
 
-    def by_distance(self) -> Self:
+    def with_distance_reward(self) -> Self:
         """Return the task without a largest speed that is paid."""
         other = copy(self)
         other.fastest = np.inf
         return other
 
-    def place(
+    def write_base_pose(
         self,
         qpos: np.ndarray,
         qvel: np.ndarray,

@@ -22,7 +22,7 @@ ROBOTS = Path(__file__).parents[3] / "conf" / "robot"
 
 
 @dataclass(frozen=True)
-class Machine:
+class ServoRobotSpec:
     """A servo robot, its n servos in the order of the model's actuators.
 
     Args:
@@ -50,7 +50,7 @@ class Machine:
     registers: tuple[Mapping[str, int], ...]
 
 
-def read_machine(robot: str | Mapping[str, Any], actuators: Sequence[str]) -> Machine:
+def read_machine(robot: str | Mapping[str, Any], actuators: Sequence[str]) -> ServoRobotSpec:
     """Read a robot's file.
 
     Args:
@@ -65,7 +65,7 @@ def read_machine(robot: str | Mapping[str, Any], actuators: Sequence[str]) -> Ma
         servos = [data["servos"][name] for name in actuators]
         rate = float(data["rate"])
         speed = np.array([float(servo["velocity"]) for servo in servos])
-        return Machine(
+        return ServoRobotSpec(
             name=str(data["name"]),
             rate=rate,
             delay=float(data["command_delay"]),

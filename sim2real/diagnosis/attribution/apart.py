@@ -20,7 +20,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from envs.effects import combined
+from envs.effects import merge_effects
 from envs.plant import Fixed
 from envs.replay import Recording
 from sim2real.diagnosis.data.trial import trial
@@ -182,7 +182,7 @@ def _told(
         asked: see `Asked`.
     """
     columns, noise = list(asked.noise), np.array(list(asked.noise.values()))
-    effects = combined(asked.fixed, _at(fixed, values))
+    effects = merge_effects(asked.fixed, _at(fixed, values))
     if asked.changed is None:
         paths = trial(asked.spec, [*motions, *asked.past], fixed=effects)
     else:

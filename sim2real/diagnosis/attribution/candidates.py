@@ -4,7 +4,7 @@
         candidate.effect.label(), candidate.probes      # (K, P) values to look at first
 
 The vocabulary is that of `envs.effects`; an effect that a user registers is a candidate too. What
-closes no gap is none (`Effect.closes_gaps`): noise, quantization, the filter of the speed and lost
+closes no gap is none (`Effect.visible_in_replay`): noise, quantization, the filter of the speed and lost
 packets are read off the log.
 """
 
@@ -140,9 +140,9 @@ def candidates(
     scale, spec = robot_scale(data, fixed), untextured(data.specs[0])
     found = []
     for name, effect in EFFECTS.items():
-        if standing_in and effect.passes_for is Effect.passes_for:
+        if standing_in and effect.mimics is Effect.mimics:
             continue  # passes for none, on no robot
-        if effect.closes_gaps and name not in exclude:
+        if effect.visible_in_replay and name not in exclude:
             for place, more in itertools.product(effect.places(scale), effect.variants(scale)):
                 candidate = candidate_of(name, {"where": place, **more}, spec, scale)
                 if candidate is None or (candidate.passes_for is not None) != standing_in:
@@ -192,7 +192,7 @@ def candidate_of(
     shown = (joint,) if joint else ()
     if effect.place == "body":
         shown = scale.carriers(str(effect.where))
-    passes_for, group = effect.passes_for(scale), effect.batch()
+    passes_for, group = effect.mimics(scale), effect.batch()
     if passes_for is not None and passes_for not in EFFECTS:
         raise Sim2RealError(
             f"{effect.label()}.passes_for returned {passes_for!r}, which is no effect"

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from envs.effects import combined
+from envs.effects import merge_effects
 from envs.effects.friction import STIFF_SOLIMP
 from envs.plant import Fixed
 from hardware.log import Log
@@ -117,7 +117,7 @@ def is_numerics(
     pieces = choose(logs, settings.piece_s, settings.pieces)
     clean = [better(spec, test.needed, settings) for spec in specs]
     given, mended = (
-        [_replayed(pieces, models, combined(fixed, more), settings)[0] for more in ((), cause)]
+        [_replayed(pieces, models, merge_effects(fixed, more), settings)[0] for more in ((), cause)]
         for models in (specs, clean)
     )
     gain, left = given[0] - given[1], mended[0] - mended[1]

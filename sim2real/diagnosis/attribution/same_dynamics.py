@@ -132,7 +132,7 @@ class _Apart:
 
 def _acts_alone(plant: Plant) -> bool:
     """Return whether inertia and forces say all that a plant's effect does."""
-    varied = [name for name in dir(plant.model) if plant.varies(name)]
+    varied = [name for name in dir(plant.model) if plant.is_field_written(name)]
     return bool(varied) and not plant.substep_rules and set(varied) <= set(FIELDS)
 
 
@@ -172,7 +172,7 @@ def _model(plant: Plant, values: np.ndarray) -> mujoco.MjModel:
     plant.set_params(row, values[None])
     model = copy(plant.model)
     for name in FIELDS:
-        if plant.varies(name):
+        if plant.is_field_written(name):
             getattr(model, name)[:] = plant.field_values(name, row)[0]
     model.actuator_delay[:] = 0.0
     return model

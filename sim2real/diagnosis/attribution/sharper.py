@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-from envs.effects import Effect, combined, make
+from envs.effects import Effect, make, merge_effects
 from envs.plant import Fixed
 from sim2real.diagnosis.attribution.fit import Fit, columns, refine
 from sim2real.diagnosis.attribution.judge import Judge
@@ -85,7 +85,7 @@ def _looked_at(judge: Judge, fit: Fit, finer: Data, bend: float, rounds: int) ->
     search, problem = judge.search, judge.search.problem
     search.say("looking at them in shorter steps", SHARE)
     own = problem.simulator
-    known = combined(own.fixed, tuple(bristles(judge, bend)))
+    known = merge_effects(own.fixed, tuple(bristles(judge, bend)))
     simulator = Simulator(finer, known, own.threads, own.on_run, own.work)
     there = refine(search.racing.by(simulator), fit.members, fit.values[None], rounds)
     return there, judge.rest(*problem.by(simulator).held_out_each([search.none, there]))

@@ -192,5 +192,5 @@ def unwitnessed(members: Sequence[Candidate], witnessed: Witnessed) -> list[Cand
     return [
         member
         for member, place in zip(members, places, strict=True)
-        if member.effect.needs_witness and place not in witnessed
+        if member.effect.needs_measured_channel and place not in witnessed
     ]

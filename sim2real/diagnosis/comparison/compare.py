@@ -358,8 +358,8 @@ def _names(
     names = tuple(settings.compared.watched if watch is None else watch)
     for what, given in (("watch", names), ("limits", tuple(limits or {}))):
         for name in given:
-            if name not in EFFECTS or not EFFECTS[name].closes_gaps:
-                known = sorted(n for n, e in EFFECTS.items() if e.closes_gaps)
+            if name not in EFFECTS or not EFFECTS[name].visible_in_replay:
+                known = sorted(n for n, e in EFFECTS.items() if e.visible_in_replay)
                 raise Sim2RealError(
                     f"{what}: {name!r} is no effect that a motion shows"
                     f"{did_you_mean(name, known)}; there are: {', '.join(known)}"

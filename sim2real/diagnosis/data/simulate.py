@@ -23,7 +23,7 @@ import numpy as np
 from envs.effects import Effect, make
 from envs.effects.supply import ThermalDerating
 from envs.plant import Fixed, Plant
-from envs.replay import Readings, Schedule, interpolate, readings, schedule, simulate
+from envs.replay import InterpolationPoints, Schedule, interpolate, readings, schedule, simulate
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.lean import lean
 from sim2real.diagnosis.data.memory import Memory
@@ -59,7 +59,7 @@ class _Plan(NamedTuple):
     """What a window needs of the simulation."""
 
     schedule: Schedule
-    at: Readings  # (T, M) when each joint was read
+    at: InterpolationPoints  # (T, M) when each joint was read
 
 
 def key_of(effect: Effect) -> tuple[Any, ...]:
@@ -262,7 +262,9 @@ class Simulator:
         )
         steps = int(motion.steps.sum())
         self.work.add(motion.dt * steps, steps)
-        at = Readings(*(np.stack(part) for part in zip(*(plan.at for plan in plans), strict=True)))
+        at = InterpolationPoints(
+            *(np.stack(part) for part in zip(*(plan.at for plan in plans), strict=True))
+        )
         simulated, change = interpolate(motion.qpos[:, :, self._places], at)
         mask = data.mask[windows][..., None]
         error = np.where(mask, (simulated - data.measured[windows]) / data.scale, 0.0)

@@ -51,7 +51,7 @@ def write(spec: mujoco.MjSpec, effects: Sequence[Fixed], path: str | Path) -> di
 
 def why_not(effect: Effect) -> str | None:
     """Return why MJCF cannot say an effect; None where it can."""
-    reason = effect.why_not_mjcf()
+    reason = effect.mjcf_limitation()
     if reason is None and isinstance(effect, FieldEffect):
         known = effect.field in (*FIELDS, *INERTIA, GRAVITY)
         return None if known else f"no MJCF element is known that holds {effect.field}"

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from envs.distribution import Distribution, Entry
-from envs.laws import Law
+from envs.marginals import Marginal
 from sim2real.identification.data import Recordings
 from sim2real.identification.journal import Journal
 from sim2real.identification.providers.base import MakeProvider
@@ -118,7 +118,7 @@ def gaussian(
     for entry in prior.entries:
         own = slice(first, first + len(entry.laws))
         laws = tuple(
-            Law("normal", float(m), float(s), law.low, law.high)
+            Marginal("normal", float(m), float(s), law.low, law.high)
             for m, s, law in zip(mean[own], std[own], entry.laws, strict=True)
         )
         apart = [None if v is None else tuple(map(float, v[own])) for v in (spread, uncertainty)]

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.distribution import Distribution, Entry
-from envs.laws import Law
+from envs.marginals import Marginal
 from sim2real.diagnosis.settings import TINY
 from sim2real.identification.calibration import ALARM, Calibration, calibrate, write
 from sim2real.identification.data import Recordings
@@ -237,7 +237,7 @@ def particles(prior: Distribution, values: np.ndarray) -> Distribution:
         own = values[:, first : first + len(entry.laws)]
         first += len(entry.laws)
         laws = tuple(
-            Law("particles", float(c.mean()), float(c.std()), float(c.min()), float(c.max()))
+            Marginal("particles", float(c.mean()), float(c.std()), float(c.min()), float(c.max()))
             for c in own.T
         )
         entries.append(Entry(entry.effect, laws, None, tuple(law.std for law in laws)))

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from envs.distribution import Distribution, Entry
-from envs.laws import UNIFORM_WIDTH, uniform
+from envs.marginals import UNIFORM_WIDTH, uniform
 from sim2real.diagnosis.settings import TINY
 from sim2real.identification.data import Recordings
 from sim2real.identification.methods.base import FitContext, Method

@@ -24,7 +24,7 @@ import numpy as np
 import torch
 from scipy.stats import rankdata
 
-from envs.memory import refuse_larger
+from envs.memory import check_memory
 from sim2real.runs.errors import Sim2RealError
 
 COPIES = 4  # of a parameter vector for each direction: its noise, its step, a candidate each way
@@ -140,7 +140,7 @@ class EvolutionStrategy:
         self, mean: np.ndarray, rng: np.random.Generator, settings: StrategySettings
     ) -> None:
         needed = COPIES * settings.pairs * np.asarray(mean, np.float64).nbytes
-        refuse_larger(needed, f"algorithm.pairs={settings.pairs} directions", "fewer pairs")
+        check_memory(needed, f"algorithm.pairs={settings.pairs} directions", "fewer pairs")
         self.pairs, self.sigma = settings.pairs, settings.sigma
         self.estimator: Estimator = settings.estimator
         self.shaping: Shaping = settings.shaping

@@ -19,7 +19,7 @@ import yaml
 
 from envs.distribution import Distribution, Entry
 from envs.distribution_file import write
-from envs.laws import Law
+from envs.marginals import Marginal
 from envs.params import Parameter
 from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import EXPERIMENT
@@ -63,10 +63,10 @@ def distribution(environment: EnvironmentFactory, causes: Sequence[Cause]) -> Di
     return Distribution(tuple(entries), made_by={"method": "diagnosis"})
 
 
-def _law(value: float, std: float, parameter: Parameter) -> Law:
+def _law(value: float, std: float, parameter: Parameter) -> Marginal:
     mean = float(np.clip(value, parameter.low, parameter.high))
     low, high = mean - FARTHEST * std, mean + FARTHEST * std
-    return Law("normal", mean, float(std), max(low, parameter.low), min(high, parameter.high))
+    return Marginal("normal", mean, float(std), max(low, parameter.low), min(high, parameter.high))
 
 
 def describe(place: Path, loop: Path, distribution: Path) -> None:

@@ -21,9 +21,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from envs.loose import refusal
 from envs.randomization import Randomization
 from envs.tasks.servo import ServoTask
+from envs.unactuated import unobservable_joints_message
 from hardware.backends import ServoBackend
 from hardware.config import Robot
 from hardware.excite import Kind
@@ -105,7 +105,7 @@ class Site:
     def _refuse_loose(self) -> None:
         """Refuse the ground for a robot of whose base nothing tells where it is."""
         model = mujoco.MjModel.from_xml_path(str(self.machine.model))
-        why = refusal(model, has_imu=has_base_orientation(self._backend()))
+        why = unobservable_joints_message(model, has_imu=has_base_orientation(self._backend()))
         if why:
             raise Sim2RealError(
                 f"stand=false: {self.machine.name} {why}, so its episodes cannot be simulated "
@@ -120,7 +120,7 @@ class Site:
         lacking = rows.needs()[1] - set(rows.backend.senses)
         if not lacking:
             return task
-        other = task.by_distance() if lacking == {"position"} else None
+        other = task.with_distance_reward() if lacking == {"position"} else None
         if other is None:
             raise Sim2RealError(
                 f"the reward of {type(task).__name__} needs {', '.join(sorted(lacking))}, which "

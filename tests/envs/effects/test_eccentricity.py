@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from envs.replay import roll
+from envs.replay import rollout
 
 MOTOR = '<motor name="servo" joint="hinge"/>'
 
@@ -19,7 +19,7 @@ def test_it_says_a_sine_of_the_angle_too_much(bench, one) -> None:
     speed = arm.plant.measured(None)[1][0, 0]
     assert speed == pytest.approx((measured[-1, 0] - measured[-2, 0]) / 1e-3, rel=1e-3)
     arm.reset(w=2.0)
-    assert roll(arm.plant, np.zeros((1, 3000, 1)))[0, 1:] == pytest.approx(measured, abs=1e-12)
+    assert rollout(arm.plant, np.zeros((1, 3000, 1)))[0, 1:] == pytest.approx(measured, abs=1e-12)
 
 
 def test_a_servo_goes_where_its_encoder_says_the_goal_is(bench, one) -> None:

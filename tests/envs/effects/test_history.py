@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from envs.effects import make
-from envs.effects.history import Arrivals
+from envs.effects.history import DelayedCommands
 from envs.effects.places import block
 from envs.plant import Plant
 
@@ -31,7 +31,7 @@ def test_what_is_read_is_what_the_engine_acts_on() -> None:
     every, force = np.arange(rows), plant.batch.bind("actuator_force")
     start = np.full((rows, 2), 0.3)
     plant.reset(every, start * 0, start * 0, np.zeros(rows, np.uint64), ctrl=start)
-    arrivals, both, told, done = Arrivals.of(plant), np.arange(2), [], []
+    arrivals, both, told, done = DelayedCommands.of(plant), np.arange(2), [], []
     for step in range(60):
         q = plant.qpos.copy()
         plant.step(None, rng.uniform(-1.0, 1.0, (rows, 2)) if step % 7 == 0 else plant.ctrl, 1)

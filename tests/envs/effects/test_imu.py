@@ -11,7 +11,7 @@ from envs.effects import RobotScale, make
 from envs.effects.imu import inverse, product, rotated, turn_by
 from envs.errors import EffectError
 from envs.plant import Plant
-from envs.replay.roll import roll
+from envs.replay.rollout import rollout
 from envs.tasks.servo.base import ASSETS
 
 IDS, SEEDS = np.arange(1), np.zeros(1, np.uint64)
@@ -111,7 +111,7 @@ def test_a_late_imu_says_what_was_true_before() -> None:
     for plant, values in ((plain, []), (late, VALUES["imu_delay"])):
         started(plant, values)
         ctrl = np.tile(plant.nominal.key("home").ctrl, (1, steps, 1))
-        paths.append(roll(plant, ctrl)[0])
+        paths.append(rollout(plant, ctrl)[0])
     shift = round(VALUES["imu_delay"][0] / plain.nominal.opt.timestep)
     np.testing.assert_allclose(paths[1][shift:, 3:7], paths[0][:-shift, 3:7], atol=1e-9)
     np.testing.assert_array_equal(paths[1][:, 7:], paths[0][:, 7:])

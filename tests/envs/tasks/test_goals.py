@@ -190,4 +190,4 @@ def test_no_robot_has_a_goal_and_no_diagnosis_looks_for_one() -> None:
         Simulation(Hopper(), 1, [Goal()])
     with pytest.raises(EffectError, match="env=halfcheetah_direction"):
         Simulation(Hopper(), 1, fixed=[(Goal(), [1.0])])
-    assert "goal" in EFFECTS and not EFFECTS["goal"].closes_gaps
+    assert "goal" in EFFECTS and not EFFECTS["goal"].visible_in_replay

@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.effects import make
 from envs.plant import Plant
-from envs.replay import roll
+from envs.replay import rollout
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 
@@ -57,7 +57,7 @@ def make_log(
     held = wanted[:1]
     plant.reset(every, start, start, np.zeros(1, np.uint64), held, measured=True)
     per = round(1 / RATE / STEP)
-    path = roll(plant, wanted.repeat(per, axis=0)[None])[0, :-1:per]
+    path = rollout(plant, wanted.repeat(per, axis=0)[None])[0, :-1:per]
     path = path + noise * rng.normal(size=path.shape)
     columns = {"episode": np.zeros(len(time)), "time": time}
     columns |= {f"ctrl.{n}": wanted[:, i] for i, n in enumerate("ab")}

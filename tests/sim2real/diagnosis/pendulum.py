@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.effects import make
 from envs.plant import Plant
-from envs.replay import roll
+from envs.replay import rollout
 from hardware.log import Log
 
 XML = """
@@ -48,6 +48,6 @@ def make_log(*effects: tuple[str, dict, float], seconds: float = 12.0) -> Log:
     start = np.zeros((1, 1))
     plant.reset(every, start, start, np.zeros(1, np.uint64), wanted[:1], measured=True)
     per = round(1 / RATE / STEP)
-    path = roll(plant, wanted.repeat(per, axis=0)[None])[0, :-1:per]
+    path = rollout(plant, wanted.repeat(per, axis=0)[None])[0, :-1:per]
     columns = {"episode": np.zeros(len(time)), "time": time}
     return Log({**columns, "ctrl.pivot": wanted[:, 0], "qpos.pivot": path[:, 0]})

@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.distribution import Distribution, Entry
 from envs.effects import make
-from envs.laws import uniform
+from envs.marginals import uniform
 from sim2real.identification.providers.base import AlignedProvider
 
 PRIOR = Distribution(

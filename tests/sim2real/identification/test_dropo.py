@@ -11,7 +11,7 @@ import pytest
 
 from envs.distribution import Distribution, Entry
 from envs.effects import make
-from envs.laws import uniform
+from envs.marginals import uniform
 from envs.models import named
 from envs.tasks import Hopper
 from hardware.log import Log

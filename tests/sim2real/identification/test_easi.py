@@ -10,7 +10,7 @@ import pytest
 
 from envs.distribution import Distribution, Entry
 from envs.effects import make
-from envs.laws import uniform
+from envs.marginals import uniform
 from envs.params import Parameter, ParamSpace
 from envs.rows import Step
 from hardware.log import Log

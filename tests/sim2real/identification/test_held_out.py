@@ -9,7 +9,7 @@ import pytest
 
 from envs.distribution import Distribution, Entry
 from envs.effects import make
-from envs.laws import Law
+from envs.marginals import Marginal
 from sim2real.identification.held_out import crps, inflate_noise, score_held_out
 from sim2real.identification.settings import DEFAULT
 from tests.sim2real.identification.linear import Linear
@@ -18,7 +18,7 @@ from tests.sim2real.identification.linear import Linear
 def narrow(noise: float, std: float = 1e-6) -> Distribution:
     """Return a distribution at the truth of `linear`, as good as a point unless `std` says else."""
     entries = tuple(
-        Entry(make(name, where="hinge"), (Law("normal", mean, std, -5.0, 5.0),))
+        Entry(make(name, where="hinge"), (Marginal("normal", mean, std, -5.0, 5.0),))
         for name, mean in (("armature", 1.0), ("viscous_friction", -2.0))
     )
     return Distribution(entries, noise={"hinge": noise})

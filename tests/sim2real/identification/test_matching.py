@@ -15,7 +15,7 @@ import yaml
 from envs.distribution import Distribution, Entry
 from envs.distribution_file import NINETY
 from envs.effects import make
-from envs.laws import uniform
+from envs.marginals import uniform
 from envs.randomization import Draw, Randomization
 from hardware.config import ROBOTS
 from hardware.log import Log, read_logs

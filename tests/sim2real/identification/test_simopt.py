@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from envs.distribution import Distribution, Entry
-from envs.laws import Law
+from envs.marginals import Marginal
 from sim2real.config.compose import compose, instantiate
 from sim2real.identification.data import Recordings
 from sim2real.identification.methods.base import FitContext
@@ -99,7 +99,7 @@ def test_where_nothing_is_known_nothing_narrows() -> None:
 def law(mean: float, std: float) -> Distribution:
     """Return a distribution of the first mass alone, as a round finds it."""
     (first, _) = WIDE.entries
-    return Distribution((Entry(first.effect, (Law("normal", mean, std, 0.1, 10.0),)),))
+    return Distribution((Entry(first.effect, (Marginal("normal", mean, std, 0.1, 10.0),)),))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 from envs.distribution import Distribution, Entry
 from envs.distribution_file import read
 from envs.effects import make
-from envs.laws import uniform
+from envs.marginals import uniform
 from sim2real.runs.errors import Sim2RealError
 
 pytest.importorskip("botorch", reason="pip install 'sim2real[botorch]'")

@@ -81,7 +81,7 @@ def test_a_distance_is_asked_for_until_it_is_a_number() -> None:
 
 def test_a_distance_makes_the_return_of_a_robot_that_nothing_tracks() -> None:
     """Rewards of a base that seems to rest, and how far it went, are an episode's return."""
-    task = Quad8(seconds=1.0).by_distance()
+    task = Quad8(seconds=1.0).with_distance_reward()
     simulation = Simulation(task, 1, threads=1)
     simulation.reset(ROW, NO_VALUES, SEED)
     start, total, blind = float(simulation.state().qpos[0, 0]), 0.0, 0.0
@@ -93,7 +93,10 @@ def test_a_distance_makes_the_return_of_a_robot_that_nothing_tracks() -> None:
     gone = float(simulation.state().qpos[0, 0]) - start
     assert abs(gone) > 0.01
     assert total == pytest.approx(blind + gone, abs=1e-9)
-    assert Hopper2(goal="height").by_distance() is None and Bench1().by_distance() is None
+    assert (
+        Hopper2(goal="height").with_distance_reward() is None
+        and Bench1().with_distance_reward() is None
+    )
 
 
 class Blind(EmulatedBody):

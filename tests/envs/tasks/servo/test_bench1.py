@@ -8,7 +8,7 @@ import pytest
 from envs.errors import TaskError
 from envs.simulation import Simulation
 from envs.tasks import Bench1
-from envs.tasks.base import Commanded
+from envs.tasks.base import CommandState
 from envs.tasks.servo.base import Fidelity
 
 
@@ -55,7 +55,9 @@ def test_goals_stay_within_the_robots_limits() -> None:
     """No goal leaves the range or moves faster than the robot can; all are whole counts."""
     task = Bench1("servo")
     last = np.array([[1.9], [0.0]])
-    state = task.measured(last, 0 * last, Commanded(np.full(2, 1.3), 0 * last, last))
+    state = task.state_from_measurement(
+        last, 0 * last, CommandState(np.full(2, 1.3), 0 * last, last)
+    )
     goal = task.command(state, np.array([[9.0], [-9.0]]))
     count = 2 * np.pi / 4096
     np.testing.assert_allclose(goal[:, 0], [2.0, -8.0 / 50], atol=count / 2)
@@ -74,7 +76,9 @@ def test_measurements_give_what_the_simulation_gives() -> None:
         step = sim.step(None, action)
     after = sim.state()
     assert after.command is not None
-    made = task.measured(after.qpos, after.qvel, after.command, torque=task.torque(after))
+    made = task.state_from_measurement(
+        after.qpos, after.qvel, after.command, torque=task.torque(after)
+    )
     np.testing.assert_array_equal(task.observe(made), step.observation)
     np.testing.assert_array_equal(task.reward(before, made, action, step.terminated), step.reward)
     np.testing.assert_allclose(task.power(made), task.power(after))

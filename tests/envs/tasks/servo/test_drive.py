@@ -16,8 +16,8 @@ from envs.plant import Plant
 from envs.replay import Recording, replay
 from envs.simulation import Simulation
 from envs.tasks import Bench1, Hopper2, Quad8, Quad12, ServoTask
-from envs.tasks.base import Commanded, State
-from envs.tasks.servo.drive import KINDS, servo, slope
+from envs.tasks.base import CommandState, State
+from envs.tasks.servo.drive import KINDS, max_torque_rate, servo
 from envs.tasks.servo.robot import ROBOTS
 from hardware.config import Robot, make_robot
 from hardware.connect import make_driver
@@ -110,9 +110,9 @@ def pattern(task: ServoTask, action: np.ndarray, steps: int) -> np.ndarray:
     """Return the goals of a task under a constant action [rad], (T, n), before any limit."""
     idle = np.tile(action, (steps, 1))
     goal = np.zeros((steps, len(task.q)))
-    command = Commanded(np.arange(steps) * task.dt, idle, goal)
+    command = CommandState(np.arange(steps) * task.dt, idle, goal)
     state = State(np.tile(task.start, (steps, 1)), np.zeros((steps, task.nv)), None, None, command)
-    return task.wanted(state, idle)
+    return task.target_angles(state, idle)
 
 
 @pytest.mark.parametrize(
@@ -150,9 +150,9 @@ def test_a_slow_voltage_is_simulated_too() -> None:
     with_slope, without = gap(Bench1("servo", data), log), gap(Bench1("servo"), log)
     log_.info("PWM slope: with it %.1f mrad, without %.1f", 1e3 * with_slope, 1e3 * without)
     assert with_slope < 15e-3 < 3 * with_slope < without
-    assert slope("xl330-m288", {"pwm_slope": 255}) == np.inf
+    assert max_torque_rate("xl330-m288", {"pwm_slope": 255}) == np.inf
     motor = KINDS["xl330-m288"]
-    volts = slope("xl330-m288", {"pwm_slope": 140}) * motor.resistance / motor.constant
+    volts = max_torque_rate("xl330-m288", {"pwm_slope": 140}) * motor.resistance / motor.constant
     assert volts == pytest.approx(277, abs=1)  # V/s: 140 steps of 1.977 mV a millisecond
 
 

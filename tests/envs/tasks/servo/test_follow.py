@@ -12,7 +12,7 @@ import yaml
 from envs.errors import TaskError
 from envs.simulation import Simulation
 from envs.tasks import Follow
-from envs.tasks.base import Commanded
+from envs.tasks.base import CommandState
 from envs.tasks.servo.base import Fidelity
 from envs.tasks.servo.robot import ROBOTS
 
@@ -61,15 +61,15 @@ def test_references_begin_at_rest_and_stay_within_the_limits(robot: str, model: 
     later = task.reference(np.linspace(2, 30, 3000))
     spread = np.ptp(later, axis=0) / (task.machine.high - task.machine.low)
     assert spread == pytest.approx(0.5, abs=0.01)
-    assert len(task.observe(task.measured(task.start[None, task.q], *blank(task)))[0]) == 4 * len(
-        spread
-    )
+    assert len(
+        task.observe(task.state_from_measurement(task.start[None, task.q], *blank(task)))[0]
+    ) == 4 * len(spread)
 
 
 def blank(task: Follow) -> tuple[np.ndarray, Any]:
     """Return speeds of 0 and a command that was never given."""
     rest = task.start[None, task.q]
-    return 0 * rest, Commanded(np.zeros(1), 0 * rest, rest)
+    return 0 * rest, CommandState(np.zeros(1), 0 * rest, rest)
 
 
 def test_a_model_has_to_be_given() -> None:

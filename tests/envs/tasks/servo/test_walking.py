@@ -14,7 +14,7 @@ from envs.errors import TaskError
 from envs.mujoco import MujocoEnv
 from envs.simulation import Simulation
 from envs.tasks import Hopper2, Quad8, Quad12, ServoTask
-from envs.tasks.base import Commanded
+from envs.tasks.base import CommandState
 
 TASKS = [Quad8, Quad12, Hopper2]
 Make = Callable[..., ServoTask]
@@ -42,7 +42,7 @@ def test_measurements_give_what_the_simulation_gives(make: Make) -> None:
     qpos = after.qpos
     position = qpos[:, :3] if free else np.column_stack([qpos[:, 0], 0 * qpos[:, 0], qpos[:, 1]])
     position = position + np.array([0, 0, 0.0 if free else 0.1133])
-    made = task.measured(
+    made = task.state_from_measurement(
         qpos[:, task.q],
         after.qvel[:, task.v],
         after.command,
@@ -62,8 +62,10 @@ def test_a_state_without_tracking_earns_no_distance(make: Make) -> None:
     """An untracked robot stays where it was: the reward is the price of energy alone."""
     task = make("servo")
     n = len(task.machine.low)
-    command = Commanded(np.zeros(1), np.zeros((1, n)), np.zeros((1, n)))
-    state = task.measured(np.zeros((1, n)), np.ones((1, n)), command, torque=np.full((1, n), 0.1))
+    command = CommandState(np.zeros(1), np.zeros((1, n)), np.zeros((1, n)))
+    state = task.state_from_measurement(
+        np.zeros((1, n)), np.ones((1, n)), command, torque=np.full((1, n), 0.1)
+    )
     reward = task.reward(state, state, np.zeros((1, n)), np.zeros(1, bool))
     np.testing.assert_allclose(reward, -0.005 * 0.1 * n * task.dt)
 
@@ -97,8 +99,8 @@ def test_a_quadruped_falls_by_tilting(make: Make) -> None:
             ]
         )
     still = np.zeros((4, len(task.q)))
-    command = Commanded(np.zeros(4), still, still)
-    state = task.measured(still, still, command, orientation=np.array(quaternions))
+    command = CommandState(np.zeros(4), still, still)
+    state = task.state_from_measurement(still, still, command, orientation=np.array(quaternions))
     np.testing.assert_array_equal(task.terminated(state), [False, False, True, True])
 
 
@@ -108,11 +110,11 @@ def test_speed_beyond_the_cap_is_not_paid() -> None:
         n = len(task.machine.low)
         still, command = (
             np.zeros((2, n)),
-            Commanded(np.zeros(2), np.zeros((2, n)), np.zeros((2, n))),
+            CommandState(np.zeros(2), np.zeros((2, n)), np.zeros((2, n))),
         )
         way = np.array([[1.0, 0, 0.2], [2.0, 0, 0.2]]) * task.fastest * task.dt
-        before = task.measured(still, still, command, position=0 * way)
-        after = task.measured(still, still, command, position=way)
+        before = task.state_from_measurement(still, still, command, position=0 * way)
+        after = task.state_from_measurement(still, still, command, position=way)
         reward = task.reward(before, after, still, np.zeros(2, bool))
         np.testing.assert_allclose(reward, task.fastest * task.dt)
 
@@ -121,9 +123,9 @@ def test_height_is_paid_above_a_straight_leg() -> None:
     """Standing on a straight leg earns nothing, 10 mm higher a tenth a second."""
     task = Hopper2(goal="height")
     still = np.zeros((3, 2))
-    command = Commanded(np.zeros(3), still, still)
+    command = CommandState(np.zeros(3), still, still)
     heights = np.array([[0, 0, 0.1], [0, 0, 0.128], [0, 0, 0.138]])
-    state = task.measured(still, still, command, position=heights)
+    state = task.state_from_measurement(still, still, command, position=heights)
     reward = task.reward(state, state, still, np.zeros(3, bool))
     np.testing.assert_allclose(reward, [0, 0, 0.1 * task.dt], atol=1e-12)
 

@@ -11,7 +11,7 @@ import pytest
 
 from envs.effects import make
 from envs.plant import Plant
-from envs.replay import roll
+from envs.replay import rollout
 from hardware.log import Log
 from sim2real.diagnosis.attribution.attribute import Contender, Search
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
@@ -43,7 +43,7 @@ def log_of(*effects: tuple[str, dict, float], seconds: float = 12.0) -> Log:
     plant.set_params(np.zeros(1, int), np.array([[value for *_, value in effects]]))
     start, per = np.zeros((1, 1)), round(1 / pendulum.RATE / FINEST)
     plant.reset(np.zeros(1, int), start, start, np.zeros(1, np.uint64), wanted[:1], measured=True)
-    path = roll(plant, wanted.repeat(per, axis=0)[None])[0, :-1:per]
+    path = rollout(plant, wanted.repeat(per, axis=0)[None])[0, :-1:per]
     read = COUNT * np.round(path[:, 0] / COUNT)
     columns = {"episode": np.zeros(len(time)), "time": time}
     return Log({**columns, "ctrl.pivot": wanted[:, 0], "qpos.pivot": read})

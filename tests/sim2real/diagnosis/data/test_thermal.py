@@ -12,7 +12,7 @@ import pytest
 from envs.effects import make
 from envs.effects.supply import _Derating
 from envs.plant import Fixed, Plant
-from envs.replay import roll
+from envs.replay import rollout
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.problem import Problem
@@ -44,7 +44,7 @@ def _hold(fixed: Sequence[Fixed] = ()) -> Log:
     plant = Plant(arm.spec(), (), 1, threads=1, fixed=fixed)
     zero = np.zeros((1, 2))
     plant.reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:, 0], measured=True)
-    path, time = roll(plant, ctrl)[0, :-1:10], np.arange(600) / arm.RATE
+    path, time = rollout(plant, ctrl)[0, :-1:10], np.arange(600) / arm.RATE
     columns = {"episode": np.zeros(600), "time": time}
     columns |= {f"ctrl.{n}": ctrl[0, ::10, i] for i, n in enumerate("ab")}
     columns |= {f"qpos.{n}": path[:, i] for i, n in enumerate("ab")}

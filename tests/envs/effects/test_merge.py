@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.effects import combined, make
+from envs.effects import make, merge_effects
 from envs.errors import EffectError
 from envs.plant import Fixed, Plant
 
@@ -45,7 +45,7 @@ def motion(plant: Plant) -> np.ndarray:
 
 def test_places_are_there_once_with_both_values() -> None:
     """Factors multiply, amounts add, the rest stays in its order."""
-    effects = combined(KNOWN, FOUND)
+    effects = merge_effects(KNOWN, FOUND)
     names = ["position_gain", "coulomb_friction", "encoder_offset", "link_mass"]
     assert [effect.name for effect, _ in effects] == names
     values = [values for _, values in effects]
@@ -57,7 +57,7 @@ def test_it_moves_as_one_on_top_of_the_other() -> None:
     spec = mujoco.MjSpec.from_string(ROBOT)
     drawn = Plant(spec, [effect for effect, _ in FOUND], num_rows=1, fixed=KNOWN)
     drawn.set_params(np.arange(1), np.concatenate([values for _, values in FOUND])[None])
-    both, first = (Plant(spec, num_rows=1, fixed=f) for f in (combined(KNOWN, FOUND), KNOWN))
+    both, first = (Plant(spec, num_rows=1, fixed=f) for f in (merge_effects(KNOWN, FOUND), KNOWN))
     expected = motion(drawn)
     np.testing.assert_allclose(motion(both), expected, atol=1e-12)
     assert np.abs(motion(first) - expected).max() > 0.01
@@ -66,7 +66,7 @@ def test_it_moves_as_one_on_top_of_the_other() -> None:
 def test_what_cannot_be_combined_is_refused_by_the_plant() -> None:
     """Two plays at one joint are neither added nor multiplied; nothing is lost silently."""
     play: list[Fixed] = [(make("backlash", where="hinge", side="link"), (0.02,))]
-    effects = combined(play, play)
+    effects = merge_effects(play, play)
     assert len(effects) == 2
     with pytest.raises(EffectError, match="fixed twice"):
         Plant(mujoco.MjSpec.from_string(ROBOT), num_rows=1, fixed=effects)
@@ -76,6 +76,6 @@ def test_a_value_that_was_set_is_changed() -> None:
     """More on top of a set value sets more; a factor on an amount has no value of its own."""
     heavy = make("link_mass", where="link", how="set")
     more, factor = (make("link_mass", where="link", how=how) for how in ("add", "scale"))  # type: ignore[arg-type]
-    assert combined([(heavy, (0.2,))], [(more, (0.1,))])[0][1] == pytest.approx((0.3,))
-    assert combined([(heavy, (0.2,))], [(factor, (1.5,))])[0][1] == pytest.approx((0.3,))
-    assert len(combined([(more, (0.1,))], [(factor, (1.5,))])) == 2
+    assert merge_effects([(heavy, (0.2,))], [(more, (0.1,))])[0][1] == pytest.approx((0.3,))
+    assert merge_effects([(heavy, (0.2,))], [(factor, (1.5,))])[0][1] == pytest.approx((0.3,))
+    assert len(merge_effects([(more, (0.1,))], [(factor, (1.5,))])) == 2

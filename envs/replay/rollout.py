@@ -17,10 +17,10 @@ from mujoco.batch import SimulationError
 from envs.effects.base import Measurement
 from envs.plant import Plant
 from envs.quiet import quiet_engine
-from envs.replay.impedance import Laws
+from envs.replay.impedance import ImpedanceGains
 
 
-def roll(
+def rollout(
     plant: Plant,
     ctrl: np.ndarray,
     off: np.ndarray | None = None,
@@ -34,14 +34,14 @@ def roll(
         ctrl: the command in force at each physics step, (N, K, nu).
         off: bit masks of the actuators that are switched off then, (N, K); the plant's model must
             be `switchable`. None: none ever is.
-        law: of actuators under impedance control, (N, K, nu, 4); see `impedance.Laws`.
+        law: of actuators under impedance control, (N, K, nu, 4); see `impedance.ImpedanceGains`.
         steps: that each row needs, (N,), of 1 to K; None: all K.
 
     Returns:
         What the encoders would have said at the start and after each step, (N, K + 1, nq); NaN from
         where a row diverged; the last position again where it was not needed any more.
     """
-    power, laws = _Power(plant, off), Laws(plant, law)
+    power, laws = _Power(plant, off), ImpedanceGains(plant, law)
     ends = np.full(len(ctrl), ctrl.shape[1]) if steps is None else np.asarray(steps)
     if not (_is_plain(plant) and laws.steady):
         return _step(plant, ctrl, power, laws, ends)
@@ -86,14 +86,14 @@ class _Power:
         ids = np.arange(len(off)) if step == 0 else np.flatnonzero(off != self._off[:, step - 1])
         self._mask[ids] = off[ids]
         damping = np.where(off[ids, None] & self._bits, 0.0, self._full[ids])
-        self._plant.hold("actuator_damping", ids, damping)
+        self._plant.override_field("actuator_damping", ids, damping)
         self._plant.batch.set_const(ids)
 
     def restore(self) -> None:
         """Switch everything on again."""
         if self._off is not None:
             self._mask[:] = 0
-            self._plant.hold("actuator_damping", np.arange(len(self._full)), self._full)
+            self._plant.override_field("actuator_damping", np.arange(len(self._full)), self._full)
 
 
 def _roll(plant: Plant, ctrl: np.ndarray, power: _Power, ends: np.ndarray) -> np.ndarray:
@@ -159,15 +159,19 @@ def _shifted(plant: Plant, ctrl: np.ndarray) -> np.ndarray:
 
 def _measured(plant: Plant, raw: dict[str, np.ndarray]) -> np.ndarray:
     """Return what encoders say, (N, K + 1, nq), along paths of the simulated model."""
-    qpos = plant.layout.seen(raw["qpos"])
-    qvel = plant.layout.seen_speed(raw["qvel"]) if "qvel" in raw else np.empty((*qpos.shape[:2], 0))
+    qpos = plant.layout.encoder_positions(raw["qpos"])
+    qvel = (
+        plant.layout.encoder_velocities(raw["qvel"])
+        if "qvel" in raw
+        else np.empty((*qpos.shape[:2], 0))
+    )
     for rule in plant.measurements:
         rule.measure_path(plant.model.opt.timestep, qpos, qvel)
     return qpos
 
 
 def _step(
-    plant: Plant, ctrl: np.ndarray, power: _Power, laws: Laws, ends: np.ndarray
+    plant: Plant, ctrl: np.ndarray, power: _Power, laws: ImpedanceGains, ends: np.ndarray
 ) -> np.ndarray:
     """Step the plant, whose effects act between physics steps."""
     (rows, steps, _), along = ctrl.shape, all(map(_has_path, plant.measurements))

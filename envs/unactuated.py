@@ -13,7 +13,7 @@ from envs.models import FREE
 SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def refusal(model: mujoco.MjModel, has_imu: bool) -> str | None:
+def unobservable_joints_message(model: mujoco.MjModel, has_imu: bool) -> str | None:
     """Return which joints of a robot no servo reads and why they cannot be estimated, or None.
 
     Args:

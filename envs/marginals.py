@@ -1,6 +1,6 @@
 """Marginal laws of a distribution of robots, as functions of a uniform number.
 
-    law = Law("normal", mean=0.2, std=0.05, low=0.0, high=0.5)
+    law = Marginal("normal", mean=0.2, std=0.05, low=0.0, high=0.5)
     law.values(np.array([0.05, 0.5, 0.95]))       # quantiles, within [low, high]
 
 Correlated draws are a Gaussian copula: correlated normal numbers are turned into uniform ones, and
@@ -24,7 +24,7 @@ UNIFORM_WIDTH = math.sqrt(12.0)  # of a uniform law, over its standard deviation
 
 
 @dataclass(frozen=True)
-class Law:
+class Marginal:
     """How one parameter is distributed.
 
     Args:
@@ -93,6 +93,6 @@ def _cut(shares: np.ndarray, mean: float, std: float, low: float, high: float) -
     return mean + std * ndtri(first + shares * (last - first))
 
 
-def uniform(low: float, high: float) -> Law:
+def uniform(low: float, high: float) -> Marginal:
     """Return the uniform law between two values."""
-    return Law("uniform", (low + high) / 2, (high - low) / UNIFORM_WIDTH, low, high)
+    return Marginal("uniform", (low + high) / 2, (high - low) / UNIFORM_WIDTH, low, high)

@@ -16,7 +16,7 @@ from envs.effects.file import Values
 Given = tuple[Effect, Sequence[float]]
 
 
-def combined(known: Sequence[Given], found: Sequence[Given]) -> list[tuple[Effect, Values]]:
+def merge_effects(known: Sequence[Given], found: Sequence[Given]) -> list[tuple[Effect, Values]]:
     """Return the effects of both lists, those at one place added or multiplied.
 
     Args:

@@ -9,7 +9,7 @@ import pytest
 from envs.effects import EFFECTS as LIBRARY
 from envs.effects import make
 from envs.plant import Plant
-from envs.replay import roll, switchable
+from envs.replay import rollout, switchable
 
 ARM = """
 <mujoco>
@@ -73,7 +73,7 @@ def stepped(rows: Plant, ctrl: np.ndarray) -> np.ndarray:
 def test_rolling_is_stepping(effect: tuple[str, dict, float]) -> None:
     """One call of the engine gives the positions that a call for each step gives."""
     ctrl = commands()
-    assert roll(plant(effect), ctrl) == pytest.approx(stepped(plant(effect), ctrl), abs=1e-9)
+    assert rollout(plant(effect), ctrl) == pytest.approx(stepped(plant(effect), ctrl), abs=1e-9)
 
 
 @pytest.mark.parametrize("side", ["motor", "link"])
@@ -85,14 +85,14 @@ def test_rolling_is_stepping_for_several_at_once(side: str) -> None:
         ("joint_compliance", {"where": "a", "side": side}, 0.1),
     ]
     ctrl = commands()
-    assert roll(plant(*several), ctrl) == pytest.approx(stepped(plant(*several), ctrl), abs=1e-9)
+    assert rollout(plant(*several), ctrl) == pytest.approx(stepped(plant(*several), ctrl), abs=1e-9)
 
 
 def test_a_late_encoder_reads_the_past() -> None:
     """Under an observation delay the path is the one without it, later."""
     ctrl = commands()
-    late = roll(plant(("observation_delay", {}, 0.03)), ctrl)
-    plain = roll(plant(), ctrl)
+    late = rollout(plant(("observation_delay", {}, 0.03)), ctrl)
+    plain = rollout(plant(), ctrl)
     shift = 15  # steps of 2 ms, in the last row
     assert late[-1, shift:] == pytest.approx(plain[-1, : STEPS + 1 - shift], abs=1e-9)
     assert late[-1, :shift] == pytest.approx(np.tile(plain[-1, 0], (shift, 1)), abs=1e-9)
@@ -104,7 +104,7 @@ def test_a_servo_that_is_off_lets_go_and_takes_hold_again() -> None:
     off = np.zeros((ROWS, STEPS), np.int64)
     off[0, 40:80] = 0b11
     rows = plant()
-    switched, plain = roll(rows, ctrl, off), roll(plant(), ctrl)
+    switched, plain = rollout(rows, ctrl, off), rollout(plant(), ctrl)
     assert switched[1:] == pytest.approx(plain[1:], abs=1e-12)
     assert np.abs(switched[0, 80] - plain[0, 80]).max() > 0.02
     assert not np.any(rows.batch.expanded("opt.disableactuator"))
@@ -124,8 +124,8 @@ def test_what_is_in_a_drive_does_nothing_while_it_is_off(name: str) -> None:
     off = np.full((ROWS, STEPS), 0b11, np.int64)
     off[:, 120:] = 0
     changed, free = (
-        roll(plant((name, {}, DRIVES[name])), commands(), off),
-        roll(plant(), commands(), off),
+        rollout(plant((name, {}, DRIVES[name])), commands(), off),
+        rollout(plant(), commands(), off),
     )
     np.testing.assert_array_equal(changed[:, :121], free[:, :121])
     assert np.abs(changed - free).max() > 1e-4  # and something afterwards
@@ -148,7 +148,7 @@ def test_a_servo_that_is_off_does_not_brake_where_heat_could_weaken_it() -> None
         rows = Plant(spec, [rubs, *absent], ROWS, threads=1)
         rows.set_params(every, np.tile([0.5, 0.0][: 1 + len(absent)], (ROWS, 1)))
         rows.reset(every, start, start, every.astype(np.uint64), commands()[:, 0])
-        paths.append(roll(rows, commands(), off))
+        paths.append(rollout(rows, commands(), off))
     assert paths[1] == pytest.approx(paths[0], abs=1e-12)
 
 
@@ -160,7 +160,7 @@ def test_a_row_that_diverges_is_told_apart(more: tuple[tuple[str, dict, float], 
     values = rows.params.copy()
     values[1, 0] = 1e9
     rows.set_params(np.arange(ROWS), values)
-    paths, plain = roll(rows, commands()), roll(plant(strong, *more), commands())
+    paths, plain = rollout(rows, commands()), rollout(plant(strong, *more), commands())
     broke = np.isnan(paths[1]).any(axis=1)
     assert np.flatnonzero(broke)[0] in range(1, 10)
     assert broke[np.flatnonzero(broke)[0] :].all()
@@ -176,7 +176,7 @@ def test_a_row_breaks_at_the_same_step_in_one_call_and_in_many() -> None:
         values = rows.params.copy()
         values[:, 0] = [300.0, 1e3, 1e5]
         rows.set_params(np.arange(ROWS), values)
-        moments.append(np.isnan(roll(rows, commands())).any(axis=2).sum(axis=1))
+        moments.append(np.isnan(rollout(rows, commands())).any(axis=2).sum(axis=1))
     assert moments[0].tolist() == moments[1].tolist()
     assert moments[0].any()
 
@@ -187,7 +187,7 @@ def test_a_row_is_simulated_to_its_end_and_no_further(effect: tuple[str, dict, f
     ctrl, ends = commands(), np.array([60, STEPS, 101])
     off = np.zeros((ROWS, STEPS), np.int64)
     off[0, 30:80] = 0b01
-    full, short = roll(plant(effect), ctrl, off), roll(plant(effect), ctrl, off, steps=ends)
+    full, short = rollout(plant(effect), ctrl, off), rollout(plant(effect), ctrl, off, steps=ends)
     for row, end in enumerate(ends):
         assert np.array_equal(short[row, : end + 1], full[row, : end + 1])
     assert np.ptp(full[0, 60:], axis=0).max() > 1e-3
@@ -200,5 +200,5 @@ def test_no_step_is_taken_beyond_the_end_of_a_row() -> None:
     ends, dt = np.array([60, STEPS, 101]), 0.002
     for effects in ((), (("stribeck_friction", {"where": "b"}, 0.08),)):
         rows = plant(*effects)
-        roll(rows, commands(), steps=ends)
+        rollout(rows, commands(), steps=ends)
         assert rows.time == pytest.approx(ends * dt)
