@@ -27,8 +27,8 @@ from hardware.clock import VirtualClock
 from hardware.config import ROBOTS, Robot, make_robot
 from hardware.driver import Driver
 from hardware.emulator.loopback import LoopbackPort
-from hardware.emulator.world import World
-from hardware.pace import Pace
+from hardware.emulator.world import EmulatedRobot
+from hardware.pace import FixedRate
 from hardware.safety import Guard
 from hardware.timing import BLOCK, BLOCK_SIZE
 from sim2real.runs.files import write_text
@@ -62,7 +62,7 @@ def chain(count: int, folder: Path) -> Robot:
 def driver(robot: Robot) -> Driver:
     """Return the driver of an emulated robot whose torque is on."""
     clock = VirtualClock()
-    made = Driver(robot, LoopbackPort(World(robot), clock), clock)
+    made = Driver(robot, LoopbackPort(EmulatedRobot(robot), clock), clock)
     made.connect()
     made.configure()
     made.torque_on(made.read().count)
@@ -134,7 +134,7 @@ WAYS: dict[str, Callable[[Robot, Driver], Step]] = {
 def cost(robot: Robot, way: Callable[[Robot, Driver], Step], steps: int) -> float:
     """Return the processor time of a step [ms]."""
     made = driver(robot)
-    step, pace = way(robot, made), Pace(made.clock, RATE)
+    step, pace = way(robot, made), FixedRate(made.clock, RATE)
     began = time.process_time()
     for k in range(steps):
         pace.wait()

@@ -24,7 +24,7 @@ from envs.tasks.servo import ServoTask
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.log import Log
 from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.robot_env import on_robot, play, robot_of
@@ -66,7 +66,7 @@ def feedback(task: ServoTask) -> TrainedPolicy:
 def deployed(robot: str, trained: TrainedPolicy, hidden: Sequence[Entry], seed: int) -> list[Log]:
     """Return the logs of a policy's episodes on an emulated robot that hides effects."""
     machine, task = load_robot(robot), servo_task(trained.environment)
-    world = World(machine, hidden=make_hidden(list(hidden), machine), seed=seed)
+    world = EmulatedRobot(machine, hidden=make_hidden(list(hidden), machine), seed=seed)
     env = on_robot(trained, task, ServoBackend(machine, 0.5, world, seed=seed))
     actor, log, found = trained.acting(env), robot_of(env).log, []
     for number in range(EPISODES):

@@ -20,7 +20,7 @@ from envs.tasks.servo import ServoTask
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import SafetyError
 from hardware.log import Log
 from hardware.rows import RobotRows
@@ -91,7 +91,7 @@ def walked(name: str, hidden: Sequence[Entry], seed: int, episodes: int) -> list
     A robot that has fallen so that it cannot begin again has fewer.
     """
     robot, rng = load_robot(name), np.random.default_rng(seed)
-    world = World(robot, hidden=make_hidden(list(hidden), robot), seed=seed)
+    world = EmulatedRobot(robot, hidden=make_hidden(list(hidden), robot), seed=seed)
     rows = RobotRows(
         WALKERS[name].task(seconds=SECONDS), ServoBackend(robot, 0.5, world, seed=seed)
     )

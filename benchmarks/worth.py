@@ -29,7 +29,7 @@ from envs.effects import make
 from hardware.backends import ServoBackend
 from hardware.config import Robot, load_robot
 from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.safety import StopLimits
 from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.robot_env import on_robot, play, robot_of
@@ -87,7 +87,7 @@ def earned(
     policy: TrainedPolicy, robot: Robot, hidden: Sequence[Entry], seeds: np.ndarray, noise: int
 ) -> np.ndarray | None:
     """Return what a policy earns on an emulated robot, (E,); None if its guard stopped it."""
-    world = World(robot, hidden=make_hidden(list(hidden), robot), seed=noise)
+    world = EmulatedRobot(robot, hidden=make_hidden(list(hidden), robot), seed=noise)
     backend = ServoBackend(robot, SETTLE, world, limits=STOPS, seed=noise)
     env = on_robot(policy, servo_task(policy.environment), backend)
     rows = robot_of(env)

@@ -27,16 +27,16 @@ from hardware.config import Robot
 from hardware.connect import make_driver
 from hardware.counters import Counters
 from hardware.driver import Driver, Health, Reading
-from hardware.emulator.world import World
-from hardware.errors import LineError, SafetyError
+from hardware.emulator.world import EmulatedRobot
+from hardware.errors import SafetyError, SerialPortError
 from hardware.imu.reader import SerialImu, make_imu
-from hardware.pace import Pace
+from hardware.pace import FixedRate
 from hardware.safety import Guard, Sent, StopLimits
 
 PATIENCE = 5.0  # s that a lost port is waited for
 
 
-class Measured(NamedTuple):
+class RobotMeasurement(NamedTuple):
     """What a robot of n servos measured at one deadline."""
 
     step: int  # deadlines since the episode's start, missed ones included
@@ -54,7 +54,7 @@ class Backend(Protocol):
     real: bool  # moves something in the world: it must be armed by whoever stands beside it
 
     @property
-    def senses(self) -> tuple[str, ...]:
+    def sensor_names(self) -> tuple[str, ...]:
         """Return the names of the sensors beside the servos."""
         ...
 
@@ -66,7 +66,7 @@ class Backend(Protocol):
         """Switch torque on without a movement."""
         ...
 
-    def start(self, pose: np.ndarray) -> Measured:
+    def start(self, pose: np.ndarray) -> RobotMeasurement:
         """Go to a pose [rad], (n,), begin an episode there, and return its first measurement."""
         ...
 
@@ -74,7 +74,7 @@ class Backend(Protocol):
         """Send goals [rad], (n,), and return what was sent."""
         ...
 
-    def wait(self) -> Measured:
+    def wait(self) -> RobotMeasurement:
         """Wait for the next deadline and measure."""
         ...
 
@@ -103,7 +103,7 @@ class ServoBackend:
         self,
         robot: Robot,
         settle: float,
-        world: World | None = None,
+        world: EmulatedRobot | None = None,
         dry_run: bool = False,
         sensors: BodySensors | None = None,
         limits: StopLimits | None = None,
@@ -111,14 +111,14 @@ class ServoBackend:
         clock: VirtualClock | None = None,
     ) -> None:
         self.robot, self.real, self.dry_run = robot, robot.port is not None, dry_run
-        self.world = world if self.real or world is not None else World(robot, seed=seed)
+        self.world = world if self.real or world is not None else EmulatedRobot(robot, seed=seed)
         emulated = EmulatedBody(self.world) if self.world is not None and not self.real else None
         self.sensors = sensors or emulated or make_imu(robot)
         self.stopped: str | None = None  # why the guard stopped the robot
         self._limits, self._settle, self._clock = limits, settle, clock
         self._driver: Driver | None = None
         self._guard: Guard | None = None
-        self._pace: Pace | None = None
+        self._pace: FixedRate | None = None
         self._began = self._written = 0.0
         self.missed = self._step = 0  # deadlines of the present episode
         self._rest: np.ndarray | None = None
@@ -127,7 +127,7 @@ class ServoBackend:
         self._senses_current = np.array([s.type.current is not None for s in robot.servos])
 
     @property
-    def senses(self) -> tuple[str, ...]:
+    def sensor_names(self) -> tuple[str, ...]:
         """The names of the sensors beside the servos."""
         return () if self.sensors is None else self.sensors.names
 
@@ -139,7 +139,7 @@ class ServoBackend:
         return self._guard
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> FixedRate:
         """The deadlines of the present episode."""
         if self._pace is None:
             raise SafetyError(f"{self.robot.name}: no episode has begun; call start()")
@@ -209,7 +209,7 @@ class ServoBackend:
         self.stopped = None
         self._written = self.guard.driver.clock.now()
 
-    def start(self, pose: np.ndarray) -> Measured:
+    def start(self, pose: np.ndarray) -> RobotMeasurement:
         """Go slowly to a pose [rad], (n,), hold it, and begin an episode.
 
         Raises:
@@ -222,12 +222,12 @@ class ServoBackend:
             self.stopped = str(error)
             raise
 
-    def _start(self, guard: Guard, pose: np.ndarray) -> Measured:
+    def _start(self, guard: Guard, pose: np.ndarray) -> RobotMeasurement:
         guard.move_to(pose)
         self._rest = guard.last if self._rest is None else self._rest
         if self.sensors is not None:
-            self.sensors.put_back(guard.driver.clock.now())
-        pace = self._pace = Pace(guard.driver.clock, self.robot.rate)
+            self.sensors.return_to_start(guard.driver.clock.now())
+        pace = self._pace = FixedRate(guard.driver.clock, self.robot.rate)
         for _ in range(max(1, round(self._settle * self.robot.rate))):
             pace.wait()
             guard.read()
@@ -271,7 +271,7 @@ class ServoBackend:
         self._written = self.guard.driver.clock.now()
         return sent
 
-    def wait(self) -> Measured:
+    def wait(self) -> RobotMeasurement:
         """Wait for the next deadline, then measure.
 
         Raises:
@@ -295,14 +295,16 @@ class ServoBackend:
             deadline = pace.wait()
         return deadline
 
-    def _measure(self, deadline: float) -> Measured:
+    def _measure(self, deadline: float) -> RobotMeasurement:
         reading = self.guard.measure()
         step = round((deadline - self._began) * self.robot.rate)
         self.missed += max(step - self._step - 1, 0)
         self._step = step
         now = self.guard.driver.clock.now()
         body = self._sense(now)
-        return Measured(step, reading.time - self._began, reading, self._torque(reading), body)
+        return RobotMeasurement(
+            step, reading.time - self._began, reading, self._torque(reading), body
+        )
 
     def _sense(self, now: float) -> Mapping[str, np.ndarray]:
         """Return what the sensors beside the servos measure; stop the robot if they do not."""
@@ -310,8 +312,8 @@ class ServoBackend:
             return {}
         try:
             return self.sensors.measure(now)
-        except LineError as error:
-            self.guard.give_up(str(error))
+        except SerialPortError as error:
+            self.guard.abort(str(error))
 
     def _torque(self, reading: Reading) -> np.ndarray:
         """Return the motors' torques [N·m], (n,), from current or, where there is none, from duty.

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from hardware.emulator.model import home_pose
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.parts import QUANTITIES
 
 SIZES = {"orientation": 4, "gyro": 3, "position": 3}  # what a task may observe or be paid for
@@ -48,7 +48,7 @@ class BodySensors(Protocol):
         """
         ...
 
-    def put_back(self, now: float) -> None:
+    def return_to_start(self, now: float) -> None:
         """Put the robot where episodes start; by hand, it can only be waited for."""
         ...
 
@@ -69,7 +69,7 @@ class EmulatedBody:
             is what its model has of the sensors `orientation` and `gyro`.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: EmulatedRobot) -> None:
         self._world = world
         mechanics = world.mechanics
         own = mechanics.sensors() if world.robot.imu is None else world.robot.imu.emulated.measures
@@ -98,7 +98,7 @@ class EmulatedBody:
             values["position"] = mechanics.data.xpos[self._base].copy()
         return values
 
-    def put_back(self, now: float) -> None:
+    def return_to_start(self, now: float) -> None:
         """Put the base where it is in the keyframe `home`, at rest; the servos stay as they are."""
         self._world.advance(now)
         data = self._world.mechanics.data

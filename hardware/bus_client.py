@@ -31,7 +31,7 @@ from dynamixel_sdk import PacketHandler
 from hardware import protocol
 from hardware.clock import Clock
 from hardware.counters import Counters
-from hardware.errors import LineError
+from hardware.errors import SerialPortError
 from hardware.port_lock import PortLock
 from hardware.protocol import BROADCAST, Packet, Parser, crc16
 
@@ -104,7 +104,9 @@ class BusClient:
         with self._cable():
             self.port.is_using = False
             if self.port.getCFlagBaud(baud) <= 0:
-                raise LineError(f"{self.port.port_name}: the port cannot run at {baud} bits/s")
+                raise SerialPortError(
+                    f"{self.port.port_name}: the port cannot run at {baud} bits/s"
+                )
             self._lock.take()
             self.port.setBaudRate(baud)
 
@@ -289,7 +291,7 @@ class BusClient:
         result = self._handler.txPacket(self.port, packet)
         self.port.is_using = False
         if result != 0:
-            raise LineError(f"{self.port.port_name}: a packet could not be sent ({result})")
+            raise SerialPortError(f"{self.port.port_name}: a packet could not be sent ({result})")
         return len(packet)
 
     def _receive(
@@ -372,13 +374,15 @@ class BusClient:
         """Turn what the operating system says of a lost port into a LineError."""
         try:
             yield
-        except LineError:
+        except SerialPortError:
             raise
         except Exception as error:
             self.port.is_using = False
             if isinstance(error, OSError) or type(error).__module__ == "termios":
                 name = self.port.port_name
-                raise LineError(f"{name}: the port is gone ({error}); is the cable in?") from error
+                raise SerialPortError(
+                    f"{name}: the port is gone ({error}); is the cable in?"
+                ) from error
             raise
 
 

@@ -30,8 +30,8 @@ from pathlib import Path
 from typing import Any
 
 from hardware.config import Robot
-from hardware.errors import RobotError, did_you_mean, listed
-from hardware.files import whole_file
+from hardware.errors import RobotError, did_you_mean, format_names
+from hardware.files import atomic_write
 
 SCHEMA = 2
 HALF_TURN = 2048  # counts, the zero that the offsets of schema 1 are relative to
@@ -105,7 +105,7 @@ def apply_calibration(robot: Robot, calibration: Calibration) -> Robot:
         hint = did_you_mean(name, robot.names if unknown else calibration.joints)
         what = "has the joint" if unknown else "lacks the joint"
         raise RobotError(
-            f"the calibration {what} {name!r}{hint}; {robot.name} has {listed(robot.names)}"
+            f"the calibration {what} {name!r}{hint}; {robot.name} has {format_names(robot.names)}"
         )
     servos = []
     for servo in robot.servos:
@@ -141,7 +141,7 @@ def write_calibration(path: str | Path, calibration: Calibration) -> None:
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "joints": {name: asdict(joint) for name, joint in calibration.joints.items()},
     }
-    with whole_file(Path(path)) as temporary:
+    with atomic_write(Path(path)) as temporary:
         temporary.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
 
 
@@ -179,7 +179,7 @@ def _from_schema_1(joint: Joint) -> Joint:
 def _joint(entry: Any, place: str) -> Joint:
     fields = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
     if not isinstance(entry, dict):
-        raise RobotError(f"{place}: a joint's calibration is a table with {listed(fields)}")
+        raise RobotError(f"{place}: a joint's calibration is a table with {format_names(fields)}")
     for name in fields:
         value = entry.get(name)
         if not isinstance(value, int) or isinstance(value, bool):

@@ -43,8 +43,8 @@ from hardware.config import Robot, load_robot
 from hardware.connect import DRIVERS, make_driver
 from hardware.driver import Driver
 from hardware.emulator.pty import check_link, serve
-from hardware.emulator.world import World
-from hardware.errors import HardwareError, LineError, did_you_mean, listed
+from hardware.emulator.world import EmulatedRobot
+from hardware.errors import HardwareError, SerialPortError, did_you_mean, format_names
 from hardware.imu.rvc import BAUD
 from hardware.scan import scan as find
 from hardware.setup import set_up
@@ -88,13 +88,15 @@ def main(arguments: list[str], ask: Ask = input) -> int:
 def _parse(verb: str, words: list[str]) -> Keys:
     if verb not in KEYS:
         hint = did_you_mean(verb, KEYS)
-        raise HardwareError(f"unknown command {verb!r}{hint}; there are {listed(KEYS)}")
+        raise HardwareError(f"unknown command {verb!r}{hint}; there are {format_names(KEYS)}")
     keys = {}
     for word in words:
         key, equals, value = word.partition("=")
         if not equals or key not in KEYS[verb]:
             hint = did_you_mean(key, KEYS[verb])
-            raise HardwareError(f"{verb} takes no {word!r}{hint}; it takes {listed(KEYS[verb])}")
+            raise HardwareError(
+                f"{verb} takes no {word!r}{hint}; it takes {format_names(KEYS[verb])}"
+            )
         keys[key] = value
     return keys
 
@@ -189,7 +191,7 @@ def _print_state(driver: Driver) -> None:
         lost = counters.timeout + counters.corrupt + counters.short + counters.stale
         state = "no answer"
         if health is not None:
-            errors = listed(health.errors) if health.errors else "no errors"
+            errors = format_names(health.errors) if health.errors else "no errors"
             torque = "on" if health.torque else "off"
             state = (
                 f"{health.voltage:4.1f} V {health.temperature:3.0f} °C torque {torque}, {errors}"
@@ -243,7 +245,7 @@ def _count(driver: Driver, i: int, ask: Ask, where: str) -> int:
     driver.clock.sleep_until(driver.clock.now() + 0.05)
     reading = driver.read()
     if not reading.fresh[i]:
-        raise LineError(f"{driver.robot.names[i]} did not answer; begin again")
+        raise SerialPortError(f"{driver.robot.names[i]} did not answer; begin again")
     return driver.robot.servos[i].count(float(reading.position[i]))
 
 
@@ -254,7 +256,7 @@ def emulate(robot: Robot, keys: Keys, ask: Ask) -> None:
     hidden = Path(keys["hidden"]) if "hidden" in keys else robot.hidden
     if link is not None:
         check_link(link)
-    world = World(replace(robot, hidden=hidden), seed=int(_number(keys, "seed", 0)))
+    world = EmulatedRobot(replace(robot, hidden=hidden), seed=int(_number(keys, "seed", 0)))
     end = time.perf_counter() + _number(keys, "seconds", math.inf)
     told, back = threading.Event(), threading.Event()
 

@@ -18,9 +18,9 @@ from typing import Any
 
 import yaml
 
-from hardware.errors import RobotError, did_you_mean, listed
+from hardware.errors import RobotError, did_you_mean, format_names
 from hardware.parts import IMUS, QUANTITIES, Bus, BusSettings, Imu, ImuErrors, Servo, Supply
-from hardware.typed import mapping, typed_fields
+from hardware.typed import mapping, parse_fields
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = ROOT / "conf" / "robot"
@@ -92,9 +92,9 @@ class Robot:
         if ports is None:
             given = [None] * len(self.buses)
         if len(given) != max(len(self.buses), 1):
-            names = f" ({listed(bus.name for bus in self.buses)})" if self.buses else ""
+            names = f" ({format_names(bus.name for bus in self.buses)})" if self.buses else ""
             raise RobotError(
-                f"{self.name}: port: {listed(map(str, given))} for {max(len(self.buses), 1)} "
+                f"{self.name}: port: {format_names(map(str, given))} for {max(len(self.buses), 1)} "
                 f"buses{names}; each has one, in this order"
             )
         buses = [replace(b, port=port) for b, port in zip(self.buses, given, strict=True)]
@@ -137,7 +137,9 @@ class Robot:
             if servo.name == name:
                 return servo
         hint = did_you_mean(name, self.names)
-        raise RobotError(f"{self.name} has no servo {name!r}{hint}; it has {listed(self.names)}")
+        raise RobotError(
+            f"{self.name} has no servo {name!r}{hint}; it has {format_names(self.names)}"
+        )
 
     def registers_of(self, servo: Servo) -> dict[str, int]:
         """Return the registers to write to this servo: the robot's, then its own.
@@ -175,7 +177,9 @@ def load_robot(
     if not path.is_file():
         known = sorted(files)
         hint = did_you_mean(str(name_or_path), known)
-        raise RobotError(f"there is no robot {str(name_or_path)!r}{hint}; known: {listed(known)}")
+        raise RobotError(
+            f"there is no robot {str(name_or_path)!r}{hint}; known: {format_names(known)}"
+        )
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
@@ -199,18 +203,18 @@ def make_robot(data: Mapping[str, Any], place: str = "robot", needs_model: bool 
     ports = data.get("port") if isinstance(data, Mapping) else None
     several = isinstance(data, Mapping) and "buses" in data
     data = _with_first_bus(data, place) if several else data
-    values = typed_fields(Robot, data, place)
+    values = parse_fields(Robot, data, place)
     open_model = values["model"] is None and not needs_model
     values["model"] = NO_MODEL if open_model else _model(values["model"], f"{place}: model")
     if not several:
-        values["bus"] = BusSettings(**typed_fields(BusSettings, values["bus"], f"{place}: bus"))
-    values["supply"] = Supply(**typed_fields(Supply, values["supply"], f"{place}: supply"))
+        values["bus"] = BusSettings(**parse_fields(BusSettings, values["bus"], f"{place}: bus"))
+    values["supply"] = Supply(**parse_fields(Supply, values["supply"], f"{place}: supply"))
     if values.get("imu") is not None:
         values["imu"] = _imu(values["imu"], f"{place}: imu")
     values["hidden"] = None if values.get("hidden") is None else Path(values["hidden"])
     values["servos"] = tuple(
         Servo(
-            **typed_fields(
+            **parse_fields(
                 Servo, {"name": name, **mapping(entry, place)}, f"{place}: servos.{name}"
             )
         )
@@ -229,7 +233,7 @@ def _with_first_bus(data: Mapping[str, Any], place: str) -> dict[str, Any]:
     table = mapping(data["buses"], f"{place}: buses")
     buses = tuple(
         Bus(
-            **typed_fields(
+            **parse_fields(
                 Bus, {"name": str(name), **mapping(entry, place)}, f"{place}: buses.{name}"
             )
         )
@@ -242,13 +246,13 @@ def _with_first_bus(data: Mapping[str, Any], place: str) -> dict[str, Any]:
 
 
 def _imu(data: Any, place: str) -> Imu:
-    values = typed_fields(Imu, data, place)
+    values = parse_fields(Imu, data, place)
     if "emulated" in values:
         values["emulated"] = _imu_errors(values["emulated"], f"{place}: emulated")
     imu = Imu(**values)
     if imu.model not in IMUS:
         hint = did_you_mean(imu.model, IMUS)
-        raise RobotError(f"{place}: model: unknown part {imu.model!r}{hint}: {listed(IMUS)}")
+        raise RobotError(f"{place}: model: unknown part {imu.model!r}{hint}: {format_names(IMUS)}")
     length = math.sqrt(sum(part**2 for part in imu.mount))
     if abs(length - 1) > 1e-3:
         raise RobotError(f"{place}: mount: {list(imu.mount)} is no unit quaternion w x y z")
@@ -257,11 +261,11 @@ def _imu(data: Any, place: str) -> Imu:
 
 
 def _imu_errors(data: Any, place: str) -> ImuErrors:
-    values = typed_fields(ImuErrors, data, place)
+    values = parse_fields(ImuErrors, data, place)
     measures = values.get("measures", ImuErrors.measures)
     if not isinstance(measures, list | tuple) or not set(measures) <= set(QUANTITIES):
         raise RobotError(
-            f"{place}: measures: {measures!r}; it is a list of {listed(QUANTITIES)}, of which each "
+            f"{place}: measures: {measures!r}; it is a list of {format_names(QUANTITIES)}, of which each "
             "may be left out"
         )
     errors = ImuErrors(**{**values, "measures": tuple(measures)})
@@ -275,10 +279,12 @@ def _check_ports(buses: Sequence[Bus], place: str) -> None:
     """Refuse ports that are given twice, or not for all buses."""
     ports = [bus.port for bus in buses]
     if None in ports and any(ports):
-        missing = listed(bus.name for bus in buses if bus.port is None)
+        missing = format_names(bus.name for bus in buses if bus.port is None)
         raise RobotError(f"{place}: no port for {missing}; give one for each bus, or for none")
     if len(set(ports)) < len(ports) and None not in ports:
-        raise RobotError(f"{place}: {listed(map(str, ports))}: each bus has a port of its own")
+        raise RobotError(
+            f"{place}: {format_names(map(str, ports))}: each bus has a port of its own"
+        )
 
 
 def _check(robot: Robot, place: str) -> None:
@@ -324,7 +330,9 @@ def _check_bus(part: Robot, place: str) -> None:
             )
     makers = {servo.type.maker for servo in part.servos}
     if len(makers) > 1:
-        raise RobotError(f"{key}: servos of {listed(sorted(makers))} on one bus; each has its own")
+        raise RobotError(
+            f"{key}: servos of {format_names(sorted(makers))} on one bus; each has its own"
+        )
     bauds = part.servos[0].type.bauds
     if bus.baud not in bauds:
         raise RobotError(f"{key}.baud: {bus.baud} is not one of {bauds}")
@@ -337,7 +345,7 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
     kind = servo.type
     names = [bus.name for bus in robot.buses] or [None]
     if servo.bus not in names:
-        remedy = f"give one of {listed(map(str, names))}" if robot.buses else "leave it out"
+        remedy = f"give one of {format_names(map(str, names))}" if robot.buses else "leave it out"
         raise RobotError(f"{place}: bus {servo.bus!r}: the robot has no such bus; {remedy}")
     if not 0 <= servo.id <= 251:
         raise RobotError(f"{place}: id {servo.id}; it can be 0 to 251")
@@ -387,4 +395,6 @@ def _model(name: Any, place: str) -> Path:
             return path
     known = sorted(file.name for file in ASSETS.glob("*.xml"))
     hint = did_you_mean(str(name), known)
-    raise RobotError(f"{place}: there is no file {str(name)!r}{hint}; {ASSETS} has {listed(known)}")
+    raise RobotError(
+        f"{place}: there is no file {str(name)!r}{hint}; {ASSETS} has {format_names(known)}"
+    )

@@ -8,15 +8,15 @@ from hardware.clock import RealClock, VirtualClock
 from hardware.config import Robot
 from hardware.driver import Driver
 from hardware.emulator.loopback import loopback_ports
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.feetech.driver import FeetechDriver
-from hardware.several import SeveralDriver
+from hardware.multi_bus import MultiBusDriver
 
 DRIVERS = {"dynamixel": Driver, "feetech": FeetechDriver}
 
 
 def make_driver(
-    robot: Robot, world: World | None = None, clock: VirtualClock | None = None
+    robot: Robot, world: EmulatedRobot | None = None, clock: VirtualClock | None = None
 ) -> Driver:
     """Return a driver for the robot; nothing is opened yet.
 
@@ -30,8 +30,8 @@ def make_driver(
         time, ports = RealClock(), [PortHandler(part.port) for part in parts]
     else:
         time = clock or VirtualClock()
-        ports = loopback_ports(world or World(robot), time)
+        ports = loopback_ports(world or EmulatedRobot(robot), time)
     drivers = [
         DRIVERS[part.maker](part, port, time) for part, port in zip(parts, ports, strict=True)
     ]
-    return drivers[0] if len(drivers) == 1 else SeveralDriver(robot, drivers)
+    return drivers[0] if len(drivers) == 1 else MultiBusDriver(robot, drivers)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from hardware.errors import LogError, listed
+from hardware.errors import LogError, format_names
 from hardware.log import Log, read_logs, write_log
 
 
@@ -54,8 +54,8 @@ def renamed(log: Log, joints: Sequence[str]) -> Log:
     """
     if len(joints) != len(log.joints) or log.actuators != log.joints:
         raise LogError(
-            f"{log.path}: it has joints {listed(log.joints)} and actuators "
-            f"{listed(log.actuators)}; {len(joints)} names cannot replace them"
+            f"{log.path}: it has joints {format_names(log.joints)} and actuators "
+            f"{format_names(log.actuators)}; {len(joints)} names cannot replace them"
         )
     new = dict(zip(log.joints, joints, strict=True))
     columns = {_renamed(name, new): values for name, values in log.columns.items()}

@@ -30,7 +30,7 @@ from hardware.bus_client import BusClient, Reply
 from hardware.clock import Clock
 from hardware.config import Robot, Servo
 from hardware.counters import Counters
-from hardware.errors import LineError, ServoError
+from hardware.errors import SerialPortError, ServoError
 from hardware.freshness import Freshness
 from hardware.readings import Health, Reading, errors_of
 from hardware.registers import RETRIES, read_register, write_register
@@ -150,13 +150,13 @@ class Driver(Torque):
             try:
                 self.connect()
                 return self.configure()
-            except LineError as error:
+            except SerialPortError as error:
                 if self.clock.now() + pause > end:
-                    raise LineError(f"{error}; given up after {patience:g} s") from error
+                    raise SerialPortError(f"{error}; given up after {patience:g} s") from error
             self.clock.sleep_until(self.clock.now() + pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
-    def rehearse(self) -> None:
+    def measure_step_time(self) -> None:
         """Measure once after connecting what control steps take here, and be as patient as needed.
 
         The emulated bus of this process keeps its own time, and needs none of it.

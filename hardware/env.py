@@ -35,7 +35,7 @@ from envs.tasks.servo import ServoTask
 from envs.torch_env import RowsEnv
 from hardware.backends import Backend
 from hardware.errors import RobotError
-from hardware.rows import Note, RobotRows
+from hardware.rows import ActionRecord, RobotRows
 
 
 class _Rows(RobotRows):
@@ -142,7 +142,7 @@ class HardwareEnv(RowsEnv):
         self.close()
 
 
-def _entries(note: Note) -> dict[str, np.ndarray]:
+def _entries(note: ActionRecord) -> dict[str, np.ndarray]:
     """Return what became of the last action, by name."""
     return {
         "goal": note.goal,

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.backends import Measured
+from hardware.backends import RobotMeasurement
 from hardware.body import columns
 from hardware.config import Robot
 from hardware.counters import Counters
@@ -52,10 +52,10 @@ class EpisodeLog:
         self._joints = joint_names(robot)
         self._number = 0 if folder is None else _next_number(folder)
         self._rows: list[Row] = []
-        self._measured: Measured | None = None
+        self._measured: RobotMeasurement | None = None
         self._writer: LogWriter | None = None
 
-    def begin(self, measured: Measured, facts: Mapping[str, Any] | None = None) -> None:
+    def begin(self, measured: RobotMeasurement, facts: Mapping[str, Any] | None = None) -> None:
         """Start an episode with what was measured first.
 
         Args:
@@ -122,7 +122,7 @@ class EpisodeLog:
         if self._rows:
             self._rows[-1]["flag.stopped"] = 1.0
 
-    def follow(self, measured: Measured) -> None:
+    def follow(self, measured: RobotMeasurement) -> None:
         """Take the measurement that the next row starts with."""
         self._measured = measured
 
@@ -153,7 +153,7 @@ class EpisodeLog:
         if self._rows and self._writer is not None:
             self._writer.add(self._rows[-1])
 
-    def _measurement(self, measured: Measured) -> Row:
+    def _measurement(self, measured: RobotMeasurement) -> Row:
         reading, row = measured.reading, {}
         begin = reading.time - measured.time
         for i, (name, joint) in enumerate(zip(self.robot.names, self._joints, strict=True)):

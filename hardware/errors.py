@@ -18,7 +18,7 @@ class RobotError(HardwareError):
     """A robot's file is missing or wrong."""
 
 
-class LineError(HardwareError):
+class SerialPortError(HardwareError):
     """The serial line cannot be used: the cable is out, or the port is not there."""
 
 
@@ -36,6 +36,6 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
-def listed(names: Iterable[str]) -> str:
+def format_names(names: Iterable[str]) -> str:
     """Return the names as "'a', 'b'", or "none"."""
     return ", ".join(map(repr, names)) or "none"

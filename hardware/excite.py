@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 
 from hardware.config import Robot
-from hardware.errors import RobotError, did_you_mean, listed
+from hardware.errors import RobotError, did_you_mean, format_names
 
 _logger = logging.getLogger(__name__)
 
@@ -36,14 +36,14 @@ SLOW, FAST = 0.2, 3.0  # Hz, the ends of a chirp
 SWING = 0.4  # of a swing's time, that torque is off
 
 
-class Plan(NamedTuple):
+class ExcitationPlan(NamedTuple):
     """What to command, and where torque is on."""
 
     angles: np.ndarray  # rad, (T, n)
     torque: np.ndarray  # bool, (T,)
 
 
-def suiting(robot: Robot, kinds: Sequence[Kind]) -> list[Kind]:
+def allowed_motions(robot: Robot, kinds: Sequence[Kind]) -> list[Kind]:
     """Return the kinds of motion that suit a robot: one that stands on its legs is never let go.
 
     Args:
@@ -72,7 +72,7 @@ def excite(
     kinds: Sequence[Kind],
     rng: np.random.Generator,
     size: float = 0.6,
-) -> Plan:
+) -> ExcitationPlan:
     """Make a motion of these kinds, one after the other, about a pose.
 
     Args:
@@ -89,7 +89,9 @@ def excite(
     for kind in kinds:
         if kind not in get_args(Kind):
             hint = did_you_mean(kind, get_args(Kind))
-            raise RobotError(f"unknown motion {kind!r}{hint}; there are {listed(get_args(Kind))}")
+            raise RobotError(
+                f"unknown motion {kind!r}{hint}; there are {format_names(get_args(Kind))}"
+            )
     if not 0 < seconds <= LONGEST:
         raise RobotError(f"seconds={seconds:g}: a motion lasts up to {LONGEST:g} s (a day)")
     if not kinds or not 0 < size <= 1:
@@ -102,7 +104,7 @@ def excite(
     fastest = np.array([servo.velocity for servo in robot.servos])
     steps = max(round(seconds * robot.rate / len(kinds)), 4)
     parts = [_part(kind, steps, robot.rate, reach, fastest, rng) for kind in kinds]
-    return Plan(
+    return ExcitationPlan(
         pose + np.concatenate([angles for angles, _ in parts]),
         np.concatenate([torque for _, torque in parts]),
     )

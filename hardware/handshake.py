@@ -7,9 +7,9 @@ from pathlib import Path
 
 from hardware.bus_client import BusClient, Reply
 from hardware.config import Robot, Servo
-from hardware.errors import LineError, ServoError, listed
+from hardware.errors import SerialPortError, ServoError, format_names
 from hardware.registers import RETRIES
-from hardware.settings import dangers
+from hardware.settings import unsafe_settings
 from hardware.tables import servo_by_number
 from hardware.timing import cycle_time
 
@@ -106,7 +106,7 @@ def _other_model(servo: Servo, number: int) -> list[str]:
 
 def _dangers(robot: Robot, client: BusClient, servo: Servo) -> list[str]:
     with client.more_patient():
-        return [f"{each.sentence} {BY_SETUP}" for each in dangers(client, robot, servo)]
+        return [f"{each.sentence} {BY_SETUP}" for each in unsafe_settings(client, robot, servo)]
 
 
 def _lateness(client: BusClient, servo: Servo) -> float | None:
@@ -125,7 +125,7 @@ def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:
             f"{missing[0].name} answers {1e3 * late:.0f} ms later than the wire explains: the link "
             "is slow; look at the adapter, the hub, and other programs"
         )
-    names = listed(f"{servo.id} ({servo.name})" for servo in missing)
+    names = format_names(f"{servo.id} ({servo.name})" for servo in missing)
     baud, found = robot.bus.baud, []
     for speed in SPEEDS_OF[robot.servos[0].type.maker]:
         if speed == baud:
@@ -133,7 +133,7 @@ def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:
         try:
             client.open(speed)
             there = [str(servo.id) for servo in missing if client.ping(servo.id)]
-        except LineError:
+        except SerialPortError:
             continue
         if there:
             found.append(f"{', '.join(there)} at {speed} bits/s: set its baud_rate {BY_SETUP}")

@@ -37,8 +37,8 @@ from typing import Any
 
 import numpy as np
 
-from hardware.errors import LogError, did_you_mean, listed
-from hardware.files import whole_file
+from hardware.errors import LogError, did_you_mean, format_names
+from hardware.files import atomic_write
 from hardware.formats import csv_file, find, parquet
 from hardware.formats.names import ACTUATOR_KINDS, JOINT_KINDS, REQUIRED
 from hardware.formats.registry import known, refuse
@@ -122,7 +122,9 @@ class Log:
         if name not in self.columns:
             hint = did_you_mean(name, self.columns)
             place = self.path or "the log"
-            raise LogError(f"{place} has no column {name!r}{hint}; it has {listed(self.columns)}")
+            raise LogError(
+                f"{place} has no column {name!r}{hint}; it has {format_names(self.columns)}"
+            )
         return self.columns[name]
 
     def episodes(self) -> Iterator[Log]:
@@ -190,7 +192,7 @@ def write_log(path: str | Path, log: Log) -> Path:
         return path
     if path.suffix != ".csv":
         raise LogError(f"{path}: a log is a .csv or a .parquet file; this name ends in neither")
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         csv_file.write(temporary, log.columns)
         write_meta(path, log.meta)
     return path
@@ -201,7 +203,7 @@ def write_meta(path: Path, meta: Mapping[str, Any]) -> None:
     sidecar = path.with_suffix(".json")
     if not meta:
         return sidecar.unlink(missing_ok=True)
-    with whole_file(sidecar) as text:
+    with atomic_write(sidecar) as text:
         words = json.dumps(_placed(path, meta), indent=1, ensure_ascii=False)
         text.write_text(words + "\n", encoding="utf-8")
 
@@ -235,7 +237,7 @@ def check_names(
             what = "joint" if kind in JOINT_KINDS else "actuator"
             raise LogError(
                 f"{place}, column {column!r}: the model has no {what} {name!r}"
-                f"{did_you_mean(name, allowed)}; it has {listed(allowed)}"
+                f"{did_you_mean(name, allowed)}; it has {format_names(allowed)}"
             )
     missing = [name for name in driven if name not in log.joints]
     if missing:
@@ -301,7 +303,7 @@ def _check_columns(columns: dict[str, np.ndarray], place: str) -> None:
         verb = "is" if len(lacking) == 1 else "are"
         raise LogError(
             f"{place}: {what} {' and '.join(lacking)} {verb} missing{hints}; it has "
-            f"{listed(columns)}. If they have other names, `sim2real convert LOG "
+            f"{format_names(columns)}. If they have other names, `sim2real convert LOG "
             "columns=columns.yaml` writes a mapping to check (docs/logs.md)"
         )
 

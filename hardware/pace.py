@@ -1,6 +1,6 @@
 """A fixed rate: absolute deadlines, no drift, and no burst to catch up after a late step.
 
-    pace = Pace(clock, rate=50.0)
+    pace = FixedRate(clock, rate=50.0)
     while running:
         pace.wait()                 # until the next deadline
         ...
@@ -13,7 +13,7 @@ from __future__ import annotations
 from hardware.clock import Clock
 
 
-class Pace:
+class FixedRate:
     """Deadlines every 1 / rate seconds from the first `wait` on.
 
     A step that is late by whole periods loses their deadlines: they are counted, not made up for.

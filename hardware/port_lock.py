@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from hardware.errors import LineError
+from hardware.errors import SerialPortError
 
 ENDING = 1.0  # s that a lock without a visible holder is waited for
 PROCESSES = Path("/proc")
@@ -82,8 +82,10 @@ class PortLock:
     def _is_device(self) -> bool:
         return os.path.isabs(self._name)
 
-    def _refusal(self, holder: str) -> LineError:
-        return LineError(f"{self._name} is held by {holder}; a bus has one master: end it first")
+    def _refusal(self, holder: str) -> SerialPortError:
+        return SerialPortError(
+            f"{self._name} is held by {holder}; a bus has one master: end it first"
+        )
 
 
 def _holders(name: str) -> Iterator[str]:

@@ -22,11 +22,11 @@ from hardware.body import OF_THE_IMU, BodySensors
 from hardware.body import columns as list_columns
 from hardware.config import Robot
 from hardware.driver import Reading
-from hardware.errors import LineError, LogError
-from hardware.excite import Plan
+from hardware.errors import LogError, SerialPortError
+from hardware.excite import ExcitationPlan
 from hardware.log import Log
 from hardware.log_writer import LogWriter
-from hardware.pace import Pace
+from hardware.pace import FixedRate
 from hardware.safety import Guard
 
 Row = dict[str, float]
@@ -72,7 +72,7 @@ class Recording:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def drive(self, plan: Plan | np.ndarray) -> None:
+    def drive(self, plan: ExcitationPlan | np.ndarray) -> None:
         """Command a plan, one row per control step.
 
         Torque goes off and on at the time of the row that says so; switching can cost a step or
@@ -85,9 +85,9 @@ class Recording:
         Raises:
             SafetyError: the robot was stopped on the way; the rows until then are kept.
         """
-        if not isinstance(plan, Plan):
-            plan = Plan(np.asarray(plan, float), np.ones(len(plan), bool))
-        pace, on = Pace(self._guard.driver.clock, self._guard.driver.robot.rate), True
+        if not isinstance(plan, ExcitationPlan):
+            plan = ExcitationPlan(np.asarray(plan, float), np.ones(len(plan), bool))
+        pace, on = FixedRate(self._guard.driver.clock, self._guard.driver.robot.rate), True
         try:
             for wanted, torque in zip(plan.angles, plan.torque.tolist(), strict=True):
                 pace.wait()
@@ -105,7 +105,7 @@ class Recording:
         body = self._sense(now)
         self._start = now if self._start is None else self._start
         if torque != on:
-            guard.stiffen() if torque else guard.limp()
+            guard.restore_torque() if torque else guard.release_torque()
         sent = guard.command(wanted).angles if torque else reading.position
         driven = torque and not guard.dry_run
         row = self._row(now - self._start, wanted, sent, reading, driven, body)
@@ -149,8 +149,8 @@ class Recording:
             return {}
         try:
             values = self._sensors.measure(now)
-        except LineError as error:
-            self._guard.give_up(str(error))
+        except SerialPortError as error:
+            self._guard.abort(str(error))
         return {name: value for name, value in values.items() if name in OF_THE_IMU}
 
     def log(self) -> Log:
@@ -192,7 +192,7 @@ class Recording:
         return meta if self.stopped is None else meta | {"stopped": self.stopped}
 
 
-def record(guard: Guard, plan: Plan | np.ndarray, episode: int = 0) -> Log:
+def record(guard: Guard, plan: ExcitationPlan | np.ndarray, episode: int = 0) -> Log:
     """Drive a whole plan and return its log; see `Recording`.
 
     Raises:

@@ -17,7 +17,7 @@ import numpy as np
 from hardware.clock import Clock
 from hardware.config import Robot
 from hardware.errors import ServoError
-from hardware.pace import Pace
+from hardware.pace import FixedRate
 
 SPAN = 1.0  # s of one attempt: some of the machine's usual interruptions fall into it
 ATTEMPTS = 3  # the first good one counts: other programs may just have started
@@ -36,7 +36,7 @@ class StepTimes(NamedTuple):
 
 def rehearse(step: Callable[[], object], clock: Clock, rate: float) -> StepTimes:
     """Take steps at this rate for SPAN seconds, and return what they took."""
-    pace, ends, late, took = Pace(clock, rate), [], [], []
+    pace, ends, late, took = FixedRate(clock, rate), [], [], []
     for _ in range(max(round(SPAN * rate), 10)):
         deadline = pace.wait()
         begin = clock.now()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hardware.backends import Measured
+from hardware.backends import RobotMeasurement
 from hardware.body import SIZES, columns
 from hardware.config import Robot
 from hardware.driver import Reading
@@ -45,7 +45,7 @@ class LogBackend:
         self._constant = np.array([servo.type.torque_constant for servo in robot.servos])
 
     @property
-    def senses(self) -> tuple[str, ...]:
+    def sensor_names(self) -> tuple[str, ...]:
         """The sensors beside the servos that the log has."""
         return tuple(name for name in SIZES if self._columns(name))
 
@@ -67,7 +67,7 @@ class LogBackend:
     def close(self) -> None:
         """Do nothing."""
 
-    def start(self, pose: np.ndarray) -> Measured:
+    def start(self, pose: np.ndarray) -> RobotMeasurement:
         """Take the next episode and return its first row.
 
         Raises:
@@ -83,12 +83,12 @@ class LogBackend:
         """Return what was sent at this row of the log."""
         return Sent(self._row_of("ctrl", self.robot.names), ("",) * len(self.robot.names))
 
-    def wait(self) -> Measured:
+    def wait(self) -> RobotMeasurement:
         """Go on to the next row."""
         self._row += 1
         return self._measured()
 
-    def _measured(self) -> Measured:
+    def _measured(self) -> RobotMeasurement:
         names, joints = self.robot.names, self._joints
         time = float(self._episode.time[self._row])
         n = len(names)
@@ -110,11 +110,11 @@ class LogBackend:
         values = self._episode.columns
         body = {
             name: np.array([values[column][self._row] for column in self._columns(name)])
-            for name in self.senses
+            for name in self.sensor_names
         }
         step = int(time * self.robot.rate + 1e-6)
         last = self._row == len(self._episode) - 1
-        return Measured(step, time, reading, torque, body, last)
+        return RobotMeasurement(step, time, reading, torque, body, last)
 
     def _row_of(self, kind: str, names: list[str], missing: float = 0.0) -> np.ndarray:
         """Return one number for each name, (n,), from the present row."""

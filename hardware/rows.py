@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hardware.backends import Backend, Measured, ServoBackend
+from hardware.backends import Backend, RobotMeasurement, ServoBackend
 from hardware.body import SIZES
 from hardware.episode_log import EpisodeLog
-from hardware.errors import RobotError, SafetyError, ServoError, did_you_mean, listed
+from hardware.errors import RobotError, SafetyError, ServoError, did_you_mean, format_names
 from hardware.safety import Sent
 
 
@@ -46,7 +46,7 @@ class Commanded(NamedTuple):
     goal: np.ndarray  # (1, n) rad, as sent
 
 
-class Note(NamedTuple):
+class ActionRecord(NamedTuple):
     """What became of the last action; n servos in the task's order."""
 
     goal: np.ndarray  # rad, (n,): what the task made of the action
@@ -87,7 +87,7 @@ class RobotRows:
         self.over = True  # no episode is going on
         self.facts: dict[str, Any] = {}  # further metadata of the logs, such as "policy"
         self._rest: np.ndarray = np.asarray(task.rest(model))[None]  # (1, n)
-        self._measured: Measured | None = None
+        self._measured: RobotMeasurement | None = None
         blank = Commanded(np.zeros(1), np.zeros((1, self.action_size)), self._rest)
         self._state = task.measured(self._rest, np.zeros_like(self._rest), blank)
         self.observation_size = task.observe(self._state).shape[1]
@@ -197,10 +197,10 @@ class RobotRows:
         self.log.add(time, action, goal[self._to_robot], sent, health, counters, seen)
         limited = np.array([bool(why) for why in sent.limited])[self._from_robot]
         applied = sent.angles[self._from_robot]
-        self.note = Note(goal, applied, limited, self.note.fresh, time - started.time, 0)
+        self.note = ActionRecord(goal, applied, limited, self.note.fresh, time - started.time, 0)
         return sent
 
-    def _take(self, measured: Measured, action: np.ndarray, goal: np.ndarray) -> None:
+    def _take(self, measured: RobotMeasurement, action: np.ndarray, goal: np.ndarray) -> None:
         """Make the task's state of a measurement, the last action (1, A) and goals (1, n)."""
         order, reading = self._from_robot, measured.reading
         body = {
@@ -251,10 +251,10 @@ class RobotRows:
         finally:
             self.backend.close()
 
-    def _blank_note(self, goal: np.ndarray | None = None) -> Note:
+    def _blank_note(self, goal: np.ndarray | None = None) -> ActionRecord:
         held = self._rest[0] if goal is None else goal
         n = len(held)
-        return Note(held.copy(), held.copy(), np.zeros(n, bool), np.ones(n, bool), 0.0, 0)
+        return ActionRecord(held.copy(), held.copy(), np.zeros(n, bool), np.ones(n, bool), 0.0, 0)
 
 
 def _nothing(observation_size: int) -> Step:
@@ -276,7 +276,7 @@ def _check_robot(task: Any, names: list[str], backend: Backend) -> None:
         hint = did_you_mean(machine.name, [robot.name])
         raise RobotError(
             f"{type(task).__name__} is a task of the robot {machine.name!r} with the servos "
-            f"{listed(names)}, and this is {robot.name!r} with {listed(robot.names)}{hint}; give "
+            f"{format_names(names)}, and this is {robot.name!r} with {format_names(robot.names)}{hint}; give "
             f"robot={machine.name}, or a policy that was trained for {robot.name}"
         )
     if abs(robot.rate - machine.rate) > 1e-9:
@@ -287,10 +287,10 @@ def _check_robot(task: Any, names: list[str], backend: Backend) -> None:
 
 
 def _check_sensors(rows: RobotRows, needs: tuple[set[str], set[str]]) -> None:
-    lacking = sorted(needs[0] - set(rows.backend.senses))
+    lacking = sorted(needs[0] - set(rows.backend.sensor_names))
     if lacking:
         raise RobotError(
-            f"{type(rows.task).__name__} observes {listed(lacking)}, and "
+            f"{type(rows.task).__name__} observes {format_names(lacking)}, and "
             f"{rows.backend.robot.name} has no such sensor; give imu_port= if its file names an "
             "IMU that measures it, or ServoBackend(sensors=...), see hardware/body.py"
         )

@@ -27,9 +27,9 @@ from typing import Any, NamedTuple, NoReturn, Self
 import numpy as np
 
 from hardware.driver import Driver, Health, Reading
-from hardware.ending import Ending
-from hardware.errors import HardwareError, LineError, SafetyError, ServoError, listed
-from hardware.pace import Pace
+from hardware.errors import HardwareError, SafetyError, SerialPortError, ServoError, format_names
+from hardware.pace import FixedRate
+from hardware.shutdown import ShutdownHook
 from hardware.stop_limits import StopLimits
 from hardware.watch import Watch
 from hardware.watchdog import alone
@@ -65,13 +65,13 @@ class Guard:
         self.low = np.array([servo.position[0] for servo in robot.servos])
         self.high = np.array([servo.position[1] for servo in robot.servos])
         speed = np.array([servo.velocity for servo in robot.servos])
-        self.most_step = np.minimum(robot.max_step, speed / robot.rate)
+        self.max_step = np.minimum(robot.max_step, speed / robot.rate)
         self.last: np.ndarray | None = None  # the last command [rad], (n,)
         self._sent: deque[tuple[float, np.ndarray]] = deque(maxlen=REMEMBERED)  # s, counts (n,)
         self._commanded, self._pause = math.nan, 0.0  # s: the last command, the longest pause
         self._turn = 0
         self._watch = Watch(driver, self.limits)
-        self._ending = Ending(self.stop)
+        self._ending = ShutdownHook(self.stop)
 
     def __enter__(self) -> Self:
         self._ending.__enter__()
@@ -108,7 +108,7 @@ class Guard:
 
     def _arm(self) -> Reading:
         driver = self.driver
-        driver.rehearse()
+        driver.measure_step_time()
         reading = self._whole_reading()
         self._check_start(reading)
         self._watch.begin([self._state(i) for i in range(len(driver))])
@@ -149,7 +149,7 @@ class Guard:
         if wanted.shape != self.last.shape or not np.isfinite(wanted).all():
             self._stop_for(f"the command {wanted} is not {len(self.last)} finite angles")
         allowed = np.clip(wanted, self.low, self.high)
-        sent = np.clip(allowed, self.last - self.most_step, self.last + self.most_step)
+        sent = np.clip(allowed, self.last - self.max_step, self.last + self.max_step)
         limited = np.where(sent != allowed, "step", np.where(allowed != wanted, "limit", ""))
         if self._slack:
             raise SafetyError("the robot is limp; call stiffen() before the next command")
@@ -220,7 +220,7 @@ class Guard:
             SafetyError: something went wrong on the way; the robot is stopped.
         """
         rate = self.driver.robot.rate
-        pace = Pace(self.driver.clock, rate)
+        pace = FixedRate(self.driver.clock, rate)
         goal = np.clip(np.asarray(angles, float), self.low, self.high)
         reading = self.read()
         while self.last is not None and np.abs(goal - self.last).max() > 1e-3:
@@ -233,7 +233,7 @@ class Guard:
                 break
         return reading
 
-    def limp(self) -> None:
+    def release_torque(self) -> None:
         """Switch torque off for a swing; the robot stays armed and watched.
 
         Raises:
@@ -245,7 +245,7 @@ class Guard:
             self._switch(self.driver.torque_off)
         self._slack = True
 
-    def stiffen(self) -> Reading:
+    def restore_torque(self) -> Reading:
         """Switch torque on again where the robot is, and return the reading it holds.
 
         Raises:
@@ -257,7 +257,7 @@ class Guard:
             if outside is not None:
                 self._stop_for(f"{outside}: it swung there")
             self._power(reading)
-        except (ServoError, LineError) as error:
+        except (ServoError, SerialPortError) as error:
             self._stop_for(str(error))
         return reading
 
@@ -297,11 +297,11 @@ class Guard:
         driver, patience = self.driver, self.limits.return_time
         try:
             return driver.torque_off()
-        except (LineError, ServoError) as error:
+        except (SerialPortError, ServoError) as error:
             _logger.error("%s; trying for %g s to switch torque off", error, patience)
         try:
             driver.torque_off_when_back(patience)
-        except (LineError, ServoError) as error:
+        except (SerialPortError, ServoError) as error:
             raise ServoError(
                 f"torque could not be switched off within {patience:g} s ({error}); "
                 f"{alone(driver.robot, driver.powered)} may still be powered: cut the supply"
@@ -317,7 +317,7 @@ class Guard:
         silent = [
             n for n, new in zip(self.driver.robot.names, reading.fresh, strict=True) if not new
         ]
-        raise SafetyError(f"no answers from {listed(silent)}")
+        raise SafetyError(f"no answers from {format_names(silent)}")
 
     def _state(self, i: int) -> Health:
         """Ask a servo for its state until it tells."""
@@ -345,7 +345,10 @@ class Guard:
         if reading.alert.any():
             i = int(np.argmax(reading.alert))
             health = self.driver.health(i)
-            what, name = listed(health.errors) if health else "an error", self.driver.robot.names[i]
+            what, name = (
+                format_names(health.errors) if health else "an error",
+                self.driver.robot.names[i],
+            )
             raise SafetyError(f"{name} reports {what}: find the reason, then reboot it")
 
     def _longest_pause(self) -> float:
@@ -357,7 +360,7 @@ class Guard:
         """Talk to the servos; if the bus is gone, switch off as soon as it is back."""
         try:
             return action()
-        except LineError as error:
+        except SerialPortError as error:
             if not self.armed or self.dry_run:
                 raise SafetyError(str(error)) from error
             try:
@@ -366,7 +369,7 @@ class Guard:
                 raise SafetyError(f"{error}; {still}") from error
             raise SafetyError(f"{error}; it came back, and torque is off") from error
 
-    def give_up(self, reason: str) -> NoReturn:
+    def abort(self, reason: str) -> NoReturn:
         """Stop the robot for a reason that its servos do not know, and raise it."""
         self._stop_for(reason)
 

@@ -10,14 +10,14 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from hardware.bus_client import BusClient
-from hardware.errors import LineError
+from hardware.errors import SerialPortError
 from hardware.handshake import SPEEDS_OF
 from hardware.tables import servo_by_number
 
 ALL_SPEEDS = {"dynamixel": (9600, *SPEEDS_OF["dynamixel"]), "feetech": SPEEDS_OF["feetech"]}
 
 
-class Found(NamedTuple):
+class DetectedServo(NamedTuple):
     """A servo that answered."""
 
     baud: int
@@ -35,22 +35,22 @@ class Found(NamedTuple):
         return f"{self.baud:>8} bits/s  ID {self.id:>3}  {self.model}  firmware {self.firmware}"
 
 
-def scan(client: BusClient, maker: str = "dynamixel") -> Iterator[Found]:
+def scan(client: BusClient, maker: str = "dynamixel") -> Iterator[DetectedServo]:
     """Yield every servo that answers, speed by speed; the port stays open at the last one.
 
     Raises:
         LineError: the port is not there, or held by another program.
     """
-    refused: LineError | None = None
+    refused: SerialPortError | None = None
     opened = False
     for baud in ALL_SPEEDS[maker]:
         try:
             client.open(baud)
-        except LineError as error:  # a speed that the port cannot run at, or no port at all
+        except SerialPortError as error:  # a speed that the port cannot run at, or no port at all
             refused = error
             continue
         opened = True
         for number, (model, firmware) in sorted(client.broadcast_ping().items()):
-            yield Found(baud, number, model, firmware, maker)
+            yield DetectedServo(baud, number, model, firmware, maker)
     if refused is not None and not opened:
         raise refused

@@ -3,7 +3,7 @@
     for difference in differences(client, robot, servo):
         print(difference)                       # servo 2 (elbow): return_delay_time 250 -> 0: ...
 
-`dangers` are those under which a servo would move by itself, or answer too late: no robot with
+`unsafe_settings` are those under which a servo would move by itself, or answer too late: no robot with
 them is connected. `differences` are all that `python -m hardware setup` writes.
 """
 
@@ -42,7 +42,7 @@ class Difference(NamedTuple):
         return f"{place}: {self.register} {self.found} -> {self.wanted}: {self.why}"
 
 
-def dangers(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
+def unsafe_settings(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
     """Return the settings under which a servo would move by itself, or answer too late."""
     found = []
 
@@ -86,7 +86,7 @@ def _slow(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
 
 def differences(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
     """Return all settings that are not as the robot's file wants them; RAM is left out."""
-    found = dangers(client, robot, servo)
+    found = unsafe_settings(client, robot, servo)
     named = {difference.register for difference in found}
     for register, (wanted, why) in _wanted(robot, servo).items():
         if register in servo.type.registers and register not in named:

@@ -14,10 +14,10 @@ from dataclasses import replace
 
 from hardware.bus_client import BusClient
 from hardware.config import Robot, Servo
-from hardware.errors import HardwareError, ServoError, listed
+from hardware.errors import HardwareError, ServoError, format_names
 from hardware.handshake import RETRIES
 from hardware.registers import write_register
-from hardware.scan import Found, scan
+from hardware.scan import DetectedServo, scan
 from hardware.settings import Difference, differences
 
 Ask = Callable[[str], str]
@@ -48,13 +48,13 @@ def _maker(robot: Robot) -> str:
     return robot.servos[0].type.maker
 
 
-def _place(servo: Servo, found: Sequence[Found]) -> Found | None:
+def _place(servo: Servo, found: Sequence[DetectedServo]) -> DetectedServo | None:
     """Return where a servo answers by its ID; None if nowhere, or in several places."""
     places = [f for f in found if f.id == servo.id and f.number == servo.type.number]
     return places[0] if len(places) == 1 else None
 
 
-def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) -> Found:
+def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) -> DetectedServo:
     """Ask for a servo to be connected and return where it answers.
 
     Servos that the robot's file knows already, at their IDs and speed, do no harm unless the new
@@ -82,14 +82,14 @@ def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) 
                 return strange[0]
             tell(f"several servos answer as {strange[0].id}; connect one of them only")
             continue
-        tell(f"this needs one new {servo.model}; found: {listed(map(str, strange))}")
+        tell(f"this needs one new {servo.model}; found: {format_names(map(str, strange))}")
 
 
 def _write(
     robot: Robot,
     client: BusClient,
     servos: Sequence[Servo],
-    there: dict[str, Found],
+    there: dict[str, DetectedServo],
     ask: Ask,
     tell: Tell,
 ) -> None:
@@ -112,7 +112,7 @@ def _write(
             tell(f"servo {servo.id} ({servo.name}) is set up")
 
 
-def _plan(robot: Robot, client: BusClient, servo: Servo, found: Found) -> list[Difference]:
+def _plan(robot: Robot, client: BusClient, servo: Servo, found: DetectedServo) -> list[Difference]:
     """Return all that differs in a servo, its ID and its speed last."""
     client.open(found.baud)
     plan = [
@@ -131,7 +131,7 @@ def _plan(robot: Robot, client: BusClient, servo: Servo, found: Found) -> list[D
 
 
 def _apply(
-    robot: Robot, client: BusClient, servo: Servo, found: Found, plan: Sequence[Difference]
+    robot: Robot, client: BusClient, servo: Servo, found: DetectedServo, plan: Sequence[Difference]
 ) -> None:
     """Write a plan: torque off, settings, then ID, then speed; and look whether it answers."""
     client.open(found.baud)

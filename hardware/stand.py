@@ -17,20 +17,20 @@ import mujoco
 import numpy as np
 
 from hardware.config import Robot
-from hardware.files import whole_file
+from hardware.files import atomic_write
 
 MODEL = "model.xml"
 CLEARANCE = 0.3  # m that a stand lifts a robot above its place
 LINEAR = 1  # the engine's number for linear interpolation of a delay line
 
 
-def hung(robot: Robot, folder: Path) -> Robot:
+def write_stand_model(robot: Robot, folder: Path) -> Robot:
     """Write the model of the robot on its stand into a folder and return the robot with it."""
     spec = on_stand(mujoco.MjSpec.from_file(str(robot.model)))
     delay(spec, robot.command_delay)
     spec.compile()
     path = folder / MODEL
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(spec.to_xml(), encoding="utf-8")
     return replace(robot, model=path)
 

@@ -23,7 +23,7 @@ from typing import Any, Literal
 
 import yaml
 
-from hardware.errors import RobotError, did_you_mean, listed
+from hardware.errors import RobotError, did_you_mean, format_names
 
 FIRST_RAM = 64
 FEETECH = ("sts3215",)
@@ -136,7 +136,7 @@ class ServoType:
         if not self.emulated:
             known = [name for name in servo_types() if servo_type(name).emulated]
             raise RobotError(
-                f"a {self.name} cannot be emulated; give port=, or use {listed(known)}"
+                f"a {self.name} cannot be emulated; give port=, or use {format_names(known)}"
             )
 
     def register(self, name: str) -> Register:
@@ -253,7 +253,7 @@ def servo_type(name: str) -> ServoType:
     data, known = _data(), _models()
     if name not in known:
         hint = did_you_mean(name, servo_types())
-        raise RobotError(f"unknown servo type {name!r}{hint}: {listed(servo_types())}")
+        raise RobotError(f"unknown servo type {name!r}{hint}: {format_names(servo_types())}")
     entry = dict(known[name])
     table = _read_table(entry.pop("table"), entry["indirect"]) | _later(entry["firmware"])
     ranges = data["ranges"] | entry.pop("ranges", {})

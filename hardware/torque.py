@@ -15,7 +15,7 @@ import numpy as np
 from hardware.bus_client import MORE_PATIENT, BusClient
 from hardware.clock import Clock
 from hardware.config import Robot, Servo
-from hardware.errors import LineError, ServoError, listed
+from hardware.errors import SerialPortError, ServoError, format_names
 from hardware.registers import RETRIES
 
 _logger = logging.getLogger(__name__)
@@ -62,7 +62,7 @@ class Torque:
         self._powered |= on
         if on:
             words = "%s: torque is on in %s, left on by an earlier program"
-            _logger.warning(words, self.robot.name, listed(sorted(on)))
+            _logger.warning(words, self.robot.name, format_names(sorted(on)))
 
     def mark_powered(self, servo: Servo) -> None:
         """Remember that a servo may have torque."""
@@ -115,7 +115,7 @@ class Torque:
                 except ServoError:
                     unsure.append(servo.name)
         if unsure:
-            raise ServoError(f"torque may still be on in {listed(unsure)}: cut the supply")
+            raise ServoError(f"torque may still be on in {format_names(unsure)}: cut the supply")
 
     def cry_off(self) -> None:
         """Broadcast torque-off to all servos without waiting for acknowledgement."""
@@ -138,7 +138,7 @@ class Torque:
         while True:
             try:
                 return self.reopen_and_switch_off(attempt)
-            except LineError:
+            except SerialPortError:
                 if self.clock.now() + FIRST_PAUSE > end:
                     raise
             except ServoError:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from typing import Any
 
-from hardware.errors import RobotError, did_you_mean, listed
+from hardware.errors import RobotError, did_you_mean, format_names
 
 AMOUNT = {2: "a pair of"}
 
@@ -23,7 +23,7 @@ def mapping(value: Any, place: str) -> Mapping[str, Any]:
     return value
 
 
-def typed_fields(cls: type, data: Any, place: str) -> dict[str, Any]:
+def parse_fields(cls: type, data: Any, place: str) -> dict[str, Any]:
     """Check names and plain types of a table against the fields of a dataclass.
 
     Raises:
@@ -34,7 +34,9 @@ def typed_fields(cls: type, data: Any, place: str) -> dict[str, Any]:
     for key in data:
         if key not in hints:
             hint = did_you_mean(str(key), hints)
-            raise RobotError(f"{place}: unknown key {key!r}{hint}; it can have {listed(hints)}")
+            raise RobotError(
+                f"{place}: unknown key {key!r}{hint}; it can have {format_names(hints)}"
+            )
     for item in fields(cls):
         needed = item.default is MISSING and item.default_factory is MISSING
         if needed and item.name not in data:

@@ -15,7 +15,7 @@ import numpy as np
 
 from hardware.config import Servo
 from hardware.driver import Driver
-from hardware.errors import ServoError, listed
+from hardware.errors import ServoError, format_names
 from hardware.readings import Health, Reading
 from hardware.stop_limits import StopLimits, full_duty_errors
 
@@ -114,7 +114,7 @@ class Watch:
 
     def trouble(self, i: int, health: Health | None) -> str:
         """Return what a servo that reports an error says it is."""
-        what = listed(health.errors) if health else "a hardware error"
+        what = format_names(health.errors) if health else "a hardware error"
         return f"{self._names[i]} reports {what}; find the reason, then reboot it"
 
     def health(self, i: int, health: Health | None) -> str | None:
@@ -126,7 +126,7 @@ class Watch:
             silent = self._unheard[i] >= limits.misses
             return f"{name} does not report its state" if silent else None
         if health.errors:
-            return f"{name} reports {listed(health.errors)}; find the reason"
+            return f"{name} reports {format_names(health.errors)}; find the reason"
         return None
 
     def climate(self, i: int, health: Health) -> str | None:

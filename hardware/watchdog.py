@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from hardware.config import Robot, Servo
-from hardware.errors import listed
+from hardware.errors import format_names
 
 CURRENT_MODE = 0  # operating mode; the others hold or brake
 
@@ -23,7 +23,7 @@ def alone(robot: Robot, names: Iterable[str]) -> str:
     for servo in robot.servos:
         if servo.name in set(names):
             groups.setdefault(_habit(robot, servo), []).append(servo.name)
-    return " and ".join(f"{listed(each)} (each {habit})" for habit, each in groups.items())
+    return " and ".join(f"{format_names(each)} (each {habit})" for habit, each in groups.items())
 
 
 def _habit(robot: Robot, servo: Servo) -> str:

@@ -1,6 +1,6 @@
 """The emulated bus: bytes in, bytes out, at the times a real bus would take.
 
-    bus = Bus(World(load_robot("bench1")))
+    bus = Bus(EmulatedRobot(load_robot("bench1")))
     for arrival, data in bus.feed(ping_bytes, now=0.0, baud=1_000_000):
         ...                                   # the host has `data` at time `arrival` [s]
 
@@ -9,7 +9,7 @@ assumption), the next one of a chain after it; each is sampled when its answer s
 are seen later. The adapter hands bytes over at most `latency` after the last of them. A chain of
 answers ends at a servo that is missing. Two servos of one ID answer one after the other.
 
-A robot may have several buses: `together` carries out what each was told in the order of time.
+A robot may have several buses: `run_in_time_order` carries out what each was told in the order of time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from collections.abc import Generator, Iterator, Sequence
 from hardware import protocol
 from hardware.config import Robot
 from hardware.emulator.servo import Servo
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.protocol import BROADCAST, Packet, Parser
 
 TURN_ROUND = 5e-5  # s
@@ -41,7 +41,7 @@ class Bus:
         part: of the world's robot, the servos of this bus; None for all of them.
     """
 
-    def __init__(self, world: World, part: Robot | None = None) -> None:
+    def __init__(self, world: EmulatedRobot, part: Robot | None = None) -> None:
         self._world, self._rng = world, world.wire_rng
         self.part = part or world.robot
         self._servos = [world.servos[world.robot.names.index(n)] for n in self.part.names]
@@ -69,7 +69,7 @@ class Bus:
         Returns:
             (time [s], bytes) in order of time.
         """
-        return together(self._world, [self.begin(data, now, baud)])[0]
+        return run_in_time_order(self._world, [self.begin(data, now, baud)])[0]
 
     def begin(self, data: bytes, now: float, baud: int) -> Steps:
         """Do what `feed` does step by step: yield each time that the robot must have got to [s]."""
@@ -249,7 +249,7 @@ def _whole(data: bytes, size: int) -> bytes:
     return data[: len(data) // size * size]
 
 
-def together(world: World, begun: Sequence[Steps]) -> list[list[Arrival]]:
+def run_in_time_order(world: EmulatedRobot, begun: Sequence[Steps]) -> list[list[Arrival]]:
     """Carry out what several buses were told, each step at its time, and return their answers."""
     arrivals: list[list[Arrival]] = [[] for _ in begun]
     waiting: list[tuple[float, int]] = []

@@ -22,9 +22,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hardware.emulator.hidden import Hidden
+from hardware.emulator.hidden import HiddenEffects
 from hardware.emulator.mechanics import TICK
-from hardware.emulator.memory import Memory
+from hardware.emulator.memory import ControlTable
 from hardware.emulator.profile import MILLISECOND, TIMED
 
 DERIVATIVE_FILTER = 0.002  # s
@@ -40,7 +40,7 @@ class Control:
         hidden: what the robot hides.
     """
 
-    def __init__(self, memories: Sequence[Memory], hidden: Hidden) -> None:
+    def __init__(self, memories: Sequence[ControlTable], hidden: HiddenEffects) -> None:
         n, kinds = len(memories), [memory.kind for memory in memories]
         self._hidden = hidden
         self._k = np.array([kind.torque_constant for kind in kinds])
@@ -62,7 +62,7 @@ class Control:
         self._only_p = True
         self.plain = True  # all servos are in a position mode without a limit of current
 
-    def load(self, i: int, memory: Memory) -> None:
+    def load(self, i: int, memory: ControlTable) -> None:
         """Take a servo's operating mode, gains and limits from its control table."""
         hidden, units = self._hidden, memory.kind.units
         self.mode[i] = memory["operating_mode"]
@@ -78,7 +78,7 @@ class Control:
         self.plain = bool(np.isin(self.mode, (SINGLE_TURN, EXTENDED)).all())
         self._only_p = not (self._ki.any() or self.kd.any() or self._ff1.any() or self._ff2.any())
 
-    def load_goals(self, i: int, memory: Memory) -> None:
+    def load_goals(self, i: int, memory: ControlTable) -> None:
         """Take a servo's goals from its control table, but for the position."""
         self.goal_pwm[i] = memory["goal_pwm"]
         if "goal_current" in memory.kind.registers:
@@ -94,7 +94,7 @@ class Control:
         else:
             self._sharpest[i] = sharp * units.acceleration / units.velocity * TICK
 
-    def stop(self, i: int, memory: Memory) -> None:
+    def stop(self, i: int, memory: ControlTable) -> None:
         """Let a servo that regulates no position drive nothing: no speed, no current, no PWM."""
         goals = {CURRENT: "goal_current", VELOCITY: "goal_velocity", PWM: "goal_pwm"}
         if (mode := int(self.mode[i])) in goals:

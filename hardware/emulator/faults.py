@@ -35,7 +35,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from hardware.errors import RobotError, did_you_mean, listed
+from hardware.errors import RobotError, did_you_mean, format_names
 from hardware.protocol import crc16
 
 AnswerKind = Literal["drop", "corrupt", "truncate", "late", "duplicate", "foreign", "noise"]
@@ -73,7 +73,7 @@ class Fault:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             hint = did_you_mean(self.kind, KINDS)
-            raise RobotError(f"unknown fault {self.kind!r}{hint}; there are {listed(KINDS)}")
+            raise RobotError(f"unknown fault {self.kind!r}{hint}; there are {format_names(KINDS)}")
         if not 0 <= self.probability <= 1:
             raise RobotError(f"fault {self.kind}: probability {self.probability} is not in [0, 1]")
         if not self.start <= self.stop:

@@ -1,10 +1,10 @@
 """A Feetech bus that is not there: STS servos with the physics and firmware of the emulator.
 
-    world = World(load_robot("so101"))                  # inner servos, see `feetech_inner.py`
+    world = EmulatedRobot(load_robot("so101"))                  # inner servos, see `feetech_inner.py`
     FeetechBus(world).feed(packet(1, PING), now=0.0, baud=1_000_000)
 
 Inside, each servo is one of the emulator's own with the motor, gains and units of a Feetech one;
-`Shell` is what a client sees of it: Feetech's registers, signs and limits, a homing offset that is
+`FeetechServo` is what a client sees of it: Feetech's registers, signs and limits, a homing offset that is
 taken off, goals clamped to the servo's own limits, EEPROM that is kept only while `lock` is 0.
 
 Assumed, as the maker does not publish it: answers of 50 us after the return delay, the derivative
@@ -22,7 +22,7 @@ from hardware.emulator.bus import TURN_ROUND, Arrival, Bus, Steps
 from hardware.emulator.feetech_inner import LARGEST_PWM, InnerServo
 from hardware.emulator.firmware import Firmware
 from hardware.emulator.servo import Servo as Core
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.feetech import protocol
 from hardware.protocol import BROADCAST, Packet
 from hardware.tables import servo_type
@@ -41,7 +41,7 @@ SAME = {
 }
 
 
-class Shell:
+class FeetechServo:
     """Feetech's side of one inner servo.
 
     Args:
@@ -206,13 +206,13 @@ class FeetechBus(Bus):
         part: the part of the world's robot whose servos are on this bus; None for all of them.
     """
 
-    def __init__(self, world: World, part: Robot | None = None) -> None:
+    def __init__(self, world: EmulatedRobot, part: Robot | None = None) -> None:
         super().__init__(world, part)
         self._parser = protocol.Parser(answers=False)  # type: ignore[assignment]
         self.shells = []
         for servo, core in zip(self.part.servos, self._servos, strict=True):
             assert isinstance(servo, InnerServo)
-            self.shells.append(Shell(servo, core, world.firmware, self.part.bus.baud))
+            self.shells.append(FeetechServo(servo, core, world.firmware, self.part.bus.baud))
 
     def _handle(self, packet: Packet) -> Steps:
         if not packet.ok:
@@ -235,7 +235,7 @@ class FeetechBus(Bus):
                 answers.append((shell, protocol.status(number, shell.errors, data)))
         return self._give(answers)
 
-    def _execute(self, shell: Shell, packet: Packet) -> bytes | None:
+    def _execute(self, shell: FeetechServo, packet: Packet) -> bytes | None:
         """Let a servo carry out an instruction; return its answer's data, None for no answer."""
         shell.wake()
         match packet.instruction:
@@ -274,10 +274,10 @@ class FeetechBus(Bus):
                     shell.write(address, body[i + 1 : i + 1 + size], self._free)
         return []
 
-    def _give(self, answers: list[tuple[Shell, bytes]]) -> list[Arrival]:
+    def _give(self, answers: list[tuple[FeetechServo, bytes]]) -> list[Arrival]:
         return self._send([(shell.core, data) for shell, data in answers])
 
-    def _listening(self, number: int) -> Iterator[Shell]:
+    def _listening(self, number: int) -> Iterator[FeetechServo]:
         for shell in self.shells:
             called = number in (BROADCAST, shell["id"]) and shell.baud == self._baud
             if called and not self._world.is_silent(shell.core, self._free):

@@ -23,9 +23,9 @@ import numpy as np
 
 from hardware.config import Robot
 from hardware.emulator.control import POSITION_MODES, SINGLE_TURN, Control
-from hardware.emulator.hidden import Hidden
+from hardware.emulator.hidden import HiddenEffects
 from hardware.emulator.mechanics import TICK, Mechanics
-from hardware.emulator.memory import Memory
+from hardware.emulator.memory import ControlTable
 from hardware.emulator.profile import STEP, Profile, limits, shape
 
 VELOCITY_FILTER = 0.005  # s
@@ -52,9 +52,9 @@ class Firmware:
     def __init__(
         self,
         robot: Robot,
-        memories: list[Memory],
+        memories: list[ControlTable],
         mechanics: Mechanics,
-        hidden: Hidden,
+        hidden: HiddenEffects,
         rng: np.random.Generator,
     ) -> None:
         n = len(memories)
@@ -191,9 +191,9 @@ class Firmware:
         fastest = min(fastest, hidden["profile_velocity"][i] / units.angle)
         sharpest = min(sharpest, hidden["profile_acceleration"][i] / units.angle)
         self._profile.limit(i, fastest, sharpest)
-        self.aim(i, goal)
+        self.set_goal(i, goal)
 
-    def aim(self, i: int, goal: int) -> None:
+    def set_goal(self, i: int, goal: int) -> None:
         """Set a servo's goal position [counts]."""
         self.goal[i], profile = goal, self._profile
         way = abs(goal - profile.position[i])

@@ -22,7 +22,7 @@ import numpy as np
 import yaml
 
 from hardware.config import Robot
-from hardware.errors import RobotError, did_you_mean, listed
+from hardware.errors import RobotError, did_you_mean, format_names
 
 KEYS = ("effect", "where", "side", "value", "ci", "unit", "extra")
 # effect -> its further scalars with their defaults
@@ -78,7 +78,7 @@ EFFECTS += tuple(IMU_EFFECTS)
 
 
 @dataclass
-class Hidden:
+class HiddenEffects:
     """The hidden effects of a robot of n servos, neutral where nothing is hidden.
 
     Args:
@@ -106,17 +106,17 @@ class Hidden:
         return self.servo[name]
 
 
-def nothing_hidden(count: int) -> Hidden:
+def nothing_hidden(count: int) -> HiddenEffects:
     """Return the neutral effects of so many servos."""
     servo = {}
     for name, extras in SERVO_EFFECTS.items():
         servo[name] = np.full(count, NEUTRAL.get(name, 0.0))
         for extra, value in extras.items():
             servo[f"{name}.{extra}"] = np.full(count, value)
-    return Hidden(servo, np.zeros(count, bool))
+    return HiddenEffects(servo, np.zeros(count, bool))
 
 
-def read_hidden(path: str | Path | None, robot: Robot) -> Hidden:
+def read_hidden(path: str | Path | None, robot: Robot) -> HiddenEffects:
     """Read a file of effects for this robot; None hides nothing.
 
     Raises:
@@ -135,18 +135,20 @@ def read_hidden(path: str | Path | None, robot: Robot) -> Hidden:
     return make_hidden(entries or [], robot, str(path))
 
 
-def make_hidden(entries: Any, robot: Robot, place: str = "effects") -> Hidden:
+def make_hidden(entries: Any, robot: Robot, place: str = "effects") -> HiddenEffects:
     """Build hidden effects from the entries of a file.
 
     Raises:
         RobotError: an entry names an unknown effect, place or key, or has a value it cannot have.
     """
     if not isinstance(entries, list):
-        has = f"a mapping of {listed(entries)}" if isinstance(entries, dict) else repr(entries)
+        has = (
+            f"a mapping of {format_names(entries)}" if isinstance(entries, dict) else repr(entries)
+        )
         raise RobotError(
             f"{place}: a file of effects is a list, but this is {has}; begin each entry with a "
             "dash, as in '- {effect: payload, where: arm, value: 0.1}'; its keys are "
-            f"{listed(KEYS)}"
+            f"{format_names(KEYS)}"
         )
     hidden = nothing_hidden(len(robot.servos))
     names = _places(robot)
@@ -170,10 +172,10 @@ def _places(robot: Robot) -> dict[str, list[str]]:
 
 
 def _add(
-    hidden: Hidden, entry: Any, robot: Robot, names: Mapping[str, list[str]], place: str
+    hidden: HiddenEffects, entry: Any, robot: Robot, names: Mapping[str, list[str]], place: str
 ) -> None:
     if not isinstance(entry, Mapping):
-        raise RobotError(f"{place}: {entry!r} is not a table with {listed(KEYS)}")
+        raise RobotError(f"{place}: {entry!r} is not a table with {format_names(KEYS)}")
     for key in entry:
         if key not in KEYS:
             raise RobotError(f"{place}: unknown key {key!r}{did_you_mean(str(key), KEYS)}")
@@ -185,7 +187,7 @@ def _add(
         )
     if effect not in EFFECTS:
         hint = did_you_mean(str(effect), EFFECTS)
-        raise RobotError(f"{place}: unknown effect{hint}; there are {listed(EFFECTS)}")
+        raise RobotError(f"{place}: unknown effect{hint}; there are {format_names(EFFECTS)}")
     extra = dict(entry.get("extra") or {})
     if effect == "gravity_tilt":
         x, y = _numbers(entry.get("value"), 2, place, "two angles [rad]")
@@ -210,7 +212,7 @@ def _add(
 
 
 def _add_servo(
-    hidden: Hidden,
+    hidden: HiddenEffects,
     effect: str,
     chosen: list[int],
     side: str | None,
@@ -224,7 +226,9 @@ def _add_servo(
     for name, number in extra.items():
         if name not in extras:
             hint = did_you_mean(name, extras)
-            raise RobotError(f"{place}: unknown extra {name!r}{hint}; it has {listed(extras)}")
+            raise RobotError(
+                f"{place}: unknown extra {name!r}{hint}; it has {format_names(extras)}"
+            )
         hidden.servo[f"{effect}.{name}"][chosen] = _number(number, place, name in NEGATIVE)
     hidden.servo[effect][chosen] = value
     if effect in ("backlash", "joint_compliance"):
@@ -239,13 +243,15 @@ def _servos(where: str | None, robot: Robot, joints: list[str], place: str) -> l
         if where in names:
             return [names.index(where)]
     hint = did_you_mean(str(where), robot.names)
-    raise RobotError(f"{place}: no servo or joint {where!r}{hint}; there are {listed(robot.names)}")
+    raise RobotError(
+        f"{place}: no servo or joint {where!r}{hint}; there are {format_names(robot.names)}"
+    )
 
 
 def _one_of(where: str | None, names: list[str], what: str, place: str) -> str:
     if where not in names:
         hint = did_you_mean(str(where), names)
-        raise RobotError(f"{place}: no {what} {where!r}{hint}; there are {listed(names)}")
+        raise RobotError(f"{place}: no {what} {where!r}{hint}; there are {format_names(names)}")
     return str(where)
 
 
@@ -257,7 +263,7 @@ def _number(value: Any, place: str, negative: bool) -> float:
     return float(value)
 
 
-def _add_imu(hidden: Hidden, effect: str, where: str | None, value: Any, place: str) -> None:
+def _add_imu(hidden: HiddenEffects, effect: str, where: str | None, value: Any, place: str) -> None:
     if where is not None:
         raise RobotError(f"{place}: it acts on the robot's IMU; leave out where: {where!r}")
     count = len(IMU_EFFECTS[effect])

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.imu import rvc
 
 
@@ -26,7 +26,7 @@ class EmulatedImu:
         world: a robot with an IMU.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: EmulatedRobot) -> None:
         assert world.robot.imu is not None
         assert world.inertial is not None
         self._world, self._inertial = world, world.inertial

@@ -1,6 +1,6 @@
 """What the emulated IMU feels at its site: the truth of the physics, late, noisy and biased.
 
-    inertial = Inertial(robot.imu, mechanics, rng)
+    inertial = InertialSensor(robot.imu, mechanics, rng)
     inertial.remember()                     # after each tick of the robot
     inertial.measure()["acceleration"]      # m/s^2 along the site's axes; at rest 9.81 upwards
 
@@ -23,7 +23,7 @@ from hardware.emulator.model import IMU_SENSORS
 from hardware.parts import Imu
 
 
-class Inertial:
+class InertialSensor:
     """An IMU at the site that the robot's file names.
 
     Args:

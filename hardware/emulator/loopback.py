@@ -1,6 +1,6 @@
 """The emulated bus as a port of dynamixel-sdk, in this process and in virtual time.
 
-    port = LoopbackPort(World(load_robot("bench1")), VirtualClock())
+    port = LoopbackPort(EmulatedRobot(load_robot("bench1")), VirtualClock())
     port.openPort()
     PacketHandler(2.0).ping(port, 1)        # the SDK's own code over the emulator's bytes
 
@@ -18,9 +18,9 @@ import math
 from dynamixel_sdk import PortHandler
 
 from hardware.clock import VirtualClock
-from hardware.emulator.bus import Bus, Steps, together
+from hardware.emulator.bus import Bus, Steps, run_in_time_order
 from hardware.emulator.wires import buses_of
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 
 
 class LoopbackPort(PortHandler):
@@ -35,15 +35,15 @@ class LoopbackPort(PortHandler):
 
     def __init__(
         self,
-        world: World,
+        world: EmulatedRobot,
         clock: VirtualClock,
         bus: Bus | None = None,
-        wires: Wires | None = None,
+        wires: PendingWrites | None = None,
     ) -> None:
         super().__init__(f"loopback:{world.robot.name}")
         self.world, self.clock = world, clock
         self._bus = bus or buses_of(world)[0]
-        self._wires = wires or Wires(world)
+        self._wires = wires or PendingWrites(world)
         self.unplugged = False
         self._arrivals: list[tuple[float, int, bytes]] = []
         self._written = 0
@@ -65,7 +65,7 @@ class LoopbackPort(PortHandler):
     def clearPort(self) -> None:  # noqa: N802
         """Forget what has arrived; what is still on its way is not touched."""
         self._check_cable()
-        self._wires.carry_out(before=self.clock.now())
+        self._wires.flush_until(before=self.clock.now())
         self._arrive()
         self._received.clear()
 
@@ -79,7 +79,7 @@ class LoopbackPort(PortHandler):
         """Write bytes to the bus and return how many."""
         self._check_cable()
         now = self.clock.now()
-        self._wires.tell(self, now, self._bus.begin(bytes(packet), now, self.baudrate))
+        self._wires.queue(self, now, self._bus.begin(bytes(packet), now, self.baudrate))
         return len(packet)
 
     def expect(self, arrival: float, data: bytes) -> None:
@@ -105,7 +105,7 @@ class LoopbackPort(PortHandler):
         return self.clock.now() * 1000
 
     def _collect(self) -> None:
-        self._wires.carry_out()
+        self._wires.flush_until()
         self._arrive()
 
     def _arrive(self) -> None:
@@ -118,38 +118,38 @@ class LoopbackPort(PortHandler):
             raise OSError(errno.EIO, "Input/output error")
 
 
-class Wires:
+class PendingWrites:
     """What was written to the ports of one robot and is not carried out yet.
 
     Args:
         world: the robot.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: EmulatedRobot) -> None:
         self._world = world
         self._told: list[tuple[LoopbackPort, float, Steps]] = []
 
-    def tell(self, port: LoopbackPort, time: float, steps: Steps) -> None:
+    def queue(self, port: LoopbackPort, time: float, steps: Steps) -> None:
         """Take what was written to a port at a time [s], after what was written to it before."""
         if any(other is port for other, _, _ in self._told):
-            self.carry_out()
+            self.flush_until()
         self._told.append((port, time, steps))
         if not self._world.robot.buses:
-            self.carry_out()
+            self.flush_until()
 
-    def carry_out(self, before: float = math.inf) -> None:
+    def flush_until(self, before: float = math.inf) -> None:
         """Carry out what was written before this time [s], all of it together."""
         if not any(time < before for _, time, _ in self._told):
             return
         told, self._told = self._told, []
         for (port, _, _), arrivals in zip(
-            told, together(self._world, [steps for _, _, steps in told]), strict=True
+            told, run_in_time_order(self._world, [steps for _, _, steps in told]), strict=True
         ):
             for arrival, data in arrivals:
                 port.expect(arrival, data)
 
 
-def loopback_ports(world: World, clock: VirtualClock) -> list[LoopbackPort]:
+def loopback_ports(world: EmulatedRobot, clock: VirtualClock) -> list[LoopbackPort]:
     """Return a port for each bus of a robot, in their order."""
-    wires = Wires(world)
+    wires = PendingWrites(world)
     return [LoopbackPort(world, clock, bus, wires) for bus in buses_of(world)]

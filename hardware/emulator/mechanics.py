@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 
 from hardware.config import Robot
-from hardware.emulator.hidden import Hidden
+from hardware.emulator.hidden import HiddenEffects
 from hardware.emulator.model import build_model, home_pose
 
 TICK = 0.001  # s, one pass of a servo's firmware
@@ -35,7 +35,7 @@ class Mechanics:
         hidden: its hidden effects.
     """
 
-    def __init__(self, robot: Robot, hidden: Hidden) -> None:
+    def __init__(self, robot: Robot, hidden: HiddenEffects) -> None:
         play = hidden["backlash"].any() or hidden["joint_compliance"].any()
         self.substeps = 4 if play else 2
         self.model, plays = build_model(robot, hidden, TICK / self.substeps)
@@ -89,7 +89,7 @@ class Mechanics:
             qpos[start : start + len(values)] = values
         return qpos
 
-    def _set_plays(self, plays: dict[int, str], hidden: Hidden) -> None:
+    def _set_plays(self, plays: dict[int, str], hidden: HiddenEffects) -> None:
         model = self.model
         self._play = np.array(sorted(plays), int)  # (p,) servos with a second joint
         joints = [model.joint(plays[i]).id for i in self._play]
@@ -105,7 +105,7 @@ class Mechanics:
         damping = hidden["joint_compliance.damping"][self._play]
         self._play_damping = np.where(compliance > 0, damping, 0.8 * np.sqrt(stiff / weight))
 
-    def _set_laws(self, hidden: Hidden) -> None:
+    def _set_laws(self, hidden: HiddenEffects) -> None:
         self._hidden = hidden
         names = ("coulomb_friction", "stribeck_friction", "load_dependent_friction")
         self._rubs = any(hidden[name].any() for name in names)

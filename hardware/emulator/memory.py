@@ -18,7 +18,7 @@ PROFILE = ("profile_acceleration", "profile_velocity")
 STARTS_POWERED, RESTORES_RAM = 1, 2  # bits of the startup configuration
 
 
-class Memory:
+class ControlTable:
     """The registers of one servo.
 
     Writing checks what a servo checks: read-only registers, EEPROM under torque, whole registers,

@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 from hardware.config import Robot
-from hardware.emulator.hidden import Hidden
-from hardware.errors import RobotError, listed
+from hardware.emulator.hidden import HiddenEffects
+from hardware.errors import RobotError, format_names
 from hardware.parts import Imu
 
 IMU_SENSORS = {  # of the emulated IMU, beside the model's own sensors
@@ -27,7 +27,7 @@ MOST_SERVOS = 30  # MuJoCo can switch 31 groups of actuators
 
 
 def build_model(
-    robot: Robot, hidden: Hidden, timestep: float
+    robot: Robot, hidden: HiddenEffects, timestep: float
 ) -> tuple[mujoco.MjModel, dict[int, str]]:
     """Return the emulated robot's model and the names of its added joints by servo.
 
@@ -72,7 +72,7 @@ def _add_imu(spec: mujoco.MjSpec, robot: Robot, imu: Imu) -> None:
     sites = [site.name for site in spec.sites]
     if imu.site not in sites:
         raise RobotError(
-            f"{robot.model}: imu: there is no site {imu.site!r}; it has {listed(sites)}"
+            f"{robot.model}: imu: there is no site {imu.site!r}; it has {format_names(sites)}"
         )
     for name, kind in IMU_SENSORS.values():
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=imu.site)
@@ -95,8 +95,8 @@ def _check(robot: Robot, model: mujoco.MjModel) -> None:
     actuators = [model.actuator(i).name for i in range(model.nu)]
     if sorted(actuators) != sorted(robot.names):
         raise RobotError(
-            f"{robot.model} has the actuators {listed(actuators)}, the robot {robot.name} the "
-            f"servos {listed(robot.names)}; each actuator needs one servo of its name"
+            f"{robot.model} has the actuators {format_names(actuators)}, the robot {robot.name} the "
+            f"servos {format_names(robot.names)}; each actuator needs one servo of its name"
         )
     if len(actuators) > MOST_SERVOS:
         raise RobotError(f"{robot.name} has {len(actuators)} servos; at most {MOST_SERVOS}")
@@ -120,7 +120,7 @@ def _tilted(gravity: np.ndarray, a: float, b: float) -> np.ndarray:
     return (about_x @ about_y).T @ gravity
 
 
-def _edit_bodies(spec: mujoco.MjSpec, base: mujoco.MjModel, hidden: Hidden) -> None:
+def _edit_bodies(spec: mujoco.MjSpec, base: mujoco.MjModel, hidden: HiddenEffects) -> None:
     state: dict[str, tuple[float, np.ndarray, np.ndarray]] = {}
     for effect, name, value in hidden.body:
         index = base.body(name).id
@@ -191,7 +191,7 @@ def _far_end(model: mujoco.MjModel, body: int) -> np.ndarray:
     return far
 
 
-def _edit_contacts(spec: mujoco.MjSpec, base: mujoco.MjModel, hidden: Hidden) -> None:
+def _edit_contacts(spec: mujoco.MjSpec, base: mujoco.MjModel, hidden: HiddenEffects) -> None:
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     ground = [base.geom(i).name for i in range(base.ngeom) if base.geom_type[i] == plane]
     feet = [base.geom(i).name for i in range(base.ngeom) if "foot" in base.geom(i).name]

@@ -14,14 +14,14 @@ import math
 
 import numpy as np
 
-from hardware.emulator.memory import Memory
+from hardware.emulator.memory import ControlTable
 
 TIMED = 4  # bit of the drive mode
 MILLISECOND = 1e-3  # s, one step of a time-based profile's registers
 STEP, RECTANGLE, TRIANGLE, TRAPEZOID = 0x00, 0x10, 0x20, 0x30  # as in the moving status
 
 
-def limits(memory: Memory, way: float) -> tuple[float, float]:
+def limits(memory: ControlTable, way: float) -> tuple[float, float]:
     """Return what a servo's registers limit on a way [counts]: [counts/s], [counts/s^2]."""
     velocity, acceleration = memory["profile_velocity"], memory["profile_acceleration"]
     units = memory.kind.units
@@ -37,7 +37,7 @@ def limits(memory: Memory, way: float) -> tuple[float, float]:
     return fastest, acceleration * units.acceleration / units.angle or math.inf
 
 
-def shape(memory: Memory, way: float) -> int:
+def shape(memory: ControlTable, way: float) -> int:
     """Return the kind of profile that leads a servo over a way [counts]."""
     fastest, sharpest = limits(memory, way)
     if math.isinf(fastest):

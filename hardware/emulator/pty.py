@@ -1,6 +1,6 @@
 """An emulated robot behind device files, in real time: any program can open them as serial ports.
 
-    serve(World(load_robot("quad8")), ready=lambda devices: ..., stopped=event.is_set)
+    serve(EmulatedRobot(load_robot("quad8")), ready=lambda devices: ..., stopped=event.is_set)
 
 Each bus has a device, and so has the IMU if there is one: the far end of a pseudo terminal. Clients
 may come and go, or die; the robot stays. Servos understand the speed that the client set, as on a
@@ -30,10 +30,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from hardware.emulator.bus import together
+from hardware.emulator.bus import run_in_time_order
 from hardware.emulator.imu import EmulatedImu
 from hardware.emulator.wires import buses_of
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 
 IMU = "imu"  # the name of its device
@@ -46,7 +46,7 @@ _logger = logging.getLogger(__name__)
 
 
 def serve(
-    world: World,
+    world: EmulatedRobot,
     ready: Callable[[dict[str, str]], None],
     stopped: Callable[[], bool],
     link: Path | None = None,
@@ -77,13 +77,13 @@ def serve(
             for end in (master, slave):
                 tty.setraw(end)
             stack.enter_context(_linked(links.get(name), os.ttyname(slave)))
-        pacer = Pacer(world, ends)
+        pacer = RealTimeLoop(world, ends)
         ready({name: os.ttyname(slave) for name, (_, slave) in ends.items()})
         while not stopped():
             pacer.step()
 
 
-def devices_of(world: World) -> list[str]:
+def devices_of(world: EmulatedRobot) -> list[str]:
     """Return the names of a robot's devices; the only bus has none."""
     robot = world.robot
     names = [bus.name for bus in robot.buses] or [""]
@@ -176,7 +176,7 @@ class Line:
             _logger.warning("a client reads no answers; what it has no room for is lost")
 
 
-class Pacer:
+class RealTimeLoop:
     """A robot and the bytes on its lines, at the clock's pace.
 
     Args:
@@ -187,7 +187,7 @@ class Pacer:
 
     def __init__(
         self,
-        world: World,
+        world: EmulatedRobot,
         ends: Mapping[str, tuple[int, int]],
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
@@ -205,7 +205,7 @@ class Pacer:
         now, before = self._now(), self._world.time
         moment = min(now, before + SLICE)
         if moment < now:
-            self._world.excuse(moment - before)
+            self._world.pause_watchdogs(moment - before)
         if readable:
             self._take(readable, moment)
         if self._frames is not None and self._imu is not None:
@@ -238,7 +238,7 @@ class Pacer:
             data, speed = line.take()
             if speed > 0:
                 begun[line] = self._buses[line].begin(data, moment, speed)
-        done = together(self._world, list(begun.values()))
+        done = run_in_time_order(self._world, list(begun.values()))
         for line, arrivals in zip(begun, done, strict=True):
             line.expect(arrivals)
 

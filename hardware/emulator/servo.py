@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from hardware import protocol
 from hardware.emulator.control import POSITION_MODES
 from hardware.emulator.firmware import Firmware
-from hardware.emulator.memory import PRESENT, PRESENT_END, Memory
+from hardware.emulator.memory import PRESENT, PRESENT_END, ControlTable
 from hardware.tables import FIRST_RAM
 
 REBOOT_SILENCE = 0.2  # s, an assumption
@@ -39,7 +39,7 @@ class Servo:
         firmware: all servos' control loops.
     """
 
-    def __init__(self, index: int, memory: Memory, firmware: Firmware) -> None:
+    def __init__(self, index: int, memory: ControlTable, firmware: Firmware) -> None:
         self.index, self.memory, self._firmware = index, memory, firmware
         self.silent_until = 0.0
         self.heard = 0.0  # s, when an instruction last came
@@ -160,7 +160,7 @@ class Servo:
             if delay > 0:
                 self.pending.append((now + delay, bytes(self.memory.data[GOALS:GOALS_END])))
             elif places == GOAL_POSITION and not self.memory.data[10] & 4:
-                firmware.aim(self.index, self.memory["goal_position"])
+                firmware.set_goal(self.index, self.memory["goal_position"])
             else:
                 firmware.load_goals(self.index)
         if not all(goals):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from hardware.emulator.bus import Bus
 from hardware.emulator.feetech import FeetechBus
 from hardware.emulator.feetech_inner import InnerServo
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 
 
-def buses_of(world: World) -> list[Bus]:
+def buses_of(world: EmulatedRobot) -> list[Bus]:
     """Return a wire for each bus of a world's robot, in their order."""
     return [
         (FeetechBus if isinstance(part.servos[0], InnerServo) else Bus)(world, part)

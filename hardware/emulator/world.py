@@ -1,6 +1,6 @@
 """An emulated robot: servos and physics under one clock, faults included.
 
-    world = World(load_robot("bench1"))
+    world = EmulatedRobot(load_robot("bench1"))
     world.advance(0.5)                      # nothing happens on the bus, the robot moves on
     world.mechanics.angle                   # where its joints are [rad], (n,)
 
@@ -18,17 +18,17 @@ from hardware.config import Robot
 from hardware.emulator.faults import Fault, Faults
 from hardware.emulator.feetech_inner import inner
 from hardware.emulator.firmware import Firmware
-from hardware.emulator.hidden import IMU_EFFECTS, Hidden, read_hidden
-from hardware.emulator.inertial import Inertial
+from hardware.emulator.hidden import IMU_EFFECTS, HiddenEffects, read_hidden
+from hardware.emulator.inertial import InertialSensor
 from hardware.emulator.mechanics import Mechanics
-from hardware.emulator.memory import Memory
+from hardware.emulator.memory import ControlTable
 from hardware.emulator.servo import REBOOT_SILENCE, Servo
-from hardware.errors import RobotError, listed
+from hardware.errors import RobotError, format_names
 
 WATCH = 5  # ticks between looks at the bus watchdogs
 
 
-class World:
+class EmulatedRobot:
     """The emulated robot.
 
     Args:
@@ -43,7 +43,7 @@ class World:
     def __init__(
         self,
         robot: Robot,
-        hidden: Hidden | None = None,
+        hidden: HiddenEffects | None = None,
         faults: Sequence[Fault] = (),
         seed: int = 0,
         registers: Mapping[str, Mapping[str, int]] | None = None,
@@ -55,7 +55,9 @@ class World:
         self.hidden = hidden or read_hidden(robot.hidden, robot)
         self.mechanics = Mechanics(robot, self.hidden)
         memories = [
-            Memory(servo.type, _as_set_up(robot, i) | dict((registers or {}).get(servo.name, {})))
+            ControlTable(
+                servo.type, _as_set_up(robot, i) | dict((registers or {}).get(servo.name, {}))
+            )
             for i, servo in enumerate(robot.servos)
         ]
         self.firmware = Firmware(robot, memories, self.mechanics, self.hidden, streams[0])
@@ -66,12 +68,14 @@ class World:
         self.wire_rng = streams[2]  # the randomness of the wire before it
         imu = robot.imu
         self.inertial = (
-            None if imu is None else Inertial(imu, self.mechanics, streams[3], self.hidden.imu)
+            None
+            if imu is None
+            else InertialSensor(imu, self.mechanics, streams[3], self.hidden.imu)
         )
         if imu is None and self.hidden.imu != IMU_EFFECTS:
             raise RobotError(
                 f"{robot.name}: its file names no IMU whose faults could be hidden; leave out "
-                f"{listed(IMU_EFFECTS)}"
+                f"{format_names(IMU_EFFECTS)}"
             )
         self._held = np.zeros(len(self.servos), bool)
 
@@ -103,7 +107,7 @@ class World:
             if self.inertial is not None:
                 self.inertial.remember()
 
-    def excuse(self, seconds: float) -> None:
+    def pause_watchdogs(self, seconds: float) -> None:
         """Let this time [s] not count for the bus watchdogs: nothing could be heard in it."""
         for servo in self.servos:
             servo.heard += seconds

@@ -15,7 +15,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 
 from hardware.bus_client import BusClient, Reply
-from hardware.errors import LineError
+from hardware.errors import SerialPortError
 from hardware.feetech import protocol
 from hardware.protocol import BROADCAST, Packet
 
@@ -37,7 +37,9 @@ class FeetechClient(BusClient):
         self.port.clearPort()
         sent = self.port.writePort(data)
         if sent != len(data):
-            raise LineError(f"{self.port.port_name}: {sent} of {len(data)} bytes could be sent")
+            raise SerialPortError(
+                f"{self.port.port_name}: {sent} of {len(data)} bytes could be sent"
+            )
         return len(data)
 
     def ping(self, number: int) -> list[Reply]:
@@ -85,7 +87,7 @@ class FeetechClient(BusClient):
         Raises:
             LineError: always.
         """
-        raise LineError(f"servo {number} cannot be rebooted over the bus; switch its supply")
+        raise SerialPortError(f"servo {number} cannot be rebooted over the bus; switch its supply")
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
         """Write the same registers of several servos; nobody answers."""

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.errors import LogError, did_you_mean, listed
+from hardware.errors import LogError, did_you_mean, format_names
 
 NAME = "hinge"
 REQUIRED = {"goal_position": f"ctrl.{NAME}", "position": f"qpos.{NAME}"}
@@ -85,7 +85,7 @@ def _numbers(path: Path, entries: list[Any], key: str) -> np.ndarray:
             raise LogError(f"{place}: the entry is a {type(entry).__name__}, not a table")
         if key not in entry:
             hint = did_you_mean(key, entry)
-            raise LogError(f"{place}: the entry has no {key!r}{hint}; it has {listed(entry)}")
+            raise LogError(f"{place}: the entry has no {key!r}{hint}; it has {format_names(entry)}")
         try:
             values[row] = float(entry[key])
         except (TypeError, ValueError):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.errors import LogError, did_you_mean, listed
+from hardware.errors import LogError, did_you_mean, format_names
 from hardware.formats.names import INTEGER_KINDS, KINDS, REQUIRED, known
 from hardware.formats.sidecar import read_meta
 
@@ -123,7 +123,7 @@ def keep_known(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarr
     for name in [n for n in columns if not known(n)]:
         hint = did_you_mean(name.partition(".")[0], [*REQUIRED, "reward", *KINDS])
         message = "%s: column %r is left out%s; a log has %s"
-        _logger.warning(message, path, name, hint, listed(names))
+        _logger.warning(message, path, name, hint, format_names(names))
         del columns[name]
     return columns
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import yaml
 
 from hardware.errors import LogError
-from hardware.files import whole_file
+from hardware.files import atomic_write
 from hardware.formats import mapped, messages, parquet
 
 WORDS = {  # column, and what others call it; the first that fits counts
@@ -52,7 +52,7 @@ def write_guess(log: Path, path: Path) -> Path:
         text = _columns(log)
     else:
         raise LogError(f"{log}: only tables, arrays and recordings of messages need a mapping")
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
 

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.errors import LogError, did_you_mean, listed
+from hardware.errors import LogError, did_you_mean, format_names
 from hardware.formats.parquet import column_names, numbers, read_table
 from hardware.formats.sidecar import read_meta
 
@@ -93,7 +93,7 @@ def _angles(
     """Return a function of joint name and numbers (T,) to angles [rad]."""
     unit = told.get("unit", info.get("unit")) or _guess(path, folder, data)
     if unit not in UNITS:
-        raise LogError(f"{path}: the unit is {unit!r}; it can be {listed(UNITS)}")
+        raise LogError(f"{path}: the unit is {unit!r}; it can be {format_names(UNITS)}")
     if unit == "degrees":
         return lambda name, values: np.deg2rad(values)
     if unit == "radians":
@@ -105,7 +105,7 @@ def _angles(
         if name not in ranges:
             raise LogError(
                 f"{path}: the calibration has no joint {name!r}{did_you_mean(name, ranges)}; "
-                f"it has {listed(ranges)}"
+                f"it has {format_names(ranges)}"
             )
         joint = ranges[name]
         span = (joint["range_max"] - joint["range_min"]) * turn  # rad

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hardware.errors import LogError, did_you_mean, listed
+from hardware.errors import LogError, did_you_mean, format_names
 from hardware.formats import parquet
 from hardware.formats.csv_file import separator_of
 from hardware.formats.names import known
@@ -93,7 +93,7 @@ def _mapping(file: Path) -> dict[str, Any]:
         wrong = [key for key in entry if key not in ENTRY]
         if wrong:
             raise LogError(
-                f"{file}, column {name!r}: there is no key {wrong[0]!r}; {listed(ENTRY)}"
+                f"{file}, column {name!r}: there is no key {wrong[0]!r}; {format_names(ENTRY)}"
             )
         tree["columns"][name] = entry
     return tree
@@ -108,7 +108,7 @@ def _column(
     if key not in source:
         raise LogError(
             f"{path}: there is no {wanted!r}{did_you_mean(wanted, source)}, which {file.name} "
-            f"names for {name!r}; there are {listed(source)}"
+            f"names for {name!r}; there are {format_names(source)}"
         )
     values = np.asarray(source[key])
     if "index" in entry:
@@ -172,7 +172,9 @@ def _episodes(path: Path, mapping: dict[str, Any]) -> Iterator[dict[str, Any]]:
             if fnmatch.fnmatchcase(group, pattern) and group.count("/") == pattern.count("/")
         )
         if not groups:
-            raise LogError(f"{path}: no group fits episodes: {pattern!r}; it has {listed(arrays)}")
+            raise LogError(
+                f"{path}: no group fits episodes: {pattern!r}; it has {format_names(arrays)}"
+            )
         for group in sorted(groups, key=_natural):
             yield {n[len(group) + 1 :]: a for n, a in arrays.items() if n.startswith(f"{group}/")}
 

@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from hardware.errors import LogError, did_you_mean, listed
+from hardware.errors import LogError, did_you_mean, format_names
 from hardware.formats.names import JOINT_KINDS, KINDS
 from hardware.formats.sidecar import read_meta
 from hardware.formats.units import factor
@@ -152,10 +152,12 @@ def _checked(file: Path) -> dict[str, Any]:
         wrong = [key for key in channel if key not in CHANNEL]
         if lacks or wrong:
             what = f"{lacks[0]!r} is missing" if lacks else f"there is no key {wrong[0]!r}"
-            raise LogError(f"{place}: {what}; a channel has {listed(CHANNEL)}")
+            raise LogError(f"{place}: {what}; a channel has {format_names(CHANNEL)}")
         if channel["to"] not in KINDS:
             hint = did_you_mean(channel["to"], KINDS)
-            raise LogError(f"{place}: there is no column {channel['to']!r}{hint}; {listed(KINDS)}")
+            raise LogError(
+                f"{place}: there is no column {channel['to']!r}{hint}; {format_names(KINDS)}"
+            )
     if not any(channel["to"] == "ctrl" for channel in tree["channels"]):
         raise LogError(f"{file}: no channel is the commands (`to: ctrl`)")
     if tree.get("stamp", "header") not in ("header", "log"):
@@ -196,7 +198,7 @@ def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series
         there = topics(path)
         raise LogError(
             f"{path}: no message of {missing[0]!r}{did_you_mean(missing[0], there)}; "
-            f"it has {listed(there)}"
+            f"it has {format_names(there)}"
         )
     first = min(stamp for pairs in samples.values() for stamp, _ in pairs) if samples else 0
     return {name: _sorted(pairs, first) for name, pairs in samples.items()}
@@ -239,7 +241,7 @@ def _field(message: Any, dotted: str, place: str) -> Any:
         before, found = found, found[int(part)] if part.isdigit() else _get(found, part)
         if found is None:
             slots = before if isinstance(before, Mapping) else getattr(before, "__slots__", None)
-            has = listed(slots or getattr(before, "__dict__", {}))
+            has = format_names(slots or getattr(before, "__dict__", {}))
             raise LogError(f"{place}: its messages have no field {dotted!r}; they have {has}")
     return found
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hardware.errors import LogError
-from hardware.files import whole_file
+from hardware.files import atomic_write
 from hardware.formats.csv_file import keep_known
 from hardware.formats.names import INTEGER_KINDS
 from hardware.formats.sidecar import read_meta
@@ -81,7 +81,7 @@ def write(path: Path, columns: Mapping[str, np.ndarray], meta: dict[str, Any]) -
         for name, values in columns.items()
     }
     schema = {key: json.dumps(value, ensure_ascii=False) for key, value in meta.items()}
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         pq.write_table(pa.table(arrays).replace_schema_metadata(schema), temporary)
 
 

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.errors import LogError, listed
+from hardware.errors import LogError, format_names
 
 FILES = ("control.csv", "state_motor.csv")
 MICRO = 1e-6  # s
@@ -90,7 +90,7 @@ def _table(path: Path) -> dict[str, np.ndarray]:
     with path.open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.DictReader(file))
     if not rows or "timestamp" not in rows[0] or "positions" not in rows[0]:
-        has = listed(rows[0]) if rows else "no rows"
+        has = format_names(rows[0]) if rows else "no rows"
         raise LogError(f"{path}: the columns 'timestamp' and 'positions' are needed; it has {has}")
     lists = [name for name in ("positions", "velocities", "torques") if name in rows[0]]
     stamps = np.array([_cell(path, i, r["timestamp"], "timestamp") for i, r in enumerate(rows)])
@@ -158,7 +158,7 @@ def _joints(folder: Path, meta: dict[str, Any], count: int) -> list[str]:
     if len(names) != count or len(set(names)) != count:
         raise LogError(
             f"{folder}: {source} must name {count} different joints, one for each number of a "
-            f"position; it has {listed(names)}"
+            f"position; it has {format_names(names)}"
         )
     return names
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hardware.errors import LogError, did_you_mean, listed
+from hardware.errors import LogError, did_you_mean, format_names
 
 UNITS = {  # factor to SI
     "rad": 1.0,
@@ -43,6 +43,6 @@ def factor(unit: str, place: str) -> float:
     if unit not in UNITS:
         raise LogError(
             f"{place}: the unit {unit!r} is not known{did_you_mean(unit, UNITS)}; "
-            f"there are {listed(UNITS)}"
+            f"there are {format_names(UNITS)}"
         )
     return UNITS[unit]

@@ -21,7 +21,7 @@ import serial
 
 from hardware.clock import Clock, RealClock
 from hardware.config import Robot
-from hardware.errors import LineError
+from hardware.errors import SerialPortError
 from hardware.imu import rvc
 from hardware.parts import Imu
 from hardware.port_lock import PortLock
@@ -67,8 +67,8 @@ class SerialImu:
             self._wait_for(ENOUGH, FIRST)
         except (OSError, serial.SerialException) as error:
             self.close()
-            raise LineError(f"{self._place}: the port cannot be used: {error}") from None
-        except LineError:
+            raise SerialPortError(f"{self._place}: the port cannot be used: {error}") from None
+        except SerialPortError:
             self.close()
             raise
 
@@ -83,7 +83,7 @@ class SerialImu:
         while got < wanted:
             if clock.now() > end:
                 bad = self._parser.damaged - damaged
-                raise LineError(
+                raise SerialPortError(
                     f"{self._place}: {count} bytes, {got} good frames and {bad} damaged ones came "
                     f"in {seconds:g} s; a {self.imu.model} sends {rvc.RATE:.0f} a second at "
                     f"{rvc.BAUD} bits/s: check its supply, cable and mode pins"
@@ -116,18 +116,18 @@ class SerialImu:
             LineError: no good frame came for `STALE`, or the cable is out.
         """
         if self._port is None:
-            raise LineError(f"{self._place} is not open")
+            raise SerialPortError(f"{self._place} is not open")
         try:
             if self._clock.now() - self._read > PAUSED:
                 self._begin_again()
             self._take(self._bytes())
         except (OSError, serial.SerialException) as error:
-            raise LineError(
+            raise SerialPortError(
                 f"{self._place}: the port is gone ({error}); is the cable in?"
             ) from None
         age = self._clock.now() - self._came
         if self._frame is None or age > STALE:
-            raise LineError(
+            raise SerialPortError(
                 f"{self._place}: no good frame for {age * 1e3:.0f} ms ({self.missing} missing, "
                 f"{self._parser.damaged} damaged so far); check its cable"
             )
@@ -147,12 +147,12 @@ class SerialImu:
         level = frame._replace(yaw=frame.yaw - self._heading).orientation
         lost = self.missing + self._parser.damaged
         return {
-            "orientation": turned_back(level, self.imu.mount),
+            "orientation": undo_mounting(level, self.imu.mount),
             "acceleration": rotated(frame.acceleration, self.imu.mount),
             "imu_lost": np.array([float(lost)]),
         }
 
-    def put_back(self, now: float) -> None:
+    def return_to_start(self, now: float) -> None:
         """Begin an episode: the heading is counted from here on."""
         self._heading = None
 
@@ -171,7 +171,7 @@ def make_imu(robot: Robot) -> SerialImu | None:
     return SerialImu(robot.imu, RealClock())
 
 
-def turned_back(orientation: np.ndarray, mount: tuple[float, ...]) -> np.ndarray:
+def undo_mounting(orientation: np.ndarray, mount: tuple[float, ...]) -> np.ndarray:
     """Return the site's orientation, given the part's (4,) and how it is mounted there."""
     back, result = np.zeros(4), np.zeros(4)
     mujoco.mju_negQuat(back, np.asarray(mount))

@@ -77,7 +77,7 @@ def configure_robot(
 
 def check_reward(rows: RobotRows, adapt: Adaptation) -> None:
     """Refuse to adapt by returns that cannot be measured."""
-    lacking = rows.needs()[1] - set(rows.backend.senses)
+    lacking = rows.needs()[1] - set(rows.backend.sensor_names)
     if lacking and adapt.episodes and not adapt.needs_log:
         raise Sim2RealError(
             f"the reward of {type(rows.task).__name__} needs {', '.join(sorted(lacking))}, which "
@@ -103,7 +103,7 @@ def check_base(rows: RobotRows, adapt: Adaptation) -> None:
 
 def has_base_orientation(backend: Backend) -> bool:
     """Return whether a robot's logs say how its base is turned, by an IMU at a known site."""
-    senses = set(backend.senses)
+    senses = set(backend.sensor_names)
     enough = "orientation" in senses or {"gyro", "acceleration"} <= senses
     return enough and backend.robot.imu is not None
 

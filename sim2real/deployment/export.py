@@ -27,7 +27,7 @@ from torch import nn
 
 from envs.tasks.servo import ServoTask
 from hardware.exported import SCHEMA, TOLERANCE, ExportedPolicy
-from hardware.files import whole_file
+from hardware.files import atomic_write
 from sim2real.learning.context import ContextSpec
 from sim2real.learning.interface import interface, observation_names, read_interface
 from sim2real.learning.trained import TrainedPolicy
@@ -67,9 +67,9 @@ def export(trained: TrainedPolicy, task: ServoTask, out: Path, rng: np.random.Ge
     check_parity(ExportedPolicy(facts, arrays)(seen), wanted, "policy.npz")
     check_parity(evaluate(program.module(), seen), wanted, "policy.pt2")
     out.mkdir(parents=True, exist_ok=True)
-    with whole_file(out / "policy.pt2") as temporary:
+    with atomic_write(out / "policy.pt2") as temporary:
         torch.export.save(program, temporary)
-    with whole_file(out / "policy.npz") as temporary, temporary.open("wb") as file:
+    with atomic_write(out / "policy.npz") as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
     digests = {
         name: hashlib.sha256((out / name).read_bytes()).hexdigest()

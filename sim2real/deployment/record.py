@@ -21,8 +21,8 @@ from hardware.body import EmulatedBody
 from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import Robot, make_robot
 from hardware.connect import make_driver
-from hardware.emulator.world import World
-from hardware.excite import Kind, excite, suiting
+from hardware.emulator.world import EmulatedRobot
+from hardware.excite import Kind, allowed_motions, excite
 from hardware.imu.reader import make_imu
 from hardware.log import Log
 from hardware.record import Recording, joint_names
@@ -86,7 +86,7 @@ def record_motions(
 
     Args:
         robot: the robot.
-        motions: kinds of motion; those that do not suit the robot are left out, see `suiting`.
+        motions: kinds of motion; those that do not suit the robot are left out, see `allowed_motions`.
         seconds: the duration of all of them.
         rng: the random generator of phases, poses and sizes.
         path: where the log goes, row by row, also one that the guard, Ctrl-C or anything else
@@ -101,8 +101,8 @@ def record_motions(
         SafetyError: the robot was stopped on the way.
         HardwareError: a robot that is wrong, or is not there.
     """
-    kinds = suiting(robot, motions)
-    world = World(robot, seed=seed) if robot.port is None else None
+    kinds = allowed_motions(robot, motions)
+    world = EmulatedRobot(robot, seed=seed) if robot.port is None else None
     driver = make_driver(robot, world)
     imu = make_imu(robot)
     emulated = EmulatedBody(world) if world is not None and robot.imu is not None else None

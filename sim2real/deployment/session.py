@@ -19,7 +19,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import torch
 
-from hardware.files import whole_file
+from hardware.files import atomic_write
 from hardware.log import Log
 from sim2real.learning.adapt import Adaptation, EpisodeTrajectory
 from sim2real.learning.population.population import draw_seeds
@@ -162,7 +162,7 @@ class Deployment:
 
 def save(path: Path, deployment: Deployment) -> None:
     """Write where a deployment is, whole or not at all."""
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **deployment.state_dict())
 
 

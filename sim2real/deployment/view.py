@@ -24,8 +24,8 @@ from envs.tasks.servo import ServoTask
 from hardware.backends import ServoBackend
 from hardware.clock import VirtualClock
 from hardware.config import Robot
-from hardware.emulator.world import World
-from hardware.excite import Kind, excite, suiting
+from hardware.emulator.world import EmulatedRobot
+from hardware.excite import Kind, allowed_motions, excite
 from hardware.record import record
 from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.stops import guarding
@@ -47,7 +47,7 @@ class Screen(Protocol):
 
     every: float
 
-    def show(self, world: World) -> None:
+    def show(self, world: EmulatedRobot) -> None:
         """Show the robot as it is now; raises Closed if nobody looks any more."""
         ...
 
@@ -61,7 +61,7 @@ class RenderingClock(VirtualClock):
         end: the time at which the view ends [s].
     """
 
-    def __init__(self, world: World, screen: Screen, end: float) -> None:
+    def __init__(self, world: EmulatedRobot, screen: Screen, end: float) -> None:
         super().__init__()
         self._world, self._screen, self._end, self._due = world, screen, end, 0.0
         self._over = False
@@ -101,7 +101,7 @@ class Window:
         self._handle = handle
         self._start: float | None = None
 
-    def show(self, world: World) -> None:
+    def show(self, world: EmulatedRobot) -> None:
         """Wait until the robot's time is the wall's, and draw."""
         if not self._handle.is_running():
             raise WindowClosedError
@@ -142,13 +142,13 @@ class Film:
         self.every, self.frames = 1 / fps, list[np.ndarray]()
         self._camera = camera
 
-    def show(self, world: World) -> None:
+    def show(self, world: EmulatedRobot) -> None:
         """Draw one picture."""
         self.frames.append(self._camera.draw(world.mechanics.model, world.mechanics.data))
 
 
 def watch(
-    world: World,
+    world: EmulatedRobot,
     screen: Screen,
     seconds: float,
     drive: Callable[[ServoBackend], None],
@@ -166,7 +166,7 @@ def watch(
 
 
 def write_film(
-    world: World,
+    world: EmulatedRobot,
     video: Picture,
     seconds: float,
     drive: Callable[[ServoBackend], None],
@@ -190,7 +190,7 @@ def motion_driver(
     robot: Robot, motions: list[Kind], seconds: float, seed: int
 ) -> Callable[[ServoBackend], None]:
     """Return what drives a robot along motions, again and again."""
-    rng, kinds = np.random.default_rng(seed), suiting(robot, motions)
+    rng, kinds = np.random.default_rng(seed), allowed_motions(robot, motions)
 
     def drive(backend: ServoBackend) -> None:
         backend.arm()
@@ -232,7 +232,7 @@ def check_display() -> None:
         )
 
 
-def open_window(world: World) -> Any:
+def open_window(world: EmulatedRobot) -> Any:
     """Open MuJoCo's viewer of an emulated robot."""
     from mujoco import viewer  # here: it needs a display
 

@@ -22,12 +22,12 @@ import numpy as np
 from hardware.config import Robot, load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
-from hardware.excite import Kind, Plan, excite
+from hardware.emulator.world import EmulatedRobot
+from hardware.excite import ExcitationPlan, Kind, excite
 from hardware.log import Log
 from hardware.record import record
 from hardware.safety import Guard, StopLimits
-from hardware.stand import home_pose, hung
+from hardware.stand import home_pose, write_stand_model
 
 TOLERANT = StopLimits(odd_voltage=1.0, stray=2.0)  # a hidden effect must not stop the recording
 MOTIONS: tuple[Kind, ...] = ("ramp", "chirp", "steps", "multisine", "hold", "swing")
@@ -47,7 +47,7 @@ def exam_robot(name: str, folder: Path) -> Robot:
     Raises:
         RobotError: there is no such robot.
     """
-    return hung(load_robot(name), folder)
+    return write_stand_model(load_robot(name), folder)
 
 
 def motions(robot: Robot) -> list[Kind]:
@@ -55,7 +55,7 @@ def motions(robot: Robot) -> list[Kind]:
     return [kind for kind in MOTIONS if kind != "swing" or robot.name not in NEVER_LIMP]
 
 
-def plans(robot: Robot, seed: int) -> dict[str, Plan]:
+def plans(robot: Robot, seed: int) -> dict[str, ExcitationPlan]:
     """Return the motions: two whole ones, the first one's beginning again, one to be held back."""
     kinds, pose = motions(robot), home_pose(robot)
     made = {
@@ -63,11 +63,11 @@ def plans(robot: Robot, seed: int) -> dict[str, Plan]:
         for name, s in zip(("a", "b", "held"), np.random.SeedSequence(seed).spawn(3), strict=True)
     }
     rows = round(AGAIN * robot.rate)
-    made["a_again"] = Plan(made["a"].angles[:rows], made["a"].torque[:rows])
+    made["a_again"] = ExcitationPlan(made["a"].angles[:rows], made["a"].torque[:rows])
     return made
 
 
-def drive(robot: Robot, entries: Entries, plan: Plan, seed: int) -> Log:
+def drive(robot: Robot, entries: Entries, plan: ExcitationPlan, seed: int) -> Log:
     """Record one motion of the emulated robot that hides these effects.
 
     Args:
@@ -80,7 +80,7 @@ def drive(robot: Robot, entries: Entries, plan: Plan, seed: int) -> Log:
         HardwareError: the robot was stopped on the way: it swung out of its limits, or a servo
             switched itself off.
     """
-    world = World(robot, hidden=make_hidden(list(entries), robot), seed=seed)
+    world = EmulatedRobot(robot, hidden=make_hidden(list(entries), robot), seed=seed)
     driver = make_driver(robot, world)
     try:
         driver.connect()

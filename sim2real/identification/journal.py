@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.files import whole_file
+from hardware.files import atomic_write
 from sim2real.identification.scores.base import Score
 from sim2real.identification.searches import Evaluate
 from sim2real.runs.errors import Sim2RealError
@@ -93,5 +93,5 @@ class Journal:
         arrays |= {f"told.{i}": a for i, a in enumerate(self._told)}
         if self.score is not None:
             arrays |= {STATE + name: a for name, a in self.score.state().items()}
-        with whole_file(self.path) as temporary:
+        with atomic_write(self.path) as temporary:
             np.savez(temporary, allow_pickle=False, **arrays)

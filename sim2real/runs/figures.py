@@ -20,7 +20,7 @@ import numpy as np
 from scipy import stats as scipy_stats
 
 from envs.params import Parameter
-from hardware.files import whole_file
+from hardware.files import atomic_write
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.statistics import Interval
 
@@ -76,7 +76,7 @@ def figure(
         fig = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(fig)
         yield fig, fig.subplots(rows, columns, squeeze=False)
-        with whole_file(path) as temporary:
+        with atomic_write(path) as temporary:
             fig.savefig(temporary, dpi=DPI)
 
 

@@ -1,6 +1,6 @@
 """Files that are whole or absent, and folders that several programs share.
 
-A file is written beside its name, then moved into place (`hardware.files.whole_file`); so is a
+A file is written beside its name, then moved into place (`hardware.files.atomic_write`); so is a
 folder whose being there says that a step is done.
 """
 
@@ -15,12 +15,12 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from hardware.files import whole_file
+from hardware.files import atomic_write
 
 
 def write_text(path: str | Path, text: str) -> Path:
     """Write a UTF-8 text file at once; return its path."""
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return Path(path)
 

@@ -20,7 +20,7 @@ import torchrl  # noqa: F401 - must be imported before any GL context exists, el
 
 from envs.errors import RenderError
 from envs.pixels.library import INSTALL, library
-from hardware.files import whole_file
+from hardware.files import atomic_write
 
 
 def _context(width: int, height: int) -> Any:
@@ -101,7 +101,7 @@ def write_mp4(path: Path, frames: np.ndarray, fps: int) -> None:
         from imageio_ffmpeg import write_frames
     except ImportError:
         raise RenderError("no video encoder: pip install imageio-ffmpeg") from None
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         size = frames.shape[2:0:-1]
         writer = write_frames(
             str(temporary), size, fps=fps, macro_block_size=2, ffmpeg_log_level="error"

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from envs.effects import load_effects
 from hardware.backends import ServoBackend
 from hardware.config import make_robot
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.excite import Kind
 from hardware.log import read_logs
 from hardware.rows import RobotRows
@@ -98,7 +98,7 @@ def run(
         RobotRows(task, ServoBackend(machine, SETTLE))  # refuses another robot's policy at once
         trained = load_trained(checkpoint, parts, algorithm)
         drive = policy_driver(task, trained, seed)
-    world = World(machine, seed=seed)
+    world = EmulatedRobot(machine, seed=seed)
     if video is None:
         with open_window(world) as handle:
             watch(world, Window(handle), seconds, drive, stops)

@@ -10,7 +10,7 @@ from benchmarks.ground import drawn, scored
 from benchmarks.ground_walks import WALKERS, walks
 from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from sim2real.diagnosis.diagnose import diagnose
 from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained
 
@@ -62,7 +62,7 @@ def test_each_robot_can_hide_what_is_drawn(name: str) -> None:
     robot = load_robot(name)
     for number in range(20):
         key = drawn(robot, np.random.default_rng([5, number]))
-        World(robot, hidden=make_hidden(key, robot))
+        EmulatedRobot(robot, hidden=make_hidden(key, robot))
 
 
 @pytest.mark.parametrize(

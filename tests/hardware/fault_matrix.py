@@ -32,7 +32,7 @@ from hardware.config import Robot, make_robot
 from hardware.driver import Driver
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.pty import serve
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.episode_log import EpisodeLog
 from hardware.errors import HardwareError
 from hardware.log import read_logs
@@ -236,7 +236,7 @@ def in_virtual_time(fault: Fault, phase: str, folder: Path) -> Outcome:
     logs, clock, link = folder / "logs", VirtualClock(), Link()
     logs.mkdir()
     machine = robot(folder)
-    world = World(machine)
+    world = EmulatedRobot(machine)
     stops = StopLimits(return_time=fault.patience)
     backend = _Backend(machine, 0.1, world, limits=stops, clock=clock)
     backend.port = port = FaultyPort(world, clock, link)
@@ -274,7 +274,7 @@ def over_a_pty(fault: Fault, phase: str, folder: Path) -> Outcome:
     port, over = folder / "port", threading.Event()
     devices: dict[str, str] = {}
     there = threading.Event()
-    world = World(robot(folder))
+    world = EmulatedRobot(robot(folder))
 
     def ready(found: dict[str, str]) -> None:
         devices.update(found)

@@ -11,9 +11,9 @@ import numpy as np
 from hardware.clock import VirtualClock
 from hardware.driver import Driver
 from hardware.emulator.loopback import LoopbackPort
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import HardwareError
-from hardware.pace import Pace
+from hardware.pace import FixedRate
 from hardware.safety import Guard
 
 START = 1.01  # s, when faults begin: after arming, between two control steps
@@ -29,7 +29,7 @@ class Rig:
 
     def __init__(self, robot, faults=(), registers=None, believed=None, **guard) -> None:
         self.made.append(self)
-        self.world = World(robot, faults=faults, registers=registers)
+        self.world = EmulatedRobot(robot, faults=faults, registers=registers)
         self.clock = VirtualClock()
         self.port = LoopbackPort(self.world, self.clock)
         self.driver = Driver(believed or robot, self.port, self.clock)
@@ -44,7 +44,7 @@ class Rig:
             self.guard.arm()
             period = 1 / self.driver.robot.rate
             self.clock.sleep_until(period * math.ceil(self.clock.now() / period))
-        pace = Pace(self.clock, self.driver.robot.rate)
+        pace = FixedRate(self.clock, self.driver.robot.rate)
         for k in range(steps):
             pace.wait()
             self.readings.append(self.guard.read())

@@ -7,7 +7,7 @@ import pytest
 
 from hardware.body import SIZES, EmulatedBody
 from hardware.config import load_robot
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,7 @@ from hardware.emulator.world import World
 )
 def test_each_robot_has_the_sensors_of_its_model(name, sensors):
     """An IMU where the model has one, a tracker where the base can move."""
-    world = World(load_robot(name))
+    world = EmulatedRobot(load_robot(name))
     body = EmulatedBody(world)
     assert body.names == sensors
     measured = body.measure(0.05)
@@ -30,7 +30,7 @@ def test_each_robot_has_the_sensors_of_its_model(name, sensors):
 
 def test_they_tell_what_the_base_does():
     """A base that falls from 0.5 m and turns: height, orientation and rate as in the physics."""
-    world = World(load_robot("quad8"))
+    world = EmulatedRobot(load_robot("quad8"))
     body, data = EmulatedBody(world), world.mechanics.data
     data.qpos[2], data.qvel[3:6] = 0.5, (0.0, 0.0, 1.5)
     seen = body.measure(0.1)
@@ -43,13 +43,13 @@ def test_they_tell_what_the_base_does():
 
 def test_putting_back_leaves_the_servos_alone():
     """The base is home and at rest; joints and their speeds are as they were."""
-    world = World(load_robot("quad8"))
+    world = EmulatedRobot(load_robot("quad8"))
     body, mechanics = EmulatedBody(world), world.mechanics
     home = mechanics.data.qpos[:7].copy()
     mechanics.data.qpos[:3], mechanics.data.qvel[:6] = (3.0, 2.0, 1.0), 1.0
     world.advance(0.02)
     angles, speeds = mechanics.angle.copy(), mechanics.speed.copy()
-    body.put_back(0.02)
+    body.return_to_start(0.02)
     np.testing.assert_array_equal(mechanics.data.qpos[:7], home)
     np.testing.assert_array_equal(mechanics.data.qvel[:6], 0.0)
     np.testing.assert_array_equal(mechanics.angle, angles)

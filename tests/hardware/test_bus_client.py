@@ -13,8 +13,8 @@ from hardware.bus_client import BusClient
 from hardware.clock import RealClock, VirtualClock
 from hardware.emulator.faults import Fault
 from hardware.emulator.loopback import LoopbackPort
-from hardware.emulator.world import World
-from hardware.errors import LineError
+from hardware.emulator.world import EmulatedRobot
+from hardware.errors import SerialPortError
 
 BAUD = 1_000_000
 
@@ -24,7 +24,7 @@ def connect(chain):
     """Return a function that opens a client to three servos with faults."""
 
     def make(*faults: Fault, count: int = 3, **kwargs) -> BusClient:
-        port = LoopbackPort(World(chain(count), faults=faults, **kwargs), VirtualClock())
+        port = LoopbackPort(EmulatedRobot(chain(count), faults=faults, **kwargs), VirtualClock())
         client = BusClient(port, port.clock, latency=0.001, return_delay=0.0)
         client.open(BAUD)
         return client
@@ -105,7 +105,7 @@ def test_defect_4_unplugged_cable(connect):
     client.port.unplugged = False
     assert handler.ping(client.port, 1)[1] == sdk.COMM_PORT_BUSY
     client.port.unplugged = True
-    with pytest.raises(LineError, match=r"the port is gone.*is the cable in\?"):
+    with pytest.raises(SerialPortError, match=r"the port is gone.*is the cable in\?"):
         client.read(1, 132, 4)
     client.port.unplugged = False
     assert client.read(1, 132, 4) is not None
@@ -187,9 +187,9 @@ def test_unknown_port_and_speed():
     """A port that is not there, and a speed that the SDK lacks, are one sentence each."""
     port = sdk.PortHandler("/dev/no-such-port")
     client = BusClient(port, VirtualClock(), latency=0.001)
-    with pytest.raises(LineError, match="the port is gone"):
+    with pytest.raises(SerialPortError, match="the port is gone"):
         client.open(BAUD)
-    with pytest.raises(LineError, match="cannot run at 4500000 bits/s"):
+    with pytest.raises(SerialPortError, match="cannot run at 4500000 bits/s"):
         client.open(4_500_000)
 
 

@@ -24,9 +24,9 @@ from hardware.config import load_robot
 from hardware.emulator.faults import Fault
 from hardware.emulator.firmware import TICK, Firmware
 from hardware.emulator.pty import serve
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.env import HardwareEnv
-from hardware.errors import LineError, LogError, RobotError, SafetyError
+from hardware.errors import LogError, RobotError, SafetyError, SerialPortError
 from hardware.log import read_log
 from hardware.replayed import LogBackend
 from hardware.rows import RobotRows
@@ -40,7 +40,7 @@ SEED = np.array([3], np.uint64)
 def loopback(name: str = "bench1", *faults: Fault, settle: float = 0.3, **changes) -> ServoBackend:
     """Return an emulated robot with faults, ready to be opened."""
     robot = load_robot(name)
-    return ServoBackend(robot, settle=settle, world=World(robot, faults=faults), **changes)
+    return ServoBackend(robot, settle=settle, world=EmulatedRobot(robot, faults=faults), **changes)
 
 
 def play(rows: RobotRows, actions: np.ndarray) -> np.ndarray:
@@ -262,7 +262,7 @@ def test_a_cable_that_was_out_is_taken_up_again():
         port = backend.guard.driver.bus_client.port
         port.unplugged = True  # type: ignore[attr-defined]
         assert env.rollout(5, auto_reset=False, tensordict=start)["next", "failed"].any()
-        with pytest.raises(LineError, match="is the cable in"):
+        with pytest.raises(SerialPortError, match="is the cable in"):
             env.arm()
         with pytest.raises(SafetyError, match=r"was stopped: .*is the cable in"):
             env.reset()
@@ -350,7 +350,7 @@ def test_a_task_of_another_robot_is_refused():
 def test_a_pseudo_terminal_is_a_real_port(tmp_path: Path):
     """Through a device file, in real time: armed by hand, driven, parked, off."""
     robot, done, ready = load_robot("bench1"), threading.Event(), threading.Event()
-    world, link = World(robot), tmp_path / "servo"
+    world, link = EmulatedRobot(robot), tmp_path / "servo"
     server = threading.Thread(target=serve, args=(world, lambda _: ready.set(), done.is_set, link))
     server.start()
     try:

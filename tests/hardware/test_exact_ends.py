@@ -18,7 +18,7 @@ from hardware import handshake
 from hardware.clock import RealClock
 from hardware.emulator.faults import Fault
 from hardware.errors import ServoError
-from hardware.pace import Pace
+from hardware.pace import FixedRate
 from tests.hardware.rig import Rig, wave
 
 
@@ -38,7 +38,7 @@ def test_15_a_policy_of_60_ms_at_50_hz(rig):
     """Each step loses two deadlines, none is made up for, and no request of the wire is lost."""
     r = rig()
     r.guard.arm()
-    asked, pace, times = r.count("asked"), Pace(r.clock, 50.0), []
+    asked, pace, times = r.count("asked"), FixedRate(r.clock, 50.0), []
     for k in range(31):
         times.append(pace.wait())
         r.readings.append(r.guard.read())

@@ -10,7 +10,7 @@ import pytest
 from hardware.config import load_robot
 from hardware.connect import make_driver
 from hardware.errors import RobotError
-from hardware.excite import Kind, excite, suiting
+from hardware.excite import Kind, allowed_motions, excite
 from hardware.record import record
 from hardware.safety import Guard
 
@@ -71,11 +71,11 @@ def test_refuses(kinds, size, pose, message):
 def test_a_robot_that_stands_free_is_never_let_go(caplog):
     """quad8 keeps every motion but the swing, which would let it collapse; alone it is refused."""
     quad, bench = load_robot("quad8"), load_robot("bench1")
-    assert suiting(quad, ["ramp", "swing", "hold"]) == ["ramp", "hold"]
+    assert allowed_motions(quad, ["ramp", "swing", "hold"]) == ["ramp", "hold"]
     assert "quad8 stands free" in caplog.text
-    assert suiting(bench, ["ramp", "swing"]) == ["ramp", "swing"]
+    assert allowed_motions(bench, ["ramp", "swing"]) == ["ramp", "swing"]
     with pytest.raises(RobotError, match="swing needs a robot that hangs"):
-        suiting(quad, ["swing"])
+        allowed_motions(quad, ["swing"])
 
 
 @pytest.mark.parametrize("seconds", [0.0, float("nan"), 1e99])

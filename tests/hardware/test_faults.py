@@ -15,9 +15,9 @@ from hardware.clock import VirtualClock
 from hardware.driver import Driver
 from hardware.emulator.faults import Fault
 from hardware.emulator.loopback import LoopbackPort
-from hardware.emulator.world import World
-from hardware.errors import LineError, SafetyError, ServoError
-from hardware.pace import Pace
+from hardware.emulator.world import EmulatedRobot
+from hardware.errors import SafetyError, SerialPortError, ServoError
+from hardware.pace import FixedRate
 from hardware.safety import StopLimits
 from tests.hardware.rig import START, Rig, wave
 
@@ -134,7 +134,7 @@ def test_10_reconnecting_by_itself(rig, monkeypatch):
     monkeypatch.setattr(r.port, "unplugged", True)
     with pytest.raises(SafetyError, match="is the cable in"):
         r.run(5)
-    with pytest.raises(LineError, match=r"is the cable in\?; given up after 0.5 s"):
+    with pytest.raises(SerialPortError, match=r"is the cable in\?; given up after 0.5 s"):
         r.driver.reconnect(patience=0.5)
     sleep = r.clock.sleep_until
 
@@ -221,7 +221,7 @@ def test_14_watchdog_trip(rig):
 def test_15_late_host():
     """Steps that take too long lose their deadlines; nothing is made up in a burst."""
     clock = VirtualClock()
-    pace = Pace(clock, rate=50.0)
+    pace = FixedRate(clock, rate=50.0)
     times = []
     for _ in range(10):
         pace.wait()
@@ -338,10 +338,10 @@ def test_21_a_rate_that_the_bus_cannot_reach(chain):
 
 def test_lost_port_in_connect(chain):
     """A cable that is out is one sentence before anything else."""
-    world, clock = World(chain(3)), VirtualClock()
+    world, clock = EmulatedRobot(chain(3)), VirtualClock()
     port = LoopbackPort(world, clock)
     port.unplugged = True
-    with pytest.raises(LineError, match="is the cable in"):
+    with pytest.raises(SerialPortError, match="is the cable in"):
         Driver(world.robot, port, clock).connect()
 
 
@@ -355,7 +355,7 @@ def test_22_an_hour_of_twelve_servos(chain):
     r = Rig(chain(12))
     before = r.count("asked")
     r.guard.arm()
-    pace = Pace(r.clock, 50.0)
+    pace = FixedRate(r.clock, 50.0)
     began, work, base = time.perf_counter(), time.process_time(), 0
     for k in range(180_000):
         pace.wait()
@@ -381,7 +381,7 @@ def test_a_hundred_steps_a_second_with_twelve_servos(chain):
     """Twelve servos at 1 Mbit/s are read, commanded and watched 100 times a second, none missed."""
     r = Rig(chain(12, rate=100.0))
     r.guard.arm()
-    pace = Pace(r.clock, 100.0)
+    pace = FixedRate(r.clock, 100.0)
     for k in range(100):
         pace.wait()
         assert r.guard.read().fresh.all()

@@ -18,7 +18,7 @@ from hardware.config import ROBOTS, load_robot, make_robot
 from hardware.connect import make_driver
 from hardware.emulator.faults import Fault
 from hardware.emulator.loopback import LoopbackPort
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError, SafetyError, ServoError
 from hardware.excite import excite
 from hardware.feetech import protocol
@@ -51,7 +51,7 @@ class Rig:
 
     def __init__(self, robot=None, faults=(), prepare=None) -> None:
         self.robot = robot or arm()
-        self.world = World(self.robot, faults=faults)
+        self.world = EmulatedRobot(self.robot, faults=faults)
         self.clock = VirtualClock()
         self.port = LoopbackPort(self.world, self.clock)
         self.shells = shells_of(self.port)
@@ -282,7 +282,7 @@ def test_factory_servos_become_an_arm(monkeypatch):
 
     monkeypatch.setitem(ALL_SPEEDS, "feetech", (1_000_000, 500_000))
     robot = arm()
-    world, clock = World(robot), VirtualClock()
+    world, clock = EmulatedRobot(robot), VirtualClock()
     port = LoopbackPort(world, clock)
     shells = shells_of(port)
     factory(shells)

@@ -17,7 +17,7 @@ from hardware.clock import VirtualClock
 from hardware.config import load_robot
 from hardware.emulator.bus import Bus
 from hardware.emulator.loopback import LoopbackPort
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.protocol import Parser, instruction_packet, status_packet
 
 SMALL, LARGE = 5_000, pytest.param(1_000_000, marks=pytest.mark.slow)
@@ -64,7 +64,7 @@ def shuffled(rng: np.random.Generator, data: bytes) -> bytes:
 class Damaged(LoopbackPort):
     """A port at which one prepared answer, changed by a function, meets every request."""
 
-    def __init__(self, world: World, clock: VirtualClock) -> None:
+    def __init__(self, world: EmulatedRobot, clock: VirtualClock) -> None:
         super().__init__(world, clock)
         self.answer = b""
 
@@ -78,7 +78,7 @@ class Damaged(LoopbackPort):
 @pytest.mark.parametrize("count", [SMALL, LARGE])
 def test_answers(count):
     """Flipped bits and bursts never pass; random damage passes no more often than 2^-16."""
-    port = Damaged(World(load_robot("bench1")), VirtualClock())
+    port = Damaged(EmulatedRobot(load_robot("bench1")), VirtualClock())
     client = BusClient(port, port.clock, latency=0.001)
     client.open(1_000_000)
     rng = np.random.default_rng(11)
@@ -107,7 +107,7 @@ def test_answers(count):
 @pytest.mark.parametrize("count", [SMALL, LARGE])
 def test_instructions(count):
     """Servos live through any instruction, and no group write does what a burst made of it."""
-    world = World(load_robot("bench1"))
+    world = EmulatedRobot(load_robot("bench1"))
     memory = world.servos[0].memory
     rng = np.random.default_rng(12)
     entries = struct.pack("<HHBHBH", 84, 2, 1, 500, NOBODY, 0)

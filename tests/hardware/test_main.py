@@ -23,7 +23,7 @@ from hardware.clock import RealClock
 from hardware.config import load_robot
 from hardware.connect import make_driver
 from hardware.driver import Driver
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.port_lock import PortLock
 from hardware.safety import Guard, StopLimits
 from tests.hardware.rig import in_real_time
@@ -110,7 +110,7 @@ def test_calibrate(tmp_path, monkeypatch, capsys):
     worlds = []
 
     def driver(robot):
-        worlds.append(World(robot))
+        worlds.append(EmulatedRobot(robot))
         return original(robot, worlds[0])
 
     original = command.make_driver

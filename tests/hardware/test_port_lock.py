@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from hardware import port_lock
-from hardware.errors import LineError
+from hardware.errors import SerialPortError
 from hardware.port_lock import PortLock
 
 HOLD = (
@@ -56,7 +56,7 @@ def test_who_holds_the_port_is_named(device, program, source):
     process = program(source)
     lock = PortLock(device)
     with pytest.raises(
-        LineError, match=rf"{device} is held by .*python.*\(process {process.pid}\)"
+        SerialPortError, match=rf"{device} is held by .*python.*\(process {process.pid}\)"
     ):
         lock.take()
     process.kill()
@@ -69,7 +69,7 @@ def test_a_holder_that_cannot_be_seen_is_still_refused(device, program, monkeypa
     """Where the system does not show other programs' files, the lock itself refuses."""
     program(HOLD)
     monkeypatch.setattr(port_lock, "PROCESSES", tmp_path)
-    with pytest.raises(LineError, match="or one that cannot be seen from here"):
+    with pytest.raises(SerialPortError, match="or one that cannot be seen from here"):
         PortLock(device).take()
 
 
@@ -78,7 +78,7 @@ def test_a_lock_goes_to_the_next(device):
     first, second = PortLock(device), PortLock(device)
     first.take()
     first.take()
-    with pytest.raises(LineError, match="one master"):
+    with pytest.raises(SerialPortError, match="one master"):
         second.take()
     first.release()
     second.take()

@@ -18,7 +18,7 @@ import pytest
 from hardware import parts
 from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.log import Log, read_logs
 from hardware.tables import servo_type
 
@@ -54,7 +54,7 @@ def emulated(log: Log, effects: list) -> np.ndarray:
     """Replay a log in the emulated servo, with the voltage that the real one measured."""
     robot = load_robot("bench1_bam")
     robot = replace(robot, registers=dict(robot.registers) | log.settings["hinge"])
-    world = World(robot, make_hidden(effects, robot))
+    world = EmulatedRobot(robot, make_hidden(effects, robot))
     servo, data = world.servos[0], world.mechanics.data
     gain = servo.memory.kind.registers["position_p_gain"]
     servo.write(gain.address, gain.encode(log.settings["hinge"]["position_p_gain"]), 0.0)

@@ -12,9 +12,9 @@ from hardware.body import EmulatedBody
 from hardware.config import ROBOTS, load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
-from hardware.errors import LineError, LogError, SafetyError
-from hardware.excite import Plan
+from hardware.emulator.world import EmulatedRobot
+from hardware.errors import LogError, SafetyError, SerialPortError
+from hardware.excite import ExcitationPlan
 from hardware.log import Log, check_names, read_log, write_log
 from hardware.record import Recording, joint_names, record
 from hardware.safety import Guard
@@ -33,7 +33,7 @@ def home(robot) -> np.ndarray:
 def drive(name: str, steps: int = 100, size: float = 0.4, effects=()) -> Log:
     """Return the log of a robot that waves all its joints about its home pose."""
     robot = load_robot(name)
-    driver = make_driver(robot, World(robot, make_hidden(list(effects), robot)))
+    driver = make_driver(robot, EmulatedRobot(robot, make_hidden(list(effects), robot)))
     driver.connect()
     driver.configure()
     middle, order = home(robot), np.arange(len(robot.servos))
@@ -118,7 +118,7 @@ def test_a_hidden_effect_is_a_gap():
 def test_swings_are_free():
     """Where a plan lets go, the log says so, nothing is driven, and the arm swings on."""
     robot = load_robot("bench1")
-    world = World(robot)
+    world = EmulatedRobot(robot)
     driver = make_driver(robot, world)
     driver.connect()
     driver.configure()
@@ -127,10 +127,10 @@ def test_swings_are_free():
     with Guard(driver) as guard:
         guard.arm()
         guard.move_to(np.array([1.0]), speed=2.0)
-        log = record(guard, Plan(angles, torque))
+        log = record(guard, ExcitationPlan(angles, torque))
         with pytest.raises(SafetyError, match="limp"):
             guard.command(np.array([0.0]))
-        guard.stiffen()
+        guard.restore_torque()
         guard.move_to(np.array([0.0]))
         assert world.firmware.torque_on.all()
     np.testing.assert_array_equal(log.column("torque.hinge"), torque)
@@ -143,7 +143,7 @@ def test_swings_are_free():
 def test_quad_stands_up():
     """From where it collapsed without torque, the quadruped stands up and stays upright."""
     robot = load_robot("quad8")
-    world = World(robot)
+    world = EmulatedRobot(robot)
     world.advance(2.0)
     assert world.mechanics.data.qpos[2] < 0.05
     driver = make_driver(robot, world)
@@ -217,7 +217,7 @@ class _Cut:
         """Return an orientation, or raise as a reader does."""
         self.reads -= 1
         if self.reads < 0:
-            raise LineError("IMU at port: the cable is out")
+            raise SerialPortError("IMU at port: the cable is out")
         return {"orientation": np.array([1.0, 0.0, 0.0, 0.0])}
 
     def put_back(self, now: float) -> None:
@@ -229,7 +229,7 @@ def test_an_imu_is_written_beside_the_servos():
     robot = load_robot("quad8")
     plan = np.tile(home(robot), (20, 1))
     for sensors in (True, False):
-        world = World(robot)
+        world = EmulatedRobot(robot)
         driver = make_driver(robot, world)
         driver.connect()
         driver.configure()

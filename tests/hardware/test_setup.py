@@ -10,7 +10,7 @@ from hardware.bus_client import BusClient
 from hardware.clock import VirtualClock
 from hardware.driver import Driver
 from hardware.emulator.loopback import LoopbackPort
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import HardwareError, ServoError
 from hardware.scan import scan
 from hardware.setup import set_up
@@ -22,7 +22,7 @@ class Bench:
     """Three emulated servos in any state, a person who answers, and what they were told."""
 
     def __init__(self, robot, registers, answers=(), connected=(0, 1, 2)) -> None:
-        self.robot, self.world = robot, World(robot, registers=registers)
+        self.robot, self.world = robot, EmulatedRobot(robot, registers=registers)
         self.port = LoopbackPort(self.world, VirtualClock())
         self.client = BusClient(self.port, self.port.clock, robot.bus.latency)
         self.answers, self.told, self.asked = iter(answers), [], []

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from hardware.config import make_robot
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 from hardware.tables import servo_by_number, servo_type, servo_types
 from tests.hardware.conftest import bench_data
@@ -117,7 +117,7 @@ def test_types_by_data_sheet_have_no_emulation(chain):
     robot = chain(1)
     servos = tuple(replace(servo, model="xm540-w270") for servo in robot.servos)
     with pytest.raises(RobotError, match=r"xm540-w270 cannot be emulated; give port=, or use 'xl3"):
-        World(replace(robot, servos=servos))
+        EmulatedRobot(replace(robot, servos=servos))
     assert servo_by_number(350) == "xl320"
     assert servo_by_number(1280) == "xw430-t200"
     assert servo_by_number(9999) is None

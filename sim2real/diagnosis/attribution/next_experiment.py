@@ -29,7 +29,7 @@ from envs.effects.servo import is_joint_servo
 from envs.plant import Fixed
 from envs.replay import Recording
 from hardware.config import BusSettings, Robot, Servo, Supply
-from hardware.excite import Plan, excite
+from hardware.excite import ExcitationPlan, excite
 from sim2real.diagnosis.attribution.apart import Asked, Member, pairs, refitted, separation
 from sim2real.diagnosis.attribution.experiment_menu import Item, drawn, menu
 from sim2real.diagnosis.data.noise_floor import rounding
@@ -282,7 +282,7 @@ def record_of(
     )
     pose = np.where(edge, limits.mean(axis=1), pose)
     rng = np.random.default_rng(item.seed)
-    plan: Plan = excite(robot, pose, item.seconds, item.motions, rng, item.size)
+    plan: ExcitationPlan = excite(robot, pose, item.seconds, item.motions, rng, item.size)
     commands = np.tile(ctrl, (len(plan.angles), 1))
     commands[:, columns] = plan.angles
     powered = np.ones(commands.shape, bool)

@@ -17,7 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from hardware.files import whole_file
+from hardware.files import atomic_write
 from sim2real.diagnosis.data.recording import positions
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.report import figure
@@ -43,7 +43,7 @@ def write_rerun(path: str | Path, gaps: Mapping[str, Sequence[Gap]], spec: mujoc
         raise Sim2RealError("viewer=rerun needs rerun-sdk: pip install 'sim2real[viewer]'")
     rr = import_module("rerun")
     model = spec.copy().compile()
-    with whole_file(path) as temporary, rr.RecordingStream("sim2real") as stream:
+    with atomic_write(path) as temporary, rr.RecordingStream("sim2real") as stream:
         stream.save(temporary)
         for number, gap in enumerate(next(iter(gaps.values()))):
             lines = {MEASURED: gap.measured}

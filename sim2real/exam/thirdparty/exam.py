@@ -20,7 +20,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from hardware.files import whole_file
+from hardware.files import atomic_write
 from hardware.log import Log, write_log
 from sim2real.exam import hold
 from sim2real.exam.cases import check_limits, write_task
@@ -144,7 +144,7 @@ class EngineExam:
         recorded = self._record(robot, made, outline.seed, model)
         spec = nominal(robot)
         spec.compile()
-        with whole_file(model) as temporary:
+        with atomic_write(model) as temporary:
             temporary.write_text(spec.to_xml(), encoding="utf-8")
         for name, log in recorded.items():
             if name != "bare":

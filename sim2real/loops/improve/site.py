@@ -117,7 +117,7 @@ class Site:
         """The task whose return is known on this robot."""
         task = servo_task(self.environment)
         rows = RobotRows(task, self._backend())
-        lacking = rows.needs()[1] - set(rows.backend.senses)
+        lacking = rows.needs()[1] - set(rows.backend.sensor_names)
         if not lacking:
             return task
         other = task.with_distance_reward() if lacking == {"position"} else None

@@ -22,7 +22,7 @@ from hardware.errors import SafetyError
 from hardware.excite import Kind
 from hardware.log import Log
 from hardware.safety import StopLimits
-from hardware.stand import home_pose, hung
+from hardware.stand import home_pose, write_stand_model
 from sim2real.deployment.record import record_motions
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.diagnose import run_diagnosis
@@ -110,7 +110,7 @@ def on_stand(
     if folder.is_dir():
         return
     with atomic_folder(folder) as place:
-        hanging = hung(robot, place)
+        hanging = write_stand_model(robot, place)
         pose = home_pose(hanging)
         for number, name in enumerate(LOGS):
             path = place / f"{name}.csv"

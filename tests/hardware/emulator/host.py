@@ -6,7 +6,7 @@ import struct
 
 from hardware import protocol
 from hardware.emulator.bus import Bus
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.protocol import Packet, Parser, instruction_packet
 from hardware.tables import ServoType
 
@@ -16,7 +16,7 @@ BAUD = 1_000_000
 class Host:
     """Raw bytes to a world and its answers as packets, one after the other in time."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: EmulatedRobot) -> None:
         self.world, self.bus, self.time = world, Bus(world), 0.0
 
     def send(

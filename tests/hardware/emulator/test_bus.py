@@ -15,14 +15,14 @@ from hardware.config import load_robot
 from hardware.emulator.bus import Bus
 from hardware.emulator.faults import Fault
 from hardware.emulator.loopback import LoopbackPort
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.protocol import Parser, instruction_packet
 from tests.hardware.emulator.host import BAUD, Host
 
 
 def test_ping_answers_as_published(chain):
     """An XM430-W210 of firmware 38 answers the manual's ping with the manual's bytes."""
-    world = World(load_robot("bench1"), registers={"hinge": {"model_number": 1030}})
+    world = EmulatedRobot(load_robot("bench1"), registers={"hinge": {"model_number": 1030}})
     world.servos[0].memory["model_number"] = 1030
     world.servos[0].memory["firmware_version"] = 38
     ping = bytes.fromhex("FF FF FD 00 01 03 00 01 19 4E")
@@ -90,7 +90,7 @@ def test_reboot_forgets_ram_and_is_silent_for_a_while(host):
 @pytest.mark.parametrize(("mode", "number", "baud"), [(0xFF, 1, 1), (1, 9, 1), (2, 9, 3)])
 def test_factory_reset(mode, number, baud):
     """A factory reset keeps nothing, the ID, or ID and baud rate."""
-    world = World(load_robot("bench1"), registers={"hinge": {"id": 9}})
+    world = EmulatedRobot(load_robot("bench1"), registers={"hinge": {"id": 9}})
     host = Host(world)
     host.write(9, "drive_mode", 4)
     host.send(9, protocol.FACTORY_RESET, bytes([mode]))
@@ -229,7 +229,7 @@ def test_a_cycle_takes_the_time_of_the_wire(chain, baud, delay, latency, count, 
         (protocol.SYNC_READ, plain, count),
         (protocol.FAST_SYNC_READ, fast, 1),
     ):
-        bus, spans = Bus(World(robot)), []
+        bus, spans = Bus(EmulatedRobot(robot)), []
         for k in range(20):
             start = 1.0 + 0.2 * k
             bus.feed(instruction_packet(254, protocol.SYNC_WRITE, goals), start, baud)
@@ -245,7 +245,7 @@ def test_a_cycle_takes_the_time_of_the_wire(chain, baud, delay, latency, count, 
 
 def test_later_servos_of_a_chain_are_seen_later(chain):
     """Twelve falling pendulums that are alike read differently: each is sampled in its turn."""
-    world = World(chain(12))
+    world = EmulatedRobot(chain(12))
     world.mechanics.data.qpos[world.mechanics.qpos] = 1.5
     numbers = struct.pack("<HH", 132, 4) + bytes(range(1, 13))
     request, bus = instruction_packet(254, protocol.SYNC_READ, numbers), Bus(world)
@@ -262,7 +262,7 @@ def test_same_seed_same_bytes():
 
     def run(seed: int) -> list[tuple[float, bytes]]:
         faults = [Fault("drop", probability=0.1), Fault("noise", probability=0.2, value=3)]
-        bus = Bus(World(load_robot("bench1"), seed=seed, faults=faults))
+        bus = Bus(EmulatedRobot(load_robot("bench1"), seed=seed, faults=faults))
         request = instruction_packet(1, protocol.READ, struct.pack("<HH", 132, 4))
         found = []
         for k in range(60):

@@ -9,7 +9,7 @@ import pytest
 from hardware import protocol
 from hardware.config import load_robot
 from hardware.emulator.faults import Fault
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from tests.hardware.emulator.host import Host
 
 R = 3.40  # ohm, of an XL330-M288
@@ -42,7 +42,7 @@ def test_timed_profile_of_velocity_mode(floating):
 )
 def test_goal_pwm_limits_current_and_velocity(mode, goal):
     """A jammed servo's current is no more than that of goal PWM: PWM / 885 V / R."""
-    host = Host(World(load_robot("bench1"), faults=[Fault("stuck")]))
+    host = Host(EmulatedRobot(load_robot("bench1"), faults=[Fault("stuck")]))
     host.set(operating_mode=mode, pwm_slope=255, torque_enable=1, goal_pwm=200, **goal)
     host.wait(1.0)
     assert host.read(1, "present_pwm") == 200
@@ -53,7 +53,7 @@ def test_the_velocity_law_integrates_on_every_type():
     """An XL430, whose position law has a D part, reaches its goal velocity under load."""
     robot = load_robot("arm6")
     number = next(servo.id for servo in robot.servos if servo.model == "xl430-w250")
-    host = Host(World(robot))
+    host = Host(EmulatedRobot(robot))
     assert host.write(number, "operating_mode", 1) == 0
     assert host.write(number, "torque_enable", 1) == 0
     assert host.write(number, "goal_velocity", 60) == 0

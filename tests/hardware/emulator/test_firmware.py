@@ -11,16 +11,16 @@ import pytest
 from hardware.config import Robot, load_robot
 from hardware.emulator.bus import Bus
 from hardware.emulator.faults import Fault
-from hardware.emulator.hidden import Hidden, make_hidden
+from hardware.emulator.hidden import HiddenEffects, make_hidden
 from hardware.emulator.profile import Profile
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.protocol import BROADCAST, REBOOT, WRITE, instruction_packet
 
 STEP = 2 * np.pi / 4096
 K, R = 0.386, 3.40  # of an XL330-M288
 
 
-def put(world: World, **registers: int) -> None:
+def put(world: EmulatedRobot, **registers: int) -> None:
     """Write registers of all servos by hand, in the order given."""
     for name, value in registers.items():
         for servo in world.servos:
@@ -28,15 +28,15 @@ def put(world: World, **registers: int) -> None:
             assert servo.write(register.address, register.encode(value), world.time) == 0
 
 
-def started(robot: Robot, hidden: Hidden | None = None, **kwargs) -> World:
+def started(robot: Robot, hidden: HiddenEffects | None = None, **kwargs) -> EmulatedRobot:
     """Return a world whose servos hold their position with the robot's registers."""
-    world = World(robot, hidden, **kwargs)
+    world = EmulatedRobot(robot, hidden, **kwargs)
     ram = {n: v for n, v in robot.registers.items() if n not in ("shutdown",)}
     put(world, **ram, torque_enable=1)
     return world
 
 
-def angle(world: World) -> float:
+def angle(world: EmulatedRobot) -> float:
     """The first servo's reading [rad]."""
     return float((world.firmware.present()[0][0] - 2048) * STEP)
 
@@ -94,7 +94,7 @@ def test_integral_gain_removes_the_sag():
 
 def test_no_load_speed_and_open_circuit(chain):
     """At full PWM the speed tends to V / K; without torque the motor does not brake."""
-    world = World(chain(1, option='gravity="0 0 0"'))
+    world = EmulatedRobot(chain(1, option='gravity="0 0 0"'))
     put(world, operating_mode=16, pwm_slope=255, torque_enable=1, goal_pwm=885)
     world.advance(2.0)
     assert world.mechanics.speed[0] == pytest.approx(5.0 / K, rel=1e-3)
@@ -109,11 +109,11 @@ def test_no_load_speed_and_open_circuit(chain):
 
 def test_velocity_and_current_modes(chain):
     """Velocity mode reaches its goal; current mode gives K i of torque."""
-    world = World(chain(1, option='gravity="0 0 0"'))
+    world = EmulatedRobot(chain(1, option='gravity="0 0 0"'))
     put(world, operating_mode=1, pwm_slope=255, torque_enable=1, goal_velocity=200)
     world.advance(2.0)
     assert world.firmware.velocity[0] == pytest.approx(200 * 0.02398, rel=0.03)
-    world = World(load_robot("bench1"))
+    world = EmulatedRobot(load_robot("bench1"))
     put(world, operating_mode=0, pwm_slope=255, torque_enable=1, goal_current=100)
     world.advance(4.0)
     assert world.mechanics.torque[0] == pytest.approx(0.1 * K, rel=0.05)
@@ -121,7 +121,7 @@ def test_velocity_and_current_modes(chain):
 
 def test_current_based_position_is_soft():
     """In mode 5 the goal current limits the torque, not the stiffness near the goal."""
-    world = World(load_robot("bench1"), faults=[Fault("stuck")])
+    world = EmulatedRobot(load_robot("bench1"), faults=[Fault("stuck")])
     put(world, operating_mode=5, pwm_slope=255, torque_enable=1, goal_current=200)
     put(world, goal_position=3000)
     world.advance(0.5)
@@ -162,7 +162,7 @@ def test_profile_registers_limit_the_motion():
 
 def test_seam_and_turns():
     """In extended mode positions go on beyond a turn; a reboot forgets whole turns."""
-    world = World(load_robot("bench1"))
+    world = EmulatedRobot(load_robot("bench1"))
     put(world, operating_mode=4)
     world.firmware.slip[:] = 3 * np.pi
     world.advance(0.01)
@@ -174,7 +174,7 @@ def test_seam_and_turns():
 
 def test_reverse_mode_mirrors():
     """In reverse mode the servo counts down where it counted up, and still holds its goal."""
-    world = World(load_robot("bench1"))
+    world = EmulatedRobot(load_robot("bench1"))
     put(world, drive_mode=1)
     put(world, position_p_gain=800, torque_enable=1)
     world.advance(0.1)
@@ -237,7 +237,7 @@ def test_bus_watchdog_stops_and_locks():
 
 def test_torque_on_by_goal_update():
     """With bit 3 of the drive mode a goal switches the torque on: a trap that a driver must see."""
-    world = World(load_robot("bench1"))
+    world = EmulatedRobot(load_robot("bench1"))
     put(world, drive_mode=8)
     assert not world.firmware.torque_on[0]
     put(world, goal_position=2100)
@@ -246,7 +246,7 @@ def test_torque_on_by_goal_update():
 
 def test_xl330_slope_limits_the_voltage():
     """The factory's PWM slope of 140 lets the voltage rise by 0.277 V a millisecond."""
-    world = World(load_robot("bench1"), faults=[Fault("stuck")])
+    world = EmulatedRobot(load_robot("bench1"), faults=[Fault("stuck")])
     put(world, pwm_slope=140, operating_mode=16, torque_enable=1, goal_pwm=885)
     world.advance(world.time + 0.0095)
     assert world.firmware.pwm[0] / 885 * 5.0 == pytest.approx(10 * 140 * 0.001977, rel=0.02)

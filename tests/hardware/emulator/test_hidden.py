@@ -12,7 +12,7 @@ from hardware.config import load_robot
 from hardware.emulator.bus import Bus
 from hardware.emulator.faults import Fault
 from hardware.emulator.hidden import EFFECTS, IMU_EFFECTS, make_hidden, read_hidden
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 from hardware.protocol import READ, WRITE, Parser, instruction_packet
 
@@ -22,19 +22,19 @@ MOMENT = 9.81 * (0.015 * 0.06 + 0.1 * 0.12)  # N·m of bench1's pendulum held le
 KP = 800 / 256 / 885 / STEP * 5.0 * K / R
 
 
-def world_with(robot=None, faults=(), on: bool = True, **effect) -> World:
+def world_with(robot=None, faults=(), on: bool = True, **effect) -> EmulatedRobot:
     """Return a world of bench1 (or another robot) that hides one effect and holds its position."""
     robot = robot or load_robot("bench1")
     extra = {
         k: effect.pop(k) for k in ("speed", "damping", "count", "phase", "decay") if k in effect
     }
     entries = [{"extra": extra, **effect}] if effect else []
-    world = World(robot, make_hidden(entries, robot), faults=faults)
+    world = EmulatedRobot(robot, make_hidden(entries, robot), faults=faults)
     put(world, position_p_gain=800, torque_enable=int(on))
     return world
 
 
-def put(world: World, **registers: int) -> None:
+def put(world: EmulatedRobot, **registers: int) -> None:
     """Write registers of all servos by hand."""
     for name, value in registers.items():
         for servo in world.servos:
@@ -42,7 +42,7 @@ def put(world: World, **registers: int) -> None:
             assert servo.write(register.address, register.encode(value), world.time) == 0
 
 
-def settle(world: World, goal: float, seconds: float = 1.0) -> float:
+def settle(world: EmulatedRobot, goal: float, seconds: float = 1.0) -> float:
     """Command an angle [rad] and return where the joint is after a while."""
     put(world, goal_position=2048 + round(goal / STEP))
     world.advance(world.time + seconds)
@@ -79,7 +79,9 @@ def test_stribeck_friction_holds_more_than_it_slows():
 
 def test_viscous_friction_sets_the_speed(floating):
     """At full voltage the speed is (K V / R) / (K^2 / R + value)."""
-    world = World(floating, make_hidden([{"effect": "viscous_friction", "value": 0.03}], floating))
+    world = EmulatedRobot(
+        floating, make_hidden([{"effect": "viscous_friction", "value": 0.03}], floating)
+    )
     put(world, operating_mode=16, pwm_slope=255, torque_enable=1, goal_pwm=885)
     world.advance(2.0)
     assert world.mechanics.speed[0] == pytest.approx(5 * K / R / (K**2 / R + 0.03), rel=1e-3)
@@ -125,7 +127,7 @@ def test_compliance_bends_by_the_load():
 def test_cogging_shifts_the_rest(floating):
     """At rest the P law carries the cogging torque: kp error = -amplitude sin(n q)."""
     entry = {"effect": "cogging", "value": 0.05, "extra": {"count": 3, "phase": 0.2}}
-    world = World(floating, make_hidden([entry], floating))
+    world = EmulatedRobot(floating, make_hidden([entry], floating))
     put(world, position_p_gain=800, torque_enable=1)
     q = settle(world, 0.5)
     assert KP * (0.5 - q) == pytest.approx(-0.05 * np.sin(3 * q + 0.2), abs=3 * KP * STEP)
@@ -136,7 +138,7 @@ def test_armature_slows_the_start(floating):
     speeds = []
     for value in (0.0, 0.01):
         entry = {"effect": "armature", "value": value}
-        world = World(floating, make_hidden([entry], floating))
+        world = EmulatedRobot(floating, make_hidden([entry], floating))
         put(world, operating_mode=16, pwm_slope=255, torque_enable=1, goal_pwm=200)
         world.advance(0.02)
         speeds.append(float(world.mechanics.speed[0]))
@@ -321,7 +323,7 @@ def test_contacts(tmp_path):
         {"effect": "ground_friction", "value": 0.3},
         {"effect": "contact_stiffness", "where": "foot", "value": 4.0},
     ]
-    model = World(robot, make_hidden(entries, robot)).mechanics.model
+    model = EmulatedRobot(robot, make_hidden(entries, robot)).mechanics.model
     before = mujoco.MjModel.from_xml_path(str(path))
     for name in ("foot", "floor"):
         assert model.geom(name).friction[0] == 0.3

@@ -12,7 +12,7 @@ from hardware.body import EmulatedBody
 from hardware.config import Robot, load_robot
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.mechanics import TICK
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 
 
@@ -22,9 +22,11 @@ def robot() -> Robot:
     return load_robot("quad8")
 
 
-def fallen(robot: Robot, *hidden: dict[str, Any], ticks: int = 100) -> tuple[World, list[dict]]:
+def fallen(
+    robot: Robot, *hidden: dict[str, Any], ticks: int = 100
+) -> tuple[EmulatedRobot, list[dict]]:
     """Let a robot fall without torque, its base turning; return what was true at each tick."""
-    world, true = World(robot, make_hidden(list(hidden), robot), seed=0), []
+    world, true = EmulatedRobot(robot, make_hidden(list(hidden), robot), seed=0), []
     world.mechanics.data.qvel[3:6] = [1.0, -0.5, 0.3]
     for tick in range(ticks):
         world.advance(tick * TICK)
@@ -83,4 +85,4 @@ def test_a_robot_without_an_imu_is_refused() -> None:
     """Nothing would show what it hides."""
     arm = load_robot("bench1")
     with pytest.raises(RobotError, match="names no IMU"):
-        World(arm, make_hidden([{"effect": "imu_delay", "value": 0.02}], arm))
+        EmulatedRobot(arm, make_hidden([{"effect": "imu_delay", "value": 0.02}], arm))

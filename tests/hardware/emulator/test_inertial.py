@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.hardware.test_several import data_of
 
 from hardware.body import EmulatedBody
 from hardware.config import Robot, load_robot, make_robot
 from hardware.emulator.imu import EmulatedImu
-from hardware.emulator.inertial import Inertial
-from hardware.emulator.world import World
+from hardware.emulator.inertial import InertialSensor
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 from hardware.imu import rvc
 from hardware.parts import ImuErrors
-from tests.hardware.test_several import data_of
 
 READINGS = 4000  # so that a mean is known to 1.6 % of the noise
 
@@ -29,16 +29,16 @@ def quadruped(**errors: Any) -> Robot:
     return replace(robot, imu=replace(robot.imu, emulated=ImuErrors(**errors)))
 
 
-def held(**errors: Any) -> Inertial:
+def held(**errors: Any) -> InertialSensor:
     """Return the IMU of a level robot that is held."""
-    world = World(quadruped(**errors))
+    world = EmulatedRobot(quadruped(**errors))
     world.hold()
     world.advance(0.01)
     assert world.inertial is not None
     return world.inertial
 
 
-def many(imu: Inertial, name: str) -> np.ndarray:
+def many(imu: InertialSensor, name: str) -> np.ndarray:
     """Return readings of a quantity, (n, k)."""
     return np.array([imu.measure()[name] for _ in range(READINGS)])
 
@@ -46,7 +46,7 @@ def many(imu: Inertial, name: str) -> np.ndarray:
 def test_a_resting_robot_feels_its_weight_upwards():
     """Held level and standing on its feet: 9.81 m/s² along the world's z, and no turning."""
     assert held().measure()["acceleration"] == pytest.approx([0, 0, 9.81], abs=1e-9)
-    world = World(quadruped())
+    world = EmulatedRobot(quadruped())
     for servo in world.servos:
         servo.memory["torque_enable"] = 1
         world.firmware.load(servo.index)
@@ -69,7 +69,7 @@ def test_a_turned_robot_feels_its_weight_along_its_own_axes():
         ([0, 1, 0], 0.2, [-np.sin(0.2), 0, np.cos(0.2)]),
         ([0, 0, 1], 1.0, [0, 0, 1]),
     ):
-        world = World(quadruped())
+        world = EmulatedRobot(quadruped())
         turn = Rotation.from_rotvec(np.array(axis) * angle).as_quat(scalar_first=True)
         world.mechanics.data.qpos[3:7] = turn
         world.mechanics.hold(np.ones(12, bool))
@@ -83,7 +83,7 @@ def test_a_turned_robot_feels_its_weight_along_its_own_axes():
 
 def test_a_falling_robot_feels_nothing_and_its_spin():
     """In free fall all parts fall alike: no acceleration is felt; the gyro has the turn's speed."""
-    world = World(quadruped())
+    world = EmulatedRobot(quadruped())
     data = world.mechanics.data
     data.qpos[2] = 3.0
     world.advance(0.0)
@@ -98,7 +98,7 @@ def test_latency_shifts_a_reading():
     """With 20 ms, what is read now is what a part without latency read 20 ticks before."""
     series = {}
     for latency in (0.0, 0.02):
-        world = World(quadruped(latency=latency))
+        world = EmulatedRobot(quadruped(latency=latency))
         world.mechanics.data.qvel[3:6] = 1.0, -0.5, 2.0
         assert world.inertial is not None
         seen = []
@@ -141,7 +141,7 @@ def test_noise_is_of_the_seed_and_touches_nothing_else():
     """The same seed gives the same readings; the robot moves as it does with a perfect part."""
     seen = {}
     for key, seed, noise in (("a", 1, 0.1), ("b", 1, 0.1), ("c", 2, 0.1), ("exact", 1, 0.0)):
-        world = World(quadruped(gyro_noise=noise), seed=seed)
+        world = EmulatedRobot(quadruped(gyro_noise=noise), seed=seed)
         world.advance(0.3)
         assert world.inertial is not None
         seen[key] = world.inertial.measure()["gyro"], world.mechanics.data.qpos.copy()
@@ -153,7 +153,7 @@ def test_noise_is_of_the_seed_and_touches_nothing_else():
 def test_a_robot_without_ports_measures_what_its_file_says():
     """The accelerometer is one of the body's sensors; it errs as the file says, as frames do."""
     robot = quadruped(measures=("acceleration",), acceleration_bias=(0.0, 0.0, 1.0))
-    world = World(robot)
+    world = EmulatedRobot(robot)
     world.hold()
     body = EmulatedBody(world)
     assert body.names == ("acceleration", "position")

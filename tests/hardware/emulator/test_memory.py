@@ -8,7 +8,7 @@ import pytest
 
 from hardware import protocol
 from hardware.config import load_robot
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.protocol import instruction_packet
 from tests.hardware.emulator.host import BAUD, Host
 
@@ -78,7 +78,7 @@ def test_ranges_and_limits(host):
 def test_ranges_of_larger_servos():
     """An XM430's limits go as far as its manual says, and 4.5 Mbit/s is one of its speeds."""
     robot = load_robot("arm6")
-    host, number = Host(World(robot)), robot.servos[1].id
+    host, number = Host(EmulatedRobot(robot)), robot.servos[1].id
     assert robot.servos[1].model == "xm430-w350"
     limits = {"velocity_limit": 1023, "max_voltage_limit": 160, "current_limit": 1193}
     for name, largest in limits.items():

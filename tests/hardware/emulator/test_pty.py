@@ -16,8 +16,8 @@ import pytest
 
 from hardware import protocol
 from hardware.config import load_robot
-from hardware.emulator.pty import TCGETS2, Pacer, line_speed, serve
-from hardware.emulator.world import World
+from hardware.emulator.pty import TCGETS2, RealTimeLoop, line_speed, serve
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 from hardware.protocol import Parser, instruction_packet
 
@@ -37,14 +37,14 @@ def set_speed(terminal: int, speed: int) -> None:
 class Client:
     """A client at the far end of a wire whose clock the test moves."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: EmulatedRobot) -> None:
         self.world, self.now = world, 0.0
         self.master, self.slave = os.openpty()
         for end in (self.master, self.slave):
             tty.setraw(end)
         os.set_blocking(self.slave, False)
         set_speed(self.slave, 1_000_000)
-        self.wire = Pacer(world, {"": (self.master, self.slave)}, lambda: self.now)
+        self.wire = RealTimeLoop(world, {"": (self.master, self.slave)}, lambda: self.now)
 
     def wait(self, seconds: float, every: float = 0.002) -> bytes:
         """Let the clock go on in steps, and return what can be read."""
@@ -65,7 +65,7 @@ class Client:
 @pytest.fixture
 def client() -> Iterator[Client]:
     """Return a client of bench1."""
-    made = Client(World(load_robot("bench1")))
+    made = Client(EmulatedRobot(load_robot("bench1")))
     yield made
     made.close()
 
@@ -86,7 +86,7 @@ def test_servos_hear_their_own_speed_only(client, speed, answers):
 
 def test_a_servo_of_an_unlisted_speed():
     """A servo of 4.5 Mbit/s answers a client of that speed."""
-    world = World(load_robot("arm6"))
+    world = EmulatedRobot(load_robot("arm6"))
     world.servos[0].memory["baud_rate"] = 7
     client = Client(world)
     set_speed(client.slave, 4_500_000)
@@ -144,7 +144,7 @@ def test_bytes_are_taken_as_fast_as_the_wire_carries_them(client):
     assert client.world.time < client.now + 0.03
 
 
-def serving(world: World, link: Path | None = None) -> tuple[str, Callable[[], bool]]:
+def serving(world: EmulatedRobot, link: Path | None = None) -> tuple[str, Callable[[], bool]]:
     """Serve a world in a thread; return its device, and what ends it and says whether it ended."""
     over, devices, is_open = threading.Event(), [], threading.Event()
 
@@ -166,7 +166,7 @@ def serving(world: World, link: Path | None = None) -> tuple[str, Callable[[], b
 
 def test_a_client_that_does_not_read_freezes_nothing(caplog):
     """Answers that nobody reads are lost; the robot goes on, serves again, and ends when told."""
-    world = World(load_robot("bench1"))
+    world = EmulatedRobot(load_robot("bench1"))
     device, end = serving(world)
     client = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     set_speed(client, 4_000_000)
@@ -201,7 +201,7 @@ def test_a_link_takes_no_files_place(tmp_path):
     file.write_text("precious")
     folder.mkdir()
     elsewhere.symlink_to(file)
-    world = World(load_robot("bench1"))
+    world = EmulatedRobot(load_robot("bench1"))
     for link in (file, folder, elsewhere):
         with pytest.raises(RobotError, match="something of that name, and it is no link to a dev"):
             serve(world, lambda _: None, lambda: True, link)
@@ -220,8 +220,8 @@ def test_a_link_takes_no_files_place(tmp_path):
 def test_the_end_leaves_another_robots_link(tmp_path):
     """A link that a second emulator has taken over stays when the first one ends."""
     link = tmp_path / "robot"
-    _, end_first = serving(World(load_robot("bench1")), link)
-    second, end_second = serving(World(load_robot("bench1")), link)
+    _, end_first = serving(EmulatedRobot(load_robot("bench1")), link)
+    second, end_second = serving(EmulatedRobot(load_robot("bench1")), link)
     assert end_first()
     assert os.readlink(link) == second
     assert end_second()

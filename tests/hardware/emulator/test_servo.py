@@ -10,7 +10,7 @@ import pytest
 from hardware import protocol
 from hardware.config import load_robot
 from hardware.emulator.faults import Fault
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.protocol import instruction_packet
 from tests.hardware.emulator.host import BAUD, Host
 
@@ -115,7 +115,7 @@ def test_a_velocity_of_zero_is_a_step(floating):
 
 def test_a_running_profile_is_moving():
     """While its goal is on its way a servo is moving, even if it is jammed and stands."""
-    host = Host(World(load_robot("bench1"), faults=[Fault("stuck")]))
+    host = Host(EmulatedRobot(load_robot("bench1"), faults=[Fault("stuck")]))
     host.set(torque_enable=1, profile_velocity=5, goal_position=2200)
     host.wait(0.2)
     assert host.read(1, "present_velocity") == 0
@@ -124,7 +124,7 @@ def test_a_running_profile_is_moving():
 
 def test_a_jammed_servo_is_not_in_position():
     """At the profile's end a jammed servo reports a following error, and no arrival."""
-    host = Host(World(load_robot("bench1"), faults=[Fault("stuck")]))
+    host = Host(EmulatedRobot(load_robot("bench1"), faults=[Fault("stuck")]))
     host.set(torque_enable=1, profile_velocity=200, goal_position=2400)
     host.wait(1.0)
     assert host.read(1, "position_trajectory") == 2400

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hardware.config import load_robot
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 
 
-def put_torque(world: World, on: bool) -> None:
+def put_torque(world: EmulatedRobot, on: bool) -> None:
     """Switch the torque of all servos."""
     for servo in world.servos:
         assert servo.write(64, bytes([on]), world.time) == 0
@@ -17,7 +17,7 @@ def put_torque(world: World, on: bool) -> None:
 
 def test_a_held_robot_waits_for_its_torque():
     """quad8 collapses without torque; held it stands still until armed, and then by itself."""
-    world = World(load_robot("quad8"))
+    world = EmulatedRobot(load_robot("quad8"))
     world.advance(2.0)
     assert world.mechanics.data.qpos[2] < 0.1
 
@@ -41,7 +41,7 @@ def test_a_held_robot_waits_for_its_torque():
 
 def test_each_joint_is_let_go_with_its_own_torque(chain):
     """Of three held pendulums the one that is powered moves; it falls when the torque goes."""
-    world = World(chain(3))
+    world = EmulatedRobot(chain(3))
     world.hold()
     world.servos[1].write(64, b"\x01", 0.0)
     world.servos[1].write(116, (2500).to_bytes(4, "little"), 0.0)

@@ -15,16 +15,16 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from tests.hardware.test_several import data_of
 
 from hardware.clock import VirtualClock
 from hardware.config import Robot, load_robot, make_robot
 from hardware.emulator.imu import EmulatedImu
-from hardware.emulator.world import World
-from hardware.errors import LineError, RobotError
+from hardware.emulator.world import EmulatedRobot
+from hardware.errors import RobotError, SerialPortError
 from hardware.imu import rvc
 from hardware.imu.reader import FIRST, STALE, SerialImu
 from hardware.parts import Imu
-from tests.hardware.test_several import data_of
 
 UPRIGHT = (0.5, 0.5, -0.5, 0.5)  # its x axis points down
 HELD = 4000  # bytes that a terminal surely holds for who reads it
@@ -120,7 +120,7 @@ def test_a_stopped_or_damaged_stream_is_refused(part):
     assert part.imu.missing == 5
     part.sends = False
     part.wait(STALE * 1.2)
-    with pytest.raises(LineError, match=r"no good frame for 1\d\d ms \(5 missing, 5 damaged"):
+    with pytest.raises(SerialPortError, match=r"no good frame for 1\d\d ms \(5 missing, 5 damaged"):
         part.imu.measure(part.clock.now())
 
 
@@ -137,17 +137,19 @@ def test_after_a_pause_what_waited_is_thrown_away(part):
 def test_what_is_no_imu_is_refused(part):
     """Silence, noise, and a port that is not there or held: what came, and what to check."""
     part.sends = False
-    with pytest.raises(LineError, match=r"0 bytes, 0 good frames and 0 damaged ones came in 1 s; "):
+    with pytest.raises(
+        SerialPortError, match=r"0 bytes, 0 good frames and 0 damaged ones came in 1 s; "
+    ):
         part.imu.open()
     assert part.clock.now() == pytest.approx(FIRST, abs=0.1)
     part.sends, part.damage = True, True
-    with pytest.raises(LineError, match=r"\d{4} bytes, 0 good frames and \d+ damaged ones"):
+    with pytest.raises(SerialPortError, match=r"\d{4} bytes, 0 good frames and \d+ damaged ones"):
         part.imu.open()
     part.damage = False
     part.imu.open()
-    with pytest.raises(LineError, match="is held by an open driver of this program"):
+    with pytest.raises(SerialPortError, match="is held by an open driver of this program"):
         SerialImu(part.imu.imu, part.clock).open()
-    with pytest.raises(LineError, match="/dev/no-such: the port cannot be used"):
+    with pytest.raises(SerialPortError, match="/dev/no-such: the port cannot be used"):
         SerialImu(replace(part.imu.imu, port="/dev/no-such"), part.clock).open()
 
 
@@ -160,7 +162,7 @@ def imu_robot(mount: tuple[float, ...]) -> Robot:
 @pytest.mark.parametrize("mount", [(1.0, 0.0, 0.0, 0.0), UPRIGHT, (0.8, 0.0, 0.6, 0.0)])
 def test_the_emulated_part_tells_what_the_model_senses(mount):
     """However it is mounted, the reader gives the site's own orientation and acceleration back."""
-    world = World(imu_robot(mount), seed=0)
+    world = EmulatedRobot(imu_robot(mount), seed=0)
     turn = np.array([0.96, 0.2, -0.15, 0.12])
     world.mechanics.data.qpos[3:7] = turn / np.linalg.norm(turn)
     world.mechanics.data.qvel[3:6] = 1.0, 0.5, -2.0
@@ -185,7 +187,7 @@ def test_the_emulated_part_tells_what_the_model_senses(mount):
 
 def test_a_held_robot_feels_its_weight():
     """While a stand holds it, the part measures gravity upwards; once it is let go, its fall."""
-    world = World(imu_robot(UPRIGHT))
+    world = EmulatedRobot(imu_robot(UPRIGHT))
     world.hold()
     imu = EmulatedImu(world)
     [*_, (_, data)] = imu.until(0.2)
@@ -216,7 +218,7 @@ def test_what_an_imu_cannot_be():
     with pytest.raises(RobotError, match="is not 4 numbers"):
         made(mount=[1, 0, 0])
     with pytest.raises(RobotError, match="there is no site 'head'; it has 'imu'"):
-        World(made(site="head"))
+        EmulatedRobot(made(site="head"))
     with pytest.raises(RobotError, match="its file names no IMU"):
         load_robot("bench1").with_imu_at("/dev/x")
     with pytest.raises(RobotError, match="is the port of its servos"):

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hardware.excite import Plan
+from hardware.excite import ExcitationPlan
 from hardware.log import Log
 from sim2real.exam.logs import difference, drive, exam_robot, overall, plans
 from sim2real.exam.measure import apart
@@ -74,8 +74,8 @@ def test_the_repeat_is_the_beginning_of_the_first_motion(tmp_path: Path) -> None
     assert not np.array_equal(made["a"].angles, made["b"].angles)
 
 
-def _start(plan: Plan, rows: int) -> Plan:
-    return Plan(plan.angles[:rows], plan.torque[:rows])
+def _start(plan: ExcitationPlan, rows: int) -> ExcitationPlan:
+    return ExcitationPlan(plan.angles[:rows], plan.torque[:rows])
 
 
 def test_where_a_robot_stood_is_no_gap(tmp_path: Path) -> None:

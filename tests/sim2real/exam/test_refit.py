@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from envs.effects import make
-from hardware.excite import Plan
+from hardware.excite import ExcitationPlan
 from sim2real.exam.logs import drive, exam_robot, plans
 from sim2real.exam.refit import RIVAL_FLOORS, fit, rivals
 
@@ -32,7 +32,7 @@ def test_a_payload_passes_for_a_heavier_link_and_a_play_does_not(robot) -> None:
     """On a pendulum both masses pull alike; nothing else has that shape."""
     plan = plans(robot, 1)["a"]
     hidden = {"effect": "payload", "where": "arm", "value": 0.02}
-    log = drive(robot, [hidden], Plan(plan.angles[:150], plan.torque[:150]), 1)
+    log = drive(robot, [hidden], ExcitationPlan(plan.angles[:150], plan.torque[:150]), 1)
     spec = mujoco.MjSpec.from_file(str(robot.model))
     found = [
         fit(robot, spec, effect, log, RIVAL_FLOORS * FLOOR, np.random.default_rng(0))
@@ -56,6 +56,6 @@ def test_rivals_act_where_they_could_pass(tmp_path: Path) -> None:
 def test_an_effect_that_the_robot_cannot_have_is_no_rival(robot) -> None:
     """A factor on a gain that is 0 changes nothing, and is refused."""
     plan = plans(robot, 1)["a"]
-    log = drive(robot, [], Plan(plan.angles[:20], plan.torque[:20]), 1)
+    log = drive(robot, [], ExcitationPlan(plan.angles[:20], plan.torque[:20]), 1)
     spec = mujoco.MjSpec.from_file(str(robot.model))
     assert fit(robot, spec, make("derivative_gain", where="hinge"), log, 1.0, rng()) is None

@@ -12,7 +12,7 @@ from envs.effects import make
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.log import Log
 from sim2real.deployment.deploy import servo_task
 from sim2real.deployment.export import export
@@ -46,7 +46,7 @@ def trained(run: Path) -> TrainedPolicy:
 def deployed(trained: TrainedPolicy, *hidden: dict) -> list[Log]:
     """Return the logs of four episodes on an emulated robot."""
     robot = load_robot("bench1")
-    world = World(robot, hidden=make_hidden(list(hidden), robot), seed=1)
+    world = EmulatedRobot(robot, hidden=make_hidden(list(hidden), robot), seed=1)
     backend = ServoBackend(robot, 0.2, world, seed=1)
     env = on_robot(trained, servo_task(trained.environment), backend)
     actor, found = trained.acting(env), []

@@ -16,7 +16,7 @@ from envs.effects import load_effects, make, write_effects
 from hardware.config import load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import LogError
 from hardware.excite import excite
 from hardware.log import Log, write_log
@@ -50,7 +50,7 @@ SHARES: list[float] = []  # of the work done, as the last diagnosis told them
 def make_log(*hidden: dict[str, Any], seed: int = 0, seconds: float = 6.0) -> Log:
     """Return a log of the emulated bench."""
     robot = load_robot("bench1")
-    driver = make_driver(robot, World(robot, make_hidden(list(hidden), robot), seed=seed))
+    driver = make_driver(robot, EmulatedRobot(robot, make_hidden(list(hidden), robot), seed=seed))
     try:
         driver.connect()
         driver.configure()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hardware.config import load_robot
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 from sim2real.config.compose import compose, instantiate
 from sim2real.deployment import view
@@ -23,7 +23,7 @@ from tests.sim2real.trained import SMALL_ES, train
 class Handle:
     """A window that is closed after some pictures, and remembers what it showed."""
 
-    def __init__(self, world: World, pictures: int) -> None:
+    def __init__(self, world: EmulatedRobot, pictures: int) -> None:
         self.world, self.left = world, pictures
         self.angles: list[float] = []
 
@@ -50,7 +50,7 @@ def window(monkeypatch) -> dict[str, Any]:
     made: dict[str, Any] = {"pictures": 10**9}
 
     @contextmanager
-    def opened(world: World):
+    def opened(world: EmulatedRobot):
         made["world"], made["handle"] = world, Handle(world, made["pictures"])
         yield made["handle"]
 
@@ -107,10 +107,10 @@ def test_a_watched_clock_keeps_the_time_of_an_unwatched_one():
     class Blind:
         every = 0.02
 
-        def show(self, world: World) -> None:
+        def show(self, world: EmulatedRobot) -> None:
             pass
 
-    clock = view.RenderingClock(World(load_robot("bench1")), Blind(), end=0.5)
+    clock = view.RenderingClock(EmulatedRobot(load_robot("bench1")), Blind(), end=0.5)
     for moment in (0.013, 0.2, 0.1, 0.30001):
         before = clock.now()
         clock.sleep_until(moment)

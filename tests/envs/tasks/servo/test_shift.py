@@ -13,7 +13,7 @@ from envs.tasks import Hopper2, Quad8, Quad12
 from envs.tasks.servo.robot import ROBOTS
 from hardware.config import load_robot
 from hardware.emulator.hidden import read_hidden
-from hardware.emulator.world import World
+from hardware.emulator.world import EmulatedRobot
 
 TASKS = {"quad8": Quad8, "quad12": Quad12, "hopper2": Hopper2}
 FILES = [  # of robots with servos
@@ -30,7 +30,7 @@ def test_simulator_and_emulated_robot_differ_alike(path: Path) -> None:
     fixed = load_effects(path)
     plant = Plant(task.spec(), fixed=fixed)
     robot = load_robot(task.machine.name)
-    world = World(robot, hidden=read_hidden(path, robot))
+    world = EmulatedRobot(robot, hidden=read_hidden(path, robot))
     theirs, own = world.mechanics.model, plant.nominal
     mass = plant.field("body_mass")[0]
     np.testing.assert_allclose(theirs.body_mass, mass)

@@ -11,7 +11,7 @@ from envs.effects import make
 from envs.effects.eccentricity import EncoderEccentricity
 from hardware.config import load_robot
 from hardware.log import Log
-from hardware.stand import hung
+from hardware.stand import write_stand_model
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.runs.errors import Sim2RealError
@@ -20,7 +20,7 @@ from tests.sim2real.diagnosis import arm, motors
 
 def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
     """Stribeck's speed and the external torque's part are values of their own, within bounds."""
-    robot = hung(load_robot("bench1"), tmp_path)
+    robot = write_stand_model(load_robot("bench1"), tmp_path)
     time = np.arange(300) / 50
     columns = {"episode": np.zeros(300, int), "time": time}
     columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}
@@ -56,7 +56,7 @@ def test_what_acts_more_as_it_shrinks_does_not_pass_zero() -> None:
 
 def test_what_is_known_and_cannot_be_doubled_is_no_candidate(tmp_path: Path) -> None:
     """More friction may be missing beside a known one; a second law of the same rule cannot be."""
-    robot = hung(load_robot("bench1"), tmp_path)
+    robot = write_stand_model(load_robot("bench1"), tmp_path)
     time = np.arange(300) / 50
     columns = {"episode": np.zeros(300, int), "time": time}
     columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}
@@ -73,7 +73,7 @@ def test_what_is_known_and_cannot_be_doubled_is_no_candidate(tmp_path: Path) -> 
 
 def test_a_speed_limit_that_only_steps_reach_is_probed(tmp_path: Path) -> None:
     """A jump of 0.5 rad within a command asks for 25 rad/s where the rest moves at 2 rad/s."""
-    robot = hung(load_robot("bench1"), tmp_path)
+    robot = write_stand_model(load_robot("bench1"), tmp_path)
     time = np.arange(300) / 50
     smooth = np.sin(2 * time)
     probes = {}
@@ -133,7 +133,7 @@ def test_one_value_for_all_joints_is_a_candidate_where_there_are_several(tmp_pat
         min(found[f"thermal_derating.{name}"].probes.max() for name in "ab")
     )
 
-    robot = hung(load_robot("bench1"), tmp_path)
+    robot = write_stand_model(load_robot("bench1"), tmp_path)
     time = np.arange(300) / 50
     columns = {"episode": np.zeros(300, int), "time": time}
     columns |= {"ctrl.hinge": np.sin(2 * time), "qpos.hinge": 0.9 * np.sin(2 * time)}

@@ -1,6 +1,6 @@
 """A robot whose servos are on several buses, behind the interface of one driver.
 
-    driver = SeveralDriver(robot, [Driver(left, port, clock), FeetechDriver(right, other, clock)])
+    driver = MultiBusDriver(robot, [Driver(left, port, clock), FeetechDriver(right, other, clock)])
     driver.read()                           # all buses are asked before any answer is waited for
 
 Each bus has a driver of its own, of the maker of its servos. What is asked of all servos goes out
@@ -20,12 +20,12 @@ from hardware.bus_client import MORE_PATIENT
 from hardware.config import Robot, Servo
 from hardware.counters import Counters
 from hardware.driver import Driver
-from hardware.errors import LineError, ServoError
+from hardware.errors import SerialPortError, ServoError
 from hardware.readings import Health, Reading
 from hardware.torque import FIRST_PAUSE
 
 
-class SeveralDriver(Driver):
+class MultiBusDriver(Driver):
     """The servos of a robot over several ports.
 
     Args:
@@ -133,7 +133,7 @@ class SeveralDriver(Driver):
         for part in self._drivers:
             part.set_watchdogs(steps if part.robot.watchdog else 0)
 
-    def cry_off(self) -> None:
+    def broadcast_torque_off(self) -> None:
         """Tell the servos of every bus to switch their torque off, whatever becomes of the others.
 
         Raises:
@@ -158,7 +158,7 @@ class SeveralDriver(Driver):
     def _on_all(self, action: Callable[[Driver], None]) -> None:
         _raise(_failed(self._drivers, action))
 
-    def torque_off_when_back(self, patience: float) -> None:
+    def torque_off_after_reconnect(self, patience: float) -> None:
         """Switch torque off on the buses that are there, and on the others as soon as they are.
 
         Args:
@@ -190,21 +190,25 @@ class SeveralDriver(Driver):
 
 def _failed(
     drivers: Sequence[Driver], action: Callable[[Driver], None]
-) -> dict[Driver, LineError | ServoError]:
+) -> dict[Driver, SerialPortError | ServoError]:
     """Do something on every bus, and return those where it failed, and why."""
     failed = {}
     for part in drivers:
         try:
             action(part)
-        except (LineError, ServoError) as error:
+        except (SerialPortError, ServoError) as error:
             failed[part] = error
     return failed
 
 
-def _raise(failed: dict[Driver, LineError | ServoError]) -> None:
+def _raise(failed: dict[Driver, SerialPortError | ServoError]) -> None:
     """Raise what failed, if anything did: all of it in one error."""
     if not failed:
         return
     words = "; ".join(str(error) for error in failed.values())
-    kind = LineError if any(isinstance(e, LineError) for e in failed.values()) else ServoError
+    kind = (
+        SerialPortError
+        if any(isinstance(e, SerialPortError) for e in failed.values())
+        else ServoError
+    )
     raise kind(words)

@@ -1,6 +1,6 @@
 """Whatever ends the program, the robot's torque goes off first.
 
-    ending = Ending(guard.stop)
+    ending = ShutdownHook(guard.stop)
     with ending:
         ...             # Ctrl-C, kill, a closed terminal, an exception, the interpreter's end
         with ending.held():
@@ -32,7 +32,7 @@ OF_THE_TERMINAL = SIGNALS[2:]  # under nohup a program outlives its terminal
 _logger = logging.getLogger(__name__)
 
 
-class Ending:
+class ShutdownHook:
     """Calls a function when the block ends, and before any signal ends the program.
 
     Args:

@@ -16,15 +16,15 @@ from hardware.connect import make_driver
 from hardware.driver import Driver
 from hardware.emulator.faults import Fault
 from hardware.emulator.loopback import LoopbackPort
-from hardware.emulator.world import World
-from hardware.errors import LineError, RobotError, SafetyError, ServoError
+from hardware.emulator.world import EmulatedRobot
+from hardware.errors import RobotError, SafetyError, SerialPortError, ServoError
 from hardware.excite import excite
 from hardware.feetech.driver import FeetechDriver
 from hardware.handshake import check_rate
+from hardware.multi_bus import MultiBusDriver
 from hardware.port_lock import PortLock
 from hardware.record import record
 from hardware.safety import Guard
-from hardware.several import SeveralDriver
 from tests.hardware.conftest import bench_data, many_benches
 from tests.hardware.rig import in_real_time
 from tests.hardware.test_main import emulated, patiently
@@ -56,7 +56,7 @@ class Rig:
     """An emulated robot, its ports, driver and guard, connected."""
 
     def __init__(self, robot: Robot, faults=()) -> None:
-        self.world, self.clock = World(robot, faults=faults), VirtualClock()
+        self.world, self.clock = EmulatedRobot(robot, faults=faults), VirtualClock()
         self.driver = make_driver(robot, self.world, self.clock)
         self.driver.connect()
         self.driver.configure()
@@ -77,7 +77,7 @@ class Rig:
 def test_each_bus_has_a_driver_of_its_makers():
     """Dynamixel and Feetech are mixed; their counters and angles come in the robot's order."""
     rig = Rig(load_robot("pair2"))
-    assert isinstance(rig.driver, SeveralDriver)
+    assert isinstance(rig.driver, MultiBusDriver)
     assert [type(part) for part in rig.driver.parts] == [Driver, FeetechDriver]
     assert list(rig.driver.counters) == ["hinge", "swing"]
     goal = np.array([0.3, -0.2])
@@ -240,7 +240,9 @@ def test_setup_and_scan_go_through_all_buses(monkeypatch, capsys):
     original = command.make_driver
 
     def driver(robot: Robot) -> Driver:
-        made = original(robot, World(robot, registers={"hinge": {"return_delay_time": 250}}))
+        made = original(
+            robot, EmulatedRobot(robot, registers={"hinge": {"return_delay_time": 250}})
+        )
         port: Any = made.parts[1].bus_client.port
         shell = port._bus.shells[0]
         shell["return_delay_time"] = 250
@@ -282,7 +284,7 @@ def test_two_device_files_for_clients_that_are_not_ours(tmp_path, capsys):
 
         def watch() -> None:
             if command.main(words):
-                raise LineError(capsys.readouterr().err)
+                raise SerialPortError(capsys.readouterr().err)
 
         in_real_time(watch)
         out = capsys.readouterr().out
