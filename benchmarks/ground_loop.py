@@ -33,7 +33,7 @@ from sim2real.diagnosis.schema import ClosedLoop, Estimate
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.trained import TrainedPolicy
-from sim2real.loops.player import Player
+from sim2real.loops.player import PolicySimulator
 
 Entry = dict[str, Any]
 EPISODES = 6  # on the robot
@@ -83,7 +83,7 @@ def loop(
     """Return the closed loop of a robot that hides effects, in a simulator with others."""
     trained = feedback(task)
     logs = deployed(robot, trained, hidden, seed)
-    return check_closed_loop(logs, Player(trained), effects, seed, DEFAULT.closed_loop)
+    return check_closed_loop(logs, PolicySimulator(trained), effects, seed, DEFAULT.closed_loop)
 
 
 def true_effects(hidden: Sequence[Entry]) -> list[Drawn]:

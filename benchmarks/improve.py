@@ -30,7 +30,7 @@ from sim2real.config.compose import compose, instantiate
 from sim2real.deployment import deploy
 from sim2real.deployment.trained import load_trained
 from sim2real.loops.improve.operator import Operator
-from sim2real.loops.improve.site import Site
+from sim2real.loops.improve.site import RobotSetup
 from sim2real.loops.improve.steps import learn
 from sim2real.loops.improve.story import RESULT
 from sim2real.runs.checkpoint import FOLDER, find, read_metadata
@@ -174,7 +174,7 @@ def best(case: Case, told: dict[str, Any]) -> list[float]:
     }
     corrected = parts.with_effects(machine.hidden)
     policy = learn(case.folder, "truth", corrected, settings, start=first.source)
-    site = Site(
+    site = RobotSetup(
         machine,
         parts.environment,
         Operator(),

@@ -40,7 +40,7 @@ from sim2real.exam.hiding import EFFECTS
 from sim2real.exam.logs import exam_robot
 from sim2real.exam.score import wilson
 from sim2real.exam.sizes import entries, hide
-from sim2real.loops.investigate import Investigation, Limits, investigate
+from sim2real.loops.investigate import Investigation, SearchBudget, investigate
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock, write_text
 from sim2real.runs.tables import Table
@@ -113,7 +113,7 @@ def _parted(name: str, effect: str, seed: int, folder: Path) -> dict[str, Any] |
     if not run_diagnosis([first], None, None, (), 0, None).alike:
         return None
     out = folder / "designed"
-    limits = Limits(BUDGET - FIRST.seconds)
+    limits = SearchBudget(BUDGET - FIRST.seconds)
     found = investigate(robot, record, limits, FIRST, seed=seed, out=out, logs=[first])
     told = {
         "end": found.end,

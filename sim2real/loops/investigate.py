@@ -51,7 +51,7 @@ WORDS: dict[End, str] = {
 
 
 @dataclass(frozen=True)
-class Limits:
+class SearchBudget:
     """How long a robot may move, and how hard a motion is looked for.
 
     Args:
@@ -131,7 +131,7 @@ class Investigation:
 def investigate(
     robot: Robot,
     record: Record,
-    limits: Limits,
+    limits: SearchBudget,
     first: Item,
     *,
     seed: int,
@@ -144,7 +144,7 @@ def investigate(
     Args:
         robot: its model is the nominal one.
         record: drives it along a motion, and writes the log to a path.
-        limits: see `Limits`.
+        limits: see `SearchBudget`.
         first: the motion of the first recording, where there are no logs.
         seed: all randomness follows from it.
         out: the run's folder; gets recordings/NN.csv, all that `diagnose` writes (of the last

@@ -41,7 +41,7 @@ MODULES = (".onnx", ".pt2")
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
-def load_player(path: str | Path, task: str | None = None) -> Player:
+def load_player(path: str | Path, task: str | None = None) -> PolicySimulator:
     """Return a policy that plays.
 
     Args:
@@ -54,9 +54,9 @@ def load_player(path: str | Path, task: str | None = None) -> Player:
     path = Path(path).expanduser()
     folder = path.parent if path.name in EXPORT else path
     if path.suffix not in MODULES and not (folder / EXPORT[0]).is_file():
-        return Player(load_policy(path))
+        return PolicySimulator(load_policy(path))
     actor = load_actor(path)
-    return Player(_of_file(actor, path, actor.task or task))
+    return PolicySimulator(_of_file(actor, path, actor.task or task))
 
 
 def _of_file(actor: LoadedPolicy, path: Path, name: str | None) -> TrainedPolicy:
@@ -84,7 +84,7 @@ def _of_file(actor: LoadedPolicy, path: Path, name: str | None) -> TrainedPolicy
     )
 
 
-class Player:
+class PolicySimulator:
     """A policy that plays; see the module's text.
 
     Args:

@@ -33,7 +33,7 @@ from sim2real.loops.bayrn import BayRn, Session
 from sim2real.loops.improve.improve import Improvement, Plan, improve
 from sim2real.loops.improve.operator import Operator
 from sim2real.loops.improve.returns import improve_by_returns
-from sim2real.loops.improve.site import Site
+from sim2real.loops.improve.site import RobotSetup
 from sim2real.loops.improve.target import Target
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.loggers import Loggers
@@ -130,7 +130,7 @@ def run(
         )
     if model is not None and not log:
         raise Sim2RealError("model= is of the logs that a loop starts from; give log=PATH with it")
-    site: Site | Target
+    site: RobotSetup | Target
     if target is not None:
         if port is not None:
             raise Sim2RealError("target= stands for the robot: leave port= out, or target=")
@@ -144,7 +144,7 @@ def run(
             )
         limits, kinds = deploy.guarding(stops), tuple(motions)
         about = (trials, settle, limits, stand, kinds, seconds, seed)
-        site = Site(machine, parts.environment, Operator(), *about)
+        site = RobotSetup(machine, parts.environment, Operator(), *about)
     training = {
         "algorithm": algorithm,
         "iterations": iterations,
@@ -158,7 +158,7 @@ def run(
         first = None if checkpoint is None else load_trained(checkpoint, parts, algorithm)
         return improve_by_returns(site, parts, training, bayrn or BayRn(), first, folder)
     logs = _recordings(log, model)
-    absent = bool(logs) and isinstance(site, Site) and site.absent
+    absent = bool(logs) and isinstance(site, RobotSetup) and site.absent
     plan = Plan(rounds, tolerance, rollouts, logs, absent)
     first = load_trained(checkpoint, parts, algorithm)
     told = improve(site, parts, training, first, plan, folder)

@@ -15,7 +15,7 @@ from sim2real.deployment.record import prepare_robot, record_motions
 from sim2real.diagnosis.attribution.experiment_menu import Item
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.diagnosis.outcome import last_words
-from sim2real.loops.investigate import WORDS, Investigation, Limits, investigate
+from sim2real.loops.investigate import WORDS, Investigation, SearchBudget, investigate
 
 log_ = logging.getLogger(__name__)
 
@@ -70,7 +70,7 @@ def run(
     found = investigate(
         machine,
         record,
-        Limits(budget),
+        SearchBudget(budget),
         first,
         seed=seed,
         out=Path(out),

@@ -36,18 +36,18 @@ from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.evaluation.cause_costs import read_causes
 from sim2real.learning.algorithms.base import Components
 from sim2real.learning.trained import TrainedPolicy
+from sim2real.loops.improve.checks import facts, interface, priced
 from sim2real.loops.improve.corrected import FILE, corrected, describe
-from sim2real.loops.improve.looks import facts, interface, priced
 from sim2real.loops.improve.operator import DeclinedError
-from sim2real.loops.improve.site import DEPLOYED, Site
+from sim2real.loops.improve.site import DEPLOYED, RobotSetup
 from sim2real.loops.improve.steps import diagnosed, learn, longer
 from sim2real.loops.improve.story import (
     GOES_ON,
     RESULT,
     WORDS,
     End,
+    ImprovementHistory,
     Round,
-    Story,
     table_of,
     words_of,
 )
@@ -98,7 +98,7 @@ class Improvement:
 
     end: End
     why: str
-    story: Story
+    story: ImprovementHistory
 
     @property
     def exit_status(self) -> int:
@@ -107,7 +107,7 @@ class Improvement:
 
 
 def improve(
-    site: Site | Target,
+    site: RobotSetup | Target,
     parts: Components,
     training: dict[str, Any],
     first: TrainedPolicy,
@@ -130,7 +130,9 @@ def improve(
         HardwareError: a robot that is wrong or is not there.
         Stopped: after Ctrl-C; what was done is on disk.
     """
-    loop = _Loop(site, parts, training, first, plan, out, Story(plan.tolerance, site.seed))
+    loop = _Loop(
+        site, parts, training, first, plan, out, ImprovementHistory(plan.tolerance, site.seed)
+    )
     loop.refuse_other()
     why = ""
     try:
@@ -151,13 +153,13 @@ def improve(
 
 @dataclass
 class _Loop:
-    site: Site | Target
+    site: RobotSetup | Target
     parts: Components
     training: dict[str, Any]
     first: TrainedPolicy
     plan: Plan
     out: Path
-    story: Story
+    story: ImprovementHistory
     number: int = 0  # of the round in progress
     recordings: list[Log] = field(default_factory=list)  # so far, which are diagnosed together
     contract: str | None = None  # whether the policy saw and did what it was trained on

@@ -23,7 +23,7 @@ from sim2real.learning.algorithms.base import Components
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.bayrn import BayRn, Session, search, table
 from sim2real.loops.improve.operator import DeclinedError
-from sim2real.loops.improve.site import Site
+from sim2real.loops.improve.site import RobotSetup
 from sim2real.loops.improve.steps import learn, longer
 from sim2real.loops.improve.story import WORDS
 from sim2real.loops.improve.target import Target
@@ -32,7 +32,7 @@ log_ = logging.getLogger(__name__)
 
 
 def improve_by_returns(
-    site: Site | Target,
+    site: RobotSetup | Target,
     parts: Components,
     training: dict[str, Any],
     recipe: BayRn,

@@ -1,6 +1,6 @@
 """A robot in a loop: how it is run and recorded, and what a policy's return on it is.
 
-    site = Site(machine, environment, Operator(), trials=10, ...)
+    site = RobotSetup(machine, environment, Operator(), trials=10, ...)
     site.deploy(trained, folder)                # returns on the robot, one an episode
     site.score(trained, environment)            # in a simulator, from the same starts
 
@@ -46,7 +46,7 @@ DEPLOYED = "deploy/logs"  # in a round's folder
 
 
 @dataclass(frozen=True)
-class Site:
+class RobotSetup:
     """A robot, and how it is run.
 
     Args:

@@ -1,6 +1,6 @@
 """What an improvement did, round by round, and why it ended: improve.json, a table and a picture.
 
-    story = Story(tolerance=0.02, seed=0)
+    story = ImprovementHistory(tolerance=0.02, seed=0)
     story.rounds.append(Round(0, "RUN", robot=[0.6, 0.5], simulator=[2.2, 2.1]))
     story.end()                                 # None: there is something to gain
     story.write(out, about)
@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sim2real.loops.improve.picture import draw
+from sim2real.loops.improve.plot import draw
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table, format_cell
@@ -78,7 +78,7 @@ class Round:
 
 
 @dataclass
-class Story:
+class ImprovementHistory:
     """The rounds so far.
 
     Args:

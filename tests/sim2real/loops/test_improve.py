@@ -23,18 +23,18 @@ from sim2real.config.compose import compose, instantiate
 from sim2real.evaluation.cause_costs import Cause
 from sim2real.loops.improve.corrected import corrected
 from sim2real.loops.improve.operator import DeclinedError, Operator
-from sim2real.loops.improve.site import Site
-from sim2real.loops.improve.story import Round, Story
+from sim2real.loops.improve.site import RobotSetup
+from sim2real.loops.improve.story import ImprovementHistory, Round
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import note_worlds
 
 ROW, NO_VALUES, SEED = np.arange(1), np.zeros((1, 0)), np.array([3], np.uint64)
 
 
-def told(*returns: tuple[list[float] | None, list[float]]) -> Story:
+def told(*returns: tuple[list[float] | None, list[float]]) -> ImprovementHistory:
     """Return a story of rounds: returns on the robot, and in the simulator."""
     rounds = [Round(number, f"RUN{number}", *one) for number, one in enumerate(returns)]
-    return Story(tolerance=0.02, seed=0, rounds=rounds)
+    return ImprovementHistory(tolerance=0.02, seed=0, rounds=rounds)
 
 
 def test_it_goes_on_while_the_robot_earns_less_and_rounds_bring_something() -> None:
@@ -121,12 +121,12 @@ def test_where_nothing_tracks_the_robot_its_operator_measures(
     learner = given["algorithm"](given["parts"])
     trained = learner.trained()
 
-    def backend(site: Site) -> ServoBackend:
+    def backend(site: RobotSetup) -> ServoBackend:
         made = ServoBackend(site.machine, site.settle, seed=site.seed)
         assert made.world is not None
         return ServoBackend(site.machine, site.settle, made.world, sensors=Blind(made.world))
 
-    monkeypatch.setattr(Site, "_backend", backend)
+    monkeypatch.setattr(RobotSetup, "_backend", backend)
     operator = Operator(lambda question: "0.5")
     site = the_site(given["parts"].environment, "quad8", operator)
     assert site.by_distance
@@ -140,10 +140,10 @@ def test_where_nothing_tracks_the_robot_its_operator_measures(
     assert walked != pytest.approx(returns, abs=0.01)  # it did not walk half a metre
 
 
-def the_site(environment: object, name: str, operator: Operator, stand: bool = True) -> Site:
+def the_site(environment: object, name: str, operator: Operator, stand: bool = True) -> RobotSetup:
     """Return a robot that is run twice."""
     robot, limits = load_robot(name), ServoBackend(load_robot("bench1"), 0.1)._limits
-    return Site(robot, environment, operator, 2, 0.1, limits, stand, ("ramp",), 1.0, 0)  # type: ignore[arg-type]
+    return RobotSetup(robot, environment, operator, 2, 0.1, limits, stand, ("ramp",), 1.0, 0)  # type: ignore[arg-type]
 
 
 def test_the_ground_is_refused_where_nothing_tells_of_the_base(tmp_path: Path) -> None:
@@ -155,13 +155,13 @@ def test_the_ground_is_refused_where_nothing_tells_of_the_base(tmp_path: Path) -
     robot, limits = load_robot("quad8"), ServoBackend(load_robot("bench1"), 0.1)._limits
     rest: Any = (Operator(), 2, 0.1, limits, False, ("ramp",), 1.0, 0)
     with pytest.raises(Sim2RealError, match=r"stand=false: quad8 moves at .* no IMU .* stand=true"):
-        Site(replace(robot, imu=None), made["quad8"], *rest)
+        RobotSetup(replace(robot, imu=None), made["quad8"], *rest)
     bare = mujoco.MjSpec.from_file(str(robot.model))
     for geom in bare.geoms:
         geom.contype = geom.conaffinity = 0
     (tmp_path / "bare.xml").write_text(bare.to_xml(), encoding="utf-8")
     with pytest.raises(Sim2RealError, match="its model has no ground to stand on"):
-        Site(replace(robot, model=tmp_path / "bare.xml"), made["quad8"], *rest)
+        RobotSetup(replace(robot, model=tmp_path / "bare.xml"), made["quad8"], *rest)
 
 
 @pytest.mark.parametrize("name", ["esmaml", "ppo"])

@@ -19,7 +19,7 @@ from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.attribution.experiment_menu import Item
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.schema import Cause, GapNumbers, Report, Unexplained
-from sim2real.loops.investigate import Limits, investigate
+from sim2real.loops.investigate import SearchBudget, investigate
 from sim2real.runs.errors import Sim2RealError
 
 FIRST = Item("slow ramps", ("ramp",), 4.0, 0.3)
@@ -56,7 +56,7 @@ def test_a_budget_below_one_recording_is_refused(tmp_path: Path) -> None:
         raise AssertionError("it moved")
 
     with pytest.raises(Sim2RealError, match=r"budget=3 s is below one recording of 4 s"):
-        investigate(load_robot("bench1"), never, Limits(3.0), FIRST, seed=0, out=tmp_path)
+        investigate(load_robot("bench1"), never, SearchBudget(3.0), FIRST, seed=0, out=tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -76,7 +76,7 @@ def test_it_records_what_parts_two_laws(tmp_path: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr("sim2real.loops.investigate.run_diagnosis", diagnosed)
     monkeypatch.setattr("sim2real.loops.investigate.write", lambda *_: None)
-    limits = Limits(20.0, draws=4, exact=1)
+    limits = SearchBudget(20.0, draws=4, exact=1)
     record = recorder(hide(tmp_path, "- {effect: viscous_friction, where: hinge, value: 0.03}\n"))
     found = investigate(load_robot("bench1"), record, limits, FIRST, seed=0, out=tmp_path)
     assert asked == [1, 2]
@@ -105,7 +105,7 @@ def test_two_that_are_one_do_not_end_it(tmp_path: Path, monkeypatch: pytest.Monk
         ),
     )
     monkeypatch.setattr("sim2real.loops.investigate.write", lambda *_: None)
-    limits = Limits(30.0, draws=4, exact=1)
+    limits = SearchBudget(30.0, draws=4, exact=1)
     record = recorder(hide(tmp_path, "- {effect: encoder_offset, where: hinge, value: 0.05}\n"))
     found = investigate(load_robot("bench1"), record, limits, FIRST, seed=0, out=tmp_path)
     assert found.end == "not_parted"
@@ -127,7 +127,9 @@ def test_a_spent_budget_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     )
     monkeypatch.setattr("sim2real.loops.investigate.write", lambda *_: None)
     record = recorder(hide(tmp_path, "- {effect: viscous_friction, where: hinge, value: 0.03}\n"))
-    found = investigate(load_robot("bench1"), record, Limits(7.0), FIRST, seed=0, out=tmp_path)
+    found = investigate(
+        load_robot("bench1"), record, SearchBudget(7.0), FIRST, seed=0, out=tmp_path
+    )
     assert found.end == "budget"
     assert found.seconds == 4.0
     assert found.rounds[-1].left == ("viscous_friction", "coulomb_friction")
@@ -138,7 +140,7 @@ def test_what_no_motion_can_part_is_said(tmp_path: Path) -> None:
     """A shifted encoder and a tilted base are one to a pendulum: it stops after one recording."""
     hidden = hide(tmp_path, "- {effect: encoder_offset, where: hinge, value: 0.05}\n")
     first = Item("steps", ("steps",), 6.0)
-    limits = Limits(20.0, draws=8, exact=1)
+    limits = SearchBudget(20.0, draws=8, exact=1)
     out = tmp_path / "out"
     found = investigate(load_robot("bench1"), recorder(hidden), limits, first, seed=0, out=out)
     assert found.end == "not_parted"

@@ -21,7 +21,7 @@ from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.closed_loop.check import Drawn, check_closed_loop
 from sim2real.diagnosis.settings import ClosedLoopSettings
 from sim2real.learning.trained import TrainedPolicy
-from sim2real.loops.player import Player, load_player
+from sim2real.loops.player import PolicySimulator, load_player
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, train
 
@@ -63,7 +63,7 @@ def test_the_corrected_simulator_is_nearer_to_an_emulated_robot(trained: Trained
 
     Without anything hidden the simulator as given is within the floor, and nearer than that.
     """
-    player = Player(trained)
+    player = PolicySimulator(trained)
     loop = check_closed_loop(deployed(trained, HIDDEN), player, WEAK, 0, FEW)
     one, paid = loop.distances[0], loop.returns
     assert one.corrected is not None and paid is not None and paid.corrected is not None
@@ -79,7 +79,7 @@ def test_the_corrected_simulator_is_nearer_to_an_emulated_robot(trained: Trained
 
 def test_episodes_start_alike_and_values_are_drawn(trained: TrainedPolicy) -> None:
     """One seed gives the same starts in all simulators; an interval makes episodes differ."""
-    player = Player(trained)
+    player = PolicySimulator(trained)
     plain, weak = player((), 3, 5), player(WEAK, 3, 5)
     again = player((), 3, 5)
     for one, other, same in zip(plain, weak, again, strict=True):

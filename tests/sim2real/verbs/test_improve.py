@@ -17,7 +17,7 @@ from hardware.log import read_logs, write_log
 from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.report import words
-from sim2real.loops.improve import improve, looks, steps
+from sim2real.loops.improve import checks, improve, steps
 from sim2real.loops.improve.improve import Improvement
 from sim2real.runs.checkpoint import read_metadata
 from sim2real.runs.errors import RunInterrupted, Sim2RealError
@@ -123,18 +123,18 @@ def test_a_loop_that_was_killed_ends_alike(
 ) -> None:
     """Ctrl-C in the middle of a round, and of a deployment; resumed, every return is the same."""
     settings = (hidden(tmp_path), f"rounds={rounds}", "tolerance=0")
-    monkeypatch.setattr(improve.Story, "end", lambda story: None)
+    monkeypatch.setattr(improve.ImprovementHistory, "end", lambda story: None)
     go(run, tmp_path / "whole", *settings)
-    part, price = tmp_path / "part", looks.compute_cause_costs
+    part, price = tmp_path / "part", checks.compute_cause_costs
 
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(looks, "price", interrupted)
+    monkeypatch.setattr(checks, "price", interrupted)
     with pytest.raises(RunInterrupted, match=rf"stopped in round 1; continue with resume={part}"):
         go(run, part, *settings)
-    monkeypatch.setattr(looks, "price", price)
-    drive, count = improve.Site.deploy, iter(range(10))
+    monkeypatch.setattr(checks, "price", price)
+    drive, count = improve.RobotSetup.deploy, iter(range(10))
 
     def broken(site: Any, trained: Any, folder: Path) -> list[float]:
         returns = drive(site, trained, folder)
@@ -143,11 +143,11 @@ def test_a_loop_that_was_killed_ends_alike(
             raise KeyboardInterrupt
         return returns
 
-    monkeypatch.setattr(improve.Site, "deploy", broken)
+    monkeypatch.setattr(improve.RobotSetup, "deploy", broken)
     with pytest.raises(RunInterrupted):
         go(run, tmp_path / "other", *settings, f"resume={part}")
     assert len(diagnosed) == rounds + 1  # once a round for the whole, once for the part
-    monkeypatch.setattr(improve.Site, "deploy", drive)
+    monkeypatch.setattr(improve.RobotSetup, "deploy", drive)
     go(run, tmp_path / "other", *settings, f"resume={part}")
     assert told(part)["rounds"] == told(tmp_path / "whole")["rounds"]
     assert [len(logs) for logs in diagnosed] == [2, 4][:rounds] * 2  # all recordings so far

@@ -21,7 +21,7 @@ from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import draw_seeds
 from sim2real.learning.population.recording import record
 from sim2real.loops.improve.improve import Improvement
-from sim2real.loops.improve.story import Story
+from sim2real.loops.improve.story import ImprovementHistory
 from sim2real.loops.improve.target import Target, cut
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs.improve import run
@@ -98,7 +98,9 @@ def test_the_torsos_kilogram_is_named_and_trained_with(
 
     A loop that is started again does nothing twice.
     """
-    monkeypatch.setattr(Story, "end", lambda story: None)  # so poor a policy loses nothing there
+    monkeypatch.setattr(
+        ImprovementHistory, "end", lambda story: None
+    )  # so poor a policy loses nothing there
     done = go(policy, tmp_path, "iterations=1")
     assert [len(one.causes) for one in done.story.rounds] == [0, 1]
     first, second = done.story.rounds
