@@ -110,7 +110,7 @@ def _parted(name: str, effect: str, seed: int, folder: Path) -> dict[str, Any] |
     robot = replace(load_robot(name), hidden=path)
     record = recorder(robot)
     first = record(FIRST, folder / "first.csv")
-    if not run_diagnosis([first], None, None, (), 0, None).alike:
+    if not run_diagnosis([first], None, None, (), 0, None).equivalents:
         return None
     out = folder / "designed"
     limits = SearchBudget(BUDGET - FIRST.seconds)
@@ -156,19 +156,19 @@ def _by_menu(
         logs.append(record(item, folder / f"menu_{number}.csv"))
         seconds += item.seconds
         found = run_diagnosis(logs, None, None, (), 0, None)
-        if not found.alike:
+        if not found.equivalents:
             return {"seconds": seconds, "left": 0, "causes": len(found.report.causes)}
-    return {"seconds": seconds, "left": len(found.alike), "causes": len(found.report.causes)}
+    return {"seconds": seconds, "left": len(found.equivalents), "causes": len(found.report.causes)}
 
 
 def _asked(robot: Robot, out: Path, first: Log, seed: int) -> float:
     """Return by how many floors many drawn motions part any two of what is left at most."""
     logs = [first, *(read_log(path) for path in sorted((out / "recordings").glob("*.csv")))]
     found = run_diagnosis(logs, None, None, (), seed, None)
-    if not found.alike:
+    if not found.equivalents:
         return 0.0
     plan = next_experiment(
-        found.alike,
+        found.equivalents,
         mujoco.MjSpec.from_file(str(robot.model)),
         found.floors,
         rng=np.random.default_rng([seed, ASKED]),

@@ -22,9 +22,9 @@ from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.design import design
-from sim2real.diagnosis.outcome import Diagnosis, blocking, intervals_of
+from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of
 from sim2real.diagnosis.preflight.torques import measured_torques
-from sim2real.diagnosis.prepare import Prepared, model_of
+from sim2real.diagnosis.prepare import PreparedLogs, model_of
 from sim2real.diagnosis.report.traces import signals, traces
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import Settings
@@ -45,7 +45,9 @@ def added(found: Diagnosis, name: str, step: Step) -> Diagnosis:
         return found._replace(report=replace(found.report, failed=failed))
 
 
-def tested(found: Diagnosis, prepared: Prepared, null: NullTest, settings: Settings) -> Diagnosis:
+def tested(
+    found: Diagnosis, prepared: PreparedLogs, null: NullTest, settings: Settings
+) -> Diagnosis:
     """Say which causes are the simulator's numerics; these are left out of the files."""
     words, physical = dict(found.report.numerics), []
     for number, (cause, told) in enumerate(zip(found.found, found.report.values, strict=True)):
@@ -108,7 +110,7 @@ def played(
         seed: of the values that are drawn from their intervals.
         settings: every number that steers the answer.
     """
-    if blocking(found.report):
+    if blocking_findings(found.report):
         return found
     effects = merge_effects(found.known, found.found)
     drawn = [Drawn(*one, ci) for one, ci in zip(effects, intervals_of(found), strict=True)]
@@ -118,7 +120,7 @@ def played(
 
 def planned(found: Diagnosis, data: Data, seed: int) -> Diagnosis:
     """Add what to record to separate effects that explain the logs alike, where some do."""
-    if not found.alike:
+    if not found.equivalents:
         return found
     logs = [log for number, log in enumerate(data.logs) if model_of(data, number) == 0]
     rng, limits = np.random.default_rng(seed), data.settings.experiment

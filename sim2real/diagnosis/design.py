@@ -48,7 +48,7 @@ def design(
     model: mujoco.MjModel = spec.copy().compile()
     pieces = choose(logs, settings.past_s, settings.past_most)
     return next_experiment(
-        found.alike,
+        found.equivalents,
         spec,
         found.floors,
         rng=rng,

@@ -57,7 +57,7 @@ from sim2real.diagnosis.preflight.checks import UNITS
 from sim2real.diagnosis.prepare import prepare
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
-from sim2real.diagnosis.whole import replayed
+from sim2real.diagnosis.whole_replay import replayed
 from sim2real.runs.errors import Sim2RealError
 
 TELLING = 0.95  # share of the work that is done then

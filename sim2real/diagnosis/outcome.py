@@ -19,7 +19,7 @@ from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.preflight.checks import BLOCKING, NOTES
 from sim2real.diagnosis.report.html import write_html
 from sim2real.diagnosis.report.model_file import write as write_model
-from sim2real.diagnosis.report.words import crowded, rest
+from sim2real.diagnosis.report.text import residual_sentence, same_joint_warning
 from sim2real.diagnosis.schema import Finding, Report
 
 
@@ -31,7 +31,7 @@ class Diagnosis(NamedTuple):
     spec: mujoco.MjSpec  # of the first log's model
     intervals: tuple[tuple[float, float], ...]  # of each cause's first value
     known: tuple[Fixed, ...]  # what was in the model before
-    alike: tuple[Member, ...] = ()  # explanations that the logs cannot tell apart
+    equivalents: tuple[Member, ...] = ()  # explanations that the logs cannot tell apart
     floors: Mapping[str, float] = MappingProxyType({})  # noise of each joint [rad or m]
 
 
@@ -44,24 +44,24 @@ def write(found: Diagnosis, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     found.report.write(out / "report.json")
     write_html(out / "report.html", found.report)
-    if not blocking(found.report):
+    if not blocking_findings(found.report):
         effects = merge_effects(found.known, found.found)
         write_effects(out / "effects.yaml", effects, intervals_of(found))
         write_model(found.spec, effects, out / "model.xml")
 
 
-def blocking(report: Report) -> list[Finding]:
+def blocking_findings(report: Report) -> list[Finding]:
     """Return the findings because of which no effects are written."""
     return [finding for finding in report.preflight if finding.check in BLOCKING]
 
 
-def last_words(report: Report) -> list[str]:
+def final_message(report: Report) -> list[str]:
     """Return what a person should read last: what to correct before the answer can be trusted."""
-    words = [text for text in (rest(report), crowded(report)) if text]
+    words = [text for text in (residual_sentence(report), same_joint_warning(report)) if text]
     words += [f"{f.finding} {f.fix}" for f in report.preflight if f.check not in NOTES]
     words += [f"numerics, {name}: {text}" for name, text in report.numerics.items() if text != "ok"]
     words += [f"not in the report: {text}" for text in report.failed]
-    if blocking(report):
+    if blocking_findings(report):
         words.append("effects.yaml and model.xml are not written: correct the log first")
     return words
 

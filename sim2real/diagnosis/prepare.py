@@ -31,7 +31,7 @@ from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import Settings
 
 
-class Prepared(NamedTuple):
+class PreparedLogs(NamedTuple):
     """Logs before any cause is looked for.
 
     Args:
@@ -58,7 +58,7 @@ def prepare(
     fixed: Sequence[Fixed],
     settings: Settings,
     on_progress: Progress,
-) -> Prepared:
+) -> PreparedLogs:
     """Return logs as they are compared, and what is wrong with them before any physics is.
 
     Args:
@@ -94,7 +94,7 @@ def prepare(
         *check_pushes(data, estimates, settings.ground),
     ]
     restart = partial(grounded, given, estimates) if estimates else None
-    return Prepared(logs, data, specs, driven, findings, restart)
+    return PreparedLogs(logs, data, specs, driven, findings, restart)
 
 
 def model_of(data: Data, number: int) -> int:

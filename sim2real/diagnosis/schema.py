@@ -38,7 +38,7 @@ ClosedLoopVerdict = Literal["within_floor", "nearer", "as_far", "farther", "apar
 
 
 @dataclass(frozen=True)
-class GapNumbers:
+class GapMetrics:
     """How far simulation and robot are apart, root mean square over joints and held-out rows.
 
     Args:
@@ -85,7 +85,7 @@ class Regime:
 
 
 @dataclass(frozen=True)
-class Where:
+class JointGap:
     """A joint's share of the gap, its error [rad or m] before and after, and where it lies."""
 
     joint: str
@@ -251,8 +251,8 @@ class Report:
     """
 
     verdict: Verdict
-    gap: GapNumbers
-    where: tuple[Where, ...]
+    gap: GapMetrics
+    where: tuple[JointGap, ...]
     causes: tuple[Cause, ...]
     unexplained: Unexplained
     preflight: tuple[Finding, ...] = ()
@@ -290,11 +290,11 @@ class Report:
             )
         given = {key: value for key, value in tree.items() if key != "schema"}
         where = tuple(
-            _make(Where, {**one, "regimes": _each(Regime, one["regimes"])})
+            _make(JointGap, {**one, "regimes": _each(Regime, one["regimes"])})
             for one in given["where"]
         )
         parts: dict[str, Any] = {
-            "gap": _make(GapNumbers, given["gap"]),
+            "gap": _make(GapMetrics, given["gap"]),
             "where": where,
             "causes": _causes(given["causes"]),
             "fitted": _causes(given.get("fitted", ())),

@@ -173,7 +173,7 @@ def investigate(
         )
         write(found, out)
         rounds.append(_round(item, promised, found))
-        plan = None if found.alike else "over"
+        plan = None if found.equivalents else "over"
         left = limits.budget - spent
         if plan is None and left >= SHORTEST:
             plan = design(
@@ -222,7 +222,7 @@ def _round(item: Item | None, promised: float | None, found: Diagnosis) -> Round
         promised,
         found.report.verdict,
         causes,
-        tuple(member.label for member in found.alike),
+        tuple(member.label for member in found.equivalents),
     )
 
 

@@ -12,7 +12,7 @@ from sim2real.diagnosis.closed_loop.check import Player
 from sim2real.diagnosis.contract.logged import Policy
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.outcome import Diagnosis, last_words, write
+from sim2real.diagnosis.outcome import Diagnosis, final_message, write
 from sim2real.diagnosis.report.comparison import read_report
 from sim2real.diagnosis.schema import Report
 from sim2real.runs.errors import Sim2RealError
@@ -89,7 +89,7 @@ def run(
     gap = found.report.gap
     names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in found.report.values)
     log_.info("%s: %s; gap %.4g %s", found.report.verdict, names or "-", gap.before, gap.unit)
-    for words in last_words(found.report):
+    for words in final_message(found.report):
         log_.warning("%s", words)
     return found.report
 

@@ -14,7 +14,7 @@ from hardware.log import Log, read_log, read_logs
 from sim2real.deployment.record import prepare_robot, record_motions
 from sim2real.diagnosis.attribution.experiment_menu import Item
 from sim2real.diagnosis.data.progress import ProgressLines
-from sim2real.diagnosis.outcome import last_words
+from sim2real.diagnosis.outcome import final_message
 from sim2real.loops.investigate import WORDS, Investigation, SearchBudget, investigate
 
 log_ = logging.getLogger(__name__)
@@ -77,7 +77,7 @@ def run(
         logs=read_logs(log) if log else (),
         progress=ProgressLines(),
     )
-    for words in last_words(found.report):
+    for words in final_message(found.report):
         log_.warning("%s", words)
     log_.info("%s", WORDS[found.end])
     return found

@@ -12,12 +12,12 @@ from hardware.config import load_robot
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import EmulatedRobot
 from sim2real.diagnosis.diagnose import diagnose
-from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained
+from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, Report, Unexplained
 
 
 def answer(verdict: str, *causes: Cause) -> Report:
     """Return a report with a verdict and causes."""
-    gap = GapNumbers("rad", 0.02, 0.002, 0.001, 0.9, (0.8, 0.95), True)
+    gap = GapMetrics("rad", 0.02, 0.002, 0.001, 0.9, (0.8, 0.95), True)
     return Report(verdict, gap, (), causes, Unexplained(0.1, "none"))  # type: ignore[arg-type]
 
 

@@ -27,7 +27,7 @@ from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.attribution.screen import screen
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
-from sim2real.diagnosis.report import model_file, words
+from sim2real.diagnosis.report import model_file, text
 from sim2real.evaluation.grid import Grid
 from tests.sim2real.diagnosis import arm
 
@@ -120,7 +120,7 @@ def test_a_diagnosis_finds_it_and_a_report_says_it(tmp_path: Path) -> None:
     assert found.candidate.label == "return_spring.b"
     fit = refine(problem, (found.candidate,), np.tile(found.start, (1, 2, 1)), 4)
     assert fit.mean[0] == pytest.approx(STIFFNESS, rel=0.02)
-    assert words.name("return_spring", "b") == "spring to the rest angle at b"
+    assert text.format_effect("return_spring", "b") == "spring to the rest angle at b"
     assert "return_spring" not in {c.name for c in candidates(data, ["return_spring"])}
 
 

@@ -27,7 +27,7 @@ from sim2real.diagnosis.attribution.usual import Usual
 from sim2real.diagnosis.attribution.verdict import verdict_of
 from sim2real.diagnosis.attribution.weigh import Set, Weighed, weigh
 from sim2real.diagnosis.evidence import Band, Rung, SingleFit
-from sim2real.diagnosis.schema import Cause, GapNumbers, Report, Unexplained, Verdict, Where
+from sim2real.diagnosis.schema import Cause, GapMetrics, JointGap, Report, Unexplained, Verdict
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class _Judged(NamedTuple):
 def nothing(search: Search, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
     """Return the conclusion where there is no gap; see `conclude`."""
     data, base = search.problem.data, search.base
-    gap = GapNumbers(data.unit, search.before, None, search.floor, None, None, True)
+    gap = GapMetrics(data.unit, search.before, None, search.floor, None, None, True)
     where, spectrum = _where(search, None, floors, rng)
     report = Report("no_gap", gap, where, (), Unexplained(0.0, "none"))
     rung = Rung("as given", search.before, search.blocks.interval(base))
@@ -113,7 +113,7 @@ def conclude(
     many = len(causes) > data.settings.verdict.causes_max
     report = Report(
         judged.verdict,
-        GapNumbers(data.unit, search.before, after, floor, closed, ci, True),
+        GapMetrics(data.unit, search.before, after, floor, closed, ci, True),
         where,
         () if many else causes,
         Unexplained(float(np.clip(1 - closed, 0.0, 1.0)), text),
@@ -208,7 +208,7 @@ def _by_place(
 
 def _where(
     search: Search, after: np.ndarray | None, floors: np.ndarray, rng: np.random.Generator
-) -> tuple[tuple[Where, ...], tuple[Band, ...]]:
+) -> tuple[tuple[JointGap, ...], tuple[Band, ...]]:
     """Return where the gap lies, by joint and kind of moment, and by frequency."""
     data = search.problem.data
     floor = {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)}

@@ -22,7 +22,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.regimes import regimes
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.evidence import Band
-from sim2real.diagnosis.schema import Regime, Where
+from sim2real.diagnosis.schema import JointGap, Regime
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Locating, Regimes, Settings
 
 
@@ -43,7 +43,7 @@ class Cell(NamedTuple):
 class Table(NamedTuple):
     """The gap by joint, and by joint and kind of moment."""
 
-    where: tuple[Where, ...]
+    where: tuple[JointGap, ...]
     cells: tuple[Cell, ...]
 
 
@@ -82,7 +82,7 @@ def locate(
         later = new.get(joint)
         cells += _cells(gaps, models, joint, old[joint], later, rng, settings)
     where = [
-        Where(
+        JointGap(
             joint,
             power[joint] / total if total > 0 else 0.0,
             _rms(old[joint]),

@@ -16,7 +16,7 @@ from typing import Any
 from markupsafe import Markup
 
 from sim2real.diagnosis.evidence import Band, SingleFit
-from sim2real.diagnosis.report import axes, svg, words
+from sim2real.diagnosis.report import axes, svg, text
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import TINY
 
@@ -44,9 +44,9 @@ def ladder(report: Report) -> dict[str, Any]:
         ends = (None, None) if kind == "floor" else (low, high)
         rows.append(
             {
-                "label": words.label(rung.label),
-                "value": words.quantity(rung.gap, gap.unit, gap.before),
-                "ci": words.interval(rung.ci, gap.unit, gap.before),
+                "label": text.label(rung.label),
+                "value": text.quantity(rung.gap, gap.unit, gap.before),
+                "ci": text.interval(rung.ci, gap.unit, gap.before),
                 "picture": svg.track(*ends, [(at, kind)], floor=floor, ticks=ticks),
                 "kind": kind,
             }
@@ -73,9 +73,9 @@ def _single(row: SingleFit, order: Mapping[Any, int]) -> dict[str, Any]:
     low, high = row.ci or (None, None)
     return {
         "cause": order.get((row.effect, row.where, row.side)),
-        "name": words.name(row.effect, row.where, row.side),
-        "value": words.quantity(row.value, row.unit),
-        "closed": words.percent(row.closed),
+        "name": text.format_effect(row.effect, row.where, row.side),
+        "value": text.quantity(row.value, row.unit),
+        "closed": text.percent(row.closed),
         "ci": f"{words.percent(low)} to {words.percent(high)}" if row.ci else "",
         "picture": svg.track(low, high, [(row.closed, "after" if row.ci else "floor")]),
     }
@@ -88,7 +88,7 @@ def correlations(report: Report) -> list[dict[str, Any]]:
         return []
     return [
         {
-            "name": words.name(*words.place_of(cause), cause.side),
+            "name": text.format_effect(*text.place_of(cause), cause.side),
             "cells": [
                 {"text": f"{value:.2f}".replace("-", "−"), "tint": round(abs(float(value)) / 2, 3)}
                 for value in row
@@ -126,7 +126,7 @@ def _table(every: Sequence[Band], unit: str) -> dict[str, Any]:
             {
                 "joint": band.joint,
                 "range": _range(band),
-                **{k: words.quantity(getattr(band, k), unit, max(sizes)) for k in STEPPED},
+                **{k: text.quantity(getattr(band, k), unit, max(sizes)) for k in STEPPED},
                 "picture": svg.track(
                     min(before, after), max(before, after), dots, floor=floor, ticks=ticks
                 ),
@@ -145,7 +145,7 @@ def _unit(unit: str, most: float) -> tuple[float, str]:
     """Return what sizes are multiplied by on a scale, and the name of the unit then."""
     if unit == "spread":
         return 100.0, "%"
-    return (MILLI, words.SMALL[unit]) if unit in words.SMALL and most < 1.0 else (1.0, unit)
+    return (MILLI, text.SMALL[unit]) if unit in text.SMALL and most < 1.0 else (1.0, unit)
 
 
 def _numbers(scale: axes.Linear | axes.Log, unit: str) -> Markup:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from sim2real.diagnosis.report import axes, html, made, svg, words
+from sim2real.diagnosis.report import axes, html, provenance, svg, text
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -60,9 +60,9 @@ def view(earlier: Report, later: Report) -> dict[str, Any]:
     return {
         "style": Markup("\n".join(map(html.part, html.STYLES))),
         "script": Markup(html.part("theme.js") + "followTheme(() => {});"),
-        "names": [", ".join(made.names(one.evidence.inputs)) for one in pair],
-        "badges": [words.SUBTITLES[one.verdict] for one in pair],
-        "sentences": [words.sentence(one) for one in pair],
+        "names": [", ".join(provenance.names(one.evidence.inputs)) for one in pair],
+        "badges": [text.SUBTITLES[one.verdict] for one in pair],
+        "sentences": [text.verdict_sentence(one) for one in pair],
         "gaps": [_gap(one, earlier.gap.before) for one in pair],
         "causes": causes,
         "summary": _summary(causes),
@@ -73,10 +73,10 @@ def view(earlier: Report, later: Report) -> dict[str, Any]:
 def _gap(report: Report, like: float) -> dict[str, str]:
     gap = report.gap
     return {
-        "gap of the model as given": words.quantity(gap.before, gap.unit, like),
-        "with the causes": words.quantity(gap.after, gap.unit, like),
-        "closed": words.percent(gap.closed),
-        "noise floor": words.quantity(gap.noise_floor, gap.unit, like),
+        "gap of the model as given": text.quantity(gap.before, gap.unit, like),
+        "with the causes": text.quantity(gap.after, gap.unit, like),
+        "closed": text.percent(gap.closed),
+        "noise floor": text.quantity(gap.noise_floor, gap.unit, like),
     }
 
 
@@ -105,12 +105,12 @@ def _row(key: Key, found: Sequence[Cause | None]) -> dict[str, Any]:
         low, high, at = map(float, scale(np.array([*cause.value_ci, cause.value])))
         cells.append(
             {
-                "value": words.quantity(cause.value, unit, like),
-                "ci": words.interval(cause.value_ci, unit, like),
+                "value": text.quantity(cause.value, unit, like),
+                "ci": text.interval(cause.value_ci, unit, like),
                 "picture": svg.track(low, high, [(at, kind)]),
             }
         )
-    return {"name": words.name(*key), "cells": cells, "verdict": _verdict(found)}
+    return {"name": text.format_effect(*key), "cells": cells, "verdict": _verdict(found)}
 
 
 def _verdict(found: Sequence[Cause | None]) -> str:
@@ -149,8 +149,8 @@ def _joints(pair: Sequence[Report]) -> list[dict[str, Any]]:
                     {"gap": "–", "share": "–"}
                     if where is None
                     else {
-                        "gap": words.quantity(where.before, unit if unit != "spread" else ""),
-                        "share": words.percent(where.share),
+                        "gap": text.quantity(where.before, unit if unit != "spread" else ""),
+                        "share": text.percent(where.share),
                     }
                     for where in known
                 ],

@@ -23,9 +23,17 @@ from envs.effects import EFFECTS
 from envs.models import load_spec
 from sim2real.diagnosis.evidence import Trace
 from sim2real.diagnosis.preflight.channels import NOTES
-from sim2real.diagnosis.report import charts, closed_loop, figure, made, motion, svg, words
+from sim2real.diagnosis.report import (
+    charts,
+    closed_loop,
+    motion,
+    provenance,
+    robot_drawing,
+    svg,
+    text,
+)
 from sim2real.diagnosis.report.recordings import recordings
-from sim2real.diagnosis.schema import Cause, Report, Where
+from sim2real.diagnosis.schema import Cause, JointGap, Report
 from sim2real.runs.files import write_text
 
 PAGE = Path(__file__).parent / "page"
@@ -70,8 +78,8 @@ def template(name: str) -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"quantity": words.quantity, "percent": words.percent}
-    environment.filters |= {"interval": words.interval, "degrees": words.degrees}
+    environment.filters |= {"quantity": text.quantity, "percent": text.percent}
+    environment.filters |= {"interval": text.interval, "degrees": text.degrees}
     return environment.get_template(name)
 
 
@@ -110,11 +118,11 @@ def view(report: Report) -> dict[str, Any]:
         "script": Markup("\n".join(part(f"{name}.js") for name in SCRIPTS)),
         "report": report,
         "answer": _embedded(report),
-        "header": made.header(evidence.inputs),
+        "header": provenance.header(evidence.inputs),
         "gap": report.gap,
-        "badge": words.SUBTITLES[report.verdict],
-        "sentence": words.sentence(report),
-        "details": words.details(report),
+        "badge": text.SUBTITLES[report.verdict],
+        "sentence": text.verdict_sentence(report),
+        "details": text.details(report),
         "findings": [f for f in report.preflight if f.check not in NOTES],
         "notes": [f for f in report.preflight if f.check in NOTES],
         "ladder": charts.ladder(report),
@@ -134,12 +142,12 @@ def view(report: Report) -> dict[str, Any]:
         "shown": SHOWN,
         "correlations": charts.correlations(report),
         "bands": charts.bands(report, _units(report)),
-        "inputs": made.flat(evidence.inputs),
-        "settings": [made.setting(row) for row in evidence.settings],
-        "numerics": words.numerics(report.numerics),
-        "command": made.command(evidence.inputs),
-        "replayed": " ".join(made.sources(evidence.inputs)),
-        "names": ", ".join(made.names(evidence.inputs)) or "recordings",
+        "inputs": provenance.flat(evidence.inputs),
+        "settings": [provenance.setting(row) for row in evidence.settings],
+        "numerics": text.numerics(report.numerics),
+        "command": provenance.command(evidence.inputs),
+        "replayed": " ".join(provenance.sources(evidence.inputs)),
+        "names": ", ".join(provenance.names(evidence.inputs)) or "recordings",
     }
 
 
@@ -152,7 +160,7 @@ def _replay(report: Report) -> str:
         if error is None:
             return "a simulation that diverges"
         mixed = report.gap.unit == "spread"
-        return f"{error:.3g} (rad and m)" if mixed else words.quantity(error, report.gap.unit)
+        return f"{error:.3g} (rad and m)" if mixed else text.quantity(error, report.gap.unit)
 
     before = f"{figure_of(report.replay.before)} with the model as given"
     return (
@@ -175,10 +183,10 @@ def _robot(report: Report, model: mujoco.MjModel | None) -> Markup:
     if model is None:
         return Markup("")
     names = {model.joint(i).name for i in range(model.njnt)}
-    return figure.robot(model, {w.joint: w.share for w in report.where if w.joint in names})
+    return robot_drawing.robot(model, {w.joint: w.share for w in report.where if w.joint in names})
 
 
-def _regimes(where: Sequence[Where]) -> list[str]:
+def _regimes(where: Sequence[JointGap]) -> list[str]:
     """Return the names of all kinds of moments, the largest share of the whole gap first."""
     shares: dict[str, float] = {}
     for joint in where:
@@ -213,7 +221,7 @@ def _cell(share: float | None) -> dict[str, Any]:
 
 def _shaded(share: float) -> dict[str, Any]:
     """Return a share as text and as a tint, never so dark that the text is hard to read."""
-    return {"text": words.percent(share), "tint": _tint(share)}
+    return {"text": text.percent(share), "tint": _tint(share)}
 
 
 def _tint(share: float) -> float:
@@ -225,11 +233,11 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
     effect = EFFECTS.get(cause.effect)
     low, high = effect.typical if effect else (0.0, 0.0)
     body = cause.extra.get("body")
-    title = words.name(*words.place_of(cause), cause.side)
+    title = text.format_effect(*text.place_of(cause), cause.side)
     usual = {e.name: e.default for e in effect.extras} if effect else {}
     extra = {k: v for k, v in cause.extra.items() if k != "body" and v != usual.get(k)}
     alike = [
-        [words.name(e.effect, e.where) for e in cause.equivalent if e.inseparable == never]
+        [text.format_effect(e.effect, e.where) for e in cause.equivalent if e.inseparable == never]
         for never in (False, True)
     ]
     return {
@@ -241,10 +249,10 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
         "symptom": effect.symptom if effect else "",
         "source": effect.source if effect else "",
         "experiment": effect.experiment if effect else "",
-        "typical": words.interval((low, high), cause.unit, cause.value) if effect else "",
+        "typical": text.interval((low, high), cause.unit, cause.value) if effect else "",
         "picture": _typical(cause, low, high) if effect else "",
         "closed": svg.fill(cause.closed, "after"),
-        "share": words.percent(min(cause.closed, 1.0)),
+        "share": text.percent(min(cause.closed, 1.0)),
         "extra": "; ".join(f"{k.replace('_', ' ')}: {made.number(v)}" for k, v in extra.items()),
         "equivalent": alike[0],
         "inseparable": alike[1],
@@ -305,7 +313,7 @@ def _overlap(one: tuple[Trace, svg.Span], other: tuple[Trace, svg.Span]) -> bool
 
 def _window(title: str, trace: Trace, span: svg.Span) -> dict[str, Any]:
     before, after = (svg.error(trace, line, span) for line in ("nominal", "corrected"))
-    numbers = [words.quantity(value, trace.unit, before) for value in (before, after)]
+    numbers = [text.quantity(value, trace.unit, before) for value in (before, after)]
     place = f"{trace.log}, episode {trace.episode}"
     spoken = (
         f"{trace.joint} in {place}, {span.start:.1f} to {span.end:.1f} s: "

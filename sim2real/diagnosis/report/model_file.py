@@ -40,8 +40,8 @@ def write(spec: mujoco.MjSpec, effects: Sequence[Fixed], path: str | Path) -> di
         ParameterError: a value outside its range.
         OSError: the file cannot be written.
     """
-    left_out = {e.label(): reason for e, _ in effects if (reason := why_not(e)) is not None}
-    said = [(e, values) for e, values in effects if why_not(e) is None]
+    left_out = {e.label(): reason for e, _ in effects if (reason := mjcf_limitation(e)) is not None}
+    said = [(e, values) for e, values in effects if mjcf_limitation(e) is None]
     changed = apply(spec, said)
     _absolute_folders(changed)
     changed.comment = _comment(said, left_out, spec.comment)
@@ -49,7 +49,7 @@ def write(spec: mujoco.MjSpec, effects: Sequence[Fixed], path: str | Path) -> di
     return left_out
 
 
-def why_not(effect: Effect) -> str | None:
+def mjcf_limitation(effect: Effect) -> str | None:
     """Return why MJCF cannot say an effect; None where it can."""
     reason = effect.mjcf_limitation()
     if reason is None and isinstance(effect, FieldEffect):

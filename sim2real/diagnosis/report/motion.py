@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim2real.diagnosis.report import figure
+from sim2real.diagnosis.report import robot_drawing
 
 DIGITS = 5  # of metres and quaternions: a hundredth of a millimetre
 MOVED = {int(mujoco.mjtJoint.mjJNT_HINGE): "hinge", int(mujoco.mjtJoint.mjJNT_SLIDE): "slide"}
@@ -33,11 +33,11 @@ def skeleton(model: mujoco.MjModel) -> dict[str, Any]:
         kind, axis, anchor and the value at which the body is as given. `shapes`: body, points in
         its frame (1 of a sphere, 2 of a capsule, else corners), radius [m].
     """
-    home = figure.at_home(model)
+    home = robot_drawing.at_home(model)
     bodies = [_body(model, home, number) for number in range(1, model.nbody)]
     shapes = [
         {"body": int(model.geom_bodyid[i]) - 1, "points": _rounded(points), "radius": radius}
-        for i, points, radius in figure.outlines(model)
+        for i, points, radius in robot_drawing.outlines(model)
     ]
     return {"bodies": bodies, "shapes": shapes[:MOST]}
 

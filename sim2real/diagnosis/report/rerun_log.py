@@ -20,7 +20,7 @@ import numpy as np
 from hardware.files import atomic_write
 from sim2real.diagnosis.data.recording import positions
 from sim2real.diagnosis.data.replay import Gap
-from sim2real.diagnosis.report import figure
+from sim2real.diagnosis.report import robot_drawing
 from sim2real.runs.errors import Sim2RealError
 
 MEASURED = "measured"
@@ -83,21 +83,21 @@ def _send_robot(
     columns: Mapping[str, int],
 ) -> None:
     """Send a robot's shapes once, and where its bodies are in each row of positions (T, M)."""
-    data = figure.at_home(model)
+    data = robot_drawing.at_home(model)
     at, turned = [], []
     for values in line:
         data.qpos[list(columns.values())] = values
         mujoco.mj_kinematics(model, data)
         at.append(data.xpos.copy())
         turned.append(np.roll(data.xquat, -1, axis=1))  # Rerun has w last
-    bodies = {int(model.geom_bodyid[geom]) for geom, _, _ in figure.outlines(model)}
+    bodies = {int(model.geom_bodyid[geom]) for geom, _, _ in robot_drawing.outlines(model)}
     for body in bodies:
         where = f"{place}/{model.body(body).name or body}"
         poses = rr.Transform3D.columns(
             translation=np.array(at)[:, body], quaternion=np.array(turned)[:, body]
         )
         rr.send_columns(where, clock, poses, recording=stream)
-    for geom, points, radius in figure.outlines(model):
+    for geom, points, radius in robot_drawing.outlines(model):
         body = int(model.geom_bodyid[geom])
         where = f"{place}/{model.body(body).name or body}/shape {geom}"
         stream.log(where, _shape(rr, points, radius, COLOURS[kind]), static=True)

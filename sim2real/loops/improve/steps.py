@@ -27,7 +27,7 @@ from sim2real.deployment.record import record_motions
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import write
-from sim2real.diagnosis.report import words
+from sim2real.diagnosis.report import text
 from sim2real.learning.algorithms.base import Components
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.learning.training import train
@@ -152,5 +152,5 @@ def diagnosed(
         found = run_diagnosis(list(logs), None, known, (), seed, progress)
         with atomic_folder(folder) as place:
             write(found, place)
-        log_.info("%s", words.sentence(found.report))
+        log_.info("%s", text.verdict_sentence(found.report))
     return folder / FILE

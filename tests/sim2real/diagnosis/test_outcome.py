@@ -14,10 +14,10 @@ from hardware.log import Log
 from sim2real.diagnosis import additions, diagnose
 from sim2real.diagnosis.attribution.numerics import NullTest
 from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.outcome import Diagnosis, last_words, write
-from sim2real.diagnosis.prepare import Prepared
-from sim2real.diagnosis.report.words import sentence
-from sim2real.diagnosis.schema import Cause, Finding, GapNumbers, Report, Unexplained
+from sim2real.diagnosis.outcome import Diagnosis, final_message, write
+from sim2real.diagnosis.prepare import PreparedLogs
+from sim2real.diagnosis.report.text import verdict_sentence
+from sim2real.diagnosis.schema import Cause, Finding, GapMetrics, Report, Unexplained
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
@@ -32,7 +32,7 @@ def cause(effect: str) -> Cause:
 def found() -> Diagnosis:
     """A diagnosis of two causes."""
     names = ("coulomb_friction", "viscous_friction")
-    gap = GapNumbers("rad", 0.1, 0.01, 0.002, 0.9, (0.8, 0.95), True)
+    gap = GapMetrics("rad", 0.1, 0.01, 0.002, 0.9, (0.8, 0.95), True)
     report = Report("explained", gap, (), tuple(map(cause, names)), Unexplained(0.1, "none"))
     effects = tuple((make(name, where="a"), (0.1,)) for name in names)
     return Diagnosis(report, effects, arm.spec(), ((0.05, 0.15), (0.05, 0.15)), ())
@@ -55,7 +55,7 @@ def test_the_verdict_is_written_before_what_may_fail(
     ).report
     assert [one.report.verdict for one in early] == [made.verdict] == ["no_gap"]
     assert made.failed == ("the pictures of recordings: size 1 must be positive in geom",)
-    assert any("size 1" in words for words in last_words(made))
+    assert any("size 1" in words for words in final_message(made))
 
 
 def test_a_cause_that_is_numerics_is_told_and_not_written(
@@ -65,7 +65,7 @@ def test_a_cause_that_is_numerics_is_told_and_not_written(
     said = {"coulomb_friction": "this is the simulator's numerics", "viscous_friction": None}
     monkeypatch.setattr(additions, "is_numerics", lambda logs, specs, one, *_: said[one[0][0].name])
     data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
-    prepared = Prepared([], data, [], {}, [], None)
+    prepared = PreparedLogs([], data, [], {}, [], None)
     tested = additions.tested(found, prepared, NullTest(0.0, {}, {}, {}), DEFAULT)
     write(tested, tmp_path)
     names = [effect.name for effect, _ in load_effects(tmp_path / "effects.yaml")]
@@ -84,7 +84,7 @@ def test_a_log_that_contradicts_itself_makes_no_effects(
     write(found._replace(report=report), tmp_path)
     assert len(list(tmp_path.iterdir())) == files
     assert (tmp_path / "report.html").is_file()
-    words = last_words(report)
+    words = final_message(report)
     assert "What is left is 5.0 times the noise floor" in words[0]
     assert words[1] == "It looks wrong. Mend it."
     assert words[-1].startswith("effects.yaml and model.xml are not written") == (files == 2)
@@ -94,12 +94,12 @@ def test_three_causes_at_one_joint_are_doubted(found: Diagnosis) -> None:
     """So many can imitate a missing law; two, or three at several joints or at all, cannot."""
     cause = replace(found.report.causes[0], where="a", shared=False)
     crowd = [replace(cause, effect=name) for name in ("armature", "cogging", "backlash")]
-    told = last_words(replace(found.report, causes=tuple(crowd)))
+    told = final_message(replace(found.report, causes=tuple(crowd)))
     assert any(words.startswith("3 effects are named at a: so many") for words in told)
     elsewhere = (*crowd[:2], replace(crowd[2], where="b"))
     wide = tuple(replace(one, where=None, shared=True) for one in crowd)
     for causes in (tuple(crowd[:2]), elsewhere, wide):
-        told = last_words(replace(found.report, causes=causes))
+        told = final_message(replace(found.report, causes=causes))
         assert not any("effects are named at" in words for words in told)
 
 
@@ -135,8 +135,8 @@ def test_in_degrees_no_cause_is_looked_for(tmp_path: Path) -> None:
     assert found.report.verdict == "unexplained"
     assert found.report.values == ()
     assert "degrees" in found.report.unexplained.structure
-    assert "pi/180" in last_words(found.report)[0]
-    assert sentence(found.report).startswith("The log is in another unit")
+    assert "pi/180" in final_message(found.report)[0]
+    assert verdict_sentence(found.report).startswith("The log is in another unit")
     write(found, tmp_path / "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.json", "report.html"}
 

@@ -13,19 +13,19 @@ from sim2real.diagnosis.schema import (
     Cause,
     Equivalent,
     Finding,
-    GapNumbers,
+    GapMetrics,
+    JointGap,
     Regime,
     Report,
     Unexplained,
-    Where,
     WholeReplay,
 )
 from sim2real.runs.errors import Sim2RealError
 
 REPORT = Report(
     "explained",
-    GapNumbers("rad", 0.021, 0.003, 0.002, 0.95, (0.93, 0.97), True),
-    (Where("elbow", 0.9, 0.02, 0.003, (Regime("reversal", 0.7),)),),
+    GapMetrics("rad", 0.021, 0.003, 0.002, 0.95, (0.93, 0.97), True),
+    (JointGap("elbow", 0.9, 0.02, 0.003, (Regime("reversal", 0.7),)),),
     (
         Cause(
             "backlash",
@@ -110,7 +110,7 @@ def test_the_file_has_the_keys_of_schema_2() -> None:
 
 def test_numbers_are_plain() -> None:
     """NumPy's numbers become JSON's, and what is not finite becomes null."""
-    gap = GapNumbers("rad", float(np.float64(0.02)), None, 0.001, np.nan, None, True)
+    gap = GapMetrics("rad", float(np.float64(0.02)), None, 0.001, np.nan, None, True)
     report = Report("no_gap", gap, (), (), Unexplained(0.0, "none"))
     tree = json.loads(json.dumps(report.to_json(), allow_nan=False))
     assert tree["gap"]["closed"] is None

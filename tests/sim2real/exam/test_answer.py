@@ -12,7 +12,7 @@ import pytest
 
 from sim2real.diagnosis import diagnose
 from sim2real.diagnosis.outcome import Diagnosis
-from sim2real.diagnosis.schema import GapNumbers, Report, Unexplained
+from sim2real.diagnosis.schema import GapMetrics, Report, Unexplained
 from sim2real.exam.answer import EFFECTS, ERROR, REPORT, TASK, answer
 from tests.sim2real.diagnosis import arm
 
@@ -37,7 +37,7 @@ def logs(tmp_path: Path) -> Path:
 
 def verdict(name: str, seconds: float) -> Diagnosis:
     """Return a diagnosis without causes."""
-    gap = GapNumbers("rad", 0.01, 0.01, 0.001, 0.0, (0.0, 0.0), True)
+    gap = GapMetrics("rad", 0.01, 0.01, 0.001, 0.0, (0.0, 0.0), True)
     report = Report(name, gap, (), (), Unexplained(1.0, "none"), seconds=seconds)  # type: ignore[arg-type]
     return Diagnosis(report, (), mujoco.MjSpec(), (), ())
 

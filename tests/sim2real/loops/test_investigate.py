@@ -18,12 +18,12 @@ from sim2real.deployment.record import record_motions
 from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.attribution.experiment_menu import Item
 from sim2real.diagnosis.outcome import Diagnosis
-from sim2real.diagnosis.schema import Cause, GapNumbers, Report, Unexplained
+from sim2real.diagnosis.schema import Cause, GapMetrics, Report, Unexplained
 from sim2real.loops.investigate import SearchBudget, investigate
 from sim2real.runs.errors import Sim2RealError
 
 FIRST = Item("slow ramps", ("ramp",), 4.0, 0.3)
-GAP = GapNumbers("rad", 0.02, 0.001, 0.0005, 0.99, (0.9, 1.0), True)
+GAP = GapMetrics("rad", 0.02, 0.001, 0.0005, 0.99, (0.9, 1.0), True)
 CAUSE = Cause("viscous_friction", "hinge", None, 0.03, (0.02, 0.04), "", {}, 0.9, 0.99)
 REPORT = Report("explained", GAP, (), (CAUSE,), Unexplained(0.01, "none"))
 ANSWER = Diagnosis(REPORT, (), mujoco.MjSpec(), (), ())

@@ -26,7 +26,7 @@ from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure, summary
 from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, write
-from sim2real.diagnosis.report.words import quantity
+from sim2real.diagnosis.report.text import quantity
 from sim2real.diagnosis.schema import Report, WholeReplay
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import diagnose as command

@@ -17,7 +17,7 @@ from hardware.log import Log, write_log
 from sim2real.config.compose import compose, instantiate
 from sim2real.config.folders import check_paths_exist
 from sim2real.config.targets import ConfigError
-from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained
+from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, Report, Unexplained
 from sim2real.identification.methods.matching import Matching
 from sim2real.identification.scores.aligned import KStep, OneStep
 from sim2real.identification.searches import Cma
@@ -52,7 +52,7 @@ def go(out: Path, log: Path | None, **changes: Any) -> Any:
 
 def report(folder: Path, *causes: Cause) -> Path:
     """Write the report of a diagnosis."""
-    gap = GapNumbers("rad", 0.02, 0.002, 0.001, 0.95, (0.9, 0.97), True)
+    gap = GapMetrics("rad", 0.02, 0.002, 0.001, 0.95, (0.9, 0.97), True)
     made = Report("explained", gap, (), causes, Unexplained(0.05, "none"))
     return made.write(folder / "report.json")
 

@@ -16,7 +16,7 @@ from envs.effects import load_effects, make, write_effects
 from hardware.log import read_logs, write_log
 from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.trained import load_policy
-from sim2real.diagnosis.report import words
+from sim2real.diagnosis.report import text
 from sim2real.loops.improve import checks, improve, steps
 from sim2real.loops.improve.improve import Improvement
 from sim2real.runs.checkpoint import read_metadata
@@ -56,7 +56,7 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch) -> list[list[Any]]:
 
     monkeypatch.setattr(steps, "run_diagnosis", run_diagnosis)
     monkeypatch.setattr(steps, "write", write)
-    monkeypatch.setattr(words, "sentence", lambda report: "found")
+    monkeypatch.setattr(text, "sentence", lambda report: "found")
     return given
 
 
@@ -67,9 +67,9 @@ def hidden(folder: Path) -> str:
     return f"robot.hidden={path}"
 
 
-def go(run: Path, out: Path, *words: str, **changes: Any) -> Improvement:
+def go(run: Path, out: Path, *text: str, **changes: Any) -> Improvement:
     """Improve as the command line does; `changes` are arguments of the verb."""
-    line = ["run=improve", f"checkpoint={run}", *QUICK, *words]
+    line = ["run=improve", f"checkpoint={run}", *QUICK, *text]
     (out / ".hydra").mkdir(parents=True, exist_ok=True)
     given = [word for word in yaml.safe_load((run / ".hydra" / "overrides.yaml").read_text())]
     (out / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump([*given, *line]))
@@ -213,11 +213,11 @@ def test_nothing_found_on_the_ground_ends_it(
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_moves(
-    run: Path, tmp_path: Path, words: tuple[str, ...], message: str
+    run: Path, tmp_path: Path, text: tuple[str, ...], message: str
 ) -> None:
     """With one sentence."""
     with pytest.raises(Sim2RealError, match=message):
-        go(run, tmp_path / "out", *words)
+        go(run, tmp_path / "out", *text)
     assert not (tmp_path / "out" / "round_0").exists()
 
 

@@ -24,7 +24,7 @@ from sim2real.diagnosis.attribution.usual import Usual
 from sim2real.diagnosis.attribution.verdict import verdict_of
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
-from sim2real.diagnosis.report import words
+from sim2real.diagnosis.report import text
 from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis import pendulum
 
@@ -114,7 +114,7 @@ def test_a_verdict_says_so_unless_usual_errors_make_as_much(
         assert report.gap.closed is not None and report.gap.closed < 0.9
         told_so = [finding for finding in report.preflight if finding.check == SHORTCUTS]
         assert len(told_so) == (verdict == "explained")
-        assert ("the simulator's own" in words.details(report)) == bool(told_so)
+        assert ("the simulator's own" in text.details(report)) == bool(told_so)
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from envs.effects import EFFECTS
 from hardware.log import Log
 from sim2real.diagnosis.contract.logged import check_beforehand, check_logs
 from sim2real.diagnosis.diagnose import diagnose
-from sim2real.diagnosis.outcome import last_words
+from sim2real.diagnosis.outcome import final_message
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
 from tests.sim2real.diagnosis.contract.walk import ABOUT, walk
@@ -141,5 +141,5 @@ def test_a_diagnosis_checks_the_interface_first(tmp_path: Path) -> None:
     (finding,) = [f for f in report.preflight if f.check == "contract"]
     assert finding.where == joints[0]
     assert report.failed == ()
-    assert any("Between the policy and the robot" in words for words in last_words(report))
+    assert any("Between the policy and the robot" in words for words in final_message(report))
     assert report.evidence.inputs["policy's interface"] == "broken"

@@ -21,12 +21,12 @@ from sim2real.diagnosis.schema import (
     Equivalent,
     Estimate,
     Finding,
-    GapNumbers,
+    GapMetrics,
+    JointGap,
     Regime,
     Report,
     Returns,
     Unexplained,
-    Where,
 )
 
 
@@ -108,10 +108,10 @@ def report() -> Report:
     )
     return Report(
         verdict="explained",
-        gap=GapNumbers("rad", 0.07, 0.005, 0.002, 0.956, (0.93, 0.97), True),
+        gap=GapMetrics("rad", 0.07, 0.005, 0.002, 0.956, (0.93, 0.97), True),
         where=(
-            Where("elbow", 0.8, 0.09, 0.006, (Regime("reversal", 0.5), Regime("hold", 0.25))),
-            Where("shoulder", 0.2, 0.02, 0.003, (Regime("reversal", 0.1),)),
+            JointGap("elbow", 0.8, 0.09, 0.006, (Regime("reversal", 0.5), Regime("hold", 0.25))),
+            JointGap("shoulder", 0.2, 0.02, 0.003, (Regime("reversal", 0.1),)),
         ),
         causes=causes,
         unexplained=Unexplained(0.04, "slow, at the shoulder"),

@@ -12,7 +12,7 @@ import pytest
 
 from sim2real.diagnosis.evidence import Trace
 from sim2real.diagnosis.report.html import render, write_html
-from sim2real.diagnosis.schema import Equivalent, Finding, GapNumbers, Report, Unexplained
+from sim2real.diagnosis.schema import Equivalent, Finding, GapMetrics, Report, Unexplained
 from tests.sim2real.diagnosis.report import sample
 
 EVIL = "</script><script>alert('x')</script>&"
@@ -137,7 +137,7 @@ def test_names_from_files_stay_text(report: Report) -> None:
 
 def test_a_report_without_a_gap_says_so(report: Report) -> None:
     """No causes, no closed share, and no empty headings."""
-    gap = GapNumbers("rad", 0.002, None, 0.002, None, None, True)
+    gap = GapMetrics("rad", 0.002, None, 0.002, None, None, True)
     quiet = replace(
         report, verdict="no_gap", gap=gap, causes=(), preflight=(), next_experiment=None
     )

@@ -10,7 +10,7 @@ import pytest
 
 from sim2real.diagnosis.evidence import Evidence, Signal, Trace
 from sim2real.diagnosis.report.recordings import NOTHING, floats, packed, recordings
-from sim2real.diagnosis.schema import GapNumbers, Report, Unexplained, Where
+from sim2real.diagnosis.schema import GapMetrics, JointGap, Report, Unexplained
 
 
 def unpacked(line: dict[str, Any]) -> np.ndarray:
@@ -47,8 +47,8 @@ def test_joints_and_signals_of_an_episode_are_together() -> None:
     signal = Signal("a.csv", 0, "current", "servo", "A", None, time, time)
     other = Signal("b.csv", 0, "current", "servo", "A", None, time, time)
     evidence = Evidence(traces=(trace("elbow"), trace("wrist")), signals=(signal, other))
-    where = (Where("wrist", 0.8, 0.2), Where("elbow", 0.2, 0.1))
-    gap = GapNumbers("rad", 0.2, 0.1, 0.01, 0.5, (0.4, 0.6), True)
+    where = (JointGap("wrist", 0.8, 0.2), JointGap("elbow", 0.2, 0.1))
+    gap = GapMetrics("rad", 0.2, 0.1, 0.01, 0.5, (0.4, 0.6), True)
     rest = Unexplained(0.5, "none")
     [found], total = recordings(Report("unexplained", gap, where, (), rest, evidence=evidence))
     assert total == 1

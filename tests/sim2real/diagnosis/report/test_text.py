@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sim2real.diagnosis.report import words
+from sim2real.diagnosis.report import text
 
 
 @pytest.mark.parametrize(
@@ -26,13 +26,13 @@ from sim2real.diagnosis.report import words
 )
 def test_quantities_have_the_prefix_that_fits(value: float | None, unit: str, text: str) -> None:
     """Three digits, thousandths where that reads better, no exponent without need."""
-    assert words.quantity(value, unit).replace("\xa0", " ") == text
+    assert text.quantity(value, unit).replace("\xa0", " ") == text
 
 
 def test_a_row_of_numbers_has_one_unit() -> None:
     """The first number's prefix holds for the others."""
-    assert words.quantity(1.5, "rad", like=0.2).replace("\xa0", " ") == "1500 mrad"
-    assert words.interval((0.9, 1.1), "s").replace("\xa0", " ") == "0.900 to 1.10 s"
+    assert text.quantity(1.5, "rad", like=0.2).replace("\xa0", " ") == "1500 mrad"
+    assert text.interval((0.9, 1.1), "s").replace("\xa0", " ") == "0.900 to 1.10 s"
 
 
 @pytest.mark.parametrize(
@@ -41,27 +41,27 @@ def test_a_row_of_numbers_has_one_unit() -> None:
 )
 def test_percentages_show_tenths_where_they_tell(share: float, text: str) -> None:
     """Near nothing and near all, a tenth is a difference."""
-    assert words.percent(share).replace("\xa0", " ") == text
+    assert text.percent(share).replace("\xa0", " ") == text
 
 
 def test_names_of_effects_are_words() -> None:
     """Underscores go, people keep their capitals, places and sides are said."""
-    assert words.name("coulomb_friction", "elbow") == "Coulomb friction at elbow"
-    assert words.name("backlash", "knee", "link") == "backlash at knee (link side)"
-    assert words.name("command_delay", None) == "command delay"
-    assert words.label("+ stribeck_friction.hip_fl") == "+ Stribeck friction at hip_fl"
-    assert words.label("noise floor") == "noise floor"
+    assert text.format_effect("coulomb_friction", "elbow") == "Coulomb friction at elbow"
+    assert text.format_effect("backlash", "knee", "link") == "backlash at knee (link side)"
+    assert text.format_effect("command_delay", None) == "command delay"
+    assert text.label("+ stribeck_friction.hip_fl") == "+ Stribeck friction at hip_fl"
+    assert text.label("noise floor") == "noise floor"
 
 
 def test_many_causes_are_told_by_their_kind() -> None:
     """A headline of seventeen places is none."""
     few = [("position_gain", "elbow"), ("coulomb_friction", "elbow")]
-    assert words.subjects(few) == ["position gain at elbow", "Coulomb friction at elbow"]
+    assert text.subjects(few) == ["position gain at elbow", "Coulomb friction at elbow"]
     many = [("position_gain", joint) for joint in "abc"] + [
         *[("coulomb_friction", joint) for joint in "ab"],
         ("supply_sag", None),
     ]
-    assert words.subjects(many) == [
+    assert text.subjects(many) == [
         "position gain at 3 places",
         "Coulomb friction at 2 places",
         "supply sag",
@@ -70,10 +70,10 @@ def test_many_causes_are_told_by_their_kind() -> None:
 
 def test_what_the_simulator_was_tested_for_is_one_sentence() -> None:
     """What makes no difference is said together, what does on its own."""
-    assert words.numerics({"timestep": "ok", "solver": "ok"}) == [
+    assert text.numerics({"timestep": "ok", "solver": "ok"}) == [
         "The gap is not one of numerics: timestep and solver make no difference to it."
     ]
-    assert words.numerics({"timestep": "ok", "friction": "halves the gap"}) == [
+    assert text.numerics({"timestep": "ok", "friction": "halves the gap"}) == [
         "Timestep makes no difference to it.",
         "Friction: halves the gap",
     ]

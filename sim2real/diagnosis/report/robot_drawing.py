@@ -18,7 +18,7 @@ from markupsafe import Markup
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from sim2real.diagnosis.report import words
+from sim2real.diagnosis.report import text
 
 WIDTH, HEIGHT, MARGIN, LABEL = 620.0, 330.0, 26.0, 150.0  # units; labels stand left and right
 AZIMUTH, ELEVATION = np.radians(20.0), np.radians(12.0)  # of the view, from straight ahead
@@ -183,7 +183,7 @@ def _marks(marks: Mapping[str, np.ndarray], shares: Mapping[str, float]) -> Iter
                 '<text class="name" text-anchor="{}" x="{:.1f}" y="{:.1f}">{}'
                 ' <tspan class="share">{}</tspan></text>'
             )
-            yield label.format(side, end, row, name, words.percent(shares[name]))
+            yield label.format(side, end, row, name, text.percent(shares[name]))
 
 
 def _sides(

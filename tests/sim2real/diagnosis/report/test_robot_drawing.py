@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hardware.config import ASSETS
-from sim2real.diagnosis.report.figure import HEIGHT, WIDTH, robot
+from sim2real.diagnosis.report.robot_drawing import HEIGHT, WIDTH, robot
 
 
 def numbers(picture: str, pattern: str) -> np.ndarray:

@@ -65,18 +65,18 @@ def degrees(value: float, unit: str) -> str:
     return f"{math.degrees(value):.3g}°".replace("-", "−") if unit == "rad" else ""
 
 
-def name(effect: str, where: str | None, side: str | None = None) -> str:
+def format_effect(effect: str, where: str | None, side: str | None = None) -> str:
     """Return an effect and its place in words: `backlash at the elbow (link side)`."""
     place = f" at {where}" if where else ""
-    return plain(effect) + place + (f" ({side} side)" if side else "")
+    return effect_display_name(effect) + place + (f" ({side} side)" if side else "")
 
 
-def plain(effect: str) -> str:
+def effect_display_name(effect: str) -> str:
     """Return an effect's standard name in words, its own where it is known here."""
     return EFFECTS[effect].in_words() if effect in EFFECTS else effect.replace("_", " ")
 
 
-def sentence(report: Report) -> str:
+def verdict_sentence(report: Report) -> str:
     """Return the verdict as one plain sentence."""
     gap = report.gap
     if report.verdict == "no_gap":
@@ -84,7 +84,7 @@ def sentence(report: Report) -> str:
             "Simulation and robot agree: what is left between them,"
             f" {quantity(gap.before, gap.unit)}, is noise."
         )
-    if unsearched(report):
+    if search_was_skipped(report):
         return "The log is in another unit than its model: correct it first."
     if report.verdict == "unexplained" or not report.values:
         return "There is a gap, and no known effect explains it."
@@ -102,7 +102,7 @@ def sentence(report: Report) -> str:
     return text[0].upper() + text[1:]
 
 
-def unsearched(report: Report) -> bool:
+def search_was_skipped(report: Report) -> bool:
     """Return whether the log's units were wrong, so that no cause was looked for."""
     return any(finding.check in UNITS for finding in report.preflight)
 
@@ -116,12 +116,14 @@ def place_of(cause: Cause) -> tuple[str, str | None]:
 def subjects(causes: Sequence[tuple[str, str | None]]) -> list[str]:
     """Return causes (effect, place) in words; many are grouped by effect."""
     if len(causes) <= SINGLY:
-        return [name(effect, where) for effect, where in causes]
+        return [format_effect(effect, where) for effect, where in causes]
     places: dict[str, list[str | None]] = {}
     for effect, where in causes:
         places.setdefault(effect, []).append(where)
     return [
-        name(effect, where[0]) if len(where) == 1 else f"{plain(effect)} at {len(where)} places"
+        format_effect(effect, where[0])
+        if len(where) == 1
+        else f"{effect_display_name(effect)} at {len(where)} places"
         for effect, where in places.items()
     ]
 
@@ -134,14 +136,16 @@ def details(report: Report) -> str:
     on = "on parts of the recordings that nothing was fitted to" if gap.held_out else ""
     if gap.after is None:
         return f"The noise floor of these recordings is {floor}{motion}."
-    if unsearched(report):
+    if search_was_skipped(report):
         return f"No cause was looked for. {report.unexplained.structure}"
     if not report.values:
         return (
             f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
             f" {floor} are noise. No effect that was tried brings it nearer {on}."
         )
-    further = "".join(f" {text}" for text in (rest(report), crowded(report)) if text)
+    further = "".join(
+        f" {text}" for text in (residual_sentence(report), same_joint_warning(report)) if text
+    )
     return (
         f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
         f" with {_these(report)} in the model by {quantity(gap.after, gap.unit)}"
@@ -149,7 +153,7 @@ def details(report: Report) -> str:
     )
 
 
-def rest(report: Report) -> str:
+def residual_sentence(report: Report) -> str:
     """Return what an explained gap leaves, if noise cannot account for it; else ""."""
     gap = report.gap
     if report.verdict != "explained" or not gap.after or gap.after <= NOISE * gap.noise_floor:
@@ -164,7 +168,7 @@ def rest(report: Report) -> str:
     )
 
 
-def crowded(report: Report) -> str:
+def same_joint_warning(report: Report) -> str:
     """Return a warning where several effects at one joint are named as causes; else ""."""
     places = [cause.where for cause in report.causes if cause.where and not cause.shared]
     joint = max(places, key=places.count, default="")
@@ -181,7 +185,7 @@ def label(text: str) -> str:
     if text == "as given":
         return "model as given"
     head, dot, place = text.partition(".")
-    return " ".join(map(plain, head.split(" "))) + (f" at {place}" if dot else "")
+    return " ".join(map(effect_display_name, head.split(" "))) + (f" at {place}" if dot else "")
 
 
 def numerics(found: Mapping[str, str]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim2real.diagnosis.report.made import flat
+from sim2real.diagnosis.report.provenance import flat
 
 
 def test_words_are_written_apart_and_paths_are_kept() -> None:
