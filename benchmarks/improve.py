@@ -28,6 +28,7 @@ from benchmarks import study
 from benchmarks.study import command
 from sim2real.config.compose import compose, instantiate
 from sim2real.deployment import deploy
+from sim2real.deployment.stops import make_stop_limits
 from sim2real.deployment.trained import load_trained
 from sim2real.loops.improve.operator import Operator
 from sim2real.loops.improve.site import RobotSetup
@@ -180,7 +181,7 @@ def best(case: Case, told: dict[str, Any]) -> list[float]:
         Operator(),
         given["trials"],
         given["settle"],
-        deploy.guarding(given["stops"]),
+        make_stop_limits(given["stops"]),
         True,
         given["motions"],
         given["seconds"],

@@ -4,11 +4,11 @@
     python -m benchmarks.worth --robots 12 --seed 4
 
 An emulated robot (servo emulator, bus, another time step than the model's) hides two to four
-effects; a policy that was trained in its simulator as given walks or hops on it. Predicted: `compute_cause_costs`
-of the hidden effects, what putting right each alone would bring (`last`). Measured: the same
-episodes (starts) on the robot with all of them, and with each removed in turn. A row a cost in
-`worth.csv`; a robot that is there is not run again. Policies are those of `benchmarks.improve`, and
-are trained where they are missing (minutes each).
+effects; a policy that was trained in its simulator as given walks or hops on it. Predicted:
+`compute_cause_costs` of the hidden effects, what putting right each alone would bring (`last`).
+Measured: the same episodes (starts) on the robot with all of them, and with each removed in turn.
+A row a cost in `worth.csv`; a robot that is there is not run again. Policies are those of
+`benchmarks.improve`, and are trained where they are missing (minutes each).
 """
 
 from __future__ import annotations

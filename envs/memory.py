@@ -57,7 +57,8 @@ def check_memory(needed: float, what: str, remedy: str) -> None:
     there = available()
     if needed > there:
         raise EnvsError(
-            f"{what} need about {format_bytes(needed)} of memory, and {format_bytes(there)} are free; "
+            f"{what} need about {format_bytes(needed)} of memory, and {format_bytes(there)} are "
+            f"free; "
             f"ask for {remedy}"
         )
 

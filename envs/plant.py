@@ -141,7 +141,9 @@ class Plant:
         self._parts = list({id(part): part for part in parts}.values())
         self._commands = [b for b in self._parts if isinstance(b, CommandRule)]
         self._measurements = [b for b in self._parts if isinstance(b, Measurement)]
-        starters = [b for b in self._parts if type(b).start is not BoundEffect.on_episode_start]
+        starters = [
+            b for b in self._parts if type(b).on_episode_start is not BoundEffect.on_episode_start
+        ]
         self._starters = sorted(
             starters, key=lambda b: not isinstance(b, CommandRule)
         )  # what arrives, then who hears it
@@ -325,7 +327,7 @@ class Plant:
         """Let the rows ids have held the commands (n, nu) before their episodes."""
         held = np.array(ctrl, dtype=np.float64)
         for bound in self._starters:
-            bound.start(ids, held)
+            bound.on_episode_start(ids, held)
         self.ctrl[ids] = held
         self._fresh[ids] = False
 

@@ -265,7 +265,8 @@ def _imu_errors(data: Any, place: str) -> ImuErrors:
     measures = values.get("measures", ImuErrors.measures)
     if not isinstance(measures, list | tuple) or not set(measures) <= set(QUANTITIES):
         raise RobotError(
-            f"{place}: measures: {measures!r}; it is a list of {format_names(QUANTITIES)}, of which each "
+            f"{place}: measures: {measures!r}; it is a list of {format_names(QUANTITIES)}, of "
+            f"which each "
             "may be left out"
         )
     errors = ImuErrors(**{**values, "measures": tuple(measures)})

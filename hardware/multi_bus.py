@@ -139,7 +139,7 @@ class MultiBusDriver(Driver):
         Raises:
             LineError: a port cannot be used; the others were told.
         """
-        self._on_all(Driver.cry_off)
+        self._on_all(Driver.broadcast_torque_off)
 
     def torque_off(self, times: float = MORE_PATIENT) -> None:
         """Switch all torque off: first on every bus at once, then verified bus by bus.
@@ -151,7 +151,7 @@ class MultiBusDriver(Driver):
             LineError: a port cannot be used; on the others torque is off.
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
         """
-        failed = _failed(self._drivers, Driver.cry_off)
+        failed = _failed(self._drivers, Driver.broadcast_torque_off)
         failed |= _failed(self._drivers, lambda part: part.torque_off(times))
         _raise(failed)
 
@@ -168,7 +168,7 @@ class MultiBusDriver(Driver):
             LineError: a port did not come back in that time.
             ServoError: it did, or was never gone, but a servo did not confirm.
         """
-        _failed(self._drivers, Driver.cry_off)
+        _failed(self._drivers, Driver.broadcast_torque_off)
         end, left, attempts = self.clock.now() + patience, self._drivers, itertools.count()
         while True:
             attempt = next(attempts)

@@ -39,7 +39,10 @@ class Step(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """What was asked of the robot last; the fields of `envs.tasks.base.CommandState`, one row each."""
+    """What was asked of the robot last.
+
+    The fields of `envs.tasks.base.CommandState`, one row each.
+    """
 
     time: np.ndarray  # (1,) s
     action: np.ndarray  # (1, A)
@@ -276,7 +279,8 @@ def _check_robot(task: Any, names: list[str], backend: Backend) -> None:
         hint = did_you_mean(machine.name, [robot.name])
         raise RobotError(
             f"{type(task).__name__} is a task of the robot {machine.name!r} with the servos "
-            f"{format_names(names)}, and this is {robot.name!r} with {format_names(robot.names)}{hint}; give "
+            f"{format_names(names)}, and this is {robot.name!r} with "
+            f"{format_names(robot.names)}{hint}; give "
             f"robot={machine.name}, or a policy that was trained for {robot.name}"
         )
     if abs(robot.rate - machine.rate) > 1e-9:

@@ -300,7 +300,7 @@ class Guard:
         except (SerialPortError, ServoError) as error:
             _logger.error("%s; trying for %g s to switch torque off", error, patience)
         try:
-            driver.torque_off_when_back(patience)
+            driver.torque_off_after_reconnect(patience)
         except (SerialPortError, ServoError) as error:
             raise ServoError(
                 f"torque could not be switched off within {patience:g} s ({error}); "

@@ -3,8 +3,8 @@
     for difference in differences(client, robot, servo):
         print(difference)                       # servo 2 (elbow): return_delay_time 250 -> 0: ...
 
-`unsafe_settings` are those under which a servo would move by itself, or answer too late: no robot with
-them is connected. `differences` are all that `python -m hardware setup` writes.
+`unsafe_settings` are those under which a servo would move by itself, or answer too late: no robot
+with them is connected. `differences` are all that `python -m hardware setup` writes.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ class Torque:
 
     def _verify_off(self, servos: Sequence[Servo], times: float) -> None:
         """Tell all servos to switch torque off, and let each of these confirm it."""
-        self.cry_off()
+        self.broadcast_torque_off()
         unsure = []
         with self.bus_client.more_patient(times):
             for servo in servos:
@@ -117,12 +117,12 @@ class Torque:
         if unsure:
             raise ServoError(f"torque may still be on in {format_names(unsure)}: cut the supply")
 
-    def cry_off(self) -> None:
+    def broadcast_torque_off(self) -> None:
         """Broadcast torque-off to all servos without waiting for acknowledgement."""
         for _ in range(2):
             self.bus_client.write_all(self.torque, b"\x00")
 
-    def torque_off_when_back(self, patience: float) -> None:
+    def torque_off_after_reconnect(self, patience: float) -> None:
         """Open the port again and again until torque is off, and verified, in every servo.
 
         Each attempt waits twice as long for answers as the one before: the link may be slow.

@@ -13,6 +13,7 @@ A name's module is imported when the name is first used: `import sim2real` alone
 
 from __future__ import annotations
 
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -47,14 +48,19 @@ _MODULES = {
     "diagnosis.schema": ("Report",),
     "learning.adapt": ("GradientAdaptation", "HillClimb", "NoAdaptation", "Session"),
     "learning.environment": ("make_env",),
-    "learning.trained": ("Trained",),
+    "learning.trained": ("TrainedPolicy",),
     "runs.errors": ("Sim2RealError",),
 }
+_RENAMED = {"Trained": "TrainedPolicy"}
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name's module on its first use."""
+    if name in _RENAMED:
+        message = f"sim2real.{name} is now sim2real.{_RENAMED[name]}; the old name goes in 0.3"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        name = _RENAMED[name]
     if name not in _HOME:
         raise AttributeError(f"module 'sim2real' has no attribute {name!r}")
     return getattr(import_module(f"sim2real.{_HOME[name]}"), name)

@@ -88,9 +88,9 @@ __all__ = [
     "RobotScale",
     "Sizes",
     "SubstepRule",
-    "merge_effects",
     "load_effects",
     "make",
+    "merge_effects",
     "register",
     "write_effects",
 ]

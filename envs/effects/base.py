@@ -24,6 +24,7 @@ then as given:
 from __future__ import annotations
 
 import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
@@ -40,6 +41,13 @@ from envs.params import How, Parameter, Side
 Place = Literal["joint", "actuator", "body", "contact", "robot"]
 
 
+RENAMED = {  # attributes that users' own effects set
+    "words": "display_name",
+    "closes_gaps": "visible_in_replay",
+    "passes_for": "mimics",
+    "needs_witness": "needs_measured_channel",
+    "why_not_mjcf": "mjcf_limitation",
+}
 PLAIN, RULES = "plain", "rules"  # groups of effects that can be simulated in one batch
 
 
@@ -162,13 +170,9 @@ class Effect(ABC):
     composes: ClassVar[bool] = False  # whether it may stand twice at a place, added or multiplied
 
     # For diagnosis and exam; see also `variants`, `probes`, `batch`, `mjcf_limitation`, `to_mjcf`.
-    visible_in_replay: ClassVar[bool] = (
-        True  # False: no replay shows it (noise, what a camera sees)
-    )
+    visible_in_replay: ClassVar[bool] = True  # False: noise, what a camera sees
     shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
-    needs_measured_channel: ClassVar[bool] = (
-        False  # whether it explains only what a channel measured, too
-    )
+    needs_measured_channel: ClassVar[bool] = False  # it explains only what a channel measured, too
     imitates: ClassVar[Mapping[str, str]] = {}  # by another at its joint: what both act like
     servo_rank: ClassVar[int | None] = None  # its turn among what every servo's model guesses
     tied: ClassVar[str] = ""  # effects of one such name start from one factor
@@ -176,6 +180,15 @@ class Effect(ABC):
     own_mjcf: ClassVar[bool] = False  # whether `to_mjcf` writes it, and not its model fields
     comparable: ClassVar[bool] = False  # whether the emulator's law takes the same value
     sizes: ClassVar[Sizes | None] = None  # what an exam hides of it; None: nothing
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Take attributes of a user's effect under the names that they had before 0.2."""
+        super().__init_subclass__(**kwargs)
+        for old, new in RENAMED.items():
+            if old in cls.__dict__:
+                message = f"{cls.__name__}.{old} is now {new}; the old name goes in 0.3"
+                warnings.warn(message, DeprecationWarning, stacklevel=2)
+                setattr(cls, new, cls.__dict__[old])
 
     def __init__(
         self,

@@ -33,7 +33,10 @@ def with_less(sizes: np.ndarray, own: float) -> np.ndarray:
 
 
 def stiffen(spec: mujoco.MjSpec, where: str | None) -> None:
-    """Make friction stick without creep in joints whose model has none; see `NoCreepFriction` for others."""
+    """Make friction stick without creep in joints whose model has none.
+
+    See `NoCreepFriction` for others.
+    """
     driven = {actuator.target for actuator in spec.actuators}
     for joint in spec.joints:
         if joint.frictionloss == 0 and (

@@ -38,8 +38,8 @@ from envs.replay.rollout import rollout
 
 __all__ = [
     "DivergedError",
-    "Motion",
     "InterpolationPoints",
+    "Motion",
     "Recording",
     "Schedule",
     "interpolate",

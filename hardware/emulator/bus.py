@@ -9,7 +9,8 @@ assumption), the next one of a chain after it; each is sampled when its answer s
 are seen later. The adapter hands bytes over at most `latency` after the last of them. A chain of
 answers ends at a servo that is missing. Two servos of one ID answer one after the other.
 
-A robot may have several buses: `run_in_time_order` carries out what each was told in the order of time.
+A robot may have several buses: `run_in_time_order` carries out what each was told in the order of
+time.
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
 """A Feetech bus that is not there: STS servos with the physics and firmware of the emulator.
 
-    world = EmulatedRobot(load_robot("so101"))                  # inner servos, see `feetech_inner.py`
+    world = EmulatedRobot(load_robot("so101"))    # inner servos, see `feetech_inner.py`
     FeetechBus(world).feed(packet(1, PING), now=0.0, baud=1_000_000)
 
 Inside, each servo is one of the emulator's own with the motor, gains and units of a Feetech one;
-`FeetechServo` is what a client sees of it: Feetech's registers, signs and limits, a homing offset that is
-taken off, goals clamped to the servo's own limits, EEPROM that is kept only while `lock` is 0.
+`FeetechServo` is what a client sees of it: Feetech's registers, signs and limits, a homing offset
+that is taken off, goals clamped to the servo's own limits, EEPROM that is kept only while `lock`
+is 0.
 
 Assumed, as the maker does not publish it: answers of 50 us after the return delay, the derivative
 and integral gains do nothing at their factory values, torque that is switched on holds where it is,

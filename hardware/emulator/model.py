@@ -95,7 +95,8 @@ def _check(robot: Robot, model: mujoco.MjModel) -> None:
     actuators = [model.actuator(i).name for i in range(model.nu)]
     if sorted(actuators) != sorted(robot.names):
         raise RobotError(
-            f"{robot.model} has the actuators {format_names(actuators)}, the robot {robot.name} the "
+            f"{robot.model} has the actuators {format_names(actuators)}, the robot {robot.name} "
+            f"the "
             f"servos {format_names(robot.names)}; each actuator needs one servo of its name"
         )
     if len(actuators) > MOST_SERVOS:

@@ -27,6 +27,26 @@ RENAMED = {
 }
 
 
+MOVED_TARGETS = {  # classes of saved runs' config.yaml
+    "sim2real.evaluation.films.Video": "sim2real.evaluation.videos.Video",
+    "sim2real.identification.episodes.Finder": "sim2real.identification.episodes.EpisodeIdentifier",
+    "sim2real.learning.adapt.Noisy": "sim2real.learning.adapt.NoisyReturns",
+    "sim2real.learning.modules.policies.actor_critic": (
+        "sim2real.learning.modules.actor_critic.actor_critic"
+    ),
+    "sim2real.learning.modules.policy.mlp_policy": (
+        "sim2real.learning.modules.mlp_policy.mlp_policy"
+    ),
+    "sim2real.learning.told.WithParams": "sim2real.learning.context.AppendContext",
+    "sim2real.runs.loggers.OfTorchRL": "sim2real.runs.loggers.TorchRLLogger",
+}
+
+
+def current_target(target: str) -> str:
+    """Return the present name of a class that a saved configuration may call by an older one."""
+    return MOVED_TARGETS.get(target, target)
+
+
 def renamed_key_hint(key: str) -> str:
     """Return " (it is now ...)" for an old key, "" for any other."""
     new = RENAMED.get(key)

@@ -19,6 +19,7 @@ from typing import Any
 
 from envs.errors import did_you_mean
 from sim2real.config import signatures
+from sim2real.config.renamed import current_target
 from sim2real.runs.errors import Sim2RealError
 
 FOREIGN = ("torchrl", "torch")
@@ -96,6 +97,7 @@ def import_target(target: str, where: str) -> Callable[..., Any]:
     Raises:
         ConfigError: it is not one of ours, nor a class of TorchRL or torch.
     """
+    target = current_target(target)
     ours = _signature(target, where) is not None
     module, _, name = target.rpartition(".")
     try:
@@ -125,6 +127,7 @@ def _nodes(tree: Any, where: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def _signature(target: Any, where: str) -> signatures.Signature | None:
     """Return the signature of one of our classes or functions; None for TorchRL's and torch's."""
+    target = current_target(target) if isinstance(target, str) else target
     package = target.split(".")[0] if isinstance(target, str) else ""
     if package in FOREIGN:
         return None

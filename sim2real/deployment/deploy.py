@@ -29,7 +29,6 @@ from hardware.rows import RobotRows
 from sim2real.deployment.fit import check_interface
 from sim2real.deployment.robot_env import play, robot_of
 from sim2real.deployment.session import STATE, Deployment, EpisodePlan, save
-from sim2real.deployment.stops import guarding as guarding
 from sim2real.deployment.trained import task_of
 from sim2real.learning.adapt import Adaptation, IdentifySession
 from sim2real.learning.environment import EnvironmentFactory

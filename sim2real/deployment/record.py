@@ -86,7 +86,8 @@ def record_motions(
 
     Args:
         robot: the robot.
-        motions: kinds of motion; those that do not suit the robot are left out, see `allowed_motions`.
+        motions: kinds of motion; those that do not suit the robot are left out, see
+            `allowed_motions`.
         seconds: the duration of all of them.
         rng: the random generator of phases, poses and sizes.
         path: where the log goes, row by row, also one that the guard, Ctrl-C or anything else

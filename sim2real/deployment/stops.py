@@ -1,6 +1,6 @@
 """The setting `stops`: when the guard stops a robot, where it differs from the guard's own.
 
-guarding({"return_time": 10.0})             # StopLimits(return_time=10.0)
+make_stop_limits({"return_time": 10.0})             # StopLimits(return_time=10.0)
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from hardware.stop_limits import StopLimits
 from sim2real.runs.errors import Sim2RealError
 
 
-def guarding(stops: dict[str, float] | None) -> StopLimits:
+def make_stop_limits(stops: dict[str, float] | None) -> StopLimits:
     """Return when to stop the robot; raises Sim2RealError for a name that a guard does not know."""
     known = [field.name for field in fields(StopLimits)]
     for name, value in (stops or {}).items():

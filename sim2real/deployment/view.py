@@ -28,7 +28,7 @@ from hardware.emulator.world import EmulatedRobot
 from hardware.excite import Kind, allowed_motions, excite
 from hardware.record import record
 from sim2real.deployment.robot_env import on_robot, play, robot_of
-from sim2real.deployment.stops import guarding
+from sim2real.deployment.stops import make_stop_limits
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.video import Camera, write_mp4
@@ -38,7 +38,7 @@ FPS = 50  # pictures a second in the window
 SETTLE = 0.5  # s between going to the start and an episode
 
 
-class WindowClosedError(Exception):  # noqa: N818 - a signal, not an error
+class WindowClosedError(Exception):
     """The window was closed."""
 
 
@@ -156,7 +156,7 @@ def watch(
 ) -> None:
     """Drive the emulated robot and show it, until it is over or nobody looks any more."""
     clock = RenderingClock(world, screen, seconds)
-    backend = ServoBackend(world.robot, SETTLE, world, limits=guarding(stops), clock=clock)
+    backend = ServoBackend(world.robot, SETTLE, world, limits=make_stop_limits(stops), clock=clock)
     try:
         drive(backend)
     except WindowClosedError:

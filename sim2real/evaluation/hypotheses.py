@@ -236,7 +236,8 @@ def _compare(
         found = probability_of_improvement(first, second, rng, draws=draws)
     factor = "" if claim.times == 1 else f"{claim.times:g} x "
     middle = [float(iqm(values[:, None])) for values in (x, y)]
-    text = f"P = {format_cell(found)}; IQM {format_cell(middle[0])} against {factor}{format_cell(middle[1])}"
+    ours, theirs = map(format_cell, middle)
+    text = f"P = {format_cell(found)}; IQM {ours} against {factor}{theirs}"
     return ClaimResult(claim, "held" if _holds(claim, found) else "failed", text, budget)
 
 

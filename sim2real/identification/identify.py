@@ -34,7 +34,8 @@ def prior_of(
     """Return the prior: of a diagnosis or of effects by name, or what a training draws.
 
     Raises:
-        Sim2RealError: both or neither are given, or see `prior_from_candidates` and `prior_from_tasks`.
+        Sim2RealError: both or neither are given, or see `prior_from_candidates` and
+            `prior_from_tasks`.
     """
     drawn = bool(tasks.effects)
     if candidates is None:

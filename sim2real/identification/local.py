@@ -270,8 +270,8 @@ def model_discrepancy(
     """Return by how much what is left of the gap may have shifted all episodes alike.
 
     What is left beyond noise, and lasts from one row to the next, is something that no parameter
-    says. It is the same in every episode, so that more of them make it no smaller; `model_discrepancy` of it
-    may act like a change along any direction.
+    says. It is the same in every episode, so that more of them make it no smaller;
+    `model_discrepancy` of it may act like a change along any direction.
 
     Args:
         provider: what simulates.

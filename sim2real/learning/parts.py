@@ -29,7 +29,10 @@ def build_components(
     seed: int,
     device: str,
 ) -> Components:
-    """Return the parts of a run; see `Components` and `EnvironmentFactory`, whose attributes these are."""
+    """Return the parts of a run.
+
+    See `Components` and `EnvironmentFactory`, whose attributes these are.
+    """
     environment = EnvironmentFactory(env, params, transforms)
     made = {"collector": collector, "advantage": advantage, "loss": loss}
     made |= {"buffer": buffer, "optimizer": optimizer}

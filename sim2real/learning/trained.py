@@ -13,6 +13,7 @@ Behind them may stand what a policy that is told its robot's parameters is to be
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -134,7 +135,8 @@ class TrainedPolicy:
         """Make the environment of the policy over another base, such as a robot; see `make_env`.
 
         Args:
-            base: takes the `dtype` of what the policy sees and whether its actions are `clips_actions`.
+            base: takes the `dtype` of what the policy sees and whether its actions are
+                `clips_actions`.
             num_envs: N.
         """
         like: partial[EnvBase] = partial(base, dtype=self.dtype, cut=self.clips_actions)
@@ -176,6 +178,12 @@ class TrainedPolicy:
             num_rows,
         )
         return PolicyController(env, self.acting(env, theta, said), explore)
+
+    def pilot(self, *args: Any, **kwargs: Any) -> PolicyController:
+        """Return `controller(...)`, under the name that it had before 0.2."""
+        message = "TrainedPolicy.pilot is now controller; the old name goes in 0.3"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        return self.controller(*args, **kwargs)
 
 
 def from_module(module: nn.Module, environment: EnvironmentFactory, frames: int) -> TrainedPolicy:

@@ -165,7 +165,8 @@ class Loggers:
     """Several loggers as one.
 
     Args:
-        loggers: may be empty; a `partial` makes a logger of TorchRL's interface, see `TorchRLLogger`.
+        loggers: may be empty; a `partial` makes a logger of TorchRL's interface, see
+            `TorchRLLogger`.
     """
 
     def __init__(self, loggers: Sequence[Logger | partial[Any]]) -> None:

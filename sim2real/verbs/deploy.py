@@ -38,7 +38,7 @@ from sim2real.deployment.deploy import (
 from sim2real.deployment.dry_run import tell_commands
 from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment, load
-from sim2real.deployment.stops import guarding
+from sim2real.deployment.stops import make_stop_limits
 from sim2real.deployment.trained import load_trained, one_checkpoint, training_adaptation
 from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.algorithms.base import Algorithm, Components
@@ -104,7 +104,9 @@ def run(
         )
     if settle < 0:
         raise Sim2RealError(f"settle={settle} must not be below 0 s")
-    backend = ServoBackend(machine, settle, dry_run=dry_run, limits=guarding(stops), seed=seed)
+    backend = ServoBackend(
+        machine, settle, dry_run=dry_run, limits=make_stop_limits(stops), seed=seed
+    )
     trained = load_trained(checkpoint, parts, algorithm)
     env = on_robot(trained, task, backend, out / "logs")
     rows, adapt = robot_of(env), NoAdaptation() if dry_run else parts.adapt

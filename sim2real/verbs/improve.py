@@ -27,6 +27,7 @@ from torchrl.envs import EnvBase
 from hardware.excite import Kind
 from hardware.log import Log, read_logs
 from sim2real.deployment import deploy
+from sim2real.deployment.stops import make_stop_limits
 from sim2real.deployment.trained import load_trained
 from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.loops.bayrn import BayRn, Session
@@ -142,7 +143,7 @@ def run(
                 f"{machine.name} at {machine.port} would move; clear the space around it, then "
                 "add arm=true: you are asked before each motion"
             )
-        limits, kinds = deploy.guarding(stops), tuple(motions)
+        limits, kinds = make_stop_limits(stops), tuple(motions)
         about = (trials, settle, limits, stand, kinds, seconds, seed)
         site = RobotSetup(machine, parts.environment, Operator(), *about)
     training = {

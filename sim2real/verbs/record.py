@@ -20,7 +20,7 @@ import numpy as np
 from hardware.excite import Kind
 from hardware.log import Log
 from sim2real.deployment.record import draw, prepare_robot, record_motions
-from sim2real.deployment.stops import guarding
+from sim2real.deployment.stops import make_stop_limits
 
 
 def run(
@@ -59,7 +59,7 @@ def run(
         HardwareError: a robot that is wrong, is not there, or stopped on the way; the rows until
             then are in log.csv, whose metadata say why.
     """
-    limits = guarding(stops)
+    limits = make_stop_limits(stops)
     machine = prepare_robot(robot, port, calibration, arm, seconds, size)
     rng, path = np.random.default_rng(seed), Path(out) / "log.csv"
     log = record_motions(machine, motions, seconds, rng, path, size, limits=limits)

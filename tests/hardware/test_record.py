@@ -220,7 +220,7 @@ class _Cut:
             raise SerialPortError("IMU at port: the cable is out")
         return {"orientation": np.array([1.0, 0.0, 0.0, 0.0])}
 
-    def put_back(self, now: float) -> None:
+    def return_to_start(self, now: float) -> None:
         """Do nothing."""
 
 

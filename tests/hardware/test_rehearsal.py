@@ -70,10 +70,10 @@ def test_the_guard_measures_a_real_port_before_it_arms(rig, chain):
     r = rig()
     r.driver.robot = replace(r.driver.robot, port="/dev/ttyUSB0")
     before, memory = r.clock.now(), [bytes(s.memory.data[:120]) for s in r.world.servos]
-    r.driver.rehearse()
+    r.driver.measure_step_time()
     assert r.clock.now() - before == pytest.approx(1.0, abs=0.05)
     assert [bytes(s.memory.data[:120]) for s in r.world.servos] == memory
-    r.driver.rehearse()
+    r.driver.measure_step_time()
     assert r.clock.now() - before == pytest.approx(1.0, abs=0.05)
     r.driver.connect()
     r.world.faults = Faults([Fault("drop")], np.random.default_rng(0))

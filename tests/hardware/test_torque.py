@@ -137,7 +137,7 @@ def test_a_lost_goal_makes_no_jump(rig):
     """A robot that swung and is caught again stays where it is, though the packet is lost."""
     r = rig()
     r.run(60, lambda k: np.full(3, min(0.03 * k, 1.2)))
-    r.guard.limp()
+    r.guard.release_torque()
     r.world.mechanics.data.qpos[:], r.world.mechanics.data.qvel[:] = 0.0, 0.0
     r.clock.sleep_until(r.clock.now() + 0.1)
     r.world.advance(r.clock.now())
@@ -145,7 +145,7 @@ def test_a_lost_goal_makes_no_jump(rig):
     assert np.abs(at).max() < 0.01
     real, lost = r.driver.bus_client.sync_write, []
     r.driver.bus_client.sync_write = lambda *words: lost.append(words)
-    r.guard.stiffen()
+    r.guard.restore_torque()
     r.driver.bus_client.sync_write = real
     goals = np.array([s.memory["goal_position"] for s in r.world.servos])
     np.testing.assert_array_equal(goals, r.guard._sent[-1][1])
@@ -163,7 +163,7 @@ def test_a_servo_that_refuses_its_goal_gets_no_torque(rig):
     """Where a goal cannot be read back, stiffening stops the robot instead."""
     r = rig()
     r.run(20)
-    r.guard.limp()
+    r.guard.release_torque()
     write = r.driver.write_register
 
     def lose(servo, name, value):
@@ -173,7 +173,7 @@ def test_a_servo_that_refuses_its_goal_gets_no_torque(rig):
 
     r.driver.write_register = lose
     with pytest.raises(SafetyError, match="goal_position could not be set"):
-        r.guard.stiffen()
+        r.guard.restore_torque()
     r.driver.write_register = write
     assert r.powered == [False] * 3
 

@@ -37,8 +37,8 @@ class ServoMotorConstants(NamedTuple):
     """A servo type at its output: constant [N·m/A], resistance [ohm], P divisor, stall [N·m].
 
     `stiff` is what a naive model takes for its stiffness [N·m/rad]: a guess. `full` is the register
-    of full duty, `max_pwm` the largest that the firmware gives, `limit` the register that lowers it,
-    `derivative` the divisor of the D gain register (None: not known).
+    of full duty, `max_pwm` the largest that the firmware gives, `limit` the register that lowers
+    it, `derivative` the divisor of the D gain register (None: not known).
     """
 
     constant: float

@@ -4,8 +4,8 @@
         candidate.effect.label(), candidate.probes      # (K, P) values to look at first
 
 The vocabulary is that of `envs.effects`; an effect that a user registers is a candidate too. What
-closes no gap is none (`Effect.visible_in_replay`): noise, quantization, the filter of the speed and lost
-packets are read off the log.
+closes no gap is none (`Effect.visible_in_replay`): noise, quantization, the filter of the speed
+and lost packets are read off the log.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ def _single(row: SingleFit, order: Mapping[Any, int]) -> dict[str, Any]:
         "name": text.format_effect(row.effect, row.where, row.side),
         "value": text.quantity(row.value, row.unit),
         "closed": text.percent(row.closed),
-        "ci": f"{words.percent(low)} to {words.percent(high)}" if row.ci else "",
+        "ci": f"{text.percent(low)} to {text.percent(high)}" if row.ci else "",
         "picture": svg.track(low, high, [(row.closed, "after" if row.ci else "floor")]),
     }
 

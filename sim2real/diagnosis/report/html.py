@@ -253,7 +253,9 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
         "picture": _typical(cause, low, high) if effect else "",
         "closed": svg.fill(cause.closed, "after"),
         "share": text.percent(min(cause.closed, 1.0)),
-        "extra": "; ".join(f"{k.replace('_', ' ')}: {made.number(v)}" for k, v in extra.items()),
+        "extra": "; ".join(
+            f"{k.replace('_', ' ')}: {provenance.number(v)}" for k, v in extra.items()
+        ),
         "equivalent": alike[0],
         "inseparable": alike[1],
     }

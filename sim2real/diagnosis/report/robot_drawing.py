@@ -61,7 +61,7 @@ def robot(model: mujoco.MjModel, shares: Mapping[str, float]) -> Markup:
     parts = [_draw(shape, place, scale) for shape in shapes]
     marks = {name: place(point) for name, point in joints.items()}
     parts += list(_marks(marks, shares))
-    told = ", ".join(f"{name} {words.percent(share)}" for name, share in shares.items())
+    told = ", ".join(f"{name} {text.percent(share)}" for name, share in shares.items())
     head = Markup(
         '<svg class="plot robot" viewBox="0 0 {:.0f} {:.0f}" role="img"'
         ' aria-label="The robot; shares of the gap by joint: {}">'

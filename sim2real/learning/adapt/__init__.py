@@ -7,8 +7,8 @@
     adapted = session.result
 
 An operator is a recipe; a `Session` is one robot going through it, episode by episode, and can be
-saved in between. A `BatchedSession` is many members going through it side by side, the form in which
-populations run; a session is a cohort of one, so both compute the same numbers.
+saved in between. A `BatchedSession` is many members going through it side by side, the form in
+which populations run; a session is a cohort of one, so both compute the same numbers.
 """
 
 from sim2real.learning.adapt.base import (
@@ -30,6 +30,7 @@ from sim2real.learning.adapt.ppo import PPOAdaptation
 __all__ = [
     "Adaptation",
     "BatchedSession",
+    "EpisodeTrajectory",
     "GradientAdaptation",
     "HillClimb",
     "Identify",
@@ -41,5 +42,4 @@ __all__ = [
     "PPOAdaptation",
     "PolicyGradient",
     "Session",
-    "EpisodeTrajectory",
 ]

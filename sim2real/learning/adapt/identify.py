@@ -7,9 +7,9 @@
         session.tell(value, log=log)
     session.found                                   # (P,): the robot's parameters, in their units
 
-The policy is one that is told its robot's parameters (`sim2real.learning.context`). It begins with the
-middle of their ranges; after each episode they are identified from the logs of the last ones, and
-the next episode runs with what was found. The returns decide nothing.
+The policy is one that is told its robot's parameters (`sim2real.learning.context`). It begins with
+the middle of their ranges; after each episode they are identified from the logs of the last ones,
+and the next episode runs with what was found. The returns decide nothing.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ META = "meta"  # a log's metadata, as JSON in bytes
 
 
 class ParameterEstimator(Protocol):
-    """Finds a robot's parameters in its logs, as `sim2real.identification.episodes.EpisodeIdentifier` does."""
+    """Finds a robot's parameters in its logs; see `identification.episodes.EpisodeIdentifier`."""
 
     def __call__(self, environment: Any, logs: Sequence[Log], seed: int) -> np.ndarray:
         """Return the parameters (P,) that an environment draws, each in its unit.
@@ -96,7 +96,7 @@ class Identify(Adaptation):
         Raises:
             Sim2RealError: one whose policies are not told their robot's parameters.
         """
-        told = environment.told
+        told = environment.context_spec
         if told is None:
             raise Sim2RealError(
                 "adapt=identify tells a policy its robot's parameters, and this one was trained "

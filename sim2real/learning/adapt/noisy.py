@@ -1,6 +1,7 @@
 """Adapts by returns that are measured badly: how much noise an operator bears.
 
-    operator = NoisyReturns(HillClimb(mode="batch", queries=7, parallel=7), law="one_sided", scale=0.5)
+    operator = NoisyReturns(HillClimb(mode="batch", queries=7, parallel=7), law="one_sided",
+                            scale=0.5)
 
 The operator is told each return with an error; what scores the adapted policy is exact. The laws
 are those of ES-MAML's noise study (Song et al., "Rapidly Adaptable Legged Robots via Evolutionary

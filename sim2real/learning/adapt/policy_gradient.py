@@ -102,7 +102,10 @@ class PolicyGradient(Adaptation):
         return replace(self, law=FunctionalActor(actor))
 
     def start(self, theta: np.ndarray, rng: np.random.Generator) -> PolicyGradientSession:
-        """Start one adaptation; raises Sim2RealError before `bind_policy` has said of which policy."""
+        """Start one adaptation.
+
+        Raises Sim2RealError before `bind_policy` has said of which policy.
+        """
         if self.law is None:
             raise Sim2RealError(
                 "adapt=policy_gradient: say which policy adapts, by operator.of(actor)"

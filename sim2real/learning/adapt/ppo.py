@@ -95,7 +95,10 @@ class PPOAdaptation(ClippedSettings, Adaptation):
         )
 
     def known(self) -> tuple[FunctionalActor, FunctionalCritic, torch.Tensor]:
-        """Return law, value and the critic's parameters; raises Sim2RealError before `bind_policy`."""
+        """Return law, value and the critic's parameters.
+
+        Raises Sim2RealError before `bind_policy`.
+        """
         if self.law is None or self.value is None or self.critic is None:
             raise Sim2RealError("adapt=ppo: say which policy adapts, by operator.of(actor, critic)")
         return self.law, self.value, self.critic

@@ -1,6 +1,7 @@
 """SAC: soft actor-critic with a temperature that is learned (Haarnoja et al. 2018).
 
-    parts = Components(environment, policy, collector=..., loss=..., buffer=..., optimizer=..., seed=0)
+    parts = Components(environment, policy, collector=..., loss=..., buffer=..., optimizer=...,
+                       seed=0)
     algorithm = SAC(parts, num_rows=8, update_ratio=1.0, batch_size=256, ...)
     while algorithm.frames < 300_000:
         metrics = algorithm.iterate()

@@ -118,7 +118,7 @@ class Stream:
         """Episodes that are over and not yet collected."""
         return len(self._finished)
 
-    def take(self, active: int, free: int) -> tuple[np.ndarray, np.ndarray]:
+    def dequeue(self, active: int, free: int) -> tuple[np.ndarray, np.ndarray]:
         """Take up to `free` episodes off the queue."""
         places = [self._queue.popleft() for _ in range(min(free, len(self._queue)))]
         return np.array(places, np.int64), np.zeros(len(places), np.int64)
@@ -181,7 +181,7 @@ class Worker:
             shard.step(stream)
 
 
-class WorkerLostError(Exception):  # noqa: N818 - an event that is handled, no error of anybody's
+class WorkerLostError(Exception):
     """A worker, or what it had to say, is gone."""
 
 

@@ -264,3 +264,10 @@ def test_a_factor_on_nothing_is_refused() -> None:
     """A model without friction there cannot have more of it by a factor."""
     with pytest.raises(EffectError, match=r"coulomb_friction\.elbow.*is 0 there.*how: add"):
         Plant(arm(), [make("coulomb_friction", where="elbow", how="scale")], 1, 1)
+
+
+def test_a_user_s_effect_may_set_attributes_by_their_older_names() -> None:
+    """They count as the present ones, with a warning, for one minor release."""
+    with pytest.warns(DeprecationWarning, match="display_name"):
+        own = type("Own", (EFFECTS["coulomb_friction"],), {"words": "friction of my own"})
+    assert own.in_words() == "friction of my own"

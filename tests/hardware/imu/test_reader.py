@@ -98,7 +98,7 @@ def test_values_and_the_heading(part):
     part.wait(0.02)
     second = part.imu.measure(part.clock.now())
     assert rvc.angles(second["orientation"]) == pytest.approx((0.3, 0, 0), abs=2 * rvc.STEP)
-    part.imu.put_back(part.clock.now())
+    part.imu.return_to_start(part.clock.now())
     again = part.imu.measure(part.clock.now())
     assert rvc.angles(again["orientation"])[0] == pytest.approx(0, abs=1e-9)
     assert first["imu_lost"] == 0

@@ -40,8 +40,8 @@ def test_a_collector_drives_the_emulated_bus_as_it_drives_the_simulation() -> No
     learner.iterate()
     trained = learner.trained()
     backend = ServoBackend(load_robot("bench1"), settle=0.1)
-    robot = trained.environment.over(partial(HardwareEnv, Bench1(seconds=0.4), backend))
-    twin, env = trained.world(1), trained.world(1, robot)
+    robot = trained.environment.with_base(partial(HardwareEnv, Bench1(seconds=0.4), backend))
+    twin, env = trained.make_env(1), trained.make_env(1, robot)
     try:
         for one, other in ((twin.observation_spec, env.observation_spec),):
             assert one["observation"] == other["observation"]

@@ -119,7 +119,7 @@ def test_robots_are_filmed_one_after_the_other(
         said.append(words)
         return tile_clips(clips, words, least)
 
-    monkeypatch.setattr(video, "compose", composed)
+    monkeypatch.setattr(video, "tile_clips", composed)
     env = partial(MujocoEnv, task=Hopper(max_steps=20))
     robots = {"median gain (+3)": np.array([2.0, 1.5]), "large": np.array([9.0, 0.5])}
     climb = HillClimb(mode="sequential", queries=1, parallel=1, sigma=0.1)
@@ -151,7 +151,7 @@ def test_an_adaptation_that_kept_the_policy_says_so(
         titles.extend(clip.title for clip in clips)
         return tile_clips(clips, words, least)
 
-    monkeypatch.setattr(video, "compose", composed)
+    monkeypatch.setattr(video, "tile_clips", composed)
     climb = HillClimb(mode="sequential", queries=2, parallel=1, sigma=0.1)
     algorithm = learner(partial(MujocoEnv, task=Hopper(max_steps=20)), TASKS, climb)
     theta = algorithm.trained().theta + moved

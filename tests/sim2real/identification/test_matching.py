@@ -238,6 +238,7 @@ def test_hidden_friction_and_load_of_an_emulated_robot(tmp_path: Path) -> None:
             arm=False,
             motions=["ramp", "steps", "multisine"],
             seconds=4.0,
+            stops=None,
             size=0.6,
             seed=seed,
             out=tmp_path / f"log{seed}",

@@ -111,7 +111,7 @@ def test_a_user_s_transform_actor_and_loss_are_trained_with(own: Path) -> None:
     )
     second.load_state_dict(first.state_dict())
     assert first.iterate() == second.iterate()
-    assert (first.trained().play(np.arange(2, dtype=np.uint64)).lengths > 0).all()
+    assert (first.trained().run_episodes(np.arange(2, dtype=np.uint64)).lengths > 0).all()
 
 
 def test_a_user_s_actor_and_transform_are_trained_by_evolution_strategies(own: Path) -> None:

@@ -212,7 +212,10 @@ def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
     inside = affine(learner.collecting.env)
     assert inside is not None
     mean, std = inside
-    network, (_, low, high) = learner.policy.actor[0].module[0], learner.parts.environment.shown()
+    network, (_, low, high) = (
+        learner.policy.actor[0].module[0],
+        learner.parts.environment.observation_and_action_spec(),
+    )
     bare = Actor(network, np.zeros_like(mean), np.ones_like(std), low, high)
     with torch.no_grad():
         wanted, raw = (bare(torch.from_numpy(x)).numpy() for x in ((seen - mean) / std, seen))

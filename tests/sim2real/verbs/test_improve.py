@@ -56,7 +56,7 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch) -> list[list[Any]]:
 
     monkeypatch.setattr(steps, "run_diagnosis", run_diagnosis)
     monkeypatch.setattr(steps, "write", write)
-    monkeypatch.setattr(text, "sentence", lambda report: "found")
+    monkeypatch.setattr(text, "verdict_sentence", lambda report: "found")
     return given
 
 
@@ -130,10 +130,10 @@ def test_a_loop_that_was_killed_ends_alike(
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(checks, "price", interrupted)
+    monkeypatch.setattr(checks, "compute_cause_costs", interrupted)
     with pytest.raises(RunInterrupted, match=rf"stopped in round 1; continue with resume={part}"):
         go(run, part, *settings)
-    monkeypatch.setattr(checks, "price", price)
+    monkeypatch.setattr(checks, "compute_cause_costs", price)
     drive, count = improve.RobotSetup.deploy, iter(range(10))
 
     def broken(site: Any, trained: Any, folder: Path) -> list[float]:

@@ -167,6 +167,6 @@ def test_an_effect_passes_for_one_that_exists(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A name that is mistyped would never be looked for."""
-    monkeypatch.setattr(EncoderEccentricity, "passes_for", lambda self, scale: "encoder_ofset")
+    monkeypatch.setattr(EncoderEccentricity, "mimics", lambda self, scale: "encoder_ofset")
     with pytest.raises(Sim2RealError, match=r"encoder_ofset.*encoder_offset.*docs/effects.md"):
         candidates(arm.data_of(arm.make_log(seconds=4.0), tmp_path))

@@ -59,7 +59,7 @@ def test_the_script_moves_bodies_as_mujoco_does(browser: str, tmp_path: Path) ->
     """Points of all shapes are within 0.1 mm, for hinges and slides; a free base stays at home."""
     rng, asked, wanted = np.random.default_rng(0), [], []
     for model in models().values():
-        data = motion.figure.at_home(model)
+        data = motion.robot_drawing.at_home(model)
         moved = [j for j in range(model.njnt) if int(model.jnt_type[j]) in motion.MOVED]
         for joint in moved:
             data.qpos[model.jnt_qposadr[joint]] += rng.uniform(-1, 1)
@@ -67,7 +67,7 @@ def test_the_script_moves_bodies_as_mujoco_does(browser: str, tmp_path: Path) ->
         values = {model.joint(j).name: float(data.qpos[model.jnt_qposadr[j]]) for j in moved}
         asked.append({"skeleton": motion.skeleton(model), "values": values})
         points = []
-        for geom, own, _ in motion.figure.outlines(model):
+        for geom, own, _ in motion.robot_drawing.outlines(model):
             body = int(model.geom_bodyid[geom])
             points.append(data.xpos[body] + own @ data.xmat[body].reshape(3, 3).T)
         wanted.append(np.concatenate(points))

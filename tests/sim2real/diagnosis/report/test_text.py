@@ -8,7 +8,7 @@ from sim2real.diagnosis.report import text
 
 
 @pytest.mark.parametrize(
-    ("value", "unit", "text"),
+    ("value", "unit", "expected"),
     [
         (0.0503, "rad", "50.3 mrad"),
         (1.5, "rad", "1.50 rad"),
@@ -24,9 +24,11 @@ from sim2real.diagnosis.report import text
         (None, "m", "–"),
     ],
 )
-def test_quantities_have_the_prefix_that_fits(value: float | None, unit: str, text: str) -> None:
+def test_quantities_have_the_prefix_that_fits(
+    value: float | None, unit: str, expected: str
+) -> None:
     """Three digits, thousandths where that reads better, no exponent without need."""
-    assert text.quantity(value, unit).replace("\xa0", " ") == text
+    assert text.quantity(value, unit).replace("\xa0", " ") == expected
 
 
 def test_a_row_of_numbers_has_one_unit() -> None:
@@ -36,12 +38,12 @@ def test_a_row_of_numbers_has_one_unit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "text"),
+    ("share", "expected"),
     [(0.5, "50 %"), (0.996, "99.6 %"), (0.004, "0.4 %"), (1.0, "100 %"), (-0.2, "-20 %")],
 )
-def test_percentages_show_tenths_where_they_tell(share: float, text: str) -> None:
+def test_percentages_show_tenths_where_they_tell(share: float, expected: str) -> None:
     """Near nothing and near all, a tenth is a difference."""
-    assert text.percent(share).replace("\xa0", " ") == text
+    assert text.percent(share).replace("\xa0", " ") == expected
 
 
 def test_names_of_effects_are_words() -> None:

@@ -114,7 +114,7 @@ def test_on_a_simulated_robot_it_finds_the_truth() -> None:
     learner = build(given["algorithm"], given["parts"])
     trained = learner.trained()
     adapt = build_part(compose(["adapt=identify", "adapt.episodes=1"])["adapt"], "adapt")
-    adapt = adapt.within(trained.environment)
+    adapt = adapt.bind_environment(trained.environment)
     robots, seeds = np.array([[2.0, 1.8], [8.0, 2.3]]), np.array([3, 4], np.uint64)
     scores = score_identification(trained, adapt, robots, seeds, episodes=2)
     again = score_identification(trained, adapt, robots, seeds, episodes=2)

@@ -290,7 +290,7 @@ def test_it_learns_to_balance_a_pole() -> None:
     seeds = np.arange(8, dtype=np.uint64)
     while score < 190 and algorithm.frames < 60_000:
         algorithm.iterate()
-        score = algorithm.trained().play(seeds).returns.mean()
+        score = algorithm.trained().run_episodes(seeds).returns.mean()
     assert score >= 190
 
 
@@ -361,6 +361,6 @@ def test_a_policy_is_taken_over_without_the_rest(tmp_path: Path) -> None:
     taken = learner(preset="ppo", num_rows=6, epochs=1, seed=3)
     restore(path, taken, {}, generators=False)
     seeds = np.arange(3, dtype=np.uint64)
-    one, other = trained.trained().play(seeds), taken.trained().play(seeds)
+    one, other = trained.trained().run_episodes(seeds), taken.trained().run_episodes(seeds)
     np.testing.assert_array_equal(one.returns, other.returns)
     assert taken.frames == trained.frames
