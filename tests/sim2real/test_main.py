@@ -66,7 +66,10 @@ def test_a_run_writes_its_folder(run: Run, tmp_path: Path) -> None:
     assert {path.name for path in (folder / ".hydra").iterdir()} >= {"overrides.yaml"}
 
 
-@pytest.mark.parametrize("launcher", [[], ["hydra/launcher=joblib", "hydra.launcher.n_jobs=1"]])
+JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=1"]
+
+
+@pytest.mark.parametrize("launcher", [[], pytest.param(JOBLIB, marks=pytest.mark.slow)])
 def test_a_sweep_numbers_its_folders(run: Run, tmp_path: Path, launcher: list[str]) -> None:
     """Jobs of a sweep lie in 0, 1, ... below one folder: names that need no quotes in a shell."""
     assert run("-m", *TINY, "seed=0,1", "policy=linear,mlp", *launcher) == 0

@@ -187,8 +187,8 @@ def test_a_loaded_state_goes_on_to_the_last_bit(kept: int, tmp_path: Path) -> No
 
 def test_random_steps_resume_as_such(tmp_path: Path) -> None:
     """A run that is saved before it has learned goes on acting at random for as long."""
-    slow = {"warmup_frames": 800, "update_ratio": 0.1}
-    first, second = learner(**slow), learner(seed=5, **slow)
+    late: dict[str, Any] = {"warmup_frames": 800, "update_ratio": 0.1}
+    first, second = learner(**late), learner(seed=5, **late)
     first.iterate()
     restore(CheckpointStore(tmp_path, keep_last=1).save(first, 1, {}, 0.0), second, {})
     for _ in range(2):
