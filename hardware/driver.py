@@ -118,11 +118,11 @@ class Driver(Torque):
         self._rehearsed = False
         self._ages, self._health_ages = ([Freshness() for _ in self.ids] for _ in range(2))
         with self.bus_client.more_patient():
-            self.find_powered()
             self._adopt()
             self._values[3] = self._zero
             self.fast = self._answers_fast()
             self._read_first()
+            self.find_powered()
         self._find_turns()
 
     def _read_first(self) -> None:

@@ -16,7 +16,7 @@ from hardware.errors import HardwareError
 from hardware.pace import Pace
 from hardware.safety import Guard
 
-START = 0.99  # s, when faults begin: after arming, between two control steps
+START = 1.01  # s, when faults begin: after arming, between two control steps
 
 
 class Rig:
