@@ -15,7 +15,6 @@ diagnoses have a folder; what is there is not repeated.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import os
 import sys
@@ -26,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks import so101, xl330
+from benchmarks.study import command
 from envs import distribution_file
 from envs.distribution import Distribution
 from hardware.log import read_logs
@@ -59,11 +59,7 @@ class Case(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, identify, judge, and keep the table; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.bands",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("bands", __doc__)
     given = os.environ.get("SIM2REAL_DATA")
     parser.add_argument("robot", choices=list(CASES))
     parser.add_argument("--data", type=Path, default=given and Path(given), help="SIM2REAL_DATA")

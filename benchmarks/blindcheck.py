@@ -11,13 +11,14 @@ own below `outputs/bench_long`, and copies tables and pictures into the results.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from benchmarks.study import command
 
 RESULTS = Path(__file__).parent / "results"
 OUT = Path("outputs/bench_long")
@@ -58,11 +59,7 @@ def hold(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.blindcheck",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("blindcheck", __doc__)
     names = ["blindcheck", "blindcheck_small", "blindcheck_real"]
     parser.add_argument("--experiments", nargs="+", choices=names, default=default_experiments())
     parser.add_argument("--out", type=Path, default=OUT, help="folder of the exams")

@@ -11,7 +11,6 @@ The cost is processor time, the emulator's included; median of several rounds.
 
 from __future__ import annotations
 
-import argparse
 import copy
 import sys
 import tempfile
@@ -23,6 +22,7 @@ import numpy as np
 import yaml
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler
 
+from benchmarks.study import command
 from hardware.clock import VirtualClock
 from hardware.config import ROBOTS, Robot, make_robot
 from hardware.driver import Driver
@@ -164,11 +164,7 @@ def compare(counts: Sequence[int], steps: int) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, measure and write; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.bus",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("bus", __doc__)
     add = parser.add_argument
     add("--servos", type=int, nargs="+", default=[3, 12], help="how many a robot has")
     add("--steps", type=int, default=1000, help="of a round")

@@ -17,7 +17,6 @@ A row a pair in `compare.csv`; a pair that is there is not made again.
 from __future__ import annotations
 
 import argparse
-import csv
 import logging
 import os
 from collections.abc import Sequence
@@ -26,8 +25,9 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest
 
+from benchmarks.cases import Cases, share, typed
+from benchmarks.study import command
 from hardware.config import Robot
 from hardware.excite import excite
 from hardware.log import Log
@@ -36,10 +36,8 @@ from sim2real.diagnosis.comparison.answer import Comparison
 from sim2real.diagnosis.comparison.compare import compare
 from sim2real.exam.logs import drive, exam_robot, motions
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
-log_ = logging.getLogger(__name__)
 RESULTS = Path(__file__).parent / "results"
 ROBOT, SIZE = "arm2", 0.5
 SECONDS = 24.0  # of a recording
@@ -83,11 +81,7 @@ class Row(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, make and compare the pairs, and keep the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.compare",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("compare", __doc__)
     parser.add_argument("--pairs", type=int, default=24, help="half of them unchanged")
     parser.add_argument("--seed", type=int, default=14)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of change")
@@ -97,27 +91,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     if given.pairs < 2 or given.seconds <= 0:
         parser.error("at least two pairs, of more than 0 s")
+    cases = Cases(given.out / "compare.csv", Row._fields, "pair")
     with TemporaryDirectory() as folder:
         robot = exam_robot(ROBOT, Path(folder))
-        rows = read(given.out / "compare.csv")
-        known = {row.pair for row in rows}
-        for number in range(given.pairs):
-            if f"{given.seed}-{number}" not in known:
-                rows.append(judge(number, robot, given.seed, given.seconds, given.kinds))
-                keep(rows, given)
-        keep(rows, given)
+
+        def judged(number: int) -> list[dict[str, Any]]:
+            return [judge(number, robot, given.seed, given.seconds, given.kinds)._asdict()]
+
+        rows = cases.run(given.seed, given.pairs, judged)
+    keep(typed(Row, rows), given)
     return 0
-
-
-def read(path: Path) -> list[Row]:
-    """Return the rows that are there."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return [
-            Row(**{**row, **{name: int(row[name]) for name in ("bolted", "right", "more")}})
-            for row in csv.DictReader(file)
-        ]
 
 
 def judge(
@@ -134,9 +117,7 @@ def judge(
     more = len(answer.changes) - (kind != "unchanged" and right)
     changes = [f"{c.effect} at {c.where or 'the robot'} {c.change:+.3g}" for c in answer.changes]
     what = (kind, pair.joint or "", int(bolted), answer.verdict, "; ".join(changes))
-    row = Row(f"{seed}-{number}", *what, int(right), more, f"{spent:.1f}")
-    log_.info("%s", " | ".join(map(str, row)))
-    return row
+    return Row(f"{seed}-{number}", *what, int(right), more, f"{spent:.1f}")
 
 
 def make(kind: str, robot: Robot, rng: np.random.Generator, seconds: float, bolted: bool) -> Pair:
@@ -188,12 +169,8 @@ def is_named(answer: Comparison, pair: Pair) -> bool:
     return (EFFECTS[pair.kind], pair.joint) in [tuple(name) for name in names]
 
 
-def keep(rows: Sequence[Row], given: argparse.Namespace) -> None:
-    """Write compare.csv, a row for each pair, and compare.md, a row for each kind of the seed's."""
-    cases = Table(Row._fields)
-    for row in rows:
-        cases.add(*row)
-    own = [row for row in rows if row.pair.startswith(f"{given.seed}-")]
+def keep(own: Sequence[Row], given: argparse.Namespace) -> None:
+    """Write compare.md, a row for each kind of a seed's pairs."""
     groups: dict[str, list[Row]] = {}
     for row in own:
         kind = f"{row.kind} of the {row.joint}" if row.kind == "zero" else row.kind
@@ -217,17 +194,14 @@ def keep(rows: Sequence[Row], given: argparse.Namespace) -> None:
         f"{sum(row.more for row in own)} further changes are named that were not made. A "
         f"comparison takes {np.median(spent):.0f} s of processor time in the median."
     )
-    write_text(given.out / "compare.csv", cases.csv())
     write_text(given.out / "compare.md", table.markdown())
 
 
 def _add(table: Table, kind: str, rows: Sequence[Row]) -> None:
     if not rows:
         return
-    right = sum(row.right for row in rows)
     changed = sum(row.verdict == "changed" for row in rows)
-    low, high = binomtest(right, len(rows)).proportion_ci(method="exact")
-    table.add(kind, len(rows), changed, Interval(right / len(rows), float(low), float(high)))
+    table.add(kind, len(rows), changed, share([row.right for row in rows]))
 
 
 if __name__ == "__main__":

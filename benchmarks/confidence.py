@@ -12,7 +12,6 @@ expected calibration error. The setting of the diagnosis is `causes.calibration`
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import sys
@@ -24,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
+from benchmarks.study import command
 from sim2real.diagnosis.attribution.alike import calibrated
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.exam.thirdparty.tables import EDGES, expected_error
@@ -147,11 +147,7 @@ def _columns(answers: Sequence[Answer]) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.confidence",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("confidence", __doc__)
     add = parser.add_argument
     add("--add", type=Path, help="folder of a scored exam whose answers are added")
     add("--draw", default="", help="what these are called")

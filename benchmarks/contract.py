@@ -15,7 +15,6 @@ other finding. A sound case is right if there is none. Intervals are exact binom
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -27,6 +26,7 @@ from scipy.stats import binomtest
 
 from benchmarks.contract_walk import Change, Fault, Named, walk
 from benchmarks.policies.tasks import POLICIES
+from benchmarks.study import command
 from envs.tasks import Follow, Hopper2, Quad8, Quad12
 from envs.tasks.servo import ServoTask
 from sim2real.diagnosis.contract.answer import Answer
@@ -45,11 +45,7 @@ TWO = 0.4  # share of faulty cases with two faults
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, make and check the cases, and keep the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.contract",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("contract", __doc__)
     parser.add_argument("--cases", type=int, default=45, help="faulty, and as many sound ones")
     parser.add_argument("--seed", type=int, default=7, help="of their draw (default: %(default)s)")
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS, help="in turns")

@@ -9,13 +9,13 @@ by themselves; what they come to is kept among the results.
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import benchmarks.__main__ as speed
+from benchmarks.study import command
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = "fit_sysid,fit,diagnose_3_joints,diagnose_6_joints,diagnose_quad8_walks,worth_quad8"
@@ -24,11 +24,7 @@ KEPT = {"table.md": "diagnosis_speed.md", "bench.json": "diagnosis_speed.json"}
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the rows and keep what they come to."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.diagnosis",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("diagnosis", __doc__)
     parser.add_argument("--repeats", type=int, default=1, help="rounds (default: %(default)s)")
     parser.add_argument("--scale", type=float, default=1.0, help="of the logs' lengths")
     parser.add_argument(

@@ -11,7 +11,6 @@ both act like another effect (`Effect.imitates`): no such answer is called expla
 
 from __future__ import annotations
 
-import argparse
 import csv
 import re
 import sys
@@ -19,6 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from benchmarks.study import command
 from envs.effects import EFFECTS
 from sim2real.exam.score import wilson
 from sim2real.runs.files import write_text
@@ -117,11 +117,7 @@ def _count(answers: Sequence[Answer]) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Count, print, and keep what was counted."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.explained",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("explained", __doc__)
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the tables")
     folder = parser.parse_args(arguments).results
     paths = sorted([*folder.glob("blindcheck*.csv"), *folder.glob("thirdparty*.csv")])

@@ -15,9 +15,7 @@ is there is not run again.
 
 from __future__ import annotations
 
-import argparse
-import csv
-import io
+import logging
 import os
 import time
 from collections.abc import Mapping, Sequence
@@ -26,13 +24,14 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import Cases
 from benchmarks.ground_loop import loop
 from benchmarks.ground_walks import SECONDS, WALKERS, Entry, walks, walks_elsewhere
+from benchmarks.study import command
 from hardware.config import Robot, load_robot
 from sim2real.diagnosis.closed_loop.check import Drawn
 from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
 from sim2real.diagnosis.schema import Cause, ClosedLoop, Estimate, Report
-from sim2real.runs.files import write_text
 
 RESULTS = Path(__file__).parent / "results"
 DEVELOPED = 11  # seed of the walks that it was developed on
@@ -194,11 +193,7 @@ def _matches(cause: Cause, hidden: Entry) -> tuple[bool, bool]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the cases that are missing, and tell the score."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.ground",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("ground", __doc__)
     parser.add_argument("--cases", type=int, default=12, help="cases in all (default: 12)")
     parser.add_argument("--robot", choices=tuple(WALKERS), default="quad8", help="that walks")
     parser.add_argument(
@@ -213,26 +208,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     if chosen.cases < 1:
         parser.error("--cases must be at least 1")
-    chosen.results.mkdir(parents=True, exist_ok=True)
-    path = chosen.results / "ground.csv"
-    rows = list(csv.DictReader(path.open())) if path.exists() else []
-    for number in range(chosen.cases):
-        there = {(row["case"], row["robot"], engine_of(row)) for row in rows}
-        if (f"{chosen.seed}-{number}", chosen.robot, chosen.engine) in there:
-            continue
-        made = case(chosen.seed, number, chosen.robot, chosen.engine)
-        rows.append({k: str(v) for k, v in made.items()})
-        write_text(path, _text(rows))
-        print(rows[-1], flush=True)
-    mine = [row for row in rows if (row["robot"], engine_of(row)) == (chosen.robot, chosen.engine)]
-    own = [row for row in mine if row["case"].startswith(f"{chosen.seed}-")]
-    print(told(own))
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    cases = Cases(chosen.results / "ground.csv", FIELDS)
+    for row in cases.rows:  # those of before there were two engines
+        row["engine"] = row.get("engine") or EMULATOR
+
+    def judged(number: int) -> list[dict[str, Any]]:
+        return [case(chosen.seed, number, chosen.robot, chosen.engine)]
+
+    same = {"robot": chosen.robot, "engine": chosen.engine}
+    print(told(cases.run(chosen.seed, chosen.cases, judged, **same)))
     return 0
-
-
-def engine_of(row: Mapping[str, str]) -> str:
-    """Return what moved the robot of a row."""
-    return row.get("engine") or EMULATOR
 
 
 def told(rows: Sequence[Mapping[str, str]]) -> str:
@@ -257,15 +243,6 @@ def told(rows: Sequence[Mapping[str, str]]) -> str:
         f"{seconds[len(seconds) // 2]:.0f} s and {cpu[len(cpu) // 2]:.0f} s of processor time "
         f"in the median{predicted}"
     )
-
-
-def _text(rows: Sequence[Mapping[str, str]]) -> str:
-    """Return rows as CSV."""
-    made = io.StringIO()
-    writer = csv.DictWriter(made, FIELDS, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return made.getvalue()
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ prior, is below that of the prior. Intervals are exact binomial ones. A row a ca
 
 from __future__ import annotations
 
-import argparse
 import csv
 import logging
 import os
@@ -26,8 +25,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
-from scipy.stats import binomtest, chi2
+from scipy.stats import chi2
 
+from benchmarks.cases import Cases, share, typed
+from benchmarks.study import command
 from envs.distribution import Distribution, Entry
 from envs.effects import make
 from envs.laws import uniform
@@ -94,11 +95,7 @@ class Row(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run what is left, and keep the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.hidden_laws",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("hidden_laws", __doc__)
     parser.add_argument("--cases", type=int, default=6, help="a third of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--npe", action="store_true", help="check NPE's calibration, too")
@@ -107,16 +104,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     if given.cases < 1:
         parser.error("at least one case")
-    rows = read(given.out / "hidden_laws.csv")
-    known = {row.case for row in rows}
+    cases = Cases(given.out / "hidden_laws.csv", Row._fields)
     with TemporaryDirectory() as folder:
         robot = exam_robot(ROBOT, Path(folder))
-        for number in range(given.cases):
-            if f"{given.seed}-{number}" not in known:
-                rows.append(judge(number, robot, given.seed, given.npe))
-                log_.info("%s", " | ".join(map(str, rows[-1])))
-                keep(rows, given.out, given.seed)
-    keep(rows, given.out, given.seed)
+
+        def judged(number: int) -> list[dict[str, Any]]:
+            return [judge(number, robot, given.seed, given.npe)._asdict()]
+
+        rows = cases.run(given.seed, given.cases, judged)
+    keep(typed(Row, rows), given.out, given.seed)
     return 0
 
 
@@ -224,26 +220,8 @@ def energy(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.sqrt(max(apart, 0.0)))
 
 
-def read(path: Path) -> list[Row]:
-    """Return the rows that are there."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return [_read(row) for row in csv.DictReader(file)]
-
-
-def _read(row: dict[str, str]) -> Row:
-    whole: dict[str, Any] = {name: int(row[name]) for name in ("held", "mean")}
-    parts = ("inside", "energy", "prior", "coverage")
-    return Row(**{**row, **whole, **{name: float(row[name]) for name in parts}})
-
-
-def keep(rows: Sequence[Row], out: Path, seed: int) -> None:
-    """Write hidden_laws.csv, a row for each case, and hidden_laws.md, a row for each kind."""
-    cases = Table(Row._fields)
-    for row in rows:
-        cases.add(*row)
-    own = [row for row in rows if row.case.startswith(f"{seed}-")]
+def keep(own: Sequence[Row], out: Path, seed: int) -> None:
+    """Write hidden_laws.md, a row for each kind of a seed's cases."""
     columns = ("law", "cases", "holds a ninth robot", "of 200 robots it holds", "holds the mean")
     table = Table((*columns, "nearer than the prior", "energy distance", "of the prior"))
     for kind in (*KINDS, "all"):
@@ -261,25 +239,19 @@ def keep(rows: Sequence[Row], out: Path, seed: int) -> None:
         table.notes.append(
             f"NPE's ranks: least p of four parameters {', '.join(f'{p:.2g}' for p in ranks)}."
         )
-    write_text(out / "hidden_laws.csv", cases.csv())
     write_text(out / "hidden_laws.md", table.markdown())
 
 
 def _figures(rows: Sequence[Row]) -> list[Interval | float]:
     nearer = [int(row.energy < row.prior) for row in rows]
     return [
-        _share([row.held for row in rows]),
+        share([row.held for row in rows]),
         float(np.median([row.inside for row in rows])),
-        _share([row.mean for row in rows]),
-        _share(nearer),
+        share([row.mean for row in rows]),
+        share(nearer),
         float(np.median([row.energy for row in rows])),
         float(np.median([row.prior for row in rows])),
     ]
-
-
-def _share(values: Sequence[int]) -> Interval:
-    low, high = binomtest(sum(values), len(values)).proportion_ci(method="exact")
-    return Interval(sum(values) / len(values), float(low), float(high))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ All other contrasts are secondary: their intervals are printed and no claim rest
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from benchmarks.study import claimed, sim2real, trained
+from benchmarks.study import claimed, command, sim2real, trained
 from sim2real.evaluation.scores import GridScores
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval
@@ -241,13 +240,13 @@ def report(plan: Plan) -> bool:
         f"Mean return over {some.grid.size} Hoppers, three adaptations each, scored on three fresh "
         "episodes. Brackets: 95 %, Student's over training seeds; differences are paired by trunk."
     )
-    table.notes.append(f"Made by `{command(plan)}`.")
+    table.notes.append(f"Made by `{repeat_line(plan)}`.")
     table.write(plan.results / NAME, title="Branches of one trunk: training for adaptation")
     write_text(plan.results / f"{NAME}_runs.csv", each_run(found).csv())
     return True
 
 
-def command(plan: Plan) -> str:
+def repeat_line(plan: Plan) -> str:
     """Return the command line that repeats this."""
     sets = f" --set {' '.join(plan.words)}" if plan.words else ""
     seeds, cells = " ".join(map(str, plan.seeds)), " ".join(map(str, plan.cells))
@@ -260,11 +259,7 @@ def command(plan: Plan) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog=f"python -m benchmarks.{NAME}",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command(NAME, __doc__)
     add, branches, tests = parser.add_argument, list(BRANCHES), list(TESTS)
     add("--branches", nargs="+", default=branches, choices=branches, help=", ".join(branches))
     add("--tests", nargs="+", default=tests, choices=tests, help=", ".join(tests))

@@ -13,7 +13,6 @@ Each run has a folder of its own: what is complete is skipped, what was interrup
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import subprocess
@@ -24,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.study import command
 from sim2real.evaluation.grid import Box
 from sim2real.evaluation.grid_plots import heatmaps
 from sim2real.evaluation.scores import GridScores, combine
@@ -273,7 +273,7 @@ def page(plan: Plan, scores: Mapping[str, GridScores]) -> str:
         "## Comparisons",
         comparisons(scores).markdown().strip(),
         DIFFERENCES.strip(),
-        f"Made by `{command(plan)}`; each run's files are below its folder.",
+        f"Made by `{repeat_line(plan)}`; each run's files are below its folder.",
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -284,7 +284,7 @@ def protocol(scores: Mapping[str, GridScores]) -> str:
     return f"Rows of the study: mean of 5 seeds, from its figure. Ours: {note}"
 
 
-def command(plan: Plan) -> str:
+def repeat_line(plan: Plan) -> str:
     """Return the command line that repeats this."""
     seeds = " ".join(map(str, plan.seeds))
     sets = f" --set {' '.join(plan.overrides)}" if plan.overrides else ""
@@ -348,11 +348,7 @@ def _compare(one: GridScores, other: GridScores, rng: np.random.Generator) -> Se
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Read the command line and run."""
-    parser = argparse.ArgumentParser(
-        prog=f"python -m benchmarks.{NAME}",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command(NAME, __doc__)
     add = parser.add_argument
     add("--frames", type=int, default=20_000_000, help="environment steps of each training run")
     add("--seeds", type=int, nargs="+", default=[0, 1, 2], help="training seeds")

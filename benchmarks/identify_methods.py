@@ -9,7 +9,6 @@ table and the picture show what answers look like, and not which method is the b
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.easi.demonstrations import demonstrate
-from benchmarks.study import sim2real, trained
+from benchmarks.study import command, sim2real, trained
 from envs.models import named
 from envs.tasks import Hopper
 from sim2real.config.compose import compose, prepare
@@ -125,11 +124,7 @@ def draw(answers: Mapping[str, Answer], path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.identify_methods",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("identify_methods", __doc__)
     add = parser.add_argument
     add("--methods", nargs="+", default=list(METHODS), choices=METHODS, help="default: all")
     add("--out", type=Path, default=Path("outputs/bench_long") / NAME, help="folder of the runs")

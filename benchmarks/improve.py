@@ -14,7 +14,6 @@ not counted.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -26,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import study
+from benchmarks.study import command
 from sim2real.config.compose import compose, prepare
 from sim2real.deployment import deploy
 from sim2real.deployment.trained import load_trained
@@ -94,11 +94,7 @@ class Case:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run what is left and keep the table; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.improve",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("improve", __doc__)
     add = parser.add_argument
     add("--robots", nargs="+", choices=list(WORLDS), default=list(WORLDS), help="default: both")
     add("--seeds", type=int, nargs="+", default=[0, 1], help="default: 0 and 1")

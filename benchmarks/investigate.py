@@ -14,7 +14,6 @@ are drawn again and counted.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -26,6 +25,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from benchmarks.study import command
 from envs.effects import load_effects
 from envs.errors import EnvsError
 from hardware.config import Robot, load_robot
@@ -56,11 +56,7 @@ TRIES = 12  # draws for each robot whose first log is to leave something open
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, investigate what is left of the robots and keep the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.investigate",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("investigate", __doc__)
     parser.add_argument("--robots", type=int, default=20, help="in all (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=11, help="of their draw (default: %(default)s)")
     parser.add_argument("--most", type=int, help="robots to do now; 0 writes the table only")

@@ -11,14 +11,13 @@ and their episodes, that of the median over seeds.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.study import claimed, sim2real, trained
+from benchmarks.study import claimed, command, sim2real, trained
 from sim2real.evaluation.scores import GridScores
 from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table
@@ -85,11 +84,7 @@ def report(folder: Path, results: Path) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.main_job",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("main_job", __doc__)
     add = parser.add_argument
     add("--seeds", type=int, nargs="+", default=list(range(5)), help="training seeds")
     add("--report", action="store_true", help="run nothing, write the table of what there is")

@@ -14,6 +14,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.study import command
+
 RESULTS = Path(__file__).parent / "results"
 
 
@@ -31,11 +33,7 @@ def arguments(
     Returns:
         The choices, or None where the logs are missing, which is said.
     """
-    parser = argparse.ArgumentParser(
-        prog=f"python -m benchmarks.{name}",
-        description=doc,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command(name, doc)
     add, data = parser.add_argument, os.environ.get("SIM2REAL_DATA")
     out = Path("outputs/bench_long") / name
     add("--data", type=Path, default=data and Path(data), help="default: SIM2REAL_DATA")

@@ -8,7 +8,6 @@ a switch was clicked; needs `chromium` on the path and the extra `film` (Pillow)
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
 import sys
@@ -18,6 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from PIL import Image
+
+from benchmarks.study import command
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chromium-headless-shell")
 SIZE = (1060, 790)  # of the page [px]
@@ -91,11 +92,7 @@ def shoot(browser: str, text: str, shot: Shot, folder: Path) -> Image.Image:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and write the film."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.report_film",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("report_film", __doc__)
     parser.add_argument("report", type=Path, help="report.html of a diagnosis")
     parser.add_argument("film", type=Path, help="the GIF to write")
     chosen = parser.parse_args(arguments)

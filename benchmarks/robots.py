@@ -14,7 +14,6 @@ Several of these programs may run at once and share the work.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import resource
@@ -26,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.robots_report import Figures, write
-from benchmarks.study import claimed, sim2real, trained
+from benchmarks.study import claimed, command, sim2real, trained
 from hardware.errors import HardwareError
 from sim2real.config.compose import compose, prepare
 from sim2real.evaluation.transfer import read
@@ -271,11 +270,7 @@ def collect(plan: Plan) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.robots",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("robots", __doc__)
     add = parser.add_argument
     add("--robots", nargs="+", default=list(ROBOTS), choices=ROBOTS, help="default: both")
     add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")

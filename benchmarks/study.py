@@ -180,6 +180,15 @@ def sim2real(*arguments: str) -> bool:
     return status == 0
 
 
+def command(name: str, text: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a benchmark's command line; `text` is what `--help` says."""
+    return argparse.ArgumentParser(
+        prog=f"python -m benchmarks.{name}",
+        description=text,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
 @dataclass(frozen=True)
 class Study:
     """A study with a command line.
@@ -203,11 +212,7 @@ class Study:
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
         """Read the command line and run; return the exit status."""
-        parser = argparse.ArgumentParser(
-            prog=f"python -m benchmarks.{self.name}",
-            description=self.text,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
+        parser = command(self.name, self.text)
         add, rows = parser.add_argument, ", ".join(self.rows)
         usual = [name for name in self.rows if name not in self.slow]
         less = f" but {' and '.join(self.slow)}, which take hours each" if self.slow else ""

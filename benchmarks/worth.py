@@ -13,17 +13,18 @@ are trained where they are missing (minutes each).
 
 from __future__ import annotations
 
-import argparse
-import csv
-import io
+import logging
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest, spearmanr
+from scipy.stats import spearmanr
 
+from benchmarks.cases import Cases, share
 from benchmarks.improve import OUT, Case, trained
+from benchmarks.study import command
 from envs.effects import make
 from hardware.backends import ServoBackend
 from hardware.config import Robot, load_robot
@@ -153,13 +154,10 @@ def score(rows: Sequence[Mapping[str, str]]) -> Table:
         if not own:
             continue
         sure = [r for r in own if float(r["measured_low"]) > 0 or float(r["measured_high"]) < 0]
-        right = sum(float(r["predicted"]) * float(r["measured"]) > 0 for r in sure)
-        share = None
-        if sure:
-            low, high = binomtest(right, len(sure)).proportion_ci(method="exact")
-            share = Interval(right / len(sure), float(low), float(high))
+        right = [float(r["predicted"]) * float(r["measured"]) > 0 for r in sure]
         cases = sorted({row["case"] for row in own})
-        table.add(name, len(cases), len(own), len(sure), share, correlation(own, cases))
+        part = share(right) if sure else None
+        table.add(name, len(cases), len(own), len(sure), part, correlation(own, cases))
     return table
 
 
@@ -184,14 +182,8 @@ def correlation(rows: Sequence[Mapping[str, str]], cases: Sequence[str]) -> Inte
     return Interval(of(cases), *map(float, np.nanquantile(draws, [0.025, 0.975])))
 
 
-def keep(rows: Sequence[Mapping[str, Any]], seed: int, results: Path) -> None:
-    """Write worth.csv, a row for each cost, and worth.md of a seed's."""
-    made = io.StringIO()
-    writer = csv.DictWriter(made, FIELDS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(results / "worth.csv", made.getvalue())
-    own = [row for row in rows if row["case"].startswith(f"{seed}-")]
+def keep(own: Sequence[Mapping[str, Any]], seed: int, results: Path) -> str:
+    """Write worth.md of a seed's rows, and return it."""
     table = score(own)
     episodes = ", ".join(f"{count} on {name}" for name, count in EPISODES.items())
     table.notes.append(
@@ -202,15 +194,12 @@ def keep(rows: Sequence[Mapping[str, Any]], seed: int, results: Path) -> None:
         "over robots."
     )
     write_text(results / "worth.md", table.markdown())
+    return table.markdown()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the robots that are missing, and tell the score."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.worth",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("worth", __doc__)
     add = parser.add_argument
     add("--robots", type=int, default=40, help="robots in all (default: 40)")
     add("--seed", type=int, default=3, help="of their draw (default: %(default)s)")
@@ -219,18 +208,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     if chosen.robots < 1 or chosen.seed < 0:
         parser.error("--robots must be at least 1, and --seed must not be negative")
-    chosen.results.mkdir(parents=True, exist_ok=True)
-    path = chosen.results / "worth.csv"
-    rows: list[dict[str, Any]] = list(csv.DictReader(path.open())) if path.exists() else []
-    for number in range(chosen.robots):
-        if any(row["case"] == f"{chosen.seed}-{number}" for row in rows):
-            continue
-        rows += (more := case(chosen.seed, number, chosen.policies.resolve()))
-        keep(rows, chosen.seed, chosen.results)
-        for row in more:
-            print(*row.values(), flush=True)
-    keep(rows, chosen.seed, chosen.results)
-    print((chosen.results / "worth.md").read_text(encoding="utf-8"))
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    cases = Cases(chosen.results / "worth.csv", FIELDS)
+    judged = partial(case, chosen.seed, policies=chosen.policies.resolve())
+    print(keep(cases.run(chosen.seed, chosen.robots, judged), chosen.seed, chosen.results))
     return 0
 
 

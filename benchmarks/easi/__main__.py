@@ -24,17 +24,14 @@ from pathlib import Path
 from benchmarks.easi import quad8, quad8_report, steps
 from benchmarks.easi.plan import ROWS, STUDIES, Plan, targets
 from benchmarks.easi.report import report
+from benchmarks.study import command
 
 RESULTS = Path(__file__).parents[1] / "results"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.easi",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("easi", __doc__)
     add = parser.add_argument
     add("--task", default="cartpole", choices=STUDIES, help="default: cartpole")
     add("--target", help="another target of the task: NAME of conf/shift/TASK_NAME.yaml")

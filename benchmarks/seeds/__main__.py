@@ -11,13 +11,13 @@ on where they were stopped.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.seeds.page import load, page
 from benchmarks.seeds.train import Plan, collect, run
+from benchmarks.study import command
 from sim2real.runs.files import write_text
 
 ROOT = Path(__file__).parents[2]
@@ -27,11 +27,7 @@ PAGE = ROOT / "docs" / "seeds.md"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, train what is asked for and write the page; return the status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.seeds",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("seeds", __doc__)
     add = parser.add_argument
     add(
         "--run",
@@ -56,8 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.list:
         for name in cheapest:
             about = trainings[name]
-            command = " ".join(["sim2real", *trainings[about.get("of", name)]["do"]])
-            print(f"{name}: {about['runs']} x {about['minutes']} CPU min: {command}")
+            typed = " ".join(["sim2real", *trainings[about.get("of", name)]["do"]])
+            print(f"{name}: {about['runs']} x {about['minutes']} CPU min: {typed}")
         hours = sum(about["runs"] * about["minutes"] for about in trainings.values()) / 60
         print(f"all: {hours:.0f} CPU h")
         return 0

@@ -12,7 +12,6 @@ The place is right where the first cause is at that joint, its body or its actua
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.study import command
 from benchmarks.zoo.drive import Hidden, drive
 from benchmarks.zoo.models import Model, models
 from hardware.log import Log, write_log
@@ -40,11 +40,7 @@ REFUSED = 2  # exit status of a sentence
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Diagnose what is not yet diagnosed, and write the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.zoo",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("zoo", __doc__)
     parser.add_argument("--seed", type=int, default=5, help="of motions and hidden friction")
     parser.add_argument("--only", nargs="+", default=[], help="names of models")
     parser.add_argument("--most", type=int, default=1000, help="diagnoses to make now")

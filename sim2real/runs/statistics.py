@@ -133,50 +133,6 @@ def probability_of_improvement(
     return _two_groups(first, second, _wins_of_pairs, rng, draws)
 
 
-def share_closed(
-    before: np.ndarray,
-    after: np.ndarray,
-    best: np.ndarray,
-    statistic: Statistic,
-    rng: np.random.Generator,
-    *,
-    draws: int,
-    level: float = 0.95,
-) -> Interval:
-    """Estimate how much of a gap is closed: (after - before) / (best - before).
-
-    Each group is scores of independent runs, (n, C), (m, C) and (k, C); 0 is nothing, 1 the whole
-    gap, and beyond it more than that. Whole runs are resampled, in each group by itself; where
-    resamples leave no gap to close, the interval is as wide as the share then is.
-
-    Args:
-        before: scores with the gap.
-        after: scores of what should close it.
-        best: scores without a gap.
-        statistic: reduces (..., n, C) to (...).
-        rng: source of the resamples.
-        draws: resamples; 2000 to 10000.
-        level: confidence level, in (0, 1).
-
-    Raises:
-        StatsError: a group of fewer than two runs, or groups with other columns.
-    """
-    groups = [_pair(before, group)[1] for group in (before, after, best)]
-    low, middle, high = (
-        statistic(group[rng.integers(len(group), size=(draws, len(group)))]) for group in groups
-    )
-    found = (middle - low) / _nonzero(high - low)
-    first, second, third = (float(statistic(group)) for group in groups)
-    tails = np.quantile(found, [(1 - level) / 2, (1 + level) / 2])
-    value = (second - first) / float(_nonzero(np.array(third - first)))
-    return Interval(value, float(tails[0]), float(tails[1]))
-
-
-def _nonzero(values: np.ndarray) -> np.ndarray:
-    """Return values kept from being 0, so that a share of nothing is huge and not undefined."""
-    return np.where(np.abs(values) < 1e-12, 1e-12, values)
-
-
 def wins(differences: np.ndarray) -> np.ndarray:
     """Return 1 for each positive difference, 1/2 for a tie and 0 for a loss, in the same shape.
 

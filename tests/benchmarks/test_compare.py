@@ -81,11 +81,10 @@ COLUMNS = {
 
 
 def test_the_table_counts_each_kind(tmp_path: Path) -> None:
-    """Unchanged pairs first, bolted ones by themselves, with exact intervals; one seed's."""
+    """Unchanged pairs first, bolted ones by themselves, with exact intervals."""
     rows = [
         bench.Row("1-0", "unchanged", "", 0, "unchanged", "", 1, 0, "1.0"),
         bench.Row("1-1", "zero", "elbow", 1, "changed", "x", 0, 1, "3.0"),
-        bench.Row("2-0", "unchanged", "", 0, "changed", "x", 0, 1, "1.0"),
     ]
     given = argparse.Namespace(pairs=2, seed=1, seconds=120.0, kinds=["zero"], out=tmp_path)
     bench.keep(rows, given)
@@ -93,7 +92,6 @@ def test_the_table_counts_each_kind(tmp_path: Path) -> None:
     assert text.index("unchanged") < text.index("zero of the elbow, bolted")
     assert "1.00 [0.03, 1.00]" in text and "--pairs 2 --seed 1 --kinds zero --seconds 120" in text
     assert "all unchanged | 1 |" in text and "1 further changes" in text
-    assert bench.read(tmp_path / "compare.csv") == rows
 
 
 def test_a_pair_that_is_there_is_not_made_again(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import hidden_laws as bench
+from benchmarks.cases import Cases, typed
 
 
 @pytest.mark.parametrize("kind", bench.KINDS)
@@ -71,7 +72,7 @@ def test_cases_that_are_there_are_not_run_again(
     for cases, more in ((2, []), (3, ["--npe"])):
         assert bench.main(["--cases", str(cases), "--out", str(tmp_path), *more]) == 0
     assert asked == [0, 1, 2]
-    rows = bench.read(tmp_path / "hidden_laws.csv")
+    rows = typed(bench.Row, Cases(tmp_path / "hidden_laws.csv", bench.Row._fields).rows)
     assert [row.case for row in rows] == ["1-0", "1-1", "1-2"] and rows[2].npe == "0.2"
     text = (tmp_path / "hidden_laws.md").read_text(encoding="utf-8")
     assert "| all | 3 | 0.33" in text and "least p of four parameters 0.2." in text

@@ -15,7 +15,6 @@ from sim2real.runs.statistics import (
     mean,
     probability_of_improvement,
     share_above,
-    share_closed,
     wins,
 )
 
@@ -154,23 +153,3 @@ def test_wrong_tables_are_refused() -> None:
         difference(np.ones((2, 2)), np.ones((2, 3)), mean, rng(), draws=10)
     with pytest.raises(StatsError, match="resample='cells' is unknown"):
         bootstrap(np.ones((2, 2)), mean, rng(), draws=10, resample="cells")  # type: ignore[arg-type]
-
-
-def test_the_share_of_a_gap_that_is_closed() -> None:
-    """From 1 to 3 of 5 is a half; its interval holds the truth about as often as it says."""
-    before, after, best = (np.full((4, 1), level) for level in (1.0, 3.0, 5.0))
-    assert share_closed(before, after, best, iqm, rng(), draws=100) == Interval(0.5, 0.5, 0.5)
-    luck, held = rng(1), 0
-    for _ in range(100):
-        groups = [luck.normal(level, 0.4, (10, 1)) for level in (1.0, 4.2, 5.0)]
-        found = share_closed(groups[0], groups[1], groups[2], mean, luck, draws=300)
-        held += found.low <= 0.8 <= found.high
-    assert 84 <= held <= 100
-
-
-def test_a_gap_that_is_not_there_is_closed_by_no_finite_share() -> None:
-    """Equal scores at both ends make the share huge, not an error; one run is an error."""
-    same = np.ones((3, 1))
-    assert abs(share_closed(same, 2 * same, same, mean, rng(), draws=50).value) > 1e9
-    with pytest.raises(StatsError, match="at least 2 runs"):
-        share_closed(same, same, np.ones((1, 1)), mean, rng(), draws=50)

@@ -1,0 +1,91 @@
+"""The runner of studies by cases: each is drawn from a seed and a number, judged once, and kept.
+
+    cases = Cases(RESULTS / "worth.csv", FIELDS)
+    own = cases.run(seed, 40, judge)            # judges what is missing, returns the seed's rows
+    share([1, 0, 1])                            # 0.67 [0.09, 0.99], exact binomial
+
+A case is called seed-number. Its rows stand in one CSV file, which is written after each case, so
+that a study goes on where it was stopped, and several seeds share a file.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+from scipy.stats import binomtest
+
+from sim2real.runs.files import write_text
+from sim2real.runs.statistics import Interval
+
+log_ = logging.getLogger(__name__)
+Row = dict[str, str]
+Named = TypeVar("Named", bound=tuple)  # a NamedTuple
+
+
+class Cases:
+    """Rows of cases in a CSV file.
+
+    Args:
+        path: of the file; read where it is there.
+        fields: its columns.
+        key: the column of the case's name.
+    """
+
+    def __init__(self, path: Path, fields: Sequence[str], key: str = "case") -> None:
+        self.path, self.fields, self.key = path, fields, key
+        self.rows: list[Row] = []
+        if path.is_file():
+            with path.open(newline="", encoding="utf-8") as file:
+                self.rows = list(csv.DictReader(file))
+
+    def run(
+        self,
+        seed: int,
+        count: int,
+        judge: Callable[[int], Iterable[Mapping[str, Any]]],
+        **same: str,
+    ) -> list[Row]:
+        """Judge the cases of a seed that are not there, and return all rows of the seed.
+
+        Args:
+            seed: of the draw.
+            count: cases in all.
+            judge: makes the rows of the case of that number.
+            same: what further columns of the seed's rows hold.
+        """
+        for number in range(count):
+            name = f"{seed}-{number}"
+            if any(row[self.key] == name for row in self._of(same)):
+                continue
+            for made in judge(number):
+                self.rows.append({field: str(made.get(field, "")) for field in self.fields})
+                log_.info("%s", " | ".join(self.rows[-1].values()))
+            self._write()
+        return [row for row in self._of(same) if row[self.key].startswith(f"{seed}-")]
+
+    def _of(self, same: Mapping[str, str]) -> list[Row]:
+        return [row for row in self.rows if same.items() <= row.items()]
+
+    def _write(self) -> None:
+        text = io.StringIO()
+        writer = csv.DictWriter(text, self.fields, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self.rows)
+        write_text(self.path, text.getvalue())
+
+
+def typed(kind: type[Named], rows: Sequence[Row]) -> list[Named]:
+    """Return rows as named tuples, each cell as its field's type reads it."""
+    reads = get_type_hints(kind)
+    return [kind(**{name: read(row[name]) for name, read in reads.items()}) for row in rows]
+
+
+def share(values: Sequence[bool | int]) -> Interval:
+    """Return the part that is true with its exact (Clopper and Pearson) 95 % interval."""
+    low, high = binomtest(sum(values), len(values)).proportion_ci(method="exact")
+    return Interval(sum(values) / len(values), float(low), float(high))
