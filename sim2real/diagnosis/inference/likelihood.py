@@ -82,7 +82,9 @@ class Likelihood:
         both = used[:, :, None] & used[:, None, :]
         kernels = [np.where(both, np.exp(-gap / tau), 0.0) for tau in settings.correlations_s]
         spread, self._basis = np.linalg.eigh(np.stack(kernels))  # (T, W, N), (T, W, N, N)
-        scale = 1 + self.sizes[:, None, None] ** 2 * np.maximum(spread, 0.0)[:, None]  # (T, S, W, N)
+        scale = (
+            1 + self.sizes[:, None, None] ** 2 * np.maximum(spread, 0.0)[:, None]
+        )  # (T, S, W, N)
         variance = scale[:, :, None] * noise[:, None, None] ** 2  # (T, S, M, W, N)
         self._inverse = 1.0 / variance
         rows = used.sum(axis=1)
@@ -164,9 +166,7 @@ class Likelihood:
         ]
         return np.logaddexp.reduce(densities)
 
-    def curvature(
-        self, trained: Trained, vectors: np.ndarray, windows: np.ndarray
-    ) -> np.ndarray:
+    def curvature(self, trained: Trained, vectors: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return X' V^-1 X over some windows, V the covariance under a trained discrepancy, (P, P).
 
         Args:
@@ -260,9 +260,7 @@ class Likelihood:
     ) -> None:
         """Give each window the scale that fits it best, the common errors as they are, in place."""
         time, size, shift = state
-        now = self._integrated(
-            *self._parts(projection, windows, cap, time, size, shift[windows])
-        )
+        now = self._integrated(*self._parts(projection, windows, cap, time, size, shift[windows]))
         _, mean, _ = _together(*now)
         found = []
         for k, weight in enumerate(self.log_prior):
@@ -327,9 +325,7 @@ def _together(
     return density, mean, precision
 
 
-def _apart(
-    gram: np.ndarray, cross: np.ndarray, square: np.ndarray, trained: Trained
-) -> np.ndarray:
+def _apart(gram: np.ndarray, cross: np.ndarray, square: np.ndarray, trained: Trained) -> np.ndarray:
     """Return the log density of each window under the common errors' posterior, (n,)."""
     mean, precision = trained.mean, trained.precision
     pull = cross - gram @ mean

@@ -14,6 +14,9 @@ class Inference:
     """What no model knows, how values are fitted, and what an answer has to win."""
 
     rows_max: int = setting(64, "1", "rows of a window that are compared, spread evenly", COST)
+    negligible: float = setting(
+        5e-4, "1", "error that matters to nobody, of the spread of a joint's motion", JUDGED
+    )
     correlations_s: tuple[float, ...] = setting(
         (0.03, 0.2, 1.2), "s", "correlation times of the discrepancy", GRID
     )
