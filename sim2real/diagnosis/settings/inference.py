@@ -60,6 +60,9 @@ class Inference:
     members_max: int = setting(
         4, "1", "members of a hypothesis", "derived: more are a fit and no explanation (schema)"
     )
+    block: int = setting(
+        2, "1", "neighbouring windows that a bootstrap draws together", "convention: Kuensch 1989"
+    )
     draws: int = setting(2000, "1", "bootstrap draws of the windows", COST)
     level: float = setting(
         0.05, "1", "probability of error of each one-sided bound", "convention: 95 %"
