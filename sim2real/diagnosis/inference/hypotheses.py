@@ -80,6 +80,18 @@ class Hypothesis:
         """Largest values, (P,)."""
         return np.concatenate([np.zeros(0), *(m.high for m in self.members)])
 
+    def bounded(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of what values can physically be, (P,) each.
+
+        Those that each member declares, and so many times its largest probe, which it takes from
+        the robot's own sizes.
+        """
+        neutral = np.concatenate([np.zeros(0), *(m.neutral for m in self.members)])
+        far = reach * self.size
+        limit = neutral >= FREE
+        low = np.maximum(self.low, np.where(limit, self.low, neutral - far))
+        return low, np.minimum(self.high, np.where(limit, self.high, neutral + far))
+
     @cached_property
     def size(self) -> np.ndarray:
         """Size of each value at its largest probe, (P,)."""

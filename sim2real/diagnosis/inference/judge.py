@@ -1,0 +1,330 @@
+"""The judge: which explanation predicts held-out stretches best, and whether that is enough.
+
+    judge = Judge(data, fixed, rng)
+    judgement = judge.judge(propose)            # propose() returns starts of robot effects
+    judgement.verdict, judgement.best.label
+
+Proposals may come from anywhere; mistakes of the log, changes of the world and the null
+explanations are always among them. All are scored alike. The best grows by one member as long as
+each wins what the tolerance asks for, and loses those that do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.plant import Fixed
+from sim2real.diagnosis.attribution.candidates import in_the_way
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.inference.decision import Standing, posterior, verdict_of
+from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
+from sim2real.diagnosis.inference.likelihood import Likelihood
+from sim2real.diagnosis.inference.log_changes import LogChange, log_changes
+from sim2real.diagnosis.inference.replayer import Job, Replayer
+from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, folds_of
+from sim2real.diagnosis.schema import Verdict
+
+NULLS = ("each joint stays", "each joint keeps its measured speed")
+NONE = Hypothesis(())
+Propose = Callable[[], Sequence[Start]]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the judge says.
+
+    Args:
+        verdict: see `decision`.
+        best: the explanation; the model as given where there is none.
+        given: the model as given.
+        nulls: the null explanations by name.
+        rivals: other explanations that were fitted to the end, the best first.
+        left: what a free discrepancy still gains over one of a count [nats a reading].
+        where_left: the same of each window, not by reading, (W,).
+        probability: of the best and of each rival, (1 + n,).
+        unknown: probability of a law that is not in the vocabulary.
+        judge: who said so.
+    """
+
+    verdict: Verdict
+    best: Fit
+    given: Fit
+    nulls: dict[str, Fit]
+    rivals: tuple[Fit, ...]
+    left: Gain
+    where_left: np.ndarray
+    probability: np.ndarray
+    unknown: float
+    judge: Judge
+
+
+class Left(NamedTuple):
+    """What a free discrepancy gains over one of at most a count."""
+
+    gain: Gain  # nats a reading
+    windows: np.ndarray  # (W,) nats
+
+
+class Judge:
+    """Judges explanations of the gap in some windows.
+
+    Args:
+        data: the windows.
+        fixed: effects that are known.
+        rng: for the bootstrap.
+        work: counts what is simulated.
+        say: told what is being tried.
+    """
+
+    def __init__(
+        self,
+        data: Data,
+        fixed: Sequence[Fixed] = (),
+        rng: np.random.Generator | None = None,
+        work: Work | None = None,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.data, self.say, self.settings = data, say, data.settings.inference
+        self.replayer = Replayer(data, fixed, work)
+        self.fold = folds_of(data.windows)
+        self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)
+        self.readings = self.replayer.readings
+        noise = self.replayer.noise
+        self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
+        self._look(NONE, np.zeros((FOLDS, 0)))
+
+    def judge(self, propose: Propose = lambda: ()) -> Judgement:
+        """Return the judgement on the gap.
+
+        Args:
+            propose: returns hypotheses about the robot, and where they begin; it is asked only if
+                there is a gap.
+        """
+        if self.left(self.given).gain.high <= self.settings.equivalence_tolerance:
+            return self._concluded({self.given.label: self.given})
+        self.say("judging mistakes of the log")
+        starts = [_alone(change) for change in log_changes(self.data)]
+        starts += propose()
+        self.say("judging what was proposed")
+        tried = {self.given.label: self.given}
+        pool = self._refined(starts, tried)
+        best = self._chosen(tried)
+        while 0 < len(best.hypothesis.members) < self.settings.members_max:
+            if self.left(best).gain.high <= self.settings.equivalence_tolerance:
+                break
+            self.say(f"judging what else there is beside {best.label}")
+            self._refined(_additions(best, pool), tried)
+            before, best = best, self._chosen(tried)
+            if best is before:
+                break
+        return self._concluded(tried)
+
+    def left(self, fit: Fit) -> Left:
+        """Return what a fit leaves."""
+        windows = fit.score - self.fitter.capped(fit, self.most)
+        gain = self.bootstrap.gain(windows)
+        return Left(Gain(*(value / self.readings for value in gain)), windows)
+
+    def wins(self, more: Fit, less: Fit) -> bool:
+        """Return whether further members win what each has to: the tolerance, for certain."""
+        further = max(len(more.hypothesis.members) - len(less.hypothesis.members), 1)
+        gain = self.bootstrap.gain(more.score - less.score)
+        least = further * self.settings.equivalence_tolerance * self.readings
+        return gain.low > 0 and gain.total > least
+
+    def _look(self, hypothesis: Hypothesis, values: np.ndarray) -> None:
+        """Take the likelihood whose starts and usual errors are those under a hypothesis.
+
+        Where the model as given predicts worse than "each joint stays", it tells nothing of either:
+        starts are then taken to move on freely, and no error of a parameter counts as usual.
+
+        Args:
+            hypothesis: the model.
+            values: fitted to each fold, (2, P).
+        """
+        replayer, own = self.replayer, values[self.fold]
+        (base,) = replayer.replay([Job(hypothesis, own, replayer.every)])
+        square, stays = (np.square(e).sum() for e in (base.error, replayer.holding()))
+        if square > stays:
+            local, common = replayer.ballistic(), np.zeros((*base.error.shape, 0))
+        else:
+            step = max(model.opt.timestep for model in self.data.models)
+            clock = step * base.slope[..., None]
+            local = np.concatenate([replayer.starts(hypothesis, own), clock], axis=-1)
+            common = _principal(
+                replayer.usual(hypothesis, own), replayer, self.settings.factors_max
+            )
+        reach = np.array([joint.spread for joint in self.data.joints]) / self.data.scale
+        local, common = (np.clip(ways, -reach[:, None], reach[:, None]) for ways in (local, common))
+        likelihood = Likelihood(
+            replayer.times, replayer.used, replayer.noise, local, common, self.settings
+        )
+        self.fitter = Fitter(replayer, likelihood, self.fold)
+        (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
+        paths = (replayer.holding(), replayer.coasting())
+        self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
+
+    def _refined(self, starts: Sequence[Start], tried: dict[str, Fit]) -> list[Start]:
+        """Fit the starts that screen best into what was tried; return all changes by their rank."""
+        fresh = [start for start in starts if start.hypothesis.label not in tried]
+        looked = self.fitter.fit(fresh, rounds=0)
+        looked.sort(key=lambda fit: -fit.total)
+        best = _distinct(looked, self.settings.refits)
+        for fit in self.fitter.fit([Start(fit.hypothesis, fit.values[None]) for fit in best]):
+            if fit.label not in tried or fit.total > tried[fit.label].total:
+                tried[fit.label] = fit
+        alone = [fit for fit in looked if len(fit.hypothesis.members) == 1]
+        ranked = [Start(fit.hypothesis, fit.values[None]) for fit in alone]
+        return ranked[: self.settings.pool]
+
+    def _chosen(self, tried: dict[str, Fit]) -> Fit:
+        """Return the shortest explanation that none longer wins against."""
+        best = self.given
+        for count in range(1, self.settings.members_max + 1):
+            own = [fit for fit in tried.values() if len(fit.hypothesis.members) == count]
+            if own and self.wins(simplest := self._simplest(own), best):
+                best = simplest
+        return best
+
+    def _simplest(self, fits: Sequence[Fit]) -> Fit:
+        """Return the best, or one of fewer values that is not significantly worse."""
+        top = max(fits, key=lambda fit: fit.total)
+        near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
+        return min(near, key=lambda fit: (fit.values.shape[1], -fit.total))
+
+    def _pruned(self, tried: dict[str, Fit]) -> Fit:
+        """Return the best explanation, each of whose members wins what it has to."""
+        best = self._chosen(tried)
+        while len(best.hypothesis.members) > 1:
+            fewer = [_without(best, n) for n in range(len(best.hypothesis.members))]
+            fewer = [start for start in fewer if start.hypothesis.label not in tried]
+            for fit in self.fitter.fit(fewer):
+                tried[fit.label] = fit
+            before, best = best, self._chosen(tried)
+            if best is before:
+                return best
+        return best
+
+    def _concluded(self, tried: dict[str, Fit]) -> Judgement:
+        """Return the judgement, with starts and usual errors as they are under the answer."""
+        best = self._pruned(tried)
+        if best.hypothesis.members:
+            self.say(f"judging {best.label} and its rivals once more")
+            best, tried = self._once_more(best, tried)
+        left, members = self.left(best), len(best.hypothesis.members)
+        over = {**self.nulls, **({self.given.label: self.given} if members else {})}
+        gains = [self.bootstrap.gain(best.score - other.score) for other in over.values()]
+        low, high = best.hypothesis.bounded(self.settings.reach)
+        inside = bool(((best.values > low) & (best.values < high))[:, best.hypothesis.smooth].all())
+        standing = Standing(members, left.gain, gains, inside, True, self._nearer(best))
+        rivals = [fit for fit in tried.values() if fit is not best and fit.hypothesis.members]
+        rivals.sort(key=lambda fit: -fit.total)
+        fits = [best, *rivals]
+        chances, unknown = posterior(
+            [fit.total / self.readings for fit in fits],
+            [len(fit.hypothesis.members) for fit in fits],
+            left.gain.high,
+            self.settings,
+        )
+        return Judgement(
+            verdict_of(standing, self.settings),
+            best,
+            self.given,
+            self.nulls,
+            tuple(rivals),
+            left.gain,
+            left.windows,
+            chances,
+            unknown,
+            self,
+        )
+
+    def _once_more(self, best: Fit, tried: dict[str, Fit]) -> tuple[Fit, dict[str, Fit]]:
+        """Return the best and its nearest rivals, fitted where the answer is the model."""
+        others = [f for f in tried.values() if f is not best and f.hypothesis.members]
+        others = [f for f in others if len(f.hypothesis.members) <= len(best.hypothesis.members)]
+        others.sort(key=lambda fit: -fit.total)
+        finalists = [best, *others[: self.settings.rivals]]
+        finalists += [f for f in others if _is_part(f.hypothesis, best.hypothesis)]
+        finalists = _distinct(finalists, len(finalists))
+        self._look(best.hypothesis, best.values)
+        fits = self.fitter.fit([Start(f.hypothesis, f.values[None]) for f in finalists])
+        again = {fit.label: fit for fit in [self.given, *fits]}
+        return self._pruned(again), again
+
+    def _nearer(self, fit: Fit) -> bool:
+        """Return whether errors are smaller than as given, in noises of a reading."""
+        noise = self.replayer.noise
+        before, after = (np.square(f.held / noise).sum() for f in (self.given, fit))
+        return bool(after < before)
+
+
+def _alone(member: Member) -> Start:
+    """Return a change by itself, at its probes."""
+    return Start(Hypothesis((member,)), member.probes)
+
+
+def _additions(best: Fit, pool: Sequence[Start]) -> list[Start]:
+    """Return the best with one more change each, at the values that each screened with."""
+    found = []
+    for hypothesis, points in pool:
+        (member,) = hypothesis.members
+        if all(_compatible(member, other) for other in best.hypothesis.members):
+            found.append(_joined(best, member, points))
+    return found
+
+
+def _compatible(one: Member, other: Member) -> bool:
+    """Return whether two changes can be there at once."""
+    if one.label == other.label:
+        return False
+    if isinstance(one, LogChange) or isinstance(other, LogChange):
+        return True
+    return not in_the_way(one.effect, other.effect)
+
+
+def _joined(best: Fit, member: Member, points: np.ndarray) -> Start:
+    """Return a fit with one more member, at points (K, 2, P) of it."""
+    hypothesis = Hypothesis.of([*best.hypothesis.members, member])
+    values = np.empty((len(points), FOLDS, len(hypothesis.low)))
+    pairs = zip(best.hypothesis.members, best.hypothesis.columns, strict=True)
+    own = {m.label: best.values[:, column] for m, column in pairs}
+    for one, column in zip(hypothesis.members, hypothesis.columns, strict=True):
+        values[..., column] = points if one is member else own[one.label]
+    return Start(hypothesis, values)
+
+
+def _without(fit: Fit, place: int) -> Start:
+    """Return a fit without one member, the others at their values."""
+    kept = np.ones(fit.values.shape[1], bool)
+    kept[fit.hypothesis.columns[place]] = False
+    return Start(fit.hypothesis.without(place), fit.values[None][..., kept])
+
+
+def _is_part(one: Hypothesis, other: Hypothesis) -> bool:
+    """Return whether all members of a hypothesis are among those of another."""
+    labels = {member.label for member in other.members}
+    return all(member.label in labels for member in one.members)
+
+
+def _distinct(fits: Sequence[Fit], most: int) -> list[Fit]:
+    """Return the first fits of each label, at most so many."""
+    found: dict[str, Fit] = {}
+    for fit in fits:
+        found.setdefault(fit.label, fit)
+    return list(found.values())[:most]
+
+
+def _principal(ways: np.ndarray, replayer: Replayer, most: int) -> np.ndarray:
+    """Return directions (W, N, M, U) as fewer of the same covariance, the largest first."""
+    flat = (ways / replayer.noise[:, None])[replayer.used].reshape(-1, ways.shape[-1])
+    if ways.shape[-1] <= most:
+        return ways
+    _, turned = np.linalg.eigh(flat.T @ flat)  # the largest last
+    return ways @ turned[:, -most:]
