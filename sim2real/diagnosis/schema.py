@@ -30,9 +30,10 @@ from sim2real.diagnosis.evidence import Evidence, Pair
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
-SCHEMA = 2  # written; 1, which knows neither `fitted` nor `shared`, is read as well
-READ = (1, SCHEMA)
+SCHEMA = 3  # written; 1 knows neither `fitted` nor `shared`, 2 no `kind` of a cause: both are read
+READ = (1, 2, SCHEMA)
 Verdict = Literal["explained", "partly_explained", "fitted", "unexplained", "no_gap"]
+Kind = Literal["robot", "log", "world"]
 Form = Literal["holds", "contradicted"]
 ClosedLoopVerdict = Literal["within_floor", "nearer", "as_far", "farther", "apart"]
 
@@ -131,6 +132,10 @@ class Cause:
         shared: whether one value holds for all joints or actuators of the robot.
         encoder: where the log's encoder sits, if elsewhere than the servo's; None: where `side`
             says.
+        kind: what it is a change of: the robot, its log, the world around it. Only those of the
+            robot are effects, and stand in `effects.yaml`.
+        seconds: when it acts, of an episode; None: throughout.
+        remedy: what mends the log; None where it is right.
     """
 
     effect: str
@@ -146,6 +151,9 @@ class Cause:
     equivalent: tuple[Equivalent, ...] = ()
     shared: bool = False
     encoder: str | None = None
+    kind: Kind = "robot"
+    seconds: Pair | None = None
+    remedy: str | None = None
 
 
 @dataclass(frozen=True)
@@ -230,7 +238,7 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class Report:
-    """A diagnosis's answer, schema 2.
+    """A diagnosis's answer, schema 3.
 
     Args:
         verdict: `no_gap`, `explained`, `partly_explained`, `fitted` or `unexplained`.
@@ -284,10 +292,8 @@ class Report:
             Sim2RealError: another schema, or a key that is missing or unknown.
         """
         if tree.get("schema") not in READ:
-            found = tree.get("schema")
-            raise Sim2RealError(
-                f"a report has schema {' or '.join(map(str, READ))}, this one has {found!r}"
-            )
+            known, found = f"{', '.join(map(str, READ[:-1]))} or {SCHEMA}", tree.get("schema")
+            raise Sim2RealError(f"a report has schema {known}, this one has {found!r}")
         given = {key: value for key, value in tree.items() if key != "schema"}
         where = tuple(
             _make(Where, {**one, "regimes": _each(Regime, one["regimes"])})

@@ -28,6 +28,7 @@ from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.log_changes import LogChange, log_changes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, folds_of
+from sim2real.diagnosis.inference.world_changes import world_changes
 from sim2real.diagnosis.schema import Verdict
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
@@ -99,18 +100,18 @@ class Judge:
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
         self._look(NONE, np.zeros((FOLDS, 0)))
 
-    def judge(self, propose: Propose = lambda: ()) -> Judgement:
+    def judge(self, propose: Propose = lambda: (), log: bool = True) -> Judgement:
         """Return the judgement on the gap.
 
         Args:
+            log: whether something may be wrong with the log.
             propose: returns hypotheses about the robot, and where they begin; it is asked only if
                 there is a gap.
         """
         if self.left(self.given).gain.high <= self.settings.equivalence_tolerance:
             return self._concluded({self.given.label: self.given})
-        self.say("judging mistakes of the log")
-        starts = [_alone(change) for change in log_changes(self.data)]
-        starts += propose()
+        always = [*(log_changes(self.data) if log else ()), *world_changes(self.data)]
+        starts = [*map(_alone, always), *propose()]
         self.say("judging what was proposed")
         tried = {self.given.label: self.given}
         pool = self._refined(starts, tried)

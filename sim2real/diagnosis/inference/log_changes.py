@@ -5,7 +5,8 @@
 
 A change says what the log's columns would be without the mistake. It has values, within bounds, or
 none: a column is reversed or it is not. Readings are never interpolated: one that was taken at
-another time goes to the row of that time, and its stamp says by how much it is still off.
+another time goes to the row of that time, and its stamp says by how much it is still off; what was
+read before an episode's first row is continued from its first two.
 """
 
 from __future__ import annotations
@@ -160,7 +161,7 @@ def _clocks(joints: Sequence[str], commands: Sequence[str], step: float) -> Iter
     yield _single(
         "rows_shifted",
         "ctrl",
-        lambda log, v: {c: log.columns[c][_rows(log, round(float(v[0])))] for c in commands},
+        lambda log, v: {c: _held(log, log.columns[c], round(float(v[0]))) for c in commands},
         "move the columns ctrl.* up by {0:g} rows within each episode",
         [rows for rows in range(-ROWS, ROWS + 1) if rows],
         (-ROWS, ROWS),
@@ -330,19 +331,32 @@ def _episodes(log: Log) -> list[np.ndarray]:
     return np.split(np.arange(len(log)), np.flatnonzero(np.diff(log.episode)) + 1)
 
 
-def _rows(log: Log, later: int) -> np.ndarray:
-    """Return which row stands so many rows later in the same episode, (T,); at its end the last."""
-    return np.concatenate([np.clip(own + later, own[0], own[-1]) for own in _episodes(log)])
+def _moved(log: Log, column: np.ndarray, later: int) -> np.ndarray:
+    """Return a column as it is so many rows later; at an episode's ends it goes on straight."""
+    found = np.empty(len(log))
+    for own in _episodes(log):
+        ends = np.clip(own + later, own[0], own[-1])
+        slopes = np.diff(column[own])[[0, -1]]
+        beyond = own + later - ends
+        found[own] = column[ends] + beyond * np.where(beyond < 0, *slopes)
+    return found
+
+
+def _held(log: Log, column: np.ndarray, later: int) -> np.ndarray:
+    """Return a column as it is so many rows later, held at an episode's ends."""
+    rows = [np.clip(own + later, own[0], own[-1]) for own in _episodes(log)]
+    return column[np.concatenate(rows)]
 
 
 def _earlier(log: Log, joints: Sequence[str], late: float) -> Columns:
     """Return readings that were taken so many seconds before their stamps at the rows of then."""
-    rows = _rows(log, round(late / float(np.median(np.diff(log.time)))))
+    rows = round(late / float(np.median(np.diff(log.time))))
     found = {}
     for joint in joints:
         for name in _there(log, [f"qpos.{joint}", f"qvel.{joint}"]):
-            found[name] = log.columns[name][rows]
-        found[f"stamp.{joint}"] = log.columns.get(f"stamp.{joint}", log.time)[rows] - late
+            found[name] = _moved(log, log.columns[name], rows)
+        stamps = log.columns.get(f"stamp.{joint}", log.time)
+        found[f"stamp.{joint}"] = _moved(log, stamps, rows) - late
     return found
 
 

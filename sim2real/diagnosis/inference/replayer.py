@@ -97,6 +97,14 @@ class Replayer:
                 found[n] = self._replay_mended(job)
         return [found[n] for n in range(len(jobs))]
 
+    def errors(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
+        """Return the errors of all rows, (W, T, M), under values (W, P); 0 where none compares."""
+        found = np.zeros((*self.data.mask.shape, len(self.noise)))
+        for simulator, own, some, _ in self._groups(Job(hypothesis, values, self.every)):
+            asks = [Rows(hypothesis.effects, self.every[own], some)]
+            found[own] = simulate_each(simulator, asks, remember=False)[0].error
+        return found
+
     def starts(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
         """Return what one standard deviation of each start changes, (W, N, M, 2 M).
 

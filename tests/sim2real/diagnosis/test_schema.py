@@ -57,6 +57,7 @@ KEYS = {
     "causes": {
         *("effect", "where", "side", "value", "value_ci", "unit", "extra", "confidence"),
         *("closed", "form", "equivalent", "shared", "encoder"),
+        *("kind", "seconds", "remedy"),
     },
     "unexplained": {"share", "structure"},
     "preflight": {"check", "where", "finding", "fix"},
@@ -82,8 +83,19 @@ def test_a_report_of_an_older_version_is_read() -> None:
     later = ("replay", "fitted", "calibrated")
     older = {name: part for name, part in REPORT.to_json().items() if name not in later}
     for cause in older["causes"]:
+        del cause["kind"], cause["seconds"], cause["remedy"]
         del cause["shared"], cause["encoder"], cause["equivalent"][0]["inseparable"]
     assert Report.from_json({**older, "schema": 1}) == replace(REPORT, replay=None)
+
+
+def test_a_report_of_schema_2_is_read() -> None:
+    """Its causes say nothing of their kind: they are the robot's, and act throughout."""
+    older = REPORT.to_json()
+    for cause in older["causes"]:
+        del cause["kind"], cause["seconds"], cause["remedy"]
+    read = Report.from_json({**older, "schema": 2})
+    assert read == REPORT
+    assert {cause.kind for cause in read.causes} == {"robot"}
 
 
 def test_fitted_values_survive_the_file_and_are_no_causes() -> None:
@@ -97,10 +109,10 @@ def test_fitted_values_survive_the_file_and_are_no_causes() -> None:
     assert REPORT.values == REPORT.causes
 
 
-def test_the_file_has_the_keys_of_schema_2() -> None:
+def test_the_file_has_the_keys_of_schema_3() -> None:
     """Every key that readers rely on is there, and no other."""
     tree = REPORT.to_json()
-    assert tree["schema"] == 2
+    assert tree["schema"] == 3
     assert set(tree) == set(KEYS)
     for name, keys in KEYS.items():
         part = tree[name][0] if isinstance(tree[name], list) and tree[name] else tree[name]
@@ -120,7 +132,7 @@ def test_numbers_are_plain() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"schema": 3}, "schema 1 or 2"),
+        ({"schema": 4}, "schema 1, 2 or 3"),
         ({"verdicts": "explained"}, "no key 'verdicts'"),
         ({"unexplained": {"share": 0.1}}, "incomplete"),
     ],

@@ -1,0 +1,245 @@
+"""From a judgement to a report: verdict, causes with intervals and equivalents, what is left.
+
+made = conclusion_of(judgement, search, floors, rng)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.attribute import Search
+from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.conclude import Conclusion, where_of
+from sim2real.diagnosis.attribution.fit import Fit as Values
+from sim2real.diagnosis.evidence import Rung, SingleFit
+from sim2real.diagnosis.inference.fit import Fit
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, kind_of
+from sim2real.diagnosis.inference.intervals import intervals
+from sim2real.diagnosis.inference.judge import Judgement
+from sim2real.diagnosis.inference.remainder import described
+from sim2real.diagnosis.inference.score import FOLDS
+from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained
+
+
+class _Part(NamedTuple):
+    """One member of the answer: its place among the hypothesis's, and what is lost without it."""
+
+    place: int
+    lost: float  # nats
+
+
+def conclusion_of(
+    judgement: Judgement, search: Search, floors: np.ndarray, rng: np.random.Generator
+) -> Conclusion:
+    """Return a judgement as a report, and the fit behind it.
+
+    Args:
+        judgement: of the judge.
+        search: that proposed; its errors are those of the model as given.
+        floors: noise floor of each joint [rad or m], (M,).
+        rng: for the intervals of the gap.
+    """
+    best, base, blocks, floor = judgement.best, search.base, search.blocks, search.floor
+    error = full_errors(judgement, best)
+    parts = _parts(judgement)
+    alike = [equivalents(judgement, part.place) for part in parts]
+    ends, correlation = intervals(
+        judgement.judge.fitter, best, [m for own in alike for m, _ in own]
+    )
+    closed, ci = blocks.closed(base, error, floor)
+    shares = np.array([max(part.lost, 0.0) for part in parts])
+    shares = shares / max(float(shares.sum()), 1.0)
+    causes = tuple(
+        _cause(judgement, part.place, ends, own, float(closed * share))
+        for part, own, share in zip(parts, alike, shares, strict=True)
+    )
+    after, none = blocks.rms(error), judgement.verdict == "no_gap"
+    where, spectrum = where_of(search, None if none else error, floors, rng)
+    gap = GapNumbers(
+        search.problem.data.unit,
+        search.before,
+        None if none else after,
+        floor,
+        None if none else closed,
+        None if none else ci,
+        True,
+    )
+    explained = judgement.verdict in ("no_gap", "explained")
+    left = "none" if explained else described(judgement)
+    told = causes if judgement.verdict in ("explained", "partly_explained") else ()
+    report = Report(
+        judgement.verdict,
+        gap,
+        where,
+        told,
+        Unexplained(float(np.clip(1 - closed, 0.0, 1.0)) if not none else 0.0, left),
+    )
+    robot = [p for p in parts if told and isinstance(best.hypothesis.members[p.place], Candidate)]
+    robot = [p for p in robot if kind_of(best.hypothesis.members[p.place]) == "robot"]
+    columns = [best.hypothesis.columns[part.place] for part in robot]
+    fit = _values(best, [part.place for part in robot])
+    rungs = (
+        Rung("as given", search.before, blocks.interval(base)),
+        *((Rung(f"+ {best.label}", after, blocks.interval(error)),) if told else ()),
+        Rung("noise floor", floor, (floor, floor)),
+    )
+    firsts = [column.start for column in columns]
+    every = frozenset(range(len(causes))) if told else frozenset[int]()
+    return Conclusion(
+        report,
+        fit,
+        rungs,
+        _singles(judgement, search),
+        spectrum,
+        np.concatenate([np.zeros((0, 2)), *(ends[column] for column in columns)]),
+        {frozenset[int](): base, every: error if told else base},
+        correlation[np.ix_(firsts, firsts)],
+        _explanations(fit, best, alike) if len(robot) == len(causes) else (),
+    )
+
+
+def full_errors(judgement: Judgement, fit: Fit) -> np.ndarray:
+    """Return the held-out errors of all rows, (W, T, M), of a fit."""
+    judge = judgement.judge
+    return judge.replayer.errors(fit.hypothesis, fit.values[1 - judge.fold])
+
+
+def _parts(judgement: Judgement) -> list[_Part]:
+    """Return the members of the answer, the one that is missed most first."""
+    best, given = judgement.best, judgement.given
+    known = {fit.label: fit for fit in [given, *judgement.rivals]}
+    parts = []
+    for place in range(len(best.hypothesis.members)):
+        rest = known.get(best.hypothesis.without(place).label, given)
+        parts.append(_Part(place, best.total - rest.total))
+    return sorted(parts, key=lambda part: -part.lost)
+
+
+def equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit]]:
+    """Return what cannot be told from a member: others in its place that predict no worse.
+
+    Both were fitted to the end; the answer's gain over the other is not significant.
+    """
+    best, found = judgement.best, []
+    rest = {m.label for n, m in enumerate(best.hypothesis.members) if n != place}
+    for rival in judgement.rivals:
+        others = [m for m in rival.hypothesis.members if m.label not in rest]
+        same = len(rival.hypothesis.members) == len(best.hypothesis.members)
+        if same and len(others) == 1:
+            gain = judgement.judge.bootstrap.gain(best.score - rival.score)
+            if gain.low <= 0:
+                found.append((others[0], rival))
+    return found
+
+
+def _cause(
+    judgement: Judgement,
+    place: int,
+    ends: np.ndarray,
+    alike: Sequence[tuple[Member, Fit]],
+    closed: float,
+) -> Cause:
+    """Return a member of the answer as a cause."""
+    best = judgement.best
+    member, column = best.hypothesis.members[place], best.hypothesis.columns[place]
+    names = {member.label, *(other.label for other, _ in alike)}
+    sure = sum(
+        float(chance)
+        for fit, chance in zip([best, *judgement.rivals], judgement.probability, strict=True)
+        if any(m.label in names for m in fit.hypothesis.members)
+    )
+    values, spans = best.mean[column], ends[column]
+    equal = tuple(dict.fromkeys(Equivalent(_name(other), _where(other)) for other, _ in alike))
+    equal = tuple(e for e in equal if (e.effect, e.where) != (_name(member), _where(member)))
+    extra = _extra(member, values)
+    most = _largest(member, values)
+    value = float(values[most]) if len(values) else 1.0
+    return Cause(
+        _name(member),
+        _where(member),
+        member.effect.side if isinstance(member, Candidate) else None,
+        value,
+        (float(spans[most, 0]), float(spans[most, 1])) if len(values) else (value, value),
+        member.effect.unit if isinstance(member, Candidate) else member.unit,
+        extra,
+        min(sure, 1.0),
+        closed,
+        equivalent=equal[: judgement.judge.data.settings.causes.equivalents_max - 1],
+        shared=isinstance(member, Candidate) and member.shared,
+        kind=kind_of(member),
+        remedy=None if isinstance(member, Candidate) else member.remedy.format(*values),
+    )
+
+
+def _name(member: Member) -> str:
+    return member.name if isinstance(member, Candidate) else member.effect
+
+
+def _where(member: Member) -> str | None:
+    return member.place if isinstance(member, Candidate) else member.where
+
+
+def _largest(member: Member, values: np.ndarray) -> int:
+    """Return which value stands for all: of several, such as a tilt's, the largest."""
+    if not isinstance(member, Candidate):
+        return 0
+    first = max(len(values) - len(member.effect.free), 1)
+    return int(np.abs(values[:first]).argmax())
+
+
+def _extra(member: Member, values: np.ndarray) -> dict[str, object]:
+    """Return the further scalars and options of a member."""
+    if not isinstance(member, Candidate):
+        return {"values": [float(v) for v in values]} if len(values) > 1 else {}
+    effect = member.effect
+    found: dict[str, object] = {**effect.extra, **effect.options()}
+    if effect.place == "body":
+        found["body"] = effect.where
+    own = [e.name for e in effect.extras if e.name in effect.free]
+    first = len(values) - len(own)
+    found |= dict(zip(own, map(float, values[first:]), strict=True))
+    if first > 1:
+        found["values"] = [float(v) for v in values[:first]]
+    return found
+
+
+def _values(fit: Fit, places: Sequence[int]) -> Values:
+    """Return some members of a fit, all of the robot, as what programs take."""
+    columns = [np.arange(FOLDS * 0), *(np.r_[fit.hypothesis.columns[place]] for place in places)]
+    members = [fit.hypothesis.members[place] for place in places]
+    kept = tuple(m for m in members if isinstance(m, Candidate))
+    return Values(kept, fit.values[:, np.concatenate(columns).astype(int)], np.zeros(FOLDS))
+
+
+def _explanations(
+    own: Values, best: Fit, alike: Sequence[Sequence[tuple[Member, Fit]]]
+) -> tuple[tuple[str, Values], ...]:
+    """Return the explanations that these logs cannot tell apart; none where there is one alone."""
+    others = {}
+    for crowd in alike:
+        for _, fit in crowd:
+            if all(kind_of(m) == "robot" for m in fit.hypothesis.members):
+                others[fit.label] = _values(fit, range(len(fit.hypothesis.members)))
+    return ((best.label, own), *others.items()) if others else ()
+
+
+def _singles(judgement: Judgement, search: Search) -> tuple[SingleFit, ...]:
+    """Return the hypotheses of one member that were fitted to the end, the best first."""
+    rows = []
+    for fit in sorted([judgement.best, *judgement.rivals], key=lambda fit: -fit.total):
+        if len(fit.hypothesis.members) == 1:
+            (member,) = fit.hypothesis.members
+            error = full_errors(judgement, fit)
+            closed, ci = search.blocks.closed(search.base, error, search.floor)
+            value = float(fit.mean[0]) if len(fit.mean) else 1.0
+            side = member.effect.side if isinstance(member, Candidate) else None
+            unit = member.effect.unit if isinstance(member, Candidate) else member.unit
+            about = (_name(member), _where(member), side, value, unit)
+            rows.append(SingleFit(*about, min(closed, 1.0), ci))
+    return tuple(rows)
+
+
+__all__ = ["Hypothesis", "conclusion_of"]
