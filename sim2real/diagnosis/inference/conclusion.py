@@ -19,6 +19,7 @@ from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, kind_of
 from sim2real.diagnosis.inference.intervals import intervals
 from sim2real.diagnosis.inference.judge import Judgement
+from sim2real.diagnosis.inference.log_changes import LogChange
 from sim2real.diagnosis.inference.remainder import described
 from sim2real.diagnosis.inference.score import FOLDS
 from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained
@@ -156,7 +157,7 @@ def _cause(
     equal = tuple(e for e in equal if (e.effect, e.where) != (_name(member), _where(member)))
     extra = _extra(member, values)
     most = _largest(member, values)
-    value = float(values[most]) if len(values) else 1.0
+    value = member.first(values) if isinstance(member, LogChange) else float(values[most])
     return Cause(
         _name(member),
         _where(member),
@@ -170,7 +171,8 @@ def _cause(
         equivalent=equal[: judgement.judge.data.settings.causes.equivalents_max - 1],
         shared=isinstance(member, Candidate) and member.shared,
         kind=kind_of(member),
-        remedy=None if isinstance(member, Candidate) else member.remedy.format(*values),
+        seconds=member.seconds if isinstance(member, LogChange) else None,
+        remedy=member.remedy.format(*values) if isinstance(member, LogChange) else None,
     )
 
 
@@ -193,7 +195,9 @@ def _largest(member: Member, values: np.ndarray) -> int:
 def _extra(member: Member, values: np.ndarray) -> dict[str, object]:
     """Return the further scalars and options of a member."""
     if not isinstance(member, Candidate):
-        return {"values": [float(v) for v in values]} if len(values) > 1 else {}
+        found: dict[str, object] = {"columns": list(member.columns)}
+        found |= {"other": member.other} if member.other else {}
+        return found | ({"values": [float(v) for v in values]} if len(values) > 1 else {})
     effect = member.effect
     found: dict[str, object] = {**effect.extra, **effect.options()}
     if effect.place == "body":
@@ -234,7 +238,8 @@ def _singles(judgement: Judgement, search: Search) -> tuple[SingleFit, ...]:
             (member,) = fit.hypothesis.members
             error = full_errors(judgement, fit)
             closed, ci = search.blocks.closed(search.base, error, search.floor)
-            value = float(fit.mean[0]) if len(fit.mean) else 1.0
+            change = isinstance(member, LogChange)
+            value = member.first(fit.mean) if change else float(fit.mean[0])
             side = member.effect.side if isinstance(member, Candidate) else None
             unit = member.effect.unit if isinstance(member, Candidate) else member.unit
             about = (_name(member), _where(member), side, value, unit)

@@ -3,34 +3,50 @@
     for change in log_changes(data):
         change.label, change.probes, change.mended(log, values)
 
-A change says what the log's columns would be without the mistake. It has values, within bounds, or
-none: a column is reversed or it is not. Readings are never interpolated: one that was taken at
-another time goes to the row of that time, and its stamp says by how much it is still off; what was
-read before an episode's first row is continued from its first two.
+Values say what the log has:
+
+| effect | value | the log has |
+|---|---|---|
+| `row_shift` | rows | in row i what belongs into row i - value; readings by parts of a row, too |
+| `reversal` | -1 | the negative |
+| `scale` | factor | the true value times it; of all commands also less a default pose |
+| `offset` | rad or m | the true value plus it |
+| `turn` | turns | the true value plus 2 pi of each, from `seconds` on |
+| `unit` | 180/pi | degrees in place of radians |
+| `clock` | factor | the true time times it |
+| `swap` | 1 | two joints' columns exchanged |
+| `column_map` | factor | the true value plus so much of another joint's |
+| `increments` | 1 | by how much to move on |
+
+Readings are never interpolated: one that was taken at another time goes to the row of that time,
+and its stamp says by how much it is still off; what was read before an episode's first row is
+continued from its first two.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations, permutations
 
 import mujoco
 import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.evidence import Pair
 
 TURN = 2 * math.pi
-DEGREE = math.pi / 180
-ROWS = 3  # rows by which commands are shifted at most
-LATE = 6.0  # rows by which readings are late or early at most
-LATES = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # rows that are looked at first
-SCALES = (0.25, 0.5, 2.0, 4.0)  # factors that are looked at first
-RATES = (0.5, 0.8, 1.25, 2.0)
-SHIFT = 0.1  # rad or m: an offset that is looked at first
+DEGREES = 180 / math.pi
+ROWS = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)  # rows of a shift that are looked at first
+FEWER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # the same of readings
+MOST = 6.0  # rows of a shift at most
+SCALES = (0.25, 0.5, 2.0, 4.0)
+RATES = (0.7, 0.85, 1.2, 1.5)
+SHIFTS = (-0.4, -0.1, 0.1, 0.4)  # rad or m
 FARTHEST, LARGEST = 7.0, 20.0  # bounds: of an offset [rad or m], of a factor
+COMMAND, READING, SPEED = "ctrl", "qpos", "qvel"
 
 Columns = Mapping[str, np.ndarray]
 Mend = Callable[[Log, np.ndarray], Columns]
@@ -41,71 +57,90 @@ class LogChange:
     """A mistake that a log may have.
 
     Args:
-        effect: its name, such as `rows_shifted`.
-        where: the column, or the joint where it is in all of its columns; None: the whole log.
+        effect: its name; see the table.
+        columns: the kinds of columns that have it: `ctrl`, `qpos`, both, or `time`.
+        where: the joint whose columns they are; None: those of all joints.
         mend: returns the columns that would be others without it, from a log and values (P,).
         remedy: what to do, with `{0}` for the first value.
         probes: values to look at first, (K, P); (1, 0) where it has none.
         neutral: values at which nothing is wrong, (P,).
         low: smallest values, (P,).
         high: largest values, (P,).
+        value: what is told as its value where it has none to fit.
+        other: the second joint, if there is one.
         unit: of the first value.
         whole: whether values are whole numbers.
-        read: the joints whose readings it scales.
-        factor: that factor, where it is no value.
+        read: the joints whose readings it scales by its value.
+        seconds: when it acts, of an episode; None: throughout.
     """
 
     effect: str
+    columns: tuple[str, ...]
     where: str | None
     mend: Mend = field(compare=False)
     remedy: str = field(compare=False)
-    probes: np.ndarray = field(compare=False)
-    neutral: np.ndarray = field(compare=False)
-    low: np.ndarray = field(compare=False)
-    high: np.ndarray = field(compare=False)
+    probes: np.ndarray = field(default_factory=lambda: np.zeros((1, 0)), compare=False)
+    neutral: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
+    low: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
+    high: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
+    value: float = 1.0
+    other: str | None = None
     unit: str = ""
     whole: bool = False
     read: tuple[str, ...] = ()
-    factor: float | None = None
+    seconds: Pair | None = None
 
     @property
     def label(self) -> str:
         """What tells it apart."""
-        return ".".join(["log", self.effect, *([self.where] if self.where else [])])
+        variant = "posed" if len(self.neutral) > 1 else "jump" if self.seconds else None
+        places = [self.where, self.other, variant]
+        return ".".join(["log", self.effect, *self.columns, *(p for p in places if p)])
 
     def mended(self, log: Log, values: np.ndarray) -> Log:
         """Return a log without the mistake."""
         return Log({**log.columns, **self.mend(log, values)}, log.meta, log.path)
 
+    def first(self, values: np.ndarray) -> float:
+        """Return the value that is told."""
+        return float(values[0]) if len(values) else self.value
+
     def log_scale(self, values: np.ndarray) -> Mapping[str, float]:
         """Return log |d mended reading / d reading| of the joints whose readings it scales.
 
-        Densities of other readings are compared: shrinking them all would make any model right.
+        Densities of readings as logged are compared: else shrinking them would make any model
+        right.
         """
-        factor = self.factor if self.factor is not None else float(values[0]) if self.read else 1.0
-        return dict.fromkeys(self.read, math.log(abs(factor)))
+        return dict.fromkeys(self.read, -math.log(abs(self.first(values))))
 
 
 def log_changes(data: Data) -> list[LogChange]:
     """Return the mistakes that the logs of this robot may have."""
-    log, model = data.logs[0], data.models[0]
-    joints = [joint.name for joint in data.joints if f"qpos.{joint.name}" in log.columns]
-    commands = _commands(model, log)
-    every = [f"ctrl.{name}" for name in log.actuators]
-    step = float(np.median(np.diff(log.time)))
-    found = [*_clocks(joints, every, step), *_units(joints, every), _increments(every)]
-    found += [_mapped("ctrl", every)] if len(every) > 1 else []
-    for joint in joints:
-        found += _of_joint(data.logs, joint, commands.get(joint))
-    for one, other in itertools.combinations(joints, 2):
-        found += _of_pair(one, other, commands)
+    log = data.logs[0]
+    joints = [joint.name for joint in data.joints if f"{READING}.{joint.name}" in log.columns]
+    commands = _commands(data.models[0], log)
+    found = [_clock(), _posed(log.actuators), _increments(log.actuators)]
+    for joint in [None, *joints] if len(joints) > 1 else joints:
+        own = joints if joint is None else [joint]
+        named = {
+            COMMAND: [commands[j] for j in own if j in commands],
+            READING: [f"{READING}.{j}" for j in own],
+            SPEED: [f"{SPEED}.{j}" for j in own if f"{SPEED}.{j}" in log.columns],
+        }
+        found += _of_place(joint, own, named)
+        if joint is not None:
+            found += _of_joint(data.logs, joint, named)
+    for one, other in combinations(joints, 2):
+        found += _swaps(one, other, commands)
+    for joint, base in permutations(joints, 2):
+        found += _maps(joint, base, commands)
     return found
 
 
 def _commands(model: mujoco.MjModel, log: Log) -> dict[str, str]:
     """Return the command column of each joint that an actuator drives."""
     return {
-        model.joint(int(model.actuator_trnid[i, 0])).name: f"ctrl.{model.actuator(i).name}"
+        model.joint(int(model.actuator_trnid[i, 0])).name: f"{COMMAND}.{model.actuator(i).name}"
         for i in range(model.nu)
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
         and model.actuator(i).name in log.actuators
@@ -114,135 +149,50 @@ def _commands(model: mujoco.MjModel, log: Log) -> dict[str, str]:
 
 def _single(
     effect: str,
+    columns: tuple[str, ...],
     where: str | None,
     mend: Mend,
     remedy: str,
     probes: Sequence[float],
-    bounds: tuple[float, float],
-    neutral: float = 0.0,
-    unit: str = "",
-    whole: bool = False,
-    read: Sequence[str] = (),
+    bounds: tuple[float, float, float],
+    **more: object,
 ) -> LogChange:
-    """Return a change of one value."""
+    """Return a change of one value; `bounds` are neutral, smallest and largest."""
+    ends = (np.array([value]) for value in bounds)
     points = np.array(probes, float)[:, None]
-    absent, low, high = (np.array([value]) for value in (neutral, *bounds))
-    own = (points, absent, low, high, unit, whole, tuple(read))
-    return LogChange(effect, where, mend, remedy, *own)
+    return LogChange(effect, columns, where, mend, remedy, points, *ends, **more)  # type: ignore[arg-type]
 
 
-def _plain(
-    effect: str,
-    where: str | None,
-    mend: Callable[[Log], Columns],
-    remedy: str,
-    read: Sequence[str] = (),
-    factor: float | None = None,
-) -> LogChange:
-    """Return a change without values."""
-    none = np.zeros(0)
-    read, probes = tuple(read) if factor is not None else (), np.zeros((1, 0))
-    return LogChange(
-        effect,
-        where,
-        lambda log, values: mend(log),
-        remedy,
-        probes,
-        none,
-        none,
-        none,
-        read=read,
-        factor=factor,
-    )
-
-
-def _clocks(joints: Sequence[str], commands: Sequence[str], step: float) -> Iterator[LogChange]:
-    """Yield what may be wrong with rows and times."""
-    yield _single(
-        "rows_shifted",
-        "ctrl",
-        lambda log, v: {c: _held(log, log.columns[c], round(float(v[0]))) for c in commands},
-        "move the columns ctrl.* up by {0:g} rows within each episode",
-        [rows for rows in range(-ROWS, ROWS + 1) if rows],
-        (-ROWS, ROWS),
-        unit="rows",
-        whole=True,
-    )
-    places: dict[str, Sequence[str]] = {"qpos": joints}
-    places |= {joint: [joint] for joint in joints} if len(joints) > 1 else {}
-    for where, own in places.items():
-        yield _single(
-            "readings_late",
-            where,
-            lambda log, v, own=own: _earlier(log, own, float(v[0])),
-            "take {0:.4g} s off the stamps of these readings",
-            [late * step for late in LATES],
-            (-LATE * step, LATE * step),
-            unit="s",
-        )
-    yield _single(
-        "clock_rate",
-        None,
-        _faster,
-        "multiply time by {0:.4g}",
-        RATES,
-        (1 / LARGEST, LARGEST),
-        neutral=1.0,
-    )
-
-
-def _faster(log: Log, values: np.ndarray) -> Columns:
-    """Return the columns of a log whose clock counts in other units."""
-    times = [n for n in log.columns if n == "time" or n.startswith("stamp.")]
-    speeds = [n for n in log.columns if n.startswith("qvel.")]
-    rate = float(values[0])
-    found = {name: log.columns[name] * rate for name in times}
-    return found | {name: log.columns[name] / rate for name in speeds}
-
-
-def _units(joints: Sequence[str], commands: Sequence[str]) -> Iterator[LogChange]:
-    """Yield angles in degrees: the commands, the readings, both."""
-    readings = [f"{kind}.{joint}" for joint in joints for kind in ("qpos", "qvel")]
-    for where, own in (("ctrl", commands), ("qpos", readings), (None, [*commands, *readings])):
-        read = () if where == "ctrl" else joints
-        yield _plain(
-            "degrees",
-            where,
-            lambda log, own=own: {n: DEGREE * log.columns[n] for n in _there(log, own)},
-            "multiply by pi / 180",
-            read,
-            DEGREE,
-        )
-
-
-def _increments(commands: Sequence[str]) -> LogChange:
-    """Return commands that say by how much to move on."""
-
-    def mend(log: Log) -> Columns:
-        found = {name: np.empty(len(log)) for name in commands}
-        for own in _episodes(log):
-            for name in commands:
-                found[name][own] = np.cumsum(log.columns[name][own])
-        return found
-
-    return _plain("increments", "ctrl", mend, "sum them up from the first position on")
-
-
-def _mapped(where: str, commands: Sequence[str]) -> LogChange:
-    """Return commands that are off by one factor, and by an offset each."""
+def _clock() -> LogChange:
+    """Return a clock that counts in another unit."""
 
     def mend(log: Log, values: np.ndarray) -> Columns:
-        pairs = zip(commands, values[1:], strict=True)
-        return {name: values[0] * log.columns[name] + offset for name, offset in pairs}
+        times = [n for n in log.columns if n == "time" or n.startswith("stamp.")]
+        speeds = [n for n in log.columns if n.startswith(f"{SPEED}.")]
+        found = {name: log.columns[name] / values[0] for name in times}
+        return found | {name: log.columns[name] * values[0] for name in speeds}
 
-    def row(factor: float, offset: float) -> np.ndarray:
-        return np.array([factor, *np.full(len(commands), offset)])
+    bounds = (1.0, 1 / LARGEST, LARGEST)
+    return _single("clock", ("time",), None, mend, "divide time by {0:.4g}", RATES, bounds)
+
+
+def _posed(actuators: Sequence[str]) -> LogChange:
+    """Return commands that are a policy's outputs: scaled, and less a default pose."""
+    names = [f"{COMMAND}.{name}" for name in actuators]
+
+    def mend(log: Log, values: np.ndarray) -> Columns:
+        pairs = zip(names, values[1:], strict=True)
+        return {name: log.columns[name] / values[0] + pose for name, pose in pairs}
+
+    def row(factor: float, pose: float) -> np.ndarray:
+        return np.array([factor, *np.full(len(names), pose)])
 
     return LogChange(
-        "mapped",
-        where,
+        "scale",
+        (COMMAND,),
+        None,
         mend,
-        "multiply by {0:.4g} and add the default pose",
+        "divide the commands by {0:.4g} and add the default pose",
         np.stack([row(scale, 0.0) for scale in SCALES]),
         row(1.0, 0.0),
         row(1 / LARGEST, -FARTHEST),
@@ -250,80 +200,153 @@ def _mapped(where: str, commands: Sequence[str]) -> LogChange:
     )
 
 
-def _of_joint(logs: Sequence[Log], joint: str, command: str | None) -> Iterator[LogChange]:
-    """Yield what may be wrong with the columns of one joint: its readings, its command, both."""
-    reading = [f"qpos.{joint}", f"qvel.{joint}"]
-    places = {f"qpos.{joint}": reading}
-    if command is not None:
-        places |= {command: [command], joint: [*reading, command]}
-        yield _mapped(command, [command])
-    for where, own in places.items():
-        read = () if where == command else (joint,)
-        angles = [name for name in own if not name.startswith("qvel.")]
-        yield _plain(
-            "reversed",
-            where,
-            lambda log, own=own: {n: -log.columns[n] for n in _there(log, own)},
-            "multiply by -1",
-        )
+def _increments(actuators: Sequence[str]) -> LogChange:
+    """Return commands that say by how much to move on."""
+    names = [f"{COMMAND}.{name}" for name in actuators]
+
+    def mend(log: Log, values: np.ndarray) -> Columns:
+        return {name: _by_episode(log, log.columns[name], np.cumsum) for name in names}
+
+    return LogChange("increments", (COMMAND,), None, mend, "sum them up from the first pose on")
+
+
+def _of_place(
+    where: str | None, joints: Sequence[str], named: Mapping[str, Sequence[str]]
+) -> Iterator[LogChange]:
+    """Yield shifts, scales and units of one joint's columns, or of all joints'."""
+    yield _single(
+        "row_shift",
+        (COMMAND,),
+        where,
+        lambda log, v: {n: _held(log, log.columns[n], round(float(v[0]))) for n in named[COMMAND]},
+        "move these commands up by {0:g} rows within each episode",
+        ROWS,
+        (0.0, -MOST, MOST),
+        unit="rows",
+        whole=True,
+    )
+    yield _single(
+        "row_shift",
+        (READING,),
+        where,
+        lambda log, v: _earlier(log, joints, float(v[0])),
+        "move these readings up by {0:.3g} rows within each episode",
+        FEWER,
+        (0.0, -MOST, MOST),
+        unit="rows",
+    )
+    for columns in ((COMMAND,), (READING,), (COMMAND, READING)):
+        own = [name for kind in columns for name in _with_speed(kind, named)]
+        read = tuple(joints) if READING in columns else ()
         yield _single(
-            "scaled",
+            "scale",
+            columns,
             where,
-            lambda log, v, own=own: {n: v[0] * log.columns[n] for n in _there(log, own)},
-            "multiply by {0:.4g}",
+            lambda log, v, own=own: {n: log.columns[n] / v[0] for n in own},
+            "divide by {0:.4g}",
             SCALES,
-            (1 / LARGEST, LARGEST),
-            neutral=1.0,
+            (1.0, 1 / LARGEST, LARGEST),
             read=read,
+        )
+        yield LogChange(
+            "unit",
+            columns,
+            where,
+            lambda log, v, own=own: {n: log.columns[n] / DEGREES for n in own},
+            "multiply by pi / 180",
+            value=DEGREES,
+            read=read,
+        )
+
+
+def _with_speed(kind: str, named: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the columns of a kind; a wrong reading's speed is wrong with it."""
+    return [*named[kind], *(named[SPEED] if kind == READING else ())]
+
+
+def _of_joint(
+    logs: Sequence[Log], joint: str, named: Mapping[str, Sequence[str]]
+) -> Iterator[LogChange]:
+    """Yield signs, offsets and turns of one joint's columns."""
+    for columns in ((COMMAND,), (READING,), (COMMAND, READING)):
+        own = [name for kind in columns for name in _with_speed(kind, named)]
+        places = [name for kind in columns for name in named[kind]]
+        yield LogChange(
+            "reversal",
+            columns,
+            joint,
+            lambda log, v, own=own: {n: -log.columns[n] for n in own},
+            "multiply by -1",
+            value=-1.0,
         )
         yield _single(
             "offset",
-            where,
-            lambda log, v, own=angles: {n: log.columns[n] + v[0] for n in own},
-            "add {0:.4g}",
-            (-SHIFT, SHIFT, -TURN, TURN),
-            (-FARTHEST, FARTHEST),
+            columns,
+            joint,
+            lambda log, v, own=places: {n: log.columns[n] - v[0] for n in own},
+            "subtract {0:.4g}",
+            SHIFTS,
+            (0.0, -FARTHEST, FARTHEST),
             unit="rad",
         )
-        if any(_jumps(log, angles[0]) for log in logs):
-            yield _plain(
-                "turns",
-                where,
-                lambda log, own=angles: {n: _unwrapped(log, n) for n in own},
+        yield _single(
+            "turn",
+            columns,
+            joint,
+            lambda log, v, own=places: {n: log.columns[n] - TURN * round(v[0]) for n in own},
+            "subtract {0:g} turns",
+            (-1.0, 1.0),
+            (0.0, -1.0, 1.0),
+            unit="turns",
+            whole=True,
+        )
+        jump = next((j for log in logs for name in places[:1] if (j := _jump(log, name))), None)
+        if jump is not None:
+            yield LogChange(
+                "turn",
+                columns,
+                joint,
+                lambda log, v, own=places: {n: _unwrapped(log, log.columns[n]) for n in own},
                 "unwrap: it jumps by whole turns",
+                value=jump[0],
+                unit="turns",
+                seconds=jump[1:],
             )
 
 
-def _of_pair(one: str, other: str, commands: Mapping[str, str]) -> Iterator[LogChange]:
-    """Yield what may be wrong with the columns of two joints."""
-    pairs = [(f"qpos.{one}", f"qpos.{other}")]
-    both = one in commands and other in commands
-    pairs += [(commands[one], commands[other])] if both else []
-    for a, b in pairs:
-        yield _plain(
-            "swapped",
-            f"{a}/{b}",
-            lambda log, a=a, b=b: {a: log.columns[b], b: log.columns[a]},
+def _swaps(one: str, other: str, commands: Mapping[str, str]) -> Iterator[LogChange]:
+    """Yield the columns of two joints exchanged."""
+    pairs = {READING: (f"{READING}.{one}", f"{READING}.{other}")}
+    if one in commands and other in commands:
+        pairs[COMMAND] = (commands[one], commands[other])
+    for kind, (a, b) in pairs.items():
+        yield LogChange(
+            "swap",
+            (kind,),
+            one,
+            lambda log, v, a=a, b=b: {a: log.columns[b], b: log.columns[a]},
             f"exchange {a} and {b}",
+            other=other,
         )
-    for joint, base in ((one, other), (other, one)):
-        ahead = {f"qpos.{joint}": f"qpos.{base}"}
-        ahead |= {commands[joint]: commands[base]} if both else {}
+
+
+def _maps(joint: str, base: str, commands: Mapping[str, str]) -> Iterator[LogChange]:
+    """Yield a joint's columns with so much of another's in them, all of it from the ground."""
+    reading = {f"{READING}.{joint}": f"{READING}.{base}"}
+    both = {commands[joint]: commands[base]} if {joint, base} <= set(commands) else {}
+    for columns, pairs in (((READING,), reading), ((COMMAND, READING), reading | both)):
         yield _single(
-            "mixed",
-            f"{joint}/{base}",
-            lambda log, v, ahead=ahead: {
-                n: log.columns[n] + v[0] * log.columns[m] for n, m in ahead.items()
+            "column_map",
+            columns,
+            joint,
+            lambda log, v, pairs=pairs: {
+                n: log.columns[n] - v[0] * log.columns[m] for n, m in pairs.items()
             },
-            f"add {{0:.3g}} times {base}'s angle to {joint}'s",
+            f"subtract {{0:.3g}} times {base}'s",
             (-1.0, 1.0),
-            (-FARTHEST, FARTHEST),
+            (0.0, -FARTHEST, FARTHEST),
+            other=base,
         )
-
-
-def _there(log: Log, names: Sequence[str]) -> list[str]:
-    """Return which of some columns a log has."""
-    return [name for name in names if name in log.columns]
 
 
 def _episodes(log: Log) -> list[np.ndarray]:
@@ -331,15 +354,11 @@ def _episodes(log: Log) -> list[np.ndarray]:
     return np.split(np.arange(len(log)), np.flatnonzero(np.diff(log.episode)) + 1)
 
 
-def _moved(log: Log, column: np.ndarray, later: int) -> np.ndarray:
-    """Return a column as it is so many rows later; at an episode's ends it goes on straight."""
-    found = np.empty(len(log))
-    for own in _episodes(log):
-        ends = np.clip(own + later, own[0], own[-1])
-        slopes = np.diff(column[own])[[0, -1]]
-        beyond = own + later - ends
-        found[own] = column[ends] + beyond * np.where(beyond < 0, *slopes)
-    return found
+def _by_episode(
+    log: Log, column: np.ndarray, change: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """Return a column that is changed in each episode by itself."""
+    return np.concatenate([change(column[own]) for own in _episodes(log)])
 
 
 def _held(log: Log, column: np.ndarray, later: int) -> np.ndarray:
@@ -348,22 +367,41 @@ def _held(log: Log, column: np.ndarray, later: int) -> np.ndarray:
     return column[np.concatenate(rows)]
 
 
-def _earlier(log: Log, joints: Sequence[str], late: float) -> Columns:
-    """Return readings that were taken so many seconds before their stamps at the rows of then."""
-    rows = round(late / float(np.median(np.diff(log.time))))
-    found = {}
-    for joint in joints:
-        for name in _there(log, [f"qpos.{joint}", f"qvel.{joint}"]):
-            found[name] = _moved(log, log.columns[name], rows)
-        stamps = log.columns.get(f"stamp.{joint}", log.time)
-        found[f"stamp.{joint}"] = _moved(log, stamps, rows) - late
+def _moved(log: Log, column: np.ndarray, later: int) -> np.ndarray:
+    """Return a column as it is so many rows later; at an episode's ends it goes on straight."""
+    found = np.empty(len(log))
+    for own in _episodes(log):
+        ends = np.clip(own + later, own[0], own[-1])
+        first, last = np.diff(column[own])[[0, -1]]
+        beyond = own + later - ends
+        found[own] = column[ends] + beyond * np.where(beyond < 0, first, last)
     return found
 
 
-def _jumps(log: Log, name: str) -> bool:
-    """Return whether a column moves by more than half a turn between two rows of an episode."""
-    return any(np.abs(np.diff(log.column(name)[own])).max() > TURN / 2 for own in _episodes(log))
+def _earlier(log: Log, joints: Sequence[str], late: float) -> Columns:
+    """Return readings that were taken so many rows before their stamps at the rows of then."""
+    rows, seconds = round(late), late * float(np.median(np.diff(log.time)))
+    found = {}
+    for joint in joints:
+        for name in (f"{READING}.{joint}", f"{SPEED}.{joint}"):
+            if name in log.columns:
+                found[name] = _moved(log, log.columns[name], rows)
+        stamps = log.columns.get(f"stamp.{joint}", log.time)
+        found[f"stamp.{joint}"] = _moved(log, stamps, rows) - seconds
+    return found
 
 
-def _unwrapped(log: Log, name: str) -> np.ndarray:
-    return np.concatenate([np.unwrap(log.columns[name][own]) for own in _episodes(log)])
+def _unwrapped(log: Log, column: np.ndarray) -> np.ndarray:
+    return _by_episode(log, column, np.unwrap)
+
+
+def _jump(log: Log, name: str) -> tuple[float, float, float] | None:
+    """Return the first whole turns by which a column jumps, since when and until when [s]."""
+    turns = np.round((log.columns[name] - _unwrapped(log, log.columns[name])) / TURN)
+    rows = np.flatnonzero(turns)
+    if not len(rows):
+        return None
+    last = rows[0] + int(
+        np.argmin(np.append(log.episode[rows[0] :] == log.episode[rows[0]], False))
+    )
+    return float(turns[rows[0]]), float(log.time[rows[0]]), float(log.time[last - 1])

@@ -94,7 +94,7 @@ def test_mending_a_reversed_log_gives_the_errors_of_the_right_one(
     log = case.data.logs[0]
     turned = {name: -log.columns[name] for name in ("qpos.b", "ctrl.b")}
     wrong = case_of(Log({**log.columns, **turned}), tmp_path_factory)
-    change = next(c for c in log_changes(wrong.data) if c.label == "log.reversed.b")
+    change = next(c for c in log_changes(wrong.data) if c.label == "log.reversal.ctrl.qpos.b")
     every = case.replayer.every
     rows = (slice(None), 0)  # windows may be cut at other rows: the first episode's start is not
     job = Job(Hypothesis((change,)), np.zeros((len(every), 0)), every)

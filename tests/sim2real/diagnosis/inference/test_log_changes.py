@@ -44,10 +44,14 @@ def test_labels_are_unique_and_probes_lie_within_bounds(changes: dict[str, LogCh
 @pytest.mark.parametrize(
     ("label", "values", "mistake"),
     [
-        ("log.reversed.b", [], {"qpos.b": -1.0, "ctrl.b": -1.0}),
-        ("log.reversed.qpos.b", [], {"qpos.b": -1.0}),
-        ("log.scaled.ctrl.a", [0.25], {"ctrl.a": 4.0}),
-        ("log.degrees", [], dict.fromkeys(["qpos.a", "qpos.b", "ctrl.a", "ctrl.b"], 180 / np.pi)),
+        ("log.reversal.ctrl.qpos.b", [], {"qpos.b": -1.0, "ctrl.b": -1.0}),
+        ("log.reversal.qpos.b", [], {"qpos.b": -1.0}),
+        ("log.scale.ctrl.a", [0.25], {"ctrl.a": 0.25}),
+        (
+            "log.unit.ctrl.qpos",
+            [],
+            dict.fromkeys(["qpos.a", "qpos.b", "ctrl.a", "ctrl.b"], 180 / np.pi),
+        ),
     ],
 )
 def test_a_factor_is_undone(
@@ -71,7 +75,7 @@ def test_rows_move_within_their_episode(log: Log, changes: dict[str, LogChange])
         own = np.flatnonzero(log.episode == number)
         late[own[1:]] = log.columns["ctrl.a"][own[:-1]]
         late[own[0]] = log.columns["ctrl.a"][own[0]]
-    mended = changes["log.rows_shifted.ctrl"].mended(broken(log, ctrl_a=late), np.array([1.0]))
+    mended = changes["log.row_shift.ctrl"].mended(broken(log, ctrl_a=late), np.array([1.0]))
     found = mended.columns["ctrl.a"]
     inside = np.append(np.diff(log.episode) == 0, False)
     np.testing.assert_array_equal(found[inside], log.columns["ctrl.a"][inside])
@@ -81,7 +85,7 @@ def test_late_readings_keep_their_values_and_get_their_own_stamps(
     log: Log, changes: dict[str, LogChange]
 ) -> None:
     """25 ms late at 20 ms a row: each goes one row back and was read 5 ms before that row."""
-    mended = changes["log.readings_late.qpos"].mended(log, np.array([0.025]))
+    mended = changes["log.row_shift.qpos"].mended(log, np.array([1.25]))
     inside = np.append(np.diff(log.episode) == 0, False)
     np.testing.assert_array_equal(
         mended.columns["qpos.b"][inside], np.roll(log.columns["qpos.b"], -1)[inside]
@@ -95,18 +99,20 @@ def test_a_turn_that_jumps_is_unwrapped(log: Log, tmp_path: Path) -> None:
     turned = log.columns["qpos.b"] + 2 * np.pi * (log.time > 1.5)
     wrong = broken(log, qpos_b=turned)
     changes = {c.label: c for c in log_changes(arm.data_of(wrong, tmp_path))}
-    mended = changes["log.turns.qpos.b"].mended(wrong, np.zeros(0))
+    mended = changes["log.turn.qpos.b.jump"].mended(wrong, np.zeros(0))
     np.testing.assert_allclose(mended.columns["qpos.b"], log.columns["qpos.b"], atol=1e-12)
-    assert "log.turns.qpos.a" not in changes
+    assert changes["log.turn.qpos.b.jump"].value == 1.0
+    assert changes["log.turn.qpos.b.jump"].seconds == (pytest.approx(1.52), log.time[-1])
+    assert "log.turn.qpos.a.jump" not in changes
 
 
 def test_increments_and_maps_of_commands(log: Log, changes: dict[str, LogChange]) -> None:
     """Policy outputs: scaled and without the default pose; or steps from command to command."""
     pose = np.array([0.3, -0.2])
     commands = np.column_stack([log.columns["ctrl.a"], log.columns["ctrl.b"]])
-    small = (commands - pose) / 0.25
+    small = 0.25 * (commands - pose)
     wrong = broken(log, ctrl_a=small[:, 0], ctrl_b=small[:, 1])
-    mended = changes["log.mapped.ctrl"].mended(wrong, np.array([0.25, *pose]))
+    mended = changes["log.scale.ctrl.posed"].mended(wrong, np.array([0.25, *pose]))
     np.testing.assert_allclose(mended.columns["ctrl.b"], commands[:, 1], atol=1e-12)
     steps = np.concatenate(
         [np.diff(part.columns["ctrl.a"], prepend=0.0) for part in log.episodes()]
@@ -122,14 +128,16 @@ def test_an_angle_from_the_ground_is_a_sum(log: Log, changes: dict[str, LogChang
         qpos_b=log.columns["qpos.b"] + log.columns["qpos.a"],
         ctrl_b=log.columns["ctrl.b"] + log.columns["ctrl.a"],
     )
-    mended = changes["log.mixed.b/a"].mended(wrong, np.array([-1.0]))
+    mended = changes["log.column_map.ctrl.qpos.b.a"].mended(wrong, np.array([1.0]))
     np.testing.assert_allclose(mended.columns["qpos.b"], log.columns["qpos.b"], atol=1e-12)
     np.testing.assert_allclose(mended.columns["ctrl.b"], log.columns["ctrl.b"], atol=1e-12)
 
 
 def test_a_scale_of_readings_costs_its_jacobian(changes: dict[str, LogChange]) -> None:
     """Shrinking readings to nothing wins nothing: densities are those of the readings as logged."""
-    assert changes["log.scaled.b"].log_scale(np.array([0.5])) == {"b": pytest.approx(np.log(0.5))}
-    assert changes["log.scaled.ctrl.b"].log_scale(np.array([0.5])) == {}
-    degrees = changes["log.degrees"].log_scale(np.zeros(0))
+    assert changes["log.scale.qpos.b"].log_scale(np.array([2.0])) == {
+        "b": pytest.approx(-np.log(2))
+    }
+    assert changes["log.scale.ctrl.b"].log_scale(np.array([2.0])) == {}
+    degrees = changes["log.unit.ctrl.qpos"].log_scale(np.zeros(0))
     assert degrees == dict.fromkeys("ab", pytest.approx(np.log(np.pi / 180)))
