@@ -92,7 +92,8 @@ class Judge:
         say: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.data, self.say, self.settings = data, say, data.settings.inference
-        self.replayer = Replayer(data, fixed, work)
+        self._rest = tuple(fixed), work
+        self.replayer = Replayer(data, *self._rest)
         self.fold = folds_of(data.windows)
         self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)
         self.readings = self.replayer.readings
@@ -169,20 +170,53 @@ class Judge:
         self.fitter = Fitter(replayer, likelihood, self.fold)
         (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
         paths = (replayer.holding(), replayer.coasting())
+        self.glance = self._glanced(base.error, local, common)
         self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
+
+    def _glanced(self, given: np.ndarray, local: np.ndarray, common: np.ndarray) -> Fitter:
+        """Return what proposals are screened with: every other window, in longer time steps.
+
+        What longer steps change of the model as given is taken off all errors.
+
+        Args:
+            given: errors of the model as given, (W, N, M).
+            local: see `Likelihood`.
+            common: see `Likelihood`.
+        """
+        chosen = np.sort(np.concatenate([own[::2] for own in self.fitter.sides]))
+        some = self.data.only(chosen)
+        longer = some.stepping(self.data.settings.screening.coarse_s)
+        replayer = Replayer(some if longer is None else longer, *self._rest)
+        replayer.look_at(self.replayer, chosen)
+        none = np.zeros((len(chosen), 0))
+        if longer is not None:
+            (coarse,) = replayer.replay([Job(NONE, none, replayer.every)])
+            replayer.offset = given[chosen] - coarse.error
+        likelihood = Likelihood(
+            replayer.times,
+            replayer.used,
+            replayer.noise,
+            local[chosen],
+            common[chosen],
+            self.settings,
+        )
+        return Fitter(replayer, likelihood, self.fold[chosen])
 
     def _refined(self, starts: Sequence[Start], tried: dict[str, Fit]) -> list[Start]:
         """Fit the starts that screen best into what was tried; return all changes by their rank."""
         fresh = [start for start in starts if start.hypothesis.label not in tried]
-        looked = self.fitter.fit(fresh, rounds=0)
+        looked = self.glance.fit(fresh, rounds=0)
         looked.sort(key=lambda fit: -fit.total)
         best = _distinct(looked, self.settings.refits)
-        for fit in self.fitter.fit([Start(fit.hypothesis, fit.values[None]) for fit in best]):
-            if fit.label not in tried or fit.total > tried[fit.label].total:
-                tried[fit.label] = fit
+        for rounds in self.settings.heats:
+            best = self.fitter.fit([_again(fit) for fit in best], rounds)
+            best.sort(key=lambda fit: -fit.total)
+            for fit in best:
+                if fit.label not in tried or fit.total > tried[fit.label].total:
+                    tried[fit.label] = fit
+            best = best[: (len(best) + 1) // 2]
         alone = [fit for fit in looked if len(fit.hypothesis.members) == 1]
-        ranked = [Start(fit.hypothesis, fit.values[None]) for fit in alone]
-        return ranked[: self.settings.pool]
+        return [_again(fit) for fit in alone[: self.settings.pool]]
 
     def _chosen(self, tried: dict[str, Fit]) -> Fit:
         """Return the shortest explanation that none longer wins against."""
@@ -255,7 +289,7 @@ class Judge:
         finalists += [f for f in others if _is_part(f.hypothesis, best.hypothesis)]
         finalists = _distinct(finalists, len(finalists))
         self._look(best.hypothesis, best.values)
-        fits = self.fitter.fit([Start(f.hypothesis, f.values[None]) for f in finalists])
+        fits = self.fitter.fit([_again(fit) for fit in finalists])
         again = {fit.label: fit for fit in [self.given, *fits]}
         return self._pruned(again), again
 
@@ -269,6 +303,11 @@ class Judge:
 def _alone(member: Member) -> Start:
     """Return a change by itself, at its probes."""
     return Start(Hypothesis((member,)), member.probes)
+
+
+def _again(fit: Fit) -> Start:
+    """Return a fit as a start."""
+    return Start(fit.hypothesis, fit.values[None])
 
 
 def _additions(best: Fit, pool: Sequence[Start]) -> list[Start]:

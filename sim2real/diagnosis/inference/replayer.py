@@ -72,8 +72,14 @@ class Replayer:
         least = np.maximum(self.settings.negligible * spread, TINY)
         self.noise = np.maximum(noise, least) / data.scale  # (M,)
         self.count = np.array([joint.count for joint in data.joints]) / data.scale
+        self.offset = np.zeros(())  # (W, N, M) that errors lack, where longer steps are taken
         self._plain = Simulator(self.data, self.fixed, work=self.work)
         self._mended: dict[Key, tuple[Simulator, np.ndarray]] = {}
+
+    def look_at(self, other: Replayer, windows: np.ndarray) -> None:
+        """Compare the same rows with the same noise as another does in some windows, (n,)."""
+        self.rows, self.used = other.rows[windows], other.used[windows]
+        self.times, self.noise, self.count = other.times[windows], other.noise, other.count
 
     @property
     def readings(self) -> int:
@@ -91,7 +97,7 @@ class Replayer:
             for n, made in zip(own, simulate_each(self._plain, asks, remember=False), strict=True):
                 some = jobs[n].windows
                 zeros = np.zeros(len(some))
-                found[n] = Replay(self._look(made.error, some), self._look(made.slope, some), zeros)
+                found[n] = Replay(self._seen(made.error, some), self._look(made.slope, some), zeros)
         for n, job in enumerate(jobs):
             if job.hypothesis.changes:
                 found[n] = self._replay_mended(job)
@@ -207,7 +213,7 @@ class Replayer:
             some = job.windows[own]
             asks = [Rows(job.hypothesis.effects, some, values)]
             (made,) = simulate_each(simulator, asks, remember=False)
-            found.error[own] = self._look(made.error, some)
+            found.error[own] = self._seen(made.error, some)
             found.slope[own] = self._look(made.slope, some)
             found.log_scale[own] = log_scale[some]
         return found
@@ -252,6 +258,11 @@ class Replayer:
         model, own = self.data.models[window.model], self.data.settings.windows
         args = (window.log, window.model, model, self.data.joints, rows, own)
         return cut_one(logs[window.log], *args)._replace(usable=window.usable)
+
+    def _seen(self, errors: np.ndarray, windows: np.ndarray) -> np.ndarray:
+        """Return the compared rows (n, N, M) of errors (n, T, M), corrected by what is known."""
+        offset = self.offset[windows] if self.offset.ndim else self.offset
+        return self._look(errors, windows) + offset
 
     def _look(self, values: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return the compared rows (n, N, M) of values (n, T, M) of windows (n,)."""

@@ -56,6 +56,9 @@ class Inference:
         5.0, "1", "standard deviation of a value, in the largest of its probes", JUDGED
     )
     ridge: float = setting(1e-9, "1", "added to a curvature, of its diagonal", ROUNDING)
+    heats: tuple[int, ...] = setting(
+        (1, 1, 2), "1", "Gauss-Newton steps of the proposals, half of which go on each time", COST
+    )
     refits: int = setting(12, "1", "proposals that are fitted, those that screen best", COST)
     members_max: int = setting(
         4, "1", "members of a hypothesis", "derived: more are a fit and no explanation (schema)"
