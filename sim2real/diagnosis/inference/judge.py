@@ -26,7 +26,7 @@ from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.log_changes import LogChange, log_changes
-from sim2real.diagnosis.inference.replayer import Job, Replayer
+from sim2real.diagnosis.inference.replayer import Job, Replayer, whole_episodes
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, folds_of
 from sim2real.diagnosis.inference.world_changes import world_changes
 from sim2real.diagnosis.schema import Verdict
@@ -162,8 +162,7 @@ class Judge:
             common = _principal(
                 replayer.usual(hypothesis, own), replayer, self.settings.factors_max
             )
-        reach = np.array([joint.spread for joint in self.data.joints]) / self.data.scale
-        local, common = (np.clip(ways, -reach[:, None], reach[:, None]) for ways in (local, common))
+        local, common = self._capped(local), self._capped(common)
         likelihood = Likelihood(
             replayer.times, replayer.used, replayer.noise, local, common, self.settings
         )
@@ -257,7 +256,9 @@ class Judge:
         gains = [self.bootstrap.gain(best.score - other.score) for other in over.values()]
         low, high = best.hypothesis.bounded(self.settings.reach)
         inside = bool(((best.values > low) & (best.values < high))[:, best.hypothesis.smooth].all())
-        standing = Standing(members, left.gain, gains, inside, True, self._nearer(best))
+        standing = Standing(
+            members, left.gain, gains, inside, self._replays(best), self._nearer(best)
+        )
         rivals = [fit for fit in tried.values() if fit is not best and fit.hypothesis.members]
         rivals.sort(key=lambda fit: -fit.total)
         fits = [best, *rivals]
@@ -292,6 +293,33 @@ class Judge:
         fits = self.fitter.fit([_again(fit) for fit in finalists])
         again = {fit.label: fit for fit in [self.given, *fits]}
         return self._pruned(again), again
+
+    def _replays(self, fit: Fit) -> bool:
+        """Return whether whole episodes, from their starts, follow a fit rather than stay."""
+        if not fit.hypothesis.members:
+            return True
+        whole = self.data.with_windows(whole_episodes(self.data))
+        replayer = Replayer(whole, *self._rest)
+        values = np.tile(fit.mean, (len(replayer.every), 1))
+        (made,) = replayer.replay([Job(fit.hypothesis, values, replayer.every)])
+        local = self._capped(replayer.starts(fit.hypothesis, values))
+        none = np.zeros((*made.error.shape, 0))
+        likelihood = Likelihood(
+            replayer.times, replayer.used, replayer.noise, local, none, self.settings
+        )
+        follows, stays = (
+            likelihood.train(likelihood.project(errors), replayer.every).density
+            for errors in (made.error, replayer.holding())
+        )
+        return follows + made.log_scale.sum() > stays
+
+    def _capped(self, ways: np.ndarray) -> np.ndarray:
+        """Return changes of errors (W, N, M, D), none beyond the spread of a joint's motion.
+
+        Where a replay flies off, straight lines through it say more than there is room for.
+        """
+        reach = np.array([joint.spread for joint in self.data.joints]) / self.data.scale
+        return np.clip(ways, -reach[:, None], reach[:, None])
 
     def _nearer(self, fit: Fit) -> bool:
         """Return whether errors are smaller than as given, in noises of a reading."""

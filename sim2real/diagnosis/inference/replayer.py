@@ -269,6 +269,21 @@ class Replayer:
         return values[np.arange(len(windows))[:, None], self.rows[windows]]
 
 
+def whole_episodes(data: Data) -> list[Window]:
+    """Return every episode as one window, from its first row on."""
+    found: dict[tuple[int, int], Window] = {}
+    for window in data.windows:
+        log = data.logs[window.log]
+        rows = np.flatnonzero(log.episode == window.episode)
+        place = window.log, window.episode
+        if place not in found:
+            ends = (int(rows[0]), int(rows[0]), int(rows[-1]) + 1)
+            model, own = data.models[window.model], data.settings.windows
+            args = (window.log, window.model, model, data.joints, ends, own)
+            found[place] = cut_one(log, *args)
+    return list(found.values())
+
+
 def _spread(mask: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
     """Return rows of each window, evenly over those compared, and which there are, (W, N) each."""
     count = min(most, int(mask.sum(axis=1).max()))
