@@ -206,21 +206,26 @@ class Fitter:
 
     def _finish(self, states: Sequence[_State]) -> list[Fit]:
         """Return the fits, judged; what fits the other fold better than its own is taken over."""
-        crossed = self._replay([(s.hypothesis, s.values[::-1]) for s in states])
+        held = self._crossed(states)
         again = []
-        for state, replay in zip(states, crossed, strict=True):
-            if state.values.shape[1]:
-                other = _State(
-                    state.hypothesis, state.values[::-1].copy(), replay, *self._train(replay)
-                )
+        for state, replay in zip(states, held, strict=True):
+            if (state.values[0] != state.values[1]).any():
+                values = state.values[::-1]
+                other = _State(state.hypothesis, values, replay, *self._train(replay))
                 if (state.take(other, self.fold) > BETTER).any():
                     again.append(state)
-        anew = iter(self._replay([(s.hypothesis, s.values[::-1]) for s in again]))
-        changed = {id(state): next(anew) for state in again}
+        anew = {id(s): replay for s, replay in zip(again, self._crossed(again), strict=True)}
         return [
-            self._judge(state, changed.get(id(state), replay))
-            for state, replay in zip(states, crossed, strict=True)
+            self._judge(state, anew.get(id(state), replay))
+            for state, replay in zip(states, held, strict=True)
         ]
+
+    def _crossed(self, states: Sequence[_State]) -> list[Replay]:
+        """Return each state under the values of the other fold; where they agree, as it is."""
+        apart = [state for state in states if (state.values[0] != state.values[1]).any()]
+        made = iter(self._replay([(s.hypothesis, s.values[::-1]) for s in apart]))
+        held = {id(state): next(made) for state in apart}
+        return [held.get(id(state), state.replay) for state in states]
 
     def _judge(self, state: _State, held: Replay) -> Fit:
         score = np.zeros(len(self.fold))

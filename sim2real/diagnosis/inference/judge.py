@@ -254,7 +254,7 @@ class Judge:
         left, members = self.left(best), len(best.hypothesis.members)
         over = {**self.nulls, **({self.given.label: self.given} if members else {})}
         gains = [self.bootstrap.gain(best.score - other.score) for other in over.values()]
-        low, high = best.hypothesis.bounded(self.settings.reach)
+        low, high = best.hypothesis.bounded(self.settings.implausible)
         inside = bool(((best.values > low) & (best.values < high))[:, best.hypothesis.smooth].all())
         standing = Standing(
             members, left.gain, gains, inside, self._replays(best), self._nearer(best)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.plant import Fixed
+from hardware.log import Log
 from sim2real.diagnosis.attribution.batches import Rows, simulate_each
 from sim2real.diagnosis.attribution.usual import scaled
 from sim2real.diagnosis.data.dataset import Data
@@ -28,7 +29,7 @@ from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.settings import TINY
 
-MENDED = 8  # mended logs that are kept
+MENDED = 64  # mended logs that are kept
 ROWS = 4000  # windows that are replayed in one call
 
 Key = tuple[tuple[str, ...], bytes]
@@ -48,6 +49,26 @@ class Replay(NamedTuple):
     error: np.ndarray  # (n, N, M) simulated minus measured
     slope: np.ndarray  # (n, N, M) its change with the time of reading [1/s]
     log_scale: np.ndarray  # (n,) log |d mended readings / d readings|, summed over what is compared
+
+
+class _Mended(NamedTuple):
+    """Logs without some mistakes, and their windows."""
+
+    key: Key
+    logs: tuple[Log, ...]
+    windows: tuple[Window, ...]
+    measured: np.ndarray  # (W, T, M)
+    log_scale: np.ndarray  # (W,) see `Replay`
+
+
+class _Ask(NamedTuple):
+    """Rows of a job whose log is mended alike."""
+
+    job: int
+    windows: np.ndarray  # (n,)
+    values: np.ndarray  # (n, P) of the effects
+    log: _Mended | None  # None: as it is
+    rows: np.ndarray | slice = slice(None)  # (n,) of the job
 
 
 class Replayer:
@@ -74,7 +95,7 @@ class Replayer:
         self.count = np.array([joint.count for joint in data.joints]) / data.scale
         self.offset = np.zeros(())  # (W, N, M) that errors lack, where longer steps are taken
         self._plain = Simulator(self.data, self.fixed, work=self.work)
-        self._mended: dict[Key, tuple[Simulator, np.ndarray]] = {}
+        self._mended: dict[Key, _Mended] = {}
 
     def look_at(self, other: Replayer, windows: np.ndarray) -> None:
         """Compare the same rows with the same noise as another does in some windows, (n,)."""
@@ -87,28 +108,68 @@ class Replayer:
         return int(self.used.sum()) * len(self.noise)
 
     def replay(self, jobs: Sequence[Job]) -> list[Replay]:
-        """Return what each job comes to; jobs without a changed log share batches."""
-        found: dict[int, Replay] = {}
-        plain = [n for n, job in enumerate(jobs) if not job.hypothesis.changes]
-        ends = np.cumsum([len(jobs[n].windows) for n in plain]) // ROWS
-        for part in np.unique(ends):
-            own = [n for n, end in zip(plain, ends, strict=True) if end == part]
-            asks = [Rows(jobs[n].hypothesis.effects, jobs[n].windows, jobs[n].values) for n in own]
-            for n, made in zip(own, simulate_each(self._plain, asks, remember=False), strict=True):
-                some = jobs[n].windows
-                zeros = np.zeros(len(some))
-                found[n] = Replay(self._seen(made.error, some), self._look(made.slope, some), zeros)
-        for n, job in enumerate(jobs):
-            if job.hypothesis.changes:
-                found[n] = self._replay_mended(job)
-        return [found[n] for n in range(len(jobs))]
+        """Return what each job comes to; jobs share batches, those with changed logs theirs."""
+        found = [self._blank(len(job.windows)) for job in jobs]
+        plain = [_Ask(n, job.windows, job.values, None) for n, job in enumerate(jobs)]
+        plain = [ask for ask in plain if not jobs[ask.job].hypothesis.changes]
+        mended = [
+            ask
+            for n, job in enumerate(jobs)
+            if job.hypothesis.changes
+            for ask in self._asks(n, job)
+        ]
+        for asks in (plain, mended):
+            ends = np.cumsum([len(ask.windows) for ask in asks]) // ROWS
+            for part in np.unique(ends):
+                own = [ask for ask, end in zip(asks, ends, strict=True) if end == part]
+                self._fill(found, jobs, own)
+        return found
+
+    def _fill(self, found: list[Replay], jobs: Sequence[Job], asks: Sequence[_Ask]) -> None:
+        """Replay what is asked for in one call, into the results of its jobs."""
+        logs = list({ask.log.key: ask.log for ask in asks if ask.log is not None}.values())
+        simulator = _stacked(self, logs) if logs else self._plain
+        place = {log.key: number * len(self.every) for number, log in enumerate(logs)}
+        rows = [
+            Rows(
+                jobs[ask.job].hypothesis.effects,
+                ask.windows + (0 if ask.log is None else place[ask.log.key]),
+                ask.values,
+            )
+            for ask in asks
+        ]
+        for ask, made in zip(asks, simulate_each(simulator, rows, remember=False), strict=True):
+            own, result = ask.rows, found[ask.job]
+            result.error[own] = self._seen(made.error, ask.windows)
+            result.slope[own] = self._look(made.slope, ask.windows)
+            if ask.log is not None:
+                result.log_scale[own] = ask.log.log_scale[ask.windows]
+
+    def _blank(self, count: int) -> Replay:
+        shape = (count, self.used.shape[1], len(self.noise))
+        return Replay(np.zeros(shape), np.zeros(shape), np.zeros(count))
+
+    def _asks(self, number: int, job: Job) -> list[_Ask]:
+        """Return the rows of a job by how their log is mended."""
+        count = sum(len(member.neutral) for member in job.hypothesis.effects)
+        effects, changes = job.values[:, :count], job.values[:, count:]
+        _, first, group = np.unique(changes, axis=0, return_index=True, return_inverse=True)
+        asks = []
+        for index, place in enumerate(first):
+            own = np.flatnonzero(group.ravel() == index)
+            log = self._mend(job.hypothesis, changes[place])
+            asks.append(_Ask(number, job.windows[own], effects[own], log, own))
+        return asks
 
     def errors(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
         """Return the errors of all rows, (W, T, M), under values (W, P); 0 where none compares."""
         found = np.zeros((*self.data.mask.shape, len(self.noise)))
-        for simulator, own, some, _ in self._groups(Job(hypothesis, values, self.every)):
-            asks = [Rows(hypothesis.effects, self.every[own], some)]
-            found[own] = simulate_each(simulator, asks, remember=False)[0].error
+        for ask in self._asks(0, Job(hypothesis, values, self.every)):
+            simulator = _stacked(self, [ask.log]) if ask.log else self._plain
+            (made,) = simulate_each(
+                simulator, [Rows(hypothesis.effects, ask.windows, ask.values)], remember=False
+            )
+            found[ask.rows] = made.error
         return found
 
     def starts(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
@@ -194,46 +255,18 @@ class Replayer:
         """Return the errors of windows that start with one joint off, (W, N, M)."""
         found = np.empty((*self.used.shape, len(self.noise)))
         size = float((self.speed_noise if of_speed else self.noise)[joint] * self.data.scale[joint])
-        for simulator, own, values_of_effects, _ in self._groups(
-            Job(hypothesis, values, self.every)
-        ):
-            data = simulator.data
-            shift = _speeded if of_speed else further
+        shift = _speeded if of_speed else further
+        for ask in self._asks(0, Job(hypothesis, values, self.every)):
+            data = (_stacked(self, [ask.log]) if ask.log else self._plain).data
             windows = [shift(data, window, joint, size) for window in data.windows]
-            other = simulator.of(replace(data, windows=tuple(windows)))
-            asks = [Rows(hypothesis.effects, self.every[own], values_of_effects)]
-            (made,) = simulate_each(other, asks, remember=False)
-            found[own] = self._look(made.error, self.every[own])
+            other = self._plain.of(replace(data, windows=tuple(windows)))
+            rows = [Rows(hypothesis.effects, ask.windows, ask.values)]
+            (made,) = simulate_each(other, rows, remember=False)
+            found[ask.rows] = self._look(made.error, ask.windows)
         return found
 
-    def _replay_mended(self, job: Job) -> Replay:
-        shape = (len(job.windows), self.used.shape[1], len(self.noise))
-        found = Replay(np.empty(shape), np.empty(shape), np.zeros(len(job.windows)))
-        for simulator, own, values, log_scale in self._groups(job):
-            some = job.windows[own]
-            asks = [Rows(job.hypothesis.effects, some, values)]
-            (made,) = simulate_each(simulator, asks, remember=False)
-            found.error[own] = self._seen(made.error, some)
-            found.slope[own] = self._look(made.slope, some)
-            found.log_scale[own] = log_scale[some]
-        return found
-
-    def _groups(self, job: Job) -> list[tuple[Simulator, np.ndarray, np.ndarray, np.ndarray]]:
-        """Return the rows of a job by how their log is mended: simulator, rows, values, scale."""
-        count = sum(len(member.neutral) for member in job.hypothesis.effects)
-        effects, changes = job.values[:, :count], job.values[:, count:]
-        _, first, group = np.unique(changes, axis=0, return_index=True, return_inverse=True)
-        groups = []
-        for number, place in enumerate(first):
-            own = np.flatnonzero(group.ravel() == number)
-            simulator, log_scale = self._mend(job.hypothesis, changes[place])
-            groups.append((simulator, own, effects[own], log_scale))
-        return groups
-
-    def _mend(self, hypothesis: Hypothesis, values: np.ndarray) -> tuple[Simulator, np.ndarray]:
-        """Return the simulator of the windows of mended logs, and their readings' log scale."""
-        if not hypothesis.changes:
-            return self._plain, np.zeros(len(self.every))
+    def _mend(self, hypothesis: Hypothesis, values: np.ndarray) -> _Mended:
+        """Return the windows of mended logs."""
         key = (tuple(change.label for change in hypothesis.changes), values.tobytes())
         if key in self._mended:
             return self._mended[key]
@@ -245,15 +278,16 @@ class Replayer:
             of_joint = change.log_scale(own)
             scale += [of_joint.get(joint.name, 0.0) for joint in data.joints]
         windows = [self._cut(logs, window) for window in data.windows]
-        measured = data.with_windows(windows).measured
-        mended = replace(data, logs=tuple(logs), windows=tuple(windows), measured=measured)
+        measured = data.measured.copy()  # (W, T, M), padded as all windows of the log were
+        for row, window in zip(measured, windows, strict=True):
+            row[: len(window.measured)] = window.measured
         if len(self._mended) >= MENDED:
             self._mended.pop(next(iter(self._mended)))
-        made = Simulator(mended, self.fixed, work=self.work)
-        self._mended[key] = made, scale.sum() * self.used.sum(axis=1)
+        log_scale = scale.sum() * self.used.sum(axis=1)
+        self._mended[key] = _Mended(key, tuple(logs), tuple(windows), measured, log_scale)
         return self._mended[key]
 
-    def _cut(self, logs: Sequence, window: Window) -> Window:
+    def _cut(self, logs: Sequence[Log], window: Window) -> Window:
         rows = (window.start, window.first, window.last)
         model, own = self.data.models[window.model], self.data.settings.windows
         args = (window.log, window.model, model, self.data.joints, rows, own)
@@ -267,6 +301,25 @@ class Replayer:
     def _look(self, values: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return the compared rows (n, N, M) of values (n, T, M) of windows (n,)."""
         return values[np.arange(len(windows))[:, None], self.rows[windows]]
+
+
+def _stacked(replayer: Replayer, logs: Sequence[_Mended]) -> Simulator:
+    """Return a simulator of the windows of several mended logs, one after the other."""
+    data, count = replayer.data, len(replayer.data.logs)
+    windows = [
+        window._replace(log=window.log + number * count)
+        for number, log in enumerate(logs)
+        for window in log.windows
+    ]
+    mended = replace(
+        data,
+        logs=tuple(one for log in logs for one in log.logs),
+        windows=tuple(windows),
+        fold=np.tile(data.fold, len(logs)),
+        mask=np.tile(data.mask, (len(logs), 1)),
+        measured=np.concatenate([log.measured for log in logs]),
+    )
+    return Simulator(mended, replayer.fixed, work=replayer.work)
 
 
 def whole_episodes(data: Data) -> list[Window]:

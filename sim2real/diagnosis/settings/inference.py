@@ -55,6 +55,13 @@ class Inference:
     reach: float = setting(
         5.0, "1", "standard deviation of a value, in the largest of its probes", JUDGED
     )
+    implausible: float = setting(
+        20.0,
+        "1",
+        "times the largest probe, which effects take from the robot's own sizes, beyond which a "
+        "value explains nothing",
+        JUDGED,
+    )
     ridge: float = setting(1e-9, "1", "added to a curvature, of its diagonal", ROUNDING)
     heats: tuple[int, ...] = setting(
         (1, 1, 2), "1", "Gauss-Newton steps of the proposals, half of which go on each time", COST
