@@ -38,6 +38,15 @@ def size_of(member: Member) -> np.ndarray:
     return np.where(size > 0, size, np.maximum(np.abs(member.probes).max(axis=0), 1e-3))
 
 
+def _bounds_of(member: Member, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a member's values can physically be, (P,) each; see `Hypothesis.bounded`."""
+    if isinstance(member, LogChange):
+        return member.low, member.high
+    far, limit = reach * size_of(member), member.neutral >= FREE
+    low = np.where(limit, member.low, np.maximum(member.low, member.neutral - far))
+    return low, np.where(limit, member.high, np.minimum(member.high, member.neutral + far))
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """Members, those of the log last."""
@@ -83,14 +92,15 @@ class Hypothesis:
     def bounded(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the bounds of what values can physically be, (P,) each.
 
-        Those that each member declares, and so many times its largest probe, which it takes from
-        the robot's own sizes.
+        Those that each member declares; of the robot and the world also so many times the largest
+        probe, which an effect takes from the robot's own sizes.
         """
-        neutral = np.concatenate([np.zeros(0), *(m.neutral for m in self.members)])
-        far = reach * self.size
-        limit = neutral >= FREE
-        low = np.maximum(self.low, np.where(limit, self.low, neutral - far))
-        return low, np.minimum(self.high, np.where(limit, self.high, neutral + far))
+        pairs = [_bounds_of(member, reach) for member in self.members]
+        none = np.zeros(0)
+        return (
+            np.concatenate([none, *(low for low, _ in pairs)]),
+            np.concatenate([none, *(high for _, high in pairs)]),
+        )
 
     @cached_property
     def size(self) -> np.ndarray:

@@ -193,7 +193,7 @@ def _posed(actuators: Sequence[str]) -> LogChange:
         None,
         mend,
         "divide the commands by {0:.4g} and add the default pose",
-        np.stack([row(scale, 0.0) for scale in SCALES]),
+        np.stack([*(row(scale, 0.0) for scale in SCALES), row(1.0, SHIFTS[-1])]),
         row(1.0, 0.0),
         row(1 / LARGEST, -FARTHEST),
         row(LARGEST, FARTHEST),
