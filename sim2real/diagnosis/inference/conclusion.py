@@ -16,7 +16,7 @@ from sim2real.diagnosis.attribution.conclude import Conclusion, where_of
 from sim2real.diagnosis.attribution.fit import Fit as Values
 from sim2real.diagnosis.evidence import Rung, SingleFit
 from sim2real.diagnosis.inference.fit import Fit
-from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, kind_of
+from sim2real.diagnosis.inference.hypotheses import Member, kind_of
 from sim2real.diagnosis.inference.intervals import intervals
 from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_changes import LogChange
@@ -245,6 +245,3 @@ def _singles(judgement: Judgement, search: Search) -> tuple[SingleFit, ...]:
             about = (_name(member), _where(member), side, value, unit)
             rows.append(SingleFit(*about, min(closed, 1.0), ci))
     return tuple(rows)
-
-
-__all__ = ["Hypothesis", "conclusion_of"]

@@ -28,6 +28,7 @@ from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.log_changes import LogChange, log_changes
 from sim2real.diagnosis.inference.replayer import Job, Replayer, whole_episodes
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, folds_of
+from sim2real.diagnosis.inference.unknowns import capped, unknowns
 from sim2real.diagnosis.inference.world_changes import world_changes
 from sim2real.diagnosis.schema import Verdict
 
@@ -101,18 +102,21 @@ class Judge:
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
         self._look(NONE, np.zeros((FOLDS, 0)))
 
-    def judge(self, propose: Propose = lambda: (), log: bool = True) -> Judgement:
+    def judge(
+        self, propose: Propose = lambda: (), log: bool = True, always: bool = True
+    ) -> Judgement:
         """Return the judgement on the gap.
 
         Args:
             log: whether something may be wrong with the log.
+            always: whether mistakes of the log and changes of the world are among the proposals.
             propose: returns hypotheses about the robot, and where they begin; it is asked only if
                 there is a gap.
         """
         if self.left(self.given).gain.high <= self.settings.equivalence_tolerance:
             return self._concluded({self.given.label: self.given})
-        always = [*(log_changes(self.data) if log else ()), *world_changes(self.data)]
-        starts = [*map(_alone, always), *propose()]
+        own = [*(log_changes(self.data) if log else ()), *world_changes(self.data)]
+        starts = [*(map(_alone, own) if always else ()), *propose()]
         self.say("judging what was proposed")
         tried = {self.given.label: self.given}
         pool = self._refined(starts, tried)
@@ -143,33 +147,19 @@ class Judge:
     def _look(self, hypothesis: Hypothesis, values: np.ndarray) -> None:
         """Take the likelihood whose starts and usual errors are those under a hypothesis.
 
-        Where the model as given predicts worse than "each joint stays", it tells nothing of either:
-        starts are then taken to move on freely, and no error of a parameter counts as usual.
-
         Args:
             hypothesis: the model.
             values: fitted to each fold, (2, P).
         """
-        replayer, own = self.replayer, values[self.fold]
-        (base,) = replayer.replay([Job(hypothesis, own, replayer.every)])
-        square, stays = (np.square(e).sum() for e in (base.error, replayer.holding()))
-        if square > stays:
-            local, common = replayer.ballistic(), np.zeros((*base.error.shape, 0))
-        else:
-            step = max(model.opt.timestep for model in self.data.models)
-            clock = step * base.slope[..., None]
-            local = np.concatenate([replayer.starts(hypothesis, own), clock], axis=-1)
-            common = _principal(
-                replayer.usual(hypothesis, own), replayer, self.settings.factors_max
-            )
-        local, common = self._capped(local), self._capped(common)
+        replayer = self.replayer
+        base, local, common = unknowns(replayer, hypothesis, values[self.fold])
         likelihood = Likelihood(
             replayer.times, replayer.used, replayer.noise, local, common, self.settings
         )
         self.fitter = Fitter(replayer, likelihood, self.fold)
         (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
         paths = (replayer.holding(), replayer.coasting())
-        self.glance = self._glanced(base.error, local, common)
+        self.glance = self._glanced(base, local, common)
         self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
 
     def _glanced(self, given: np.ndarray, local: np.ndarray, common: np.ndarray) -> Fitter:
@@ -302,7 +292,7 @@ class Judge:
         replayer = Replayer(whole, *self._rest)
         values = np.tile(fit.mean, (len(replayer.every), 1))
         (made,) = replayer.replay([Job(fit.hypothesis, values, replayer.every)])
-        local = self._capped(replayer.starts(fit.hypothesis, values))
+        local = capped(replayer, replayer.starts(fit.hypothesis, values))
         none = np.zeros((*made.error.shape, 0))
         likelihood = Likelihood(
             replayer.times, replayer.used, replayer.noise, local, none, self.settings
@@ -312,14 +302,6 @@ class Judge:
             for errors in (made.error, replayer.holding())
         )
         return follows + made.log_scale.sum() > stays
-
-    def _capped(self, ways: np.ndarray) -> np.ndarray:
-        """Return changes of errors (W, N, M, D), none beyond the spread of a joint's motion.
-
-        Where a replay flies off, straight lines through it say more than there is room for.
-        """
-        reach = np.array([joint.spread for joint in self.data.joints]) / self.data.scale
-        return np.clip(ways, -reach[:, None], reach[:, None])
 
     def _nearer(self, fit: Fit) -> bool:
         """Return whether errors are smaller than as given, in noises of a reading."""
@@ -387,12 +369,3 @@ def _distinct(fits: Sequence[Fit], most: int) -> list[Fit]:
     for fit in fits:
         found.setdefault(fit.label, fit)
     return list(found.values())[:most]
-
-
-def _principal(ways: np.ndarray, replayer: Replayer, most: int) -> np.ndarray:
-    """Return directions (W, N, M, U) as fewer of the same covariance, the largest first."""
-    flat = (ways / replayer.noise[:, None])[replayer.used].reshape(-1, ways.shape[-1])
-    if ways.shape[-1] <= most:
-        return ways
-    _, turned = np.linalg.eigh(flat.T @ flat)  # the largest last
-    return ways @ turned[:, -most:]

@@ -36,8 +36,19 @@ import numpy as np
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.evidence import Pair
+from sim2real.diagnosis.inference.columns import (
+    COMMAND,
+    READING,
+    SPEED,
+    TURN,
+    Columns,
+    by_episode,
+    earlier,
+    held,
+    jump_of,
+    unwrapped,
+)
 
-TURN = 2 * math.pi
 DEGREES = 180 / math.pi
 ROWS = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)  # rows of a shift that are looked at first
 FEWER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # the same of readings
@@ -46,9 +57,7 @@ SCALES = (0.25, 0.5, 2.0, 4.0)
 RATES = (0.7, 0.85, 1.2, 1.5)
 SHIFTS = (-0.4, -0.1, 0.1, 0.4)  # rad or m
 FARTHEST, LARGEST = 7.0, 20.0  # bounds: of an offset [rad or m], of a factor
-COMMAND, READING, SPEED = "ctrl", "qpos", "qvel"
 
-Columns = Mapping[str, np.ndarray]
 Mend = Callable[[Log, np.ndarray], Columns]
 
 
@@ -205,7 +214,7 @@ def _increments(actuators: Sequence[str]) -> LogChange:
     names = [f"{COMMAND}.{name}" for name in actuators]
 
     def mend(log: Log, values: np.ndarray) -> Columns:
-        return {name: _by_episode(log, log.columns[name], np.cumsum) for name in names}
+        return {name: by_episode(log, log.columns[name], np.cumsum) for name in names}
 
     return LogChange("increments", (COMMAND,), None, mend, "sum them up from the first pose on")
 
@@ -218,7 +227,7 @@ def _of_place(
         "row_shift",
         (COMMAND,),
         where,
-        lambda log, v: {n: _held(log, log.columns[n], round(float(v[0]))) for n in named[COMMAND]},
+        lambda log, v: {n: held(log, log.columns[n], round(float(v[0]))) for n in named[COMMAND]},
         "move these commands up by {0:g} rows within each episode",
         ROWS,
         (0.0, -MOST, MOST),
@@ -229,7 +238,7 @@ def _of_place(
         "row_shift",
         (READING,),
         where,
-        lambda log, v: _earlier(log, joints, float(v[0])),
+        lambda log, v: earlier(log, joints, float(v[0])),
         "move these readings up by {0:.3g} rows within each episode",
         FEWER,
         (0.0, -MOST, MOST),
@@ -300,13 +309,13 @@ def _of_joint(
             unit="turns",
             whole=True,
         )
-        jump = next((j for log in logs for name in places[:1] if (j := _jump(log, name))), None)
+        jump = next((j for log in logs for name in places[:1] if (j := jump_of(log, name))), None)
         if jump is not None:
             yield LogChange(
                 "turn",
                 columns,
                 joint,
-                lambda log, v, own=places: {n: _unwrapped(log, log.columns[n]) for n in own},
+                lambda log, v, own=places: {n: unwrapped(log, log.columns[n]) for n in own},
                 "unwrap: it jumps by whole turns",
                 value=jump[0],
                 unit="turns",
@@ -347,61 +356,3 @@ def _maps(joint: str, base: str, commands: Mapping[str, str]) -> Iterator[LogCha
             (0.0, -FARTHEST, FARTHEST),
             other=base,
         )
-
-
-def _episodes(log: Log) -> list[np.ndarray]:
-    """Return the rows of each episode."""
-    return np.split(np.arange(len(log)), np.flatnonzero(np.diff(log.episode)) + 1)
-
-
-def _by_episode(
-    log: Log, column: np.ndarray, change: Callable[[np.ndarray], np.ndarray]
-) -> np.ndarray:
-    """Return a column that is changed in each episode by itself."""
-    return np.concatenate([change(column[own]) for own in _episodes(log)])
-
-
-def _held(log: Log, column: np.ndarray, later: int) -> np.ndarray:
-    """Return a column as it is so many rows later, held at an episode's ends."""
-    rows = [np.clip(own + later, own[0], own[-1]) for own in _episodes(log)]
-    return column[np.concatenate(rows)]
-
-
-def _moved(log: Log, column: np.ndarray, later: int) -> np.ndarray:
-    """Return a column as it is so many rows later; at an episode's ends it goes on straight."""
-    found = np.empty(len(log))
-    for own in _episodes(log):
-        ends = np.clip(own + later, own[0], own[-1])
-        first, last = np.diff(column[own])[[0, -1]]
-        beyond = own + later - ends
-        found[own] = column[ends] + beyond * np.where(beyond < 0, first, last)
-    return found
-
-
-def _earlier(log: Log, joints: Sequence[str], late: float) -> Columns:
-    """Return readings that were taken so many rows before their stamps at the rows of then."""
-    rows, seconds = round(late), late * float(np.median(np.diff(log.time)))
-    found = {}
-    for joint in joints:
-        for name in (f"{READING}.{joint}", f"{SPEED}.{joint}"):
-            if name in log.columns:
-                found[name] = _moved(log, log.columns[name], rows)
-        stamps = log.columns.get(f"stamp.{joint}", log.time)
-        found[f"stamp.{joint}"] = _moved(log, stamps, rows) - seconds
-    return found
-
-
-def _unwrapped(log: Log, column: np.ndarray) -> np.ndarray:
-    return _by_episode(log, column, np.unwrap)
-
-
-def _jump(log: Log, name: str) -> tuple[float, float, float] | None:
-    """Return the first whole turns by which a column jumps, since when and until when [s]."""
-    turns = np.round((log.columns[name] - _unwrapped(log, log.columns[name])) / TURN)
-    rows = np.flatnonzero(turns)
-    if not len(rows):
-        return None
-    last = rows[0] + int(
-        np.argmin(np.append(log.episode[rows[0] :] == log.episode[rows[0]], False))
-    )
-    return float(turns[rows[0]]), float(log.time[rows[0]]), float(log.time[last - 1])

@@ -3,7 +3,8 @@
     starts = proposals_of(search, found)
 
 A search of `attribution` proposes: every fit that raced is a hypothesis with a place to begin, and
-so are its result and that result without each of its members.
+so are its result, that result without each of its members, and what screening thought best of,
+there and far beyond: a gain that is fifty times too high is no small change.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from sim2real.diagnosis.attribution.fit import Fit, columns
 from sim2real.diagnosis.attribution.quantify import without
 from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
+
+FAR = (6.0, 30.0)  # times what screening found best
 
 
 def proposals_of(search: Search, found: Found) -> list[Start]:
@@ -35,6 +38,12 @@ def proposals_of(search: Search, found: Found) -> list[Start]:
         if known is not None:
             start = Start(known.hypothesis, np.concatenate([known.points, start.points]))
         starts[start.hypothesis.label] = start
+    for guess in search.first.guesses[: search.problem.data.settings.inference.pool]:
+        hypothesis, candidate = Hypothesis((guess.candidate,)), guess.candidate
+        points = [guess.start, *(candidate.towards(guess.start, scale) for scale in FAR)]
+        known = starts.get(hypothesis.label)
+        points += [] if known is None else list(known.points)
+        starts[hypothesis.label] = Start(hypothesis, np.unique(points, axis=0))
     return list(starts.values())
 
 
