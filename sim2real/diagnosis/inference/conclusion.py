@@ -15,6 +15,7 @@ from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.conclude import Conclusion, where_of
 from sim2real.diagnosis.attribution.fit import Fit as Values
 from sim2real.diagnosis.evidence import Rung, SingleFit
+from sim2real.diagnosis.inference.distance import is_told_apart
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Member, kind_of
 from sim2real.diagnosis.inference.intervals import intervals
@@ -120,18 +121,15 @@ def _parts(judgement: Judgement) -> list[_Part]:
 
 
 def equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit]]:
-    """Return what cannot be told from a member: others in its place that predict no worse.
-
-    Both were fitted to the end; the answer's gain over the other is not significant.
-    """
+    """Return what cannot be told from a member: others in its place, fitted to the end as well."""
     best, found = judgement.best, []
     rest = {m.label for n, m in enumerate(best.hypothesis.members) if n != place}
     for rival in judgement.rivals:
         others = [m for m in rival.hypothesis.members if m.label not in rest]
         same = len(rival.hypothesis.members) == len(best.hypothesis.members)
         if same and len(others) == 1:
-            gain = judgement.judge.bootstrap.gain(best.score - rival.score)
-            if gain.low <= 0:
+            judge = judgement.judge
+            if not is_told_apart(judge.fitter, judge.bootstrap, best, rival):
                 found.append((others[0], rival))
     return found
 

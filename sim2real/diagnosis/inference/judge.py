@@ -1,12 +1,12 @@
 """The judge: which explanation predicts held-out stretches best, and whether that is enough.
 
     judge = Judge(data, fixed, rng)
-    judgement = judge.judge(propose)            # propose() returns starts of robot effects
+    judgement = judge.judge(propose, [*log_changes(data), *world_changes(data)])
     judgement.verdict, judgement.best.label
 
-Proposals may come from anywhere; mistakes of the log, changes of the world and the null
-explanations are always among them. All are scored alike. The best grows by one member as long as
-each wins what the tolerance asks for, and loses those that do not.
+Proposals may come from anywhere: mistakes of the log, changes of the world, effects that a search
+found. All are scored alike, and the null explanations beside them. The best grows by one member as
+long as each wins what the tolerance asks for, and loses those that do not.
 """
 
 from __future__ import annotations
@@ -25,11 +25,10 @@ from sim2real.diagnosis.inference.decision import Standing, posterior, verdict_o
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.likelihood import Likelihood
-from sim2real.diagnosis.inference.log_changes import LogChange, log_changes
+from sim2real.diagnosis.inference.log_changes import LogChange
 from sim2real.diagnosis.inference.replayer import Job, Replayer, whole_episodes
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, folds_of
 from sim2real.diagnosis.inference.unknowns import capped, unknowns
-from sim2real.diagnosis.inference.world_changes import world_changes
 from sim2real.diagnosis.schema import Verdict
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
@@ -102,21 +101,17 @@ class Judge:
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
         self._look(NONE, np.zeros((FOLDS, 0)))
 
-    def judge(
-        self, propose: Propose = lambda: (), log: bool = True, always: bool = True
-    ) -> Judgement:
+    def judge(self, propose: Propose, always: Sequence[Member] = ()) -> Judgement:
         """Return the judgement on the gap.
 
         Args:
-            log: whether something may be wrong with the log.
-            always: whether mistakes of the log and changes of the world are among the proposals.
             propose: returns hypotheses about the robot, and where they begin; it is asked only if
                 there is a gap.
+            always: changes that are proposed whatever a search thinks of them.
         """
         if self.left(self.given).gain.high <= self.settings.equivalence_tolerance:
             return self._concluded({self.given.label: self.given})
-        own = [*(log_changes(self.data) if log else ()), *world_changes(self.data)]
-        starts = [*(map(_alone, own) if always else ()), *propose()]
+        starts = [*map(_alone, always), *propose()]
         self.say("judging what was proposed")
         tried = {self.given.label: self.given}
         pool = self._refined(starts, tried)
@@ -217,10 +212,14 @@ class Judge:
         return best
 
     def _simplest(self, fits: Sequence[Fit]) -> Fit:
-        """Return the best, or one of fewer values that is not significantly worse."""
+        """Return the best, or one of fewer values that is not significantly worse.
+
+        Of these one without mistakes of the log goes first: they are common, and yet what a log
+        cannot tell from an effect of the robot is called that.
+        """
         top = max(fits, key=lambda fit: fit.total)
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
-        return min(near, key=lambda fit: (fit.values.shape[1], -fit.total))
+        return min(near, key=lambda f: (f.values.shape[1], len(f.hypothesis.changes), -f.total))
 
     def _pruned(self, tried: dict[str, Fit]) -> Fit:
         """Return the best explanation, each of whose members wins what it has to."""

@@ -12,7 +12,9 @@ from sim2real.diagnosis.attribution.attributed import About, Attributed, Restart
 from sim2real.diagnosis.inference.conclusion import conclusion_of
 from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.judge import Judge
+from sim2real.diagnosis.inference.log_changes import log_changes
 from sim2real.diagnosis.inference.proposals import proposals_of
+from sim2real.diagnosis.inference.world_changes import world_changes
 
 SEARCHED = 0.9  # share of the work that is done once a search has proposed
 
@@ -39,7 +41,8 @@ def judged(about: About, restart: Restart | None = None) -> Attributed:
 
     with about.work.during("judging"):
         judge = Judge(about.data, about.fixed, about.rng, about.work, say)
-        judgement = judge.judge(propose, log=restart is None)
+        mistakes = log_changes(about.data) if restart is None else []
+        judgement = judge.judge(propose, [*mistakes, *world_changes(about.data)])
         made = conclusion_of(judgement, search, floors, about.rng)
     data = replace(about.data, fold=judge.fold)
     return Attributed(data, search, floors, made)

@@ -32,7 +32,7 @@ def concluded(log: Log, folder: Path, *labels: str) -> Conclusion:
     search, judge = search_of(about, floors), Judge(data, rng=rng)
     options = {m.label: m for m in [*candidates(data), *log_changes(data)]}
     starts = [Start(Hypothesis((options[one],)), options[one].probes) for one in labels]
-    judgement = judge.judge(lambda: starts, always=False)
+    judgement = judge.judge(lambda: starts)
     return conclusion_of(judgement, search, floors, rng)
 
 

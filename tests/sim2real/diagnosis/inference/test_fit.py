@@ -10,13 +10,13 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.inference.distance import separation
+from sim2real.diagnosis.inference.distance import is_told_apart, separation
 from sim2real.diagnosis.inference.fit import Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.log_changes import log_changes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
-from sim2real.diagnosis.inference.score import folds_of
+from sim2real.diagnosis.inference.score import Bootstrap, folds_of
 from tests.sim2real.diagnosis import arm
 
 NONE = Hypothesis(())
@@ -109,8 +109,10 @@ def test_effects_that_act_alike_are_not_separated(case: Case) -> None:
     labels = "command_delay", "observation_delay", "coulomb_friction.b"
     starts = [Start(Hypothesis((case.options[label],)), np.array([[0.01]])) for label in labels]
     late, read, other = case.fitter.fit(starts, rounds=2)
-    sides = case.fitter.sides
-    near = separation(case.fitter.likelihood, late, read, sides)
-    far = separation(case.fitter.likelihood, late, other, sides)
+    near, far = (separation(case.fitter, late, one) for one in (read, other))
     assert 0 <= near < far / 10
-    assert separation(case.fitter.likelihood, late, late, sides) == 0
+    assert separation(case.fitter, late, late) == 0
+    windows, rng = case.data.windows, np.random.default_rng(0)
+    bootstrap = Bootstrap(windows, rng, case.replayer.settings)
+    assert is_told_apart(case.fitter, bootstrap, late, other)
+    assert not is_told_apart(case.fitter, bootstrap, late, late)
