@@ -11,7 +11,7 @@ estimated anew at each trial, so that a step is judged by the density that decid
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -88,7 +88,7 @@ class Fitter:
         self.settings = replayer.settings
         self.sides = [np.flatnonzero(fold == side) for side in range(FOLDS)]
 
-    def fit(self, starts: Sequence[Start], rounds: int | None = None) -> list[Fit]:
+    def fit(self, starts: Iterable[Start], rounds: int | None = None) -> list[Fit]:
         """Return the fits of hypotheses, each from the best of its points.
 
         Args:
@@ -118,7 +118,7 @@ class Fitter:
             score[other] = self.likelihood.predict(projection, trained, most)[other]
         return score + fit.log_scale
 
-    def _begin(self, starts: Sequence[Start]) -> list[_State]:
+    def _begin(self, starts: Iterable[Start]) -> list[_State]:
         """Return each start at the best of its points."""
         jobs: list[tuple[Hypothesis, np.ndarray]] = []
         owners: list[int] = []
@@ -135,7 +135,7 @@ class Fitter:
                 states[owner].take(state, self.fold)
             else:
                 states[owner] = state
-        return [states[number] for number in range(len(starts))]
+        return [states[number] for number in sorted(states)]
 
     def _replay(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> list[Replay]:
         """Return what each hypothesis makes of all windows under values (2, P) of their folds."""

@@ -11,6 +11,7 @@ long as each wins what the tolerance asks for, and loses those that do not.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -28,11 +29,13 @@ from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.log_changes import LogChange
 from sim2real.diagnosis.inference.replayer import Job, Replayer, whole_episodes
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, folds_of
-from sim2real.diagnosis.inference.unknowns import capped, unknowns
+from sim2real.diagnosis.inference.unknowns import capped, is_lost, unknowns
 from sim2real.diagnosis.schema import Verdict
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
 NONE = Hypothesis(())
+LEAST = 3  # windows of a fold that proposals are screened on
+HALVES = 2  # of the proposals that were fitted at a glance go on
 Propose = Callable[[], Sequence[Start]]
 
 
@@ -99,7 +102,7 @@ class Judge:
         self.readings = self.replayer.readings
         noise = self.replayer.noise
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
-        self._look(NONE, np.zeros((FOLDS, 0)))
+        self.glance = self._glanced(*self._look(NONE, np.zeros((FOLDS, 0))))
 
     def judge(self, propose: Propose, always: Sequence[Member] = ()) -> Judgement:
         """Return the judgement on the gap.
@@ -139,12 +142,17 @@ class Judge:
         least = further * self.settings.equivalence_tolerance * self.readings
         return gain.low > 0 and gain.total > least
 
-    def _look(self, hypothesis: Hypothesis, values: np.ndarray) -> None:
+    def _look(
+        self, hypothesis: Hypothesis, values: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Take the likelihood whose starts and usual errors are those under a hypothesis.
 
         Args:
             hypothesis: the model.
             values: fitted to each fold, (2, P).
+
+        Returns:
+            Its errors, and what is unknown around them; see `unknowns`.
         """
         replayer = self.replayer
         base, local, common = unknowns(replayer, hypothesis, values[self.fold])
@@ -154,23 +162,29 @@ class Judge:
         self.fitter = Fitter(replayer, likelihood, self.fold)
         (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
         paths = (replayer.holding(), replayer.coasting())
-        self.glance = self._glanced(base, local, common)
         self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
+        return base, local, common
 
     def _glanced(self, given: np.ndarray, local: np.ndarray, common: np.ndarray) -> Fitter:
-        """Return what proposals are screened with: every other window, in longer time steps.
+        """Return what proposals are screened with: some windows of each fold, in longer time steps.
 
-        What longer steps change of the model as given is taken off all errors.
+        What longer steps change of the model as given is taken off all errors; where it is lost,
+        they would change everything.
 
         Args:
             given: errors of the model as given, (W, N, M).
             local: see `Likelihood`.
             common: see `Likelihood`.
         """
-        chosen = np.sort(np.concatenate([own[::2] for own in self.fitter.sides]))
-        some = self.data.only(chosen)
-        longer = some.stepping(self.data.settings.screening.coarse_s)
-        replayer = Replayer(some if longer is None else longer, *self._rest)
+        seconds = sum(float(np.ptp(own)) for own in self.replayer.times)
+        every = max(HALVES, math.ceil(seconds / self.settings.glance_s))
+        steps = [max(1, min(every, len(own) // LEAST)) for own in self.fitter.sides]
+        some = [own[::step] for own, step in zip(self.fitter.sides, steps, strict=True)]
+        chosen = np.sort(np.concatenate(some))
+        data = self.data.only(chosen)
+        lost = is_lost(self.replayer, given)
+        longer = None if lost else data.stepping(self.data.settings.screening.coarse_s)
+        replayer = Replayer(data if longer is None else longer, *self._rest)
         replayer.look_at(self.replayer, chosen)
         none = np.zeros((len(chosen), 0))
         if longer is not None:
@@ -189,18 +203,15 @@ class Judge:
     def _refined(self, starts: Sequence[Start], tried: dict[str, Fit]) -> list[Start]:
         """Fit the starts that screen best into what was tried; return all changes by their rank."""
         fresh = [start for start in starts if start.hypothesis.label not in tried]
-        looked = self.glance.fit(fresh, rounds=0)
-        looked.sort(key=lambda fit: -fit.total)
+        looked = _ranked(self.glance.fit(fresh, rounds=0))
         best = _distinct(looked, self.settings.refits)
-        for rounds in self.settings.heats:
-            best = self.fitter.fit([_again(fit) for fit in best], rounds)
-            best.sort(key=lambda fit: -fit.total)
-            for fit in best:
-                if fit.label not in tried or fit.total > tried[fit.label].total:
-                    tried[fit.label] = fit
-            best = best[: (len(best) + 1) // 2]
+        best = _ranked(self.glance.fit(map(_again, best), self.settings.glances))
+        best = best[: (self.settings.refits + 1) // HALVES]
+        for fit in self.fitter.fit(map(_again, best), self.settings.rounds - self.settings.glances):
+            if fit.label not in tried or fit.total > tried[fit.label].total:
+                tried[fit.label] = fit
         alone = [fit for fit in looked if len(fit.hypothesis.members) == 1]
-        return [_again(fit) for fit in alone[: self.settings.pool]]
+        return list(map(_again, alone[: self.settings.pool]))
 
     def _chosen(self, tried: dict[str, Fit]) -> Fit:
         """Return the shortest explanation that none longer wins against."""
@@ -279,7 +290,7 @@ class Judge:
         finalists += [f for f in others if _is_part(f.hypothesis, best.hypothesis)]
         finalists = _distinct(finalists, len(finalists))
         self._look(best.hypothesis, best.values)
-        fits = self.fitter.fit([_again(fit) for fit in finalists])
+        fits = self.fitter.fit(map(_again, finalists))
         again = {fit.label: fit for fit in [self.given, *fits]}
         return self._pruned(again), again
 
@@ -312,6 +323,11 @@ class Judge:
 def _alone(member: Member) -> Start:
     """Return a change by itself, at its probes."""
     return Start(Hypothesis((member,)), member.probes)
+
+
+def _ranked(fits: Sequence[Fit]) -> list[Fit]:
+    """Return fits, the best first."""
+    return sorted(fits, key=lambda fit: -fit.total)
 
 
 def _again(fit: Fit) -> Start:

@@ -29,8 +29,7 @@ def unknowns(
         The errors; those of a window alone, (W, N, M, L); those common to all, (W, N, M, U).
     """
     (base,) = replayer.replay([Job(hypothesis, values, replayer.every)])
-    square, stays = (np.square(error).sum() for error in (base.error, replayer.holding()))
-    if square > stays:
+    if is_lost(replayer, base.error):
         none = np.zeros((*base.error.shape, 0))
         return base.error, capped(replayer, replayer.ballistic()), none
     step = max(model.opt.timestep for model in replayer.data.models)
@@ -38,6 +37,11 @@ def unknowns(
     local = np.concatenate([replayer.starts(hypothesis, values), clock], axis=-1)
     common = _principal(replayer, replayer.usual(hypothesis, values))
     return base.error, capped(replayer, local), capped(replayer, common)
+
+
+def is_lost(replayer: Replayer, errors: np.ndarray) -> bool:
+    """Return whether errors (W, N, M) are larger than those of joints that stay."""
+    return bool(np.square(errors).sum() > np.square(replayer.holding()).sum())
 
 
 def capped(replayer: Replayer, ways: np.ndarray) -> np.ndarray:

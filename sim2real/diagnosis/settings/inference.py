@@ -63,8 +63,11 @@ class Inference:
         JUDGED,
     )
     ridge: float = setting(1e-9, "1", "added to a curvature, of its diagonal", ROUNDING)
-    heats: tuple[int, ...] = setting(
-        (1, 1, 2), "1", "Gauss-Newton steps of the proposals, half of which go on each time", COST
+    glance_s: float = setting(
+        15.0, "s", "windows that proposals are screened on, of half of all at most", COST
+    )
+    glances: int = setting(
+        2, "1", "Gauss-Newton steps there of those that screen best; half of them go on", COST
     )
     refits: int = setting(12, "1", "proposals that are fitted, those that screen best", COST)
     members_max: int = setting(
