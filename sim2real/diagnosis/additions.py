@@ -48,7 +48,7 @@ def added(found: Diagnosis, name: str, step: Step) -> Diagnosis:
 def tested(found: Diagnosis, prepared: Prepared, null: NullTest, settings: Settings) -> Diagnosis:
     """Say which causes are the simulator's numerics; these are left out of the files."""
     words, physical = dict(found.report.numerics), []
-    for number, (cause, told) in enumerate(zip(found.found, found.report.values, strict=True)):
+    for number, (cause, told) in enumerate(zip(found.found, found.report.effects, strict=True)):
         artefact = is_numerics(
             prepared.logs, prepared.specs, [cause], null, found.known, settings.numerics
         )

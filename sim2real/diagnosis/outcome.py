@@ -58,11 +58,7 @@ def blocking(report: Report) -> list[Finding]:
 def last_words(report: Report) -> list[str]:
     """Return what a person should read last: what to correct before the answer can be trusted."""
     words = [text for text in (rest(report), crowded(report)) if text]
-    words += [
-        f"{c.effect} of the log at {c.where or 'all joints'}: {c.remedy}"
-        for c in report.causes
-        if c.remedy
-    ]
+    words += [f"mend the log, {c.remedy}" for c in report.causes if c.remedy]
     words += [f"{f.finding} {f.fix}" for f in report.preflight if f.check not in NOTES]
     words += [f"numerics, {name}: {text}" for name, text in report.numerics.items() if text != "ok"]
     words += [f"not in the report: {text}" for text in report.failed]

@@ -10,8 +10,8 @@ segments that no parameter was fitted to. `evidence` stays in memory: `report.js
 it, and a report that was read has none.
 
 More than four effects are a fit and no explanation: the verdict is then `fitted`, `causes` is empty
-and the values stand under `fitted`. `report.values` are the effects whose values were found,
-whatever they are called.
+and the values stand under `fitted`. `report.values` are all whose values were found, whatever
+they are called; `report.effects` those of the robot.
 """
 
 from __future__ import annotations
@@ -105,11 +105,13 @@ class Equivalent:
         where: its place.
         inseparable: whether no recording of commands and positions can tell it from the cause or
             from another equivalent: both then count as one member of the set.
+        kind: see `Cause`.
     """
 
     effect: str
     where: str | None
     inseparable: bool = False
+    kind: Kind = "robot"
 
 
 @dataclass(frozen=True)
@@ -276,8 +278,13 @@ class Report:
 
     @property
     def values(self) -> tuple[Cause, ...]:
-        """The effects with a value, causes or not: those of `effects.yaml`, in its order."""
+        """Whatever was found with a value, causes or not, of any kind."""
         return self.causes or self.fitted
+
+    @property
+    def effects(self) -> tuple[Cause, ...]:
+        """Those that are the robot's: what `effects.yaml` holds."""
+        return tuple(cause for cause in self.values if cause.kind == "robot")
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of report.json: plain tables, lists, numbers, words."""

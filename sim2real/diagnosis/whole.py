@@ -47,7 +47,7 @@ def replayed(
         settings: what counts as hunting.
     """
     models = [("As given", _gaps(logs, specs, found.known))]
-    if found.report.values:
+    if found.report.effects:
         every = combined(found.known, found.found)
         models.append(("with the causes", _gaps(logs, specs, every)))
     rmse = [float(summary(gaps)["rmse"]) if gaps else None for _, gaps in models]

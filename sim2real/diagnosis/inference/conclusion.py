@@ -151,7 +151,7 @@ def _cause(
         if any(m.label in names for m in fit.hypothesis.members)
     )
     values, spans = best.mean[column], ends[column]
-    equal = tuple(dict.fromkeys(Equivalent(_name(other), _where(other)) for other, _ in alike))
+    equal = tuple(dict.fromkeys(Equivalent(_name(m), _where(m), kind=kind_of(m)) for m, _ in alike))
     equal = tuple(e for e in equal if (e.effect, e.where) != (_name(member), _where(member)))
     extra = _extra(member, values)
     most = _largest(member, values)
@@ -170,7 +170,7 @@ def _cause(
         shared=isinstance(member, Candidate) and member.shared,
         kind=kind_of(member),
         seconds=member.seconds if isinstance(member, LogChange) else None,
-        remedy=member.remedy.format(*values) if isinstance(member, LogChange) else None,
+        remedy=member.mending(values) if isinstance(member, LogChange) else None,
     )
 
 

@@ -110,6 +110,11 @@ class LogChange:
         """Return a log without the mistake."""
         return Log({**log.columns, **self.mend(log, values)}, log.meta, log.path)
 
+    def mending(self, values: np.ndarray) -> str:
+        """Return which columns to change, and how: `ctrl.elbow, qpos.elbow: multiply by -1`."""
+        names = [kind if kind == "time" else f"{kind}.{self.where or '*'}" for kind in self.columns]
+        return f"{', '.join(names)}: {self.remedy.format(*values)}"
+
     def first(self, values: np.ndarray) -> float:
         """Return the value that is told."""
         return float(values[0]) if len(values) else self.value
@@ -182,7 +187,7 @@ def _clock() -> LogChange:
         return found | {name: log.columns[name] * values[0] for name in speeds}
 
     bounds = (1.0, 1 / LARGEST, LARGEST)
-    return _single("clock", ("time",), None, mend, "divide time by {0:.4g}", RATES, bounds)
+    return _single("clock", ("time",), None, mend, "divide by {0:.4g}", RATES, bounds)
 
 
 def _posed(actuators: Sequence[str]) -> LogChange:
@@ -201,7 +206,7 @@ def _posed(actuators: Sequence[str]) -> LogChange:
         (COMMAND,),
         None,
         mend,
-        "divide the commands by {0:.4g} and add the default pose",
+        "divide by {0:.4g} and add the default pose",
         np.stack([*(row(scale, 0.0) for scale in SCALES), row(1.0, SHIFTS[-1])]),
         row(1.0, 0.0),
         row(1 / LARGEST, -FARTHEST),
@@ -228,7 +233,7 @@ def _of_place(
         (COMMAND,),
         where,
         lambda log, v: {n: held(log, log.columns[n], round(float(v[0]))) for n in named[COMMAND]},
-        "move these commands up by {0:g} rows within each episode",
+        "move up by {0:g} rows within each episode",
         ROWS,
         (0.0, -MOST, MOST),
         unit="rows",
@@ -239,7 +244,7 @@ def _of_place(
         (READING,),
         where,
         lambda log, v: earlier(log, joints, float(v[0])),
-        "move these readings up by {0:.3g} rows within each episode",
+        "move up by {0:.3g} rows within each episode",
         FEWER,
         (0.0, -MOST, MOST),
         unit="rows",

@@ -85,6 +85,7 @@ def test_a_report_of_an_older_version_is_read() -> None:
     for cause in older["causes"]:
         del cause["kind"], cause["seconds"], cause["remedy"]
         del cause["shared"], cause["encoder"], cause["equivalent"][0]["inseparable"]
+        del cause["equivalent"][0]["kind"]
     assert Report.from_json({**older, "schema": 1}) == replace(REPORT, replay=None)
 
 
@@ -92,10 +93,19 @@ def test_a_report_of_schema_2_is_read() -> None:
     """Its causes say nothing of their kind: they are the robot's, and act throughout."""
     older = REPORT.to_json()
     for cause in older["causes"]:
-        del cause["kind"], cause["seconds"], cause["remedy"]
+        del cause["kind"], cause["seconds"], cause["remedy"], cause["equivalent"][0]["kind"]
     read = Report.from_json({**older, "schema": 2})
     assert read == REPORT
-    assert {cause.kind for cause in read.causes} == {"robot"}
+    assert read.effects == read.values == read.causes
+
+
+def test_only_the_robots_causes_are_effects() -> None:
+    """A mistake of the log has a value and a remedy, and never stands in effects.yaml."""
+    late = replace(REPORT.causes[0], effect="row_shift", where=None, kind="log", remedy="move it")
+    both = replace(REPORT, causes=(late, *REPORT.causes))
+    assert both.values == (late, *REPORT.causes)
+    assert both.effects == REPORT.causes
+    assert Report.from_json(both.to_json()) == both
 
 
 def test_fitted_values_survive_the_file_and_are_no_causes() -> None:
@@ -117,7 +127,8 @@ def test_the_file_has_the_keys_of_schema_3() -> None:
     for name, keys in KEYS.items():
         part = tree[name][0] if isinstance(tree[name], list) and tree[name] else tree[name]
         assert keys is None or set(part) == keys
-    assert set(tree["causes"][0]["equivalent"][0]) == {"effect", "where", "inseparable"}
+    same = tree["causes"][0]["equivalent"][0]
+    assert set(same) == {"effect", "where", "inseparable", "kind"}
 
 
 def test_numbers_are_plain() -> None:

@@ -75,7 +75,7 @@ def test_a_report_of_any_kind_survives_its_file(tmp_path: Path) -> None:
     made = concluded(wrong, tmp_path, "log.reversal.ctrl.qpos.b", "viscous_friction.b")
     (cause,) = made.report.causes
     assert (cause.kind, cause.effect, cause.where) == ("log", "reversal", "b")
-    assert cause.remedy == "multiply by -1"
+    assert cause.remedy == "ctrl.b, qpos.b: multiply by -1"
     assert cause.extra["columns"] == ["ctrl", "qpos"]
     assert made.fit.members == ()
     assert Report.from_json(made.report.to_json()).causes[0].kind == "log"
