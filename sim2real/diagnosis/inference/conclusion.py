@@ -14,16 +14,18 @@ from sim2real.diagnosis.attribution.attribute import Search
 from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.attribution.conclude import Conclusion, where_of
 from sim2real.diagnosis.attribution.fit import Fit as Values
-from sim2real.diagnosis.evidence import Rung, SingleFit
+from sim2real.diagnosis.evidence import Pair, Rung, SingleFit
 from sim2real.diagnosis.inference.distance import is_told_apart
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Member, kind_of
 from sim2real.diagnosis.inference.intervals import intervals
 from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_changes import LogChange
+from sim2real.diagnosis.inference.pushes import Pushed
 from sim2real.diagnosis.inference.remainder import described
 from sim2real.diagnosis.inference.score import FOLDS
-from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained
+from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained, Where
+from sim2real.diagnosis.settings import TINY
 
 
 class _Part(NamedTuple):
@@ -48,58 +50,91 @@ def conclusion_of(
     error = full_errors(judgement, best)
     parts = _parts(judgement)
     alike = [equivalents(judgement, part.place) for part in parts]
-    ends, correlation = intervals(
-        judgement.judge.fitter, best, [m for own in alike for m, _ in own]
-    )
+    others = [member for own in alike for member, _ in own]
+    ends, correlation = intervals(judgement.judge.fitter, best, others)
     closed, ci = blocks.closed(base, error, floor)
-    shares = np.array([max(part.lost, 0.0) for part in parts])
-    shares = shares / max(float(shares.sum()), 1.0)
-    causes = tuple(
-        _cause(judgement, part.place, ends, own, float(closed * share))
+    lost = np.array([max(part.lost, 0.0) for part in parts])
+    shares = closed * lost / max(float(lost.sum()), TINY)
+    causes = [
+        _cause(judgement, part.place, ends, own, float(share))
         for part, own, share in zip(parts, alike, shares, strict=True)
-    )
-    after, none = blocks.rms(error), judgement.verdict == "no_gap"
-    where, spectrum = where_of(search, None if none else error, floors, rng)
-    gap = GapNumbers(
-        search.problem.data.unit,
-        search.before,
-        None if none else after,
-        floor,
-        None if none else closed,
-        None if none else ci,
-        True,
-    )
-    explained = judgement.verdict in ("no_gap", "explained")
-    left = "none" if explained else described(judgement)
-    told = causes if judgement.verdict in ("explained", "partly_explained") else ()
-    report = Report(
-        judgement.verdict,
-        gap,
-        where,
-        told,
-        Unexplained(float(np.clip(1 - closed, 0.0, 1.0)) if not none else 0.0, left),
-    )
-    robot = [p for p in parts if told and isinstance(best.hypothesis.members[p.place], Candidate)]
-    robot = [p for p in robot if kind_of(best.hypothesis.members[p.place]) == "robot"]
-    columns = [best.hypothesis.columns[part.place] for part in robot]
-    fit = _values(best, [part.place for part in robot])
-    rungs = (
-        Rung("as given", search.before, blocks.interval(base)),
-        *((Rung(f"+ {best.label}", after, blocks.interval(error)),) if told else ()),
-        Rung("noise floor", floor, (floor, floor)),
-    )
-    firsts = [column.start for column in columns]
-    every = frozenset(range(len(causes))) if told else frozenset[int]()
+    ]
+    named = judgement.verdict in ("explained", "partly_explained")
+    robot = [
+        part.place for part in parts if kind_of(best.hypothesis.members[part.place]) == "robot"
+    ]
+    robot = robot if named else []
+    columns = [best.hypothesis.columns[place] for place in robot]
+    fit, firsts = _values(best, robot), [column.start for column in columns]
+    told = frozenset(range(len(causes) if named else 0))
+    after = error if told else base
+    where, spectrum = where_of(search, after if told else None, floors, rng)
     return Conclusion(
-        report,
+        _report(judgement, search, causes if named else [], after, (closed, ci), where),
         fit,
-        rungs,
+        _ladder(search, best, after if told else None),
         _singles(judgement, search),
         spectrum,
         np.concatenate([np.zeros((0, 2)), *(ends[column] for column in columns)]),
-        {frozenset[int](): base, every: error if told else base},
+        {frozenset(): base, told: after},
         correlation[np.ix_(firsts, firsts)],
         _explanations(fit, best, alike) if len(robot) == len(causes) else (),
+    )
+
+
+def _report(
+    judgement: Judgement,
+    search: Search,
+    causes: Sequence[Cause],
+    after: np.ndarray,
+    closed: tuple[float, Pair],
+    where: tuple[Where, ...],
+) -> Report:
+    """Return the report; `after` are errors (W, T, M) with the causes, `closed` what they do."""
+    verdict, (share, ci) = judgement.verdict, closed
+    if not causes:
+        share, ci = 0.0, (0.0, 0.0)
+    none, left = verdict == "no_gap", verdict not in ("no_gap", "explained")
+    size = None if none else search.blocks.rms(after)
+    numbers = (None, None) if none else (share, ci)
+    pushes = [_push(judgement, push) for push in judgement.pushes]
+    return Report(
+        verdict,
+        GapNumbers(search.problem.data.unit, search.before, size, search.floor, *numbers, True),
+        where,
+        (*causes, *pushes),
+        Unexplained(
+            0.0 if none else float(np.clip(1 - share, 0.0, 1.0)),
+            described(judgement) if left else "none",
+        ),
+    )
+
+
+def _ladder(search: Search, best: Fit, after: np.ndarray | None) -> tuple[Rung, ...]:
+    """Return the gap as given, with the causes and the floor."""
+    blocks, floor = search.blocks, search.floor
+    steps = [("as given", search.base)] + ([] if after is None else [(f"+ {best.label}", after)])
+    rungs = [Rung(label, blocks.rms(error), blocks.interval(error)) for label, error in steps]
+    return (*rungs, Rung("noise floor", floor, (floor, floor)))
+
+
+def _push(judgement: Judgement, push: Pushed) -> Cause:
+    """Return a push as a cause: not what it closes is known, but that most of the rest is its."""
+    data = judgement.judge.data
+    joint = next(joint for joint in data.joints if joint.name == push.joint)
+    value, settings = push.torque, judgement.judge.settings
+    return Cause(
+        "push",
+        push.joint,
+        None,
+        value,
+        (min(value, 0.0), max(value, 0.0)),
+        "N·m" if joint.unit == "rad" else "N",
+        {"episode": push.episode},
+        1 - settings.level,
+        0.0,
+        kind="world",
+        seconds=push.seconds,
     )
 
 

@@ -19,14 +19,22 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.plant import Fixed
-from sim2real.diagnosis.attribution.candidates import in_the_way
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.decision import Standing, posterior, verdict_of
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.likelihood import Likelihood
-from sim2real.diagnosis.inference.log_changes import LogChange
+from sim2real.diagnosis.inference.moves import (
+    additions,
+    again,
+    alone,
+    distinct,
+    is_part,
+    ranked,
+    without,
+)
+from sim2real.diagnosis.inference.pushes import Pushed, pushes_in
 from sim2real.diagnosis.inference.replayer import Job, Replayer, whole_episodes
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, folds_of
 from sim2real.diagnosis.inference.unknowns import capped, is_lost, unknowns
@@ -34,6 +42,7 @@ from sim2real.diagnosis.schema import Verdict
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
 NONE = Hypothesis(())
+SURE = 4.0  # noises or counts that an error of noise alone does not reach
 LEAST = 3  # windows of a fold that proposals are screened on
 HALVES = 2  # of the proposals that were fitted at a glance go on
 Propose = Callable[[], Sequence[Start]]
@@ -51,6 +60,7 @@ class Judgement:
         rivals: other explanations that were fitted to the end, the best first.
         left: what a free discrepancy still gains over one of a count [nats a reading].
         where_left: the same of each window, not by reading, (W,).
+        pushes: torques that act for a moment and hold most of what is left.
         probability: of the best and of each rival, (1 + n,).
         unknown: probability of a law that is not in the vocabulary.
         judge: who said so.
@@ -63,6 +73,7 @@ class Judgement:
     rivals: tuple[Fit, ...]
     left: Gain
     where_left: np.ndarray
+    pushes: tuple[Pushed, ...]
     probability: np.ndarray
     unknown: float
     judge: Judge
@@ -114,7 +125,7 @@ class Judge:
         """
         if self.left(self.given).gain.high <= self.settings.equivalence_tolerance:
             return self._concluded({self.given.label: self.given})
-        starts = [*map(_alone, always), *propose()]
+        starts = [*map(alone, always), *propose()]
         self.say("judging what was proposed")
         tried = {self.given.label: self.given}
         pool = self._refined(starts, tried)
@@ -123,7 +134,7 @@ class Judge:
             if self.left(best).gain.high <= self.settings.equivalence_tolerance:
                 break
             self.say(f"judging what else there is beside {best.label}")
-            self._refined(_additions(best, pool), tried)
+            self._refined(additions(best, pool), tried)
             before, best = best, self._chosen(tried)
             if best is before:
                 break
@@ -134,6 +145,12 @@ class Judge:
         windows = fit.score - self.fitter.capped(fit, self.most)
         gain = self.bootstrap.gain(windows)
         return Left(Gain(*(value / self.readings for value in gain)), windows)
+
+    def excess(self, fit: Fit) -> np.ndarray:
+        """Return by how much squared errors exceed what noise and counts make, (W, N, M)."""
+        counts = SURE * self.most * self.replayer.noise
+        beyond = np.square(fit.held / counts) - 1.0
+        return np.where(self.replayer.used[..., None], np.maximum(beyond, 0.0), 0.0)
 
     def wins(self, more: Fit, less: Fit) -> bool:
         """Return whether further members win what each has to: the tolerance, for certain."""
@@ -203,15 +220,15 @@ class Judge:
     def _refined(self, starts: Sequence[Start], tried: dict[str, Fit]) -> list[Start]:
         """Fit the starts that screen best into what was tried; return all changes by their rank."""
         fresh = [start for start in starts if start.hypothesis.label not in tried]
-        looked = _ranked(self.glance.fit(fresh, rounds=0))
-        best = _distinct(looked, self.settings.refits)
-        best = _ranked(self.glance.fit(map(_again, best), self.settings.glances))
+        looked = ranked(self.glance.fit(fresh, rounds=0))
+        best = distinct(looked, self.settings.refits)
+        best = ranked(self.glance.fit(map(again, best), self.settings.glances))
         best = best[: (self.settings.refits + 1) // HALVES]
-        for fit in self.fitter.fit(map(_again, best), self.settings.rounds - self.settings.glances):
+        for fit in self.fitter.fit(map(again, best), self.settings.rounds - self.settings.glances):
             if fit.label not in tried or fit.total > tried[fit.label].total:
                 tried[fit.label] = fit
-        alone = [fit for fit in looked if len(fit.hypothesis.members) == 1]
-        return list(map(_again, alone[: self.settings.pool]))
+        single = [fit for fit in looked if len(fit.hypothesis.members) == 1]
+        return list(map(again, single[: self.settings.pool]))
 
     def _chosen(self, tried: dict[str, Fit]) -> Fit:
         """Return the shortest explanation that none longer wins against."""
@@ -236,7 +253,7 @@ class Judge:
         """Return the best explanation, each of whose members wins what it has to."""
         best = self._chosen(tried)
         while len(best.hypothesis.members) > 1:
-            fewer = [_without(best, n) for n in range(len(best.hypothesis.members))]
+            fewer = [without(best, n) for n in range(len(best.hypothesis.members))]
             fewer = [start for start in fewer if start.hypothesis.label not in tried]
             for fit in self.fitter.fit(fewer):
                 tried[fit.label] = fit
@@ -259,6 +276,10 @@ class Judge:
         standing = Standing(
             members, left.gain, gains, inside, self._replays(best), self._nearer(best)
         )
+        verdict, pushes = verdict_of(standing, self.settings), ()
+        if verdict == "partly_explained" or (verdict == "unexplained" and not members):
+            pushes = pushes_in(self.fitter, best, self.excess(best))
+            verdict = "partly_explained" if pushes else verdict
         rivals = [fit for fit in tried.values() if fit is not best and fit.hypothesis.members]
         rivals.sort(key=lambda fit: -fit.total)
         fits = [best, *rivals]
@@ -269,13 +290,14 @@ class Judge:
             self.settings,
         )
         return Judgement(
-            verdict_of(standing, self.settings),
+            verdict,
             best,
             self.given,
             self.nulls,
             tuple(rivals),
             left.gain,
             left.windows,
+            pushes,
             chances,
             unknown,
             self,
@@ -287,12 +309,12 @@ class Judge:
         others = [f for f in others if len(f.hypothesis.members) <= len(best.hypothesis.members)]
         others.sort(key=lambda fit: -fit.total)
         finalists = [best, *others[: self.settings.rivals]]
-        finalists += [f for f in others if _is_part(f.hypothesis, best.hypothesis)]
-        finalists = _distinct(finalists, len(finalists))
+        finalists += [f for f in others if is_part(f.hypothesis, best.hypothesis)]
+        finalists = distinct(finalists, len(finalists))
         self._look(best.hypothesis, best.values)
-        fits = self.fitter.fit(map(_again, finalists))
-        again = {fit.label: fit for fit in [self.given, *fits]}
-        return self._pruned(again), again
+        fits = self.fitter.fit(map(again, finalists))
+        refitted = {fit.label: fit for fit in [self.given, *fits]}
+        return self._pruned(refitted), refitted
 
     def _replays(self, fit: Fit) -> bool:
         """Return whether whole episodes, from their starts, follow a fit rather than stay."""
@@ -318,69 +340,3 @@ class Judge:
         noise = self.replayer.noise
         before, after = (np.square(f.held / noise).sum() for f in (self.given, fit))
         return bool(after < before)
-
-
-def _alone(member: Member) -> Start:
-    """Return a change by itself, at its probes."""
-    return Start(Hypothesis((member,)), member.probes)
-
-
-def _ranked(fits: Sequence[Fit]) -> list[Fit]:
-    """Return fits, the best first."""
-    return sorted(fits, key=lambda fit: -fit.total)
-
-
-def _again(fit: Fit) -> Start:
-    """Return a fit as a start."""
-    return Start(fit.hypothesis, fit.values[None])
-
-
-def _additions(best: Fit, pool: Sequence[Start]) -> list[Start]:
-    """Return the best with one more change each, at the values that each screened with."""
-    found = []
-    for hypothesis, points in pool:
-        (member,) = hypothesis.members
-        if all(_compatible(member, other) for other in best.hypothesis.members):
-            found.append(_joined(best, member, points))
-    return found
-
-
-def _compatible(one: Member, other: Member) -> bool:
-    """Return whether two changes can be there at once."""
-    if one.label == other.label:
-        return False
-    if isinstance(one, LogChange) or isinstance(other, LogChange):
-        return True
-    return not in_the_way(one.effect, other.effect)
-
-
-def _joined(best: Fit, member: Member, points: np.ndarray) -> Start:
-    """Return a fit with one more member, at points (K, 2, P) of it."""
-    hypothesis = Hypothesis.of([*best.hypothesis.members, member])
-    values = np.empty((len(points), FOLDS, len(hypothesis.low)))
-    pairs = zip(best.hypothesis.members, best.hypothesis.columns, strict=True)
-    own = {m.label: best.values[:, column] for m, column in pairs}
-    for one, column in zip(hypothesis.members, hypothesis.columns, strict=True):
-        values[..., column] = points if one is member else own[one.label]
-    return Start(hypothesis, values)
-
-
-def _without(fit: Fit, place: int) -> Start:
-    """Return a fit without one member, the others at their values."""
-    kept = np.ones(fit.values.shape[1], bool)
-    kept[fit.hypothesis.columns[place]] = False
-    return Start(fit.hypothesis.without(place), fit.values[None][..., kept])
-
-
-def _is_part(one: Hypothesis, other: Hypothesis) -> bool:
-    """Return whether all members of a hypothesis are among those of another."""
-    labels = {member.label for member in other.members}
-    return all(member.label in labels for member in one.members)
-
-
-def _distinct(fits: Sequence[Fit], most: int) -> list[Fit]:
-    """Return the first fits of each label, at most so many."""
-    found: dict[str, Fit] = {}
-    for fit in fits:
-        found.setdefault(fit.label, fit)
-    return list(found.values())[:most]

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sim2real.diagnosis.inference.judge import Judgement
+from sim2real.diagnosis.inference.pushes import PART
 
-PART = 0.7  # of what is left, that a stretch of time has to hold to be named
 STRETCHES = (0.25, 0.5, 1.0, 2.0, 4.0)  # s: lengths of such stretches
 
 
@@ -23,14 +23,6 @@ class Stretch(NamedTuple):
     start: float  # s
     end: float
     part: float
-
-
-def excess(judgement: Judgement) -> np.ndarray:
-    """Return by how much each squared error exceeds what noise and counts make, (W, N, M)."""
-    replayer = judgement.judge.replayer
-    counts = judgement.judge.most * replayer.noise
-    beyond = np.square(judgement.best.held / counts) - 1.0
-    return np.where(replayer.used[..., None], np.maximum(beyond, 0.0), 0.0)
 
 
 def stretch_of(judgement: Judgement, left: np.ndarray) -> Stretch | None:
@@ -72,7 +64,7 @@ def stretch_of(judgement: Judgement, left: np.ndarray) -> Stretch | None:
 
 def described(judgement: Judgement) -> str:
     """Return what is left in words: joint, and time where it is not everywhere."""
-    left, data = excess(judgement), judgement.judge.data
+    left, data = judgement.judge.excess(judgement.best), judgement.judge.data
     by_joint = left.sum(axis=(0, 1))
     if not by_joint.sum():
         return "less than a count of every encoder, for longer than noise lasts"
