@@ -52,7 +52,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.evidence import Evidence
-from sim2real.diagnosis.inference.judged import judged
+from sim2real.diagnosis.inference.run import run_judge
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.checks import UNITS
 from sim2real.diagnosis.prepare import prepare
@@ -156,7 +156,7 @@ def run_diagnosis(
         prepared.data, exclude, fixed, rng, on_progress, Work(), witnesses(findings, fixed)
     )
     if judge == "likelihood":
-        found = judged(about, prepared.restart)
+        found = run_judge(about, prepared.restart)
     else:
         found = attributed(about, wrong[0] if wrong else None, prepared.restart)
     if prepared.restart is not None:

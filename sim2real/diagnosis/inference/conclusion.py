@@ -1,6 +1,6 @@
 """From a judgement to a report: verdict, causes with intervals and equivalents, what is left.
 
-made = conclusion_of(judgement, search, floors, rng)
+made = make_conclusion(judgement, search, floors, rng)
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from sim2real.diagnosis.attribution.fit import Fit as Values
 from sim2real.diagnosis.evidence import Pair, Rung, SingleFit
 from sim2real.diagnosis.inference.distance import is_told_apart
 from sim2real.diagnosis.inference.fit import Fit
-from sim2real.diagnosis.inference.hypotheses import Member, kind_of
-from sim2real.diagnosis.inference.intervals import intervals
+from sim2real.diagnosis.inference.hypotheses import Member, get_kind
+from sim2real.diagnosis.inference.intervals import compute_intervals
 from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_changes import LogChange
 from sim2real.diagnosis.inference.pushes import Pushed
-from sim2real.diagnosis.inference.remainder import described
+from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.inference.score import FOLDS
 from sim2real.diagnosis.schema import Cause, Equivalent, GapNumbers, Report, Unexplained, Where
 from sim2real.diagnosis.settings import TINY
@@ -35,7 +35,7 @@ class _Part(NamedTuple):
     lost: float  # nats
 
 
-def conclusion_of(
+def make_conclusion(
     judgement: Judgement, search: Search, floors: np.ndarray, rng: np.random.Generator
 ) -> Conclusion:
     """Return a judgement as a report, and the fit behind it.
@@ -47,11 +47,11 @@ def conclusion_of(
         rng: for the intervals of the gap.
     """
     best, base, blocks, floor = judgement.best, search.base, search.blocks, search.floor
-    error = full_errors(judgement, best)
+    error = replay_errors(judgement, best)
     parts = _parts(judgement)
-    alike = [equivalents(judgement, part.place) for part in parts]
+    alike = [find_equivalents(judgement, part.place) for part in parts]
     others = [member for own in alike for member, _ in own]
-    ends, correlation = intervals(judgement.judge.fitter, best, others)
+    ends, correlation = compute_intervals(judgement.judge.fitter, best, others)
     closed, ci = blocks.closed(base, error, floor)
     lost = np.array([max(part.lost, 0.0) for part in parts])
     shares = closed * lost / max(float(lost.sum()), TINY)
@@ -61,7 +61,7 @@ def conclusion_of(
     ]
     named = judgement.verdict in ("explained", "partly_explained")
     robot = [
-        part.place for part in parts if kind_of(best.hypothesis.members[part.place]) == "robot"
+        part.place for part in parts if get_kind(best.hypothesis.members[part.place]) == "robot"
     ]
     robot = robot if named else []
     columns = [best.hypothesis.columns[place] for place in robot]
@@ -105,7 +105,7 @@ def _report(
         (*causes, *pushes),
         Unexplained(
             0.0 if none else float(np.clip(1 - share, 0.0, 1.0)),
-            described(judgement) if left else "none",
+            describe_remainder(judgement) if left else "none",
         ),
     )
 
@@ -138,7 +138,7 @@ def _push(judgement: Judgement, push: Pushed) -> Cause:
     )
 
 
-def full_errors(judgement: Judgement, fit: Fit) -> np.ndarray:
+def replay_errors(judgement: Judgement, fit: Fit) -> np.ndarray:
     """Return the held-out errors of all rows, (W, T, M), of a fit."""
     judge = judgement.judge
     return judge.replayer.errors(fit.hypothesis, fit.values[1 - judge.fold])
@@ -155,7 +155,7 @@ def _parts(judgement: Judgement) -> list[_Part]:
     return sorted(parts, key=lambda part: -part.lost)
 
 
-def equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit]]:
+def find_equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit]]:
     """Return what cannot be told from a member: others in its place, fitted to the end as well."""
     best, found = judgement.best, []
     rest = {m.label for n, m in enumerate(best.hypothesis.members) if n != place}
@@ -186,7 +186,9 @@ def _cause(
         if any(m.label in names for m in fit.hypothesis.members)
     )
     values, spans = best.mean[column], ends[column]
-    equal = tuple(dict.fromkeys(Equivalent(_name(m), _where(m), kind=kind_of(m)) for m, _ in alike))
+    equal = tuple(
+        dict.fromkeys(Equivalent(_name(m), _where(m), kind=get_kind(m)) for m, _ in alike)
+    )
     equal = tuple(e for e in equal if (e.effect, e.where) != (_name(member), _where(member)))
     extra = _extra(member, values)
     most = _largest(member, values)
@@ -203,7 +205,7 @@ def _cause(
         closed,
         equivalent=equal[: judgement.judge.data.settings.causes.equivalents_max - 1],
         shared=isinstance(member, Candidate) and member.shared,
-        kind=kind_of(member),
+        kind=get_kind(member),
         seconds=member.seconds if isinstance(member, LogChange) else None,
         remedy=member.mending(values) if isinstance(member, LogChange) else None,
     )
@@ -258,7 +260,7 @@ def _explanations(
     others = {}
     for crowd in alike:
         for _, fit in crowd:
-            if all(kind_of(m) == "robot" for m in fit.hypothesis.members):
+            if all(get_kind(m) == "robot" for m in fit.hypothesis.members):
                 others[fit.label] = _values(fit, range(len(fit.hypothesis.members)))
     return ((best.label, own), *others.items()) if others else ()
 
@@ -269,7 +271,7 @@ def _singles(judgement: Judgement, search: Search) -> tuple[SingleFit, ...]:
     for fit in sorted([judgement.best, *judgement.rivals], key=lambda fit: -fit.total):
         if len(fit.hypothesis.members) == 1:
             (member,) = fit.hypothesis.members
-            error = full_errors(judgement, fit)
+            error = replay_errors(judgement, fit)
             closed, ci = search.blocks.closed(search.base, error, search.floor)
             change = isinstance(member, LogChange)
             value = member.first(fit.mean) if change else float(fit.mean[0])

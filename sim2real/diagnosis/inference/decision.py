@@ -1,6 +1,6 @@
 """The verdict on a gap, from what the likelihood says of the best explanation.
 
-    verdict_of(Standing(...), settings)
+    decide_verdict(Standing(...), settings)
 
 One equivalence test decides what counts as explained: the discrepancy that may still be there is
 free in one likelihood and at most a count of the encoder in the other; what the free one gains,
@@ -40,7 +40,7 @@ class Standing(NamedTuple):
     nearer: bool = True
 
 
-def verdict_of(standing: Standing, settings: Inference) -> Verdict:
+def decide_verdict(standing: Standing, settings: Inference) -> Verdict:
     """Return the verdict.
 
     Args:
@@ -57,7 +57,7 @@ def verdict_of(standing: Standing, settings: Inference) -> Verdict:
     return "partly_explained" if standing.nearer else "unexplained"
 
 
-def posterior(
+def compute_posterior(
     scores: Sequence[float], members: Sequence[int], left: float, settings: Inference
 ) -> tuple[np.ndarray, float]:
     """Return the probability of each hypothesis, (n,), and of a law that is not in the vocabulary.

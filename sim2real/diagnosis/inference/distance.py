@@ -1,6 +1,6 @@
 """How far apart two explanations predict, in nats: the one notion of "cannot be told apart".
 
-    separation(fitter, one, other)              # after both were fitted
+    compute_separation(fitter, one, other)              # after both were fitted
 
 If one explanation is true, recordings like these are expected to favour it by half the squared
 distance of the predictions under the covariance of what neither knows: the Kullback-Leibler
@@ -16,7 +16,7 @@ from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.score import Bootstrap
 
 
-def separation(fitter: Fitter, one: Fit, other: Fit) -> float:
+def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
     """Return the expected log ratio of two fits' densities on these windows [nats].
 
     Args:
@@ -37,5 +37,5 @@ def is_told_apart(fitter: Fitter, bootstrap: Bootstrap, best: Fit, other: Fit) -
     They do where it predicts significantly better, and where the predictions lie so far apart that
     the evidence was to be expected: a ratio of densities of one over the level.
     """
-    expected = separation(fitter, best, other) > math.log(1 / fitter.settings.level)
+    expected = compute_separation(fitter, best, other) > math.log(1 / fitter.settings.level)
     return expected and bootstrap.gain(best.score - other.score).low > 0

@@ -108,7 +108,7 @@ class Fitter:
         state = _State(none, np.zeros((FOLDS, 0)), zero, *self._train(zero))
         return self._judge(state, zero)
 
-    def capped(self, fit: Fit, most: np.ndarray) -> np.ndarray:
+    def score_capped(self, fit: Fit, most: np.ndarray) -> np.ndarray:
         """Return the score of a fit, (W,), if the discrepancy is at most so large, (M,) noises."""
         score = np.zeros(len(self.fold))
         for side in range(FOLDS):

@@ -24,14 +24,14 @@ Kind = Literal["robot", "log", "world"]
 WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "contact_stiffness")
 
 
-def kind_of(member: Member) -> Kind:
+def get_kind(member: Member) -> Kind:
     """Return what a member changes."""
     if isinstance(member, LogChange):
         return "log"
     return "world" if member.name in WORLD else "robot"
 
 
-def size_of(member: Member) -> np.ndarray:
+def get_size(member: Member) -> np.ndarray:
     """Return the size of each value of a member at its largest probe, (P,)."""
     changes = np.where(member.neutral >= FREE, member.probes, member.probes - member.neutral)
     size = np.abs(changes).max(axis=0)
@@ -42,7 +42,7 @@ def _bounds_of(member: Member, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Return what a member's values can physically be, (P,) each; see `Hypothesis.bounded`."""
     if isinstance(member, LogChange):
         return member.low, member.high
-    far, limit = reach * size_of(member), member.neutral >= FREE
+    far, limit = reach * get_size(member), member.neutral >= FREE
     low = np.where(limit, member.low, np.maximum(member.low, member.neutral - far))
     return low, np.where(limit, member.high, np.minimum(member.high, member.neutral + far))
 
@@ -56,7 +56,7 @@ class Hypothesis:
     @staticmethod
     def of(members: Sequence[Member]) -> Hypothesis:
         """Return members in the order in which they act: on the robot, then on its log."""
-        return Hypothesis(tuple(sorted(members, key=lambda m: kind_of(m) == "log")))
+        return Hypothesis(tuple(sorted(members, key=lambda m: get_kind(m) == "log")))
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
@@ -105,7 +105,7 @@ class Hypothesis:
     @cached_property
     def size(self) -> np.ndarray:
         """Size of each value at its largest probe, (P,)."""
-        return np.concatenate([np.zeros(0), *(size_of(m) for m in self.members)])
+        return np.concatenate([np.zeros(0), *(get_size(m) for m in self.members)])
 
     @cached_property
     def smooth(self) -> np.ndarray:

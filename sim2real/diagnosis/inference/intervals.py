@@ -1,6 +1,6 @@
 """Intervals of values: profiled over what else may share the gap.
 
-    ends, correlation = intervals(judgement)            # (P, 2), (P, P)
+    ends, correlation = compute_intervals(judgement)            # (P, 2), (P, P)
 
 The curvature of the log density at the answer, (J' V^-1 J) with V the covariance of everything that
 nobody knows, is inverted together with the directions of the effects that cannot be told from a
@@ -16,14 +16,16 @@ import numpy as np
 from scipy.stats import norm
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter
-from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, size_of
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, get_size
 from sim2real.diagnosis.inference.replayer import Job
 from sim2real.diagnosis.inference.score import FOLDS
 
 COVERAGE = 0.9  # of an interval
 
 
-def intervals(fitter: Fitter, fit: Fit, others: Sequence[Member]) -> tuple[np.ndarray, np.ndarray]:
+def compute_intervals(
+    fitter: Fitter, fit: Fit, others: Sequence[Member]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return 90 % intervals of a fit's values, (P, 2), and their correlations, (P, P).
 
     Args:
@@ -43,7 +45,7 @@ def intervals(fitter: Fitter, fit: Fit, others: Sequence[Member]) -> tuple[np.nd
     sizes = list(step)
     prior = list(settings.reach * fit.hypothesis.size)
     for other in others:
-        for place, size in enumerate(size_of(other)):
+        for place, size in enumerate(get_size(other)):
             hypothesis = Hypothesis.of([*fit.hypothesis.members, other])
             values = np.empty((FOLDS, len(hypothesis.low)))
             column = hypothesis.columns[hypothesis.members.index(other)]

@@ -1,7 +1,7 @@
 """The judge: which explanation predicts held-out stretches best, and whether that is enough.
 
     judge = Judge(data, fixed, rng)
-    judgement = judge.judge(propose, [*log_changes(data), *world_changes(data)])
+    judgement = judge.judge(propose, [*list_log_changes(data), *list_world_changes(data)])
     judgement.verdict, judgement.best.label
 
 Proposals may come from anywhere: mistakes of the log, changes of the world, effects that a search
@@ -21,23 +21,23 @@ import numpy as np
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.work import Work
-from sim2real.diagnosis.inference.decision import Standing, posterior, verdict_of
+from sim2real.diagnosis.inference.decision import Standing, compute_posterior, decide_verdict
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.moves import (
-    additions,
-    again,
-    alone,
-    distinct,
+    add_members,
     is_part,
-    ranked,
+    make_start,
+    pick_distinct,
+    rank_fits,
+    restart,
     without,
 )
-from sim2real.diagnosis.inference.pushes import Pushed, pushes_in
-from sim2real.diagnosis.inference.replayer import Job, Replayer, whole_episodes
-from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, folds_of
-from sim2real.diagnosis.inference.unknowns import capped, is_lost, unknowns
+from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
+from sim2real.diagnosis.inference.replayer import Job, Replayer, cut_whole_episodes
+from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
+from sim2real.diagnosis.inference.unknowns import cap_directions, compute_unknowns, is_lost
 from sim2real.diagnosis.schema import Verdict
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
@@ -108,12 +108,12 @@ class Judge:
         self.data, self.say, self.settings = data, say, data.settings.inference
         self._rest = tuple(fixed), work
         self.replayer = Replayer(data, *self._rest)
-        self.fold = folds_of(data.windows)
+        self.fold = deal_folds(data.windows)
         self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)
         self.readings = self.replayer.readings
         noise = self.replayer.noise
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
-        self.glance = self._glanced(*self._look(NONE, np.zeros((FOLDS, 0))))
+        self.glance = self._make_glance(*self._look(NONE, np.zeros((FOLDS, 0))))
 
     def judge(self, propose: Propose, always: Sequence[Member] = ()) -> Judgement:
         """Return the judgement on the gap.
@@ -124,25 +124,25 @@ class Judge:
             always: changes that are proposed whatever a search thinks of them.
         """
         if self.left(self.given).gain.high <= self.settings.equivalence_tolerance:
-            return self._concluded({self.given.label: self.given})
-        starts = [*map(alone, always), *propose()]
+            return self._conclude({self.given.label: self.given})
+        starts = [*map(make_start, always), *propose()]
         self.say("judging what was proposed")
         tried = {self.given.label: self.given}
-        pool = self._refined(starts, tried)
-        best = self._chosen(tried)
+        pool = self._refine(starts, tried)
+        best = self._choose(tried)
         while 0 < len(best.hypothesis.members) < self.settings.members_max:
             if self.left(best).gain.high <= self.settings.equivalence_tolerance:
                 break
             self.say(f"judging what else there is beside {best.label}")
-            self._refined(additions(best, pool), tried)
-            before, best = best, self._chosen(tried)
+            self._refine(add_members(best, pool), tried)
+            before, best = best, self._choose(tried)
             if best is before:
                 break
-        return self._concluded(tried)
+        return self._conclude(tried)
 
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
-        windows = fit.score - self.fitter.capped(fit, self.most)
+        windows = fit.score - self.fitter.score_capped(fit, self.most)
         gain = self.bootstrap.gain(windows)
         return Left(Gain(*(value / self.readings for value in gain)), windows)
 
@@ -172,7 +172,7 @@ class Judge:
             Its errors, and what is unknown around them; see `unknowns`.
         """
         replayer = self.replayer
-        base, local, common = unknowns(replayer, hypothesis, values[self.fold])
+        base, local, common = compute_unknowns(replayer, hypothesis, values[self.fold])
         likelihood = Likelihood(
             replayer.times, replayer.used, replayer.noise, local, common, self.settings
         )
@@ -182,7 +182,7 @@ class Judge:
         self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
         return base, local, common
 
-    def _glanced(self, given: np.ndarray, local: np.ndarray, common: np.ndarray) -> Fitter:
+    def _make_glance(self, given: np.ndarray, local: np.ndarray, common: np.ndarray) -> Fitter:
         """Return what proposals are screened with: some windows of each fold, in longer time steps.
 
         What longer steps change of the model as given is taken off all errors; where it is lost,
@@ -217,29 +217,31 @@ class Judge:
         )
         return Fitter(replayer, likelihood, self.fold[chosen])
 
-    def _refined(self, starts: Sequence[Start], tried: dict[str, Fit]) -> list[Start]:
+    def _refine(self, starts: Sequence[Start], tried: dict[str, Fit]) -> list[Start]:
         """Fit the starts that screen best into what was tried; return all changes by their rank."""
         fresh = [start for start in starts if start.hypothesis.label not in tried]
-        looked = ranked(self.glance.fit(fresh, rounds=0))
-        best = distinct(looked, self.settings.refits)
-        best = ranked(self.glance.fit(map(again, best), self.settings.glances))
+        looked = rank_fits(self.glance.fit(fresh, rounds=0))
+        best = pick_distinct(looked, self.settings.refits)
+        best = rank_fits(self.glance.fit(map(restart, best), self.settings.glances))
         best = best[: (self.settings.refits + 1) // HALVES]
-        for fit in self.fitter.fit(map(again, best), self.settings.rounds - self.settings.glances):
+        for fit in self.fitter.fit(
+            map(restart, best), self.settings.rounds - self.settings.glances
+        ):
             if fit.label not in tried or fit.total > tried[fit.label].total:
                 tried[fit.label] = fit
         single = [fit for fit in looked if len(fit.hypothesis.members) == 1]
-        return list(map(again, single[: self.settings.pool]))
+        return list(map(restart, single[: self.settings.pool]))
 
-    def _chosen(self, tried: dict[str, Fit]) -> Fit:
+    def _choose(self, tried: dict[str, Fit]) -> Fit:
         """Return the shortest explanation that none longer wins against."""
         best = self.given
         for count in range(1, self.settings.members_max + 1):
             own = [fit for fit in tried.values() if len(fit.hypothesis.members) == count]
-            if own and self.wins(simplest := self._simplest(own), best):
+            if own and self.wins(simplest := self._pick_simplest(own), best):
                 best = simplest
         return best
 
-    def _simplest(self, fits: Sequence[Fit]) -> Fit:
+    def _pick_simplest(self, fits: Sequence[Fit]) -> Fit:
         """Return the best, or one of fewer values that is not significantly worse.
 
         Of these one without mistakes of the log goes first: they are common, and yet what a log
@@ -249,25 +251,25 @@ class Judge:
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
         return min(near, key=lambda f: (f.values.shape[1], len(f.hypothesis.changes), -f.total))
 
-    def _pruned(self, tried: dict[str, Fit]) -> Fit:
+    def _prune(self, tried: dict[str, Fit]) -> Fit:
         """Return the best explanation, each of whose members wins what it has to."""
-        best = self._chosen(tried)
+        best = self._choose(tried)
         while len(best.hypothesis.members) > 1:
             fewer = [without(best, n) for n in range(len(best.hypothesis.members))]
             fewer = [start for start in fewer if start.hypothesis.label not in tried]
             for fit in self.fitter.fit(fewer):
                 tried[fit.label] = fit
-            before, best = best, self._chosen(tried)
+            before, best = best, self._choose(tried)
             if best is before:
                 return best
         return best
 
-    def _concluded(self, tried: dict[str, Fit]) -> Judgement:
+    def _conclude(self, tried: dict[str, Fit]) -> Judgement:
         """Return the judgement, with starts and usual errors as they are under the answer."""
-        best = self._pruned(tried)
+        best = self._prune(tried)
         if best.hypothesis.members:
             self.say(f"judging {best.label} and its rivals once more")
-            best, tried = self._once_more(best, tried)
+            best, tried = self._refit(best, tried)
         left, members = self.left(best), len(best.hypothesis.members)
         over = {**self.nulls, **({self.given.label: self.given} if members else {})}
         gains = [self.bootstrap.gain(best.score - other.score) for other in over.values()]
@@ -276,14 +278,14 @@ class Judge:
         standing = Standing(
             members, left.gain, gains, inside, self._replays(best), self._nearer(best)
         )
-        verdict, pushes = verdict_of(standing, self.settings), ()
+        verdict, pushes = decide_verdict(standing, self.settings), ()
         if verdict == "partly_explained" or (verdict == "unexplained" and not members):
-            pushes = pushes_in(self.fitter, best, self.excess(best))
+            pushes = find_pushes(self.fitter, best, self.excess(best))
             verdict = "partly_explained" if pushes else verdict
         rivals = [fit for fit in tried.values() if fit is not best and fit.hypothesis.members]
         rivals.sort(key=lambda fit: -fit.total)
         fits = [best, *rivals]
-        chances, unknown = posterior(
+        chances, unknown = compute_posterior(
             [fit.total / self.readings for fit in fits],
             [len(fit.hypothesis.members) for fit in fits],
             left.gain.high,
@@ -303,28 +305,28 @@ class Judge:
             self,
         )
 
-    def _once_more(self, best: Fit, tried: dict[str, Fit]) -> tuple[Fit, dict[str, Fit]]:
+    def _refit(self, best: Fit, tried: dict[str, Fit]) -> tuple[Fit, dict[str, Fit]]:
         """Return the best and its nearest rivals, fitted where the answer is the model."""
         others = [f for f in tried.values() if f is not best and f.hypothesis.members]
         others = [f for f in others if len(f.hypothesis.members) <= len(best.hypothesis.members)]
         others.sort(key=lambda fit: -fit.total)
         finalists = [best, *others[: self.settings.rivals]]
         finalists += [f for f in others if is_part(f.hypothesis, best.hypothesis)]
-        finalists = distinct(finalists, len(finalists))
+        finalists = pick_distinct(finalists, len(finalists))
         self._look(best.hypothesis, best.values)
-        fits = self.fitter.fit(map(again, finalists))
+        fits = self.fitter.fit(map(restart, finalists))
         refitted = {fit.label: fit for fit in [self.given, *fits]}
-        return self._pruned(refitted), refitted
+        return self._prune(refitted), refitted
 
     def _replays(self, fit: Fit) -> bool:
         """Return whether whole episodes, from their starts, follow a fit rather than stay."""
         if not fit.hypothesis.members:
             return True
-        whole = self.data.with_windows(whole_episodes(self.data))
+        whole = self.data.with_windows(cut_whole_episodes(self.data))
         replayer = Replayer(whole, *self._rest)
         values = np.tile(fit.mean, (len(replayer.every), 1))
         (made,) = replayer.replay([Job(fit.hypothesis, values, replayer.every)])
-        local = capped(replayer, replayer.starts(fit.hypothesis, values))
+        local = cap_directions(replayer, replayer.starts(fit.hypothesis, values))
         none = np.zeros((*made.error.shape, 0))
         likelihood = Likelihood(
             replayer.times, replayer.used, replayer.noise, local, none, self.settings

@@ -1,6 +1,6 @@
 """What may be wrong with a log: hypotheses like any other, and what mends each.
 
-    for change in log_changes(data):
+    for change in list_log_changes(data):
         change.label, change.probes, change.mended(log, values)
 
 Values say what the log has:
@@ -42,11 +42,11 @@ from sim2real.diagnosis.inference.columns import (
     SPEED,
     TURN,
     Columns,
-    by_episode,
-    earlier,
-    held,
-    jump_of,
-    unwrapped,
+    find_jump,
+    map_episodes,
+    shift_held,
+    shift_readings,
+    unwrap_turns,
 )
 
 DEGREES = 180 / math.pi
@@ -128,7 +128,7 @@ class LogChange:
         return dict.fromkeys(self.read, -math.log(abs(self.first(values))))
 
 
-def log_changes(data: Data) -> list[LogChange]:
+def list_log_changes(data: Data) -> list[LogChange]:
     """Return the mistakes that the logs of this robot may have."""
     log = data.logs[0]
     joints = [joint.name for joint in data.joints if f"{READING}.{joint.name}" in log.columns]
@@ -219,7 +219,7 @@ def _increments(actuators: Sequence[str]) -> LogChange:
     names = [f"{COMMAND}.{name}" for name in actuators]
 
     def mend(log: Log, values: np.ndarray) -> Columns:
-        return {name: by_episode(log, log.columns[name], np.cumsum) for name in names}
+        return {name: map_episodes(log, log.columns[name], np.cumsum) for name in names}
 
     return LogChange("increments", (COMMAND,), None, mend, "sum them up from the first pose on")
 
@@ -232,7 +232,9 @@ def _of_place(
         "row_shift",
         (COMMAND,),
         where,
-        lambda log, v: {n: held(log, log.columns[n], round(float(v[0]))) for n in named[COMMAND]},
+        lambda log, v: {
+            n: shift_held(log, log.columns[n], round(float(v[0]))) for n in named[COMMAND]
+        },
         "move up by {0:g} rows within each episode",
         ROWS,
         (0.0, -MOST, MOST),
@@ -243,7 +245,7 @@ def _of_place(
         "row_shift",
         (READING,),
         where,
-        lambda log, v: earlier(log, joints, float(v[0])),
+        lambda log, v: shift_readings(log, joints, float(v[0])),
         "move up by {0:.3g} rows within each episode",
         FEWER,
         (0.0, -MOST, MOST),
@@ -314,13 +316,13 @@ def _of_joint(
             unit="turns",
             whole=True,
         )
-        jump = next((j for log in logs for name in places[:1] if (j := jump_of(log, name))), None)
+        jump = next((j for log in logs for name in places[:1] if (j := find_jump(log, name))), None)
         if jump is not None:
             yield LogChange(
                 "turn",
                 columns,
                 joint,
-                lambda log, v, own=places: {n: unwrapped(log, log.columns[n]) for n in own},
+                lambda log, v, own=places: {n: unwrap_turns(log, log.columns[n]) for n in own},
                 "unwrap: it jumps by whole turns",
                 value=jump[0],
                 unit="turns",

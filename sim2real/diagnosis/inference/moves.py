@@ -1,6 +1,6 @@
 """From one hypothesis to its neighbours: one more change, one fewer.
 
-starts = additions(best, pool)              # at the values that each was found with
+starts = add_members(best, pool)              # at the values that each was found with
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from sim2real.diagnosis.inference.log_changes import LogChange
 from sim2real.diagnosis.inference.score import FOLDS
 
 
-def alone(member: Member) -> Start:
+def make_start(member: Member) -> Start:
     """Return a change by itself, at its probes."""
     return Start(Hypothesis((member,)), member.probes)
 
 
-def ranked(fits: Sequence[Fit]) -> list[Fit]:
+def rank_fits(fits: Sequence[Fit]) -> list[Fit]:
     """Return fits, the best first."""
     return sorted(fits, key=lambda fit: -fit.total)
 
 
-def again(fit: Fit) -> Start:
+def restart(fit: Fit) -> Start:
     """Return a fit as a start."""
     return Start(fit.hypothesis, fit.values[None])
 
 
-def additions(best: Fit, pool: Sequence[Start]) -> list[Start]:
+def add_members(best: Fit, pool: Sequence[Start]) -> list[Start]:
     """Return the best with one more change each, at the values that each screened with."""
     found = []
     for hypothesis, points in pool:
@@ -74,7 +74,7 @@ def is_part(one: Hypothesis, other: Hypothesis) -> bool:
     return all(member.label in labels for member in one.members)
 
 
-def distinct(fits: Sequence[Fit], most: int) -> list[Fit]:
+def pick_distinct(fits: Sequence[Fit], most: int) -> list[Fit]:
     """Return the first fits of each label, at most so many."""
     found: dict[str, Fit] = {}
     for fit in fits:

@@ -1,6 +1,6 @@
 """What the judge is asked to judge: what a search found, and what came near in it.
 
-    starts = proposals_of(search, found)
+    starts = make_proposals(search, found)
 
 A search of `attribution` proposes: every fit that raced is a hypothesis with a place to begin, and
 so are its result, that result without each of its members, and what screening thought best of,
@@ -22,7 +22,7 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis
 FAR = (6.0, 30.0)  # times what screening found best
 
 
-def proposals_of(search: Search, found: Found) -> list[Start]:
+def make_proposals(search: Search, found: Found) -> list[Start]:
     """Return hypotheses about the robot, each label once, and where they begin.
 
     Args:

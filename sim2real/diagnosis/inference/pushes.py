@@ -1,12 +1,13 @@
 """A push: a torque on one joint during some moments of one episode, which no command tells.
 
-    for push in pushes_in(fitter, fit, left):
+    for push in find_pushes(fitter, fit, left):
         push.joint, push.seconds, push.torque
 
 A push is in one window alone, so that no other fold tells its size. It is a direction more of that
 window's unknowns, with a prior width, and its evidence is the log ratio of the window's densities
 with and without it: d' V^-1 e squared over 1 + d' V^-1 d, less log(1 + d' V^-1 d), by halves (the
-matrix determinant lemma). From it goes what looking at so many joints and moments makes by chance.
+matrix determinant lemma). From it goes what looking at so many joints and moments makes by chance;
+and it has to take most of what is left there.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ class Pushed(NamedTuple):
     evidence: float
 
 
-def pushes_in(fitter: Fitter, fit: Fit, left: np.ndarray) -> tuple[Pushed, ...]:
+def find_pushes(fitter: Fitter, fit: Fit, left: np.ndarray) -> tuple[Pushed, ...]:
     """Return the pushes that most of what a fit leaves is of, the clearest first.
 
     None where they leave more: a law that is missing everywhere is no push.
@@ -119,7 +120,7 @@ def pushes_in(fitter: Fitter, fit: Fit, left: np.ndarray) -> tuple[Pushed, ...]:
     found, rest = [], left.copy()
     for _ in range(MOST):
         window = int(rest.sum(axis=(1, 2)).argmax())
-        push = _push_in(fitter, fit, rest, window)
+        push = _find_push(fitter, fit, rest, window)
         if push is None:
             break
         found.append(push)
@@ -129,7 +130,7 @@ def pushes_in(fitter: Fitter, fit: Fit, left: np.ndarray) -> tuple[Pushed, ...]:
     return ()
 
 
-def _push_in(fitter: Fitter, fit: Fit, left: np.ndarray, window: int) -> Pushed | None:
+def _find_push(fitter: Fitter, fit: Fit, left: np.ndarray, window: int) -> Pushed | None:
     """Return the most probable push in a window; None where there is none."""
     rows = left[window].sum(axis=1)
     if not rows.any():
@@ -160,7 +161,8 @@ def _tried(fitter: Fitter, fit: Fit, window: int, seen: float) -> Iterator[Pushe
             vectors[window] = np.stack([fit.held[window], way * size / most], axis=-1)
             gram = fitter.likelihood.curvature(fit.trained[side], vectors, some)
             square, across = 1 + gram[1, 1], gram[0, 1]
-            evidence = (across**2 / square - math.log(square)) / 2
+            taken = across**2 / square  # of the window's whitened square
+            evidence = (taken - math.log(square)) / 2 if taken > PART * gram[0, 0] else -math.inf
             seconds = (origin + a, origin + b)
             torque = -across / square * size / most
             yield Pushed(joint.name, own.log, own.episode, seconds, torque, float(evidence))

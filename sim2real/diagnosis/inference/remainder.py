@@ -1,6 +1,6 @@
 """What is left of a gap: at which joint, and when.
 
-described(judgement)        # "74 % of it at elbow; 80 % within 3.1 to 3.4 s of episode 1"
+describe_remainder(judgement)        # "74 % of it at elbow; 80 % within 3.1 to 3.4 s of episode 1"
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Stretch(NamedTuple):
     part: float
 
 
-def stretch_of(judgement: Judgement, left: np.ndarray) -> Stretch | None:
+def find_stretch(judgement: Judgement, left: np.ndarray) -> Stretch | None:
     """Return the shortest stretch that holds most of what is left; None where it is everywhere.
 
     Args:
@@ -62,7 +62,7 @@ def stretch_of(judgement: Judgement, left: np.ndarray) -> Stretch | None:
     return None
 
 
-def described(judgement: Judgement) -> str:
+def describe_remainder(judgement: Judgement) -> str:
     """Return what is left in words: joint, and time where it is not everywhere."""
     left, data = judgement.judge.excess(judgement.best), judgement.judge.data
     by_joint = left.sum(axis=(0, 1))
@@ -70,7 +70,7 @@ def described(judgement: Judgement) -> str:
         return "less than a count of every encoder, for longer than noise lasts"
     worst = int(by_joint.argmax())
     text = f"{by_joint[worst] / by_joint.sum():.0%} of it at {data.joints[worst].name}"
-    stretch = stretch_of(judgement, left)
+    stretch = find_stretch(judgement, left)
     if stretch is not None:
         text += (
             f", {stretch.part:.0%} at {stretch.start:.2f} to {stretch.end:.2f} s of episode "

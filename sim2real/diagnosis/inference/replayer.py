@@ -322,7 +322,7 @@ def _stacked(replayer: Replayer, logs: Sequence[_Mended]) -> Simulator:
     return Simulator(mended, replayer.fixed, work=replayer.work)
 
 
-def whole_episodes(data: Data) -> list[Window]:
+def cut_whole_episodes(data: Data) -> list[Window]:
     """Return every episode as one window, from its first row on."""
     found: dict[tuple[int, int], Window] = {}
     for window in data.windows:

@@ -1,6 +1,6 @@
 """How much better one explanation predicts held-out stretches than another.
 
-    fold = folds_of(data.windows)                       # (W,) 0 or 1
+    fold = deal_folds(data.windows)                       # (W,) 0 or 1
     bounds = Bootstrap(rng, settings).gain(one - other)   # mean, low, high of a sum over windows
 
 Log predictive densities are compared window by window (Gelman, Hwang and Vehtari 2014,
@@ -31,7 +31,7 @@ class Gain(NamedTuple):
     high: float
 
 
-def folds_of(windows: Sequence[Window]) -> np.ndarray:
+def deal_folds(windows: Sequence[Window]) -> np.ndarray:
     """Return 0 or 1 for each window, so that both folds see every regime.
 
     Windows without torque and with it are dealt by themselves, in the order of their speed, those

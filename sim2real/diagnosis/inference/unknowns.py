@@ -1,6 +1,6 @@
 """What nobody knows of windows beside their noise: their starts, their clock, usual errors.
 
-    error, local, common = unknowns(replayer, hypothesis, values)
+    error, local, common = compute_unknowns(replayer, hypothesis, values)
 
 Each is one standard deviation of what it does to the errors, by finite differences under a
 hypothesis. Where a replay is further off than joints that stay, straight lines through it mean
@@ -15,7 +15,7 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 
 
-def unknowns(
+def compute_unknowns(
     replayer: Replayer, hypothesis: Hypothesis, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return errors (W, N, M), and the directions of what is unknown around them.
@@ -31,12 +31,12 @@ def unknowns(
     (base,) = replayer.replay([Job(hypothesis, values, replayer.every)])
     if is_lost(replayer, base.error):
         none = np.zeros((*base.error.shape, 0))
-        return base.error, capped(replayer, replayer.ballistic()), none
+        return base.error, cap_directions(replayer, replayer.ballistic()), none
     step = max(model.opt.timestep for model in replayer.data.models)
     clock = step * base.slope[..., None]
     local = np.concatenate([replayer.starts(hypothesis, values), clock], axis=-1)
     common = _principal(replayer, replayer.usual(hypothesis, values))
-    return base.error, capped(replayer, local), capped(replayer, common)
+    return base.error, cap_directions(replayer, local), cap_directions(replayer, common)
 
 
 def is_lost(replayer: Replayer, errors: np.ndarray) -> bool:
@@ -44,7 +44,7 @@ def is_lost(replayer: Replayer, errors: np.ndarray) -> bool:
     return bool(np.square(errors).sum() > np.square(replayer.holding()).sum())
 
 
-def capped(replayer: Replayer, ways: np.ndarray) -> np.ndarray:
+def cap_directions(replayer: Replayer, ways: np.ndarray) -> np.ndarray:
     """Return changes of errors (W, N, M, D), none beyond the spread of a joint's motion.
 
     Where a replay flies off, straight lines through it say more than there is room for.

@@ -1,6 +1,6 @@
 """What may differ around the robot: hypotheses like any other.
 
-    for change in world_changes(data): change.label, change.probes
+    for change in list_world_changes(data): change.label, change.probes
 
 A tilted base is an effect that every verb knows; gravity that one side compensates and the other
 does not is known to the diagnosis alone.
@@ -70,7 +70,7 @@ class GravityCompensation(Effect):
         return PLAIN
 
 
-def world_changes(data: Data) -> list[Candidate]:
+def list_world_changes(data: Data) -> list[Candidate]:
     """Return what may differ around the robot."""
     scale, spec = robot_scale(data), untextured(data.specs[0])
     tilt = candidate_of("gravity_tilt", {}, spec, scale)

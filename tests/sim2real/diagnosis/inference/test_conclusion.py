@@ -13,11 +13,11 @@ from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.attribution.conclude import Conclusion
 from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.work import Work
-from sim2real.diagnosis.inference.conclusion import conclusion_of
+from sim2real.diagnosis.inference.conclusion import make_conclusion
 from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.log_changes import log_changes
+from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.schema import Report
 from tests.sim2real.diagnosis import arm
 
@@ -30,10 +30,10 @@ def concluded(log: Log, folder: Path, *labels: str) -> Conclusion:
     about = About(data, (), (), rng, Moving(lambda text, share: None), Work())
     floors = data.floors()
     search, judge = search_of(about, floors), Judge(data, rng=rng)
-    options = {m.label: m for m in [*candidates(data), *log_changes(data)]}
+    options = {m.label: m for m in [*candidates(data), *list_log_changes(data)]}
     starts = [Start(Hypothesis((options[one],)), options[one].probes) for one in labels]
     judgement = judge.judge(lambda: starts)
-    return conclusion_of(judgement, search, floors, rng)
+    return make_conclusion(judgement, search, floors, rng)
 
 
 @pytest.fixture(scope="module")

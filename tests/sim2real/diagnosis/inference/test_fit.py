@@ -10,13 +10,13 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.inference.distance import is_told_apart, separation
+from sim2real.diagnosis.inference.distance import compute_separation, is_told_apart
 from sim2real.diagnosis.inference.fit import Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
-from sim2real.diagnosis.inference.log_changes import log_changes
+from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
-from sim2real.diagnosis.inference.score import Bootstrap, folds_of
+from sim2real.diagnosis.inference.score import Bootstrap, deal_folds
 from tests.sim2real.diagnosis import arm
 
 NONE = Hypothesis(())
@@ -40,7 +40,7 @@ def case_of(log: Log, folder: pytest.TempPathFactory) -> Case:
     likelihood = Likelihood(
         replayer.times, replayer.used, replayer.noise, none, none, replayer.settings
     )
-    fitter = Fitter(replayer, likelihood, folds_of(data.windows))
+    fitter = Fitter(replayer, likelihood, deal_folds(data.windows))
     return Case(data, replayer, fitter, {c.label: c for c in candidates(data)})
 
 
@@ -94,7 +94,7 @@ def test_mending_a_reversed_log_gives_the_errors_of_the_right_one(
     log = case.data.logs[0]
     turned = {name: -log.columns[name] for name in ("qpos.b", "ctrl.b")}
     wrong = case_of(Log({**log.columns, **turned}), tmp_path_factory)
-    change = next(c for c in log_changes(wrong.data) if c.label == "log.reversal.ctrl.qpos.b")
+    change = next(c for c in list_log_changes(wrong.data) if c.label == "log.reversal.ctrl.qpos.b")
     every = case.replayer.every
     rows = (slice(None), 0)  # windows may be cut at other rows: the first episode's start is not
     job = Job(Hypothesis((change,)), np.zeros((len(every), 0)), every)
@@ -109,9 +109,9 @@ def test_effects_that_act_alike_are_not_separated(case: Case) -> None:
     labels = "command_delay", "observation_delay", "coulomb_friction.b"
     starts = [Start(Hypothesis((case.options[label],)), np.array([[0.01]])) for label in labels]
     late, read, other = case.fitter.fit(starts, rounds=2)
-    near, far = (separation(case.fitter, late, one) for one in (read, other))
+    near, far = (compute_separation(case.fitter, late, one) for one in (read, other))
     assert 0 <= near < far / 10
-    assert separation(case.fitter, late, late) == 0
+    assert compute_separation(case.fitter, late, late) == 0
     windows, rng = case.data.windows, np.random.default_rng(0)
     bootstrap = Bootstrap(windows, rng, case.replayer.settings)
     assert is_told_apart(case.fitter, bootstrap, late, other)

@@ -12,7 +12,7 @@ from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge, Judgement
-from sim2real.diagnosis.inference.log_changes import log_changes
+from sim2real.diagnosis.inference.log_changes import list_log_changes
 from tests.sim2real.diagnosis import arm
 
 NOISE = 3e-4
@@ -25,7 +25,7 @@ def judged(log: Log, folder: Path) -> Judgement:
     data = arm.data_of(log, folder)
     options = [c for c in candidates(data) if c.label in PROPOSED]
     starts = [Start(Hypothesis((c,)), c.probes) for c in options]
-    return Judge(data).judge(lambda: starts, log_changes(data))
+    return Judge(data).judge(lambda: starts, list_log_changes(data))
 
 
 def with_columns(log: Log, **columns: np.ndarray) -> Log:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.inference.log_changes import LogChange, log_changes
+from sim2real.diagnosis.inference.log_changes import LogChange, list_log_changes
 from tests.sim2real.diagnosis import arm
 
 
@@ -23,7 +23,7 @@ def log() -> Log:
 @pytest.fixture(scope="module")
 def changes(log: Log, tmp_path_factory: pytest.TempPathFactory) -> dict[str, LogChange]:
     """Return all changes by their labels."""
-    return {c.label: c for c in log_changes(arm.data_of(log, tmp_path_factory.mktemp("arm")))}
+    return {c.label: c for c in list_log_changes(arm.data_of(log, tmp_path_factory.mktemp("arm")))}
 
 
 def broken(log: Log, **columns: np.ndarray) -> Log:
@@ -98,7 +98,7 @@ def test_a_turn_that_jumps_is_unwrapped(log: Log, tmp_path: Path) -> None:
     """The change is there only where a column jumps, and takes the jump out."""
     turned = log.columns["qpos.b"] + 2 * np.pi * (log.time > 1.5)
     wrong = broken(log, qpos_b=turned)
-    changes = {c.label: c for c in log_changes(arm.data_of(wrong, tmp_path))}
+    changes = {c.label: c for c in list_log_changes(arm.data_of(wrong, tmp_path))}
     mended = changes["log.turn.qpos.b.jump"].mended(wrong, np.zeros(0))
     np.testing.assert_allclose(mended.columns["qpos.b"], log.columns["qpos.b"], atol=1e-12)
     assert changes["log.turn.qpos.b.jump"].value == 1.0

@@ -11,7 +11,7 @@ from envs.plant import Plant
 from envs.replay import roll
 from hardware.log import Log
 from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.pushes import Push, pushes_in
+from sim2real.diagnosis.inference.pushes import Push, find_pushes
 from tests.sim2real.diagnosis import arm
 
 START, END, TORQUE, NOISE = 5.02, 5.22, 1.5, 3e-4
@@ -34,7 +34,7 @@ def pushed(torque: float) -> Log:
 def test_a_push_is_located(tmp_path: Path) -> None:
     """At its joint, within a tenth of a second, about as hard as it was."""
     judge = Judge(arm.data_of(pushed(TORQUE), tmp_path))
-    (found,) = pushes_in(judge.fitter, judge.given, judge.excess(judge.given))
+    (found,) = find_pushes(judge.fitter, judge.given, judge.excess(judge.given))
     assert found.joint == "b"
     np.testing.assert_allclose(found.seconds, (START, END), atol=0.12)
     impulse = found.torque * (found.seconds[1] - found.seconds[0])
@@ -46,7 +46,7 @@ def test_no_push_is_no_evidence(tmp_path: Path) -> None:
     """Nor is an effect that acts throughout: it leaves something in every window."""
     log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=NOISE)
     judge = Judge(arm.data_of(log, tmp_path))
-    assert pushes_in(judge.fitter, judge.given, judge.excess(judge.given)) == ()
+    assert find_pushes(judge.fitter, judge.given, judge.excess(judge.given)) == ()
 
 
 def test_a_push_acts_within_its_moments_alone(tmp_path: Path) -> None:

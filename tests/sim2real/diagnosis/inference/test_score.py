@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.data.windows import Window
-from sim2real.diagnosis.inference.score import Bootstrap, folds_of
+from sim2real.diagnosis.inference.score import Bootstrap, deal_folds
 from sim2real.diagnosis.settings.inference import Inference
 
 
@@ -24,7 +24,7 @@ def test_each_fold_sees_every_log_with_and_without_torque() -> None:
     windows = [
         window(log, 10 * n, n % 5, off=float(log == 2)) for log in range(4) for n in range(8)
     ]
-    fold = folds_of(windows)
+    fold = deal_folds(windows)
     for log in range(4):
         own = fold[[w.log == log for w in windows]]
         assert own.sum() == len(own) / 2
