@@ -56,6 +56,7 @@ FLOORS = (
     "prepare",
     "closed_loop",
     "attribution",
+    "inference",
     "report",
     "comparison",
     "outcome",

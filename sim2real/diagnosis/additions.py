@@ -50,7 +50,7 @@ def tested(
 ) -> Diagnosis:
     """Say which causes are the simulator's numerics; these are left out of the files."""
     words, physical = dict(found.report.numerics), []
-    for number, (cause, told) in enumerate(zip(found.found, found.report.values, strict=True)):
+    for number, (cause, told) in enumerate(zip(found.found, found.report.effects, strict=True)):
         artefact = is_numerics(
             prepared.logs, prepared.specs, [cause], null, found.known, settings.numerics
         )

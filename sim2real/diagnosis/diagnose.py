@@ -20,7 +20,7 @@ from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -52,6 +52,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.evidence import Evidence
+from sim2real.diagnosis.inference.run import run_judge
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.checks import UNITS
 from sim2real.diagnosis.prepare import prepare
@@ -60,6 +61,7 @@ from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.diagnosis.whole_replay import replayed
 from sim2real.runs.errors import Sim2RealError
 
+Judging = Literal["rules", "likelihood"]
 TELLING = 0.95  # share of the work that is done then
 
 
@@ -75,6 +77,7 @@ def diagnose(
     load_policy: LoadPolicy | None = None,
     load_player: LoadPlayer | None = None,
     actor: str | Path | None = None,
+    judge: Judging = "rules",
 ) -> Report:
     """Locate a gap, name what causes it, and say how much is left once it is added.
 
@@ -92,6 +95,7 @@ def diagnose(
         load_player: makes that policy play in its simulator, such as
             `sim2real.loops.player.load_player`; None leaves the closed loop out.
         actor: the policy that wrote the logs; None for the one that they name, if any.
+        judge: who decides: `rules` of the search, or the `likelihood` of `inference`.
 
     Returns:
         The report; `report.evidence` holds what its pictures show.
@@ -113,6 +117,7 @@ def diagnose(
         load_policy=load_policy,
         load_player=load_player,
         actor=actor,
+        judge=judge,
     ).report
 
 
@@ -128,6 +133,7 @@ def run_diagnosis(
     load_policy: LoadPolicy | None = None,
     load_player: LoadPlayer | None = None,
     actor: str | Path | None = None,
+    judge: Judging = "rules",
 ) -> Diagnosis:
     """Diagnose; the other arguments are those of `diagnose`, logs in memory.
 
@@ -149,7 +155,10 @@ def run_diagnosis(
     about = About(
         prepared.data, exclude, fixed, rng, on_progress, Work(), witnesses(findings, fixed)
     )
-    found = attributed(about, wrong[0] if wrong else None, prepared.restart)
+    if judge == "likelihood":
+        found = run_judge(about, prepared.restart)
+    else:
+        found = attributed(about, wrong[0] if wrong else None, prepared.restart)
     if prepared.restart is not None:
         search = found.search
         findings += check_grip(search.problem, search.options, search.floor)

@@ -10,8 +10,8 @@ segments that no parameter was fitted to. `evidence` stays in memory: `report.js
 it, and a report that was read has none.
 
 More than four effects are a fit and no explanation: the verdict is then `fitted`, `causes` is empty
-and the values stand under `fitted`. `report.values` are the effects whose values were found,
-whatever they are called.
+and the values stand under `fitted`. `report.values` are all whose values were found, whatever
+they are called; `report.effects` those of the robot.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ from sim2real.diagnosis.evidence import Evidence, Pair
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
-SCHEMA = 2  # written; 1, which knows neither `fitted` nor `shared`, is read as well
-READ = (1, SCHEMA)
+SCHEMA = 3  # written; 1 knows neither `fitted` nor `shared`, 2 no `kind` of a cause: both are read
+READ = (1, 2, SCHEMA)
 Verdict = Literal["explained", "partly_explained", "fitted", "unexplained", "no_gap"]
+Kind = Literal["robot", "log", "world"]
 Form = Literal["holds", "contradicted"]
 ClosedLoopVerdict = Literal["within_floor", "nearer", "as_far", "farther", "apart"]
 
@@ -104,11 +105,13 @@ class Equivalent:
         where: its place.
         inseparable: whether no recording of commands and positions can tell it from the cause or
             from another equivalent: both then count as one member of the set.
+        kind: see `Cause`.
     """
 
     effect: str
     where: str | None
     inseparable: bool = False
+    kind: Kind = "robot"
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,10 @@ class Cause:
         shared: whether one value holds for all joints or actuators of the robot.
         encoder: where the log's encoder sits, if elsewhere than the servo's; None: where `side`
             says.
+        kind: what it is a change of: the robot, its log, the world around it. Only those of the
+            robot are effects, and stand in `effects.yaml`.
+        seconds: when it acts, of an episode; None: throughout.
+        remedy: what mends the log; None where it is right.
     """
 
     effect: str
@@ -146,6 +153,9 @@ class Cause:
     equivalent: tuple[Equivalent, ...] = ()
     shared: bool = False
     encoder: str | None = None
+    kind: Kind = "robot"
+    seconds: Pair | None = None
+    remedy: str | None = None
 
 
 @dataclass(frozen=True)
@@ -230,7 +240,7 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class Report:
-    """A diagnosis's answer, schema 2.
+    """A diagnosis's answer, schema 3.
 
     Args:
         verdict: `no_gap`, `explained`, `partly_explained`, `fitted` or `unexplained`.
@@ -268,8 +278,13 @@ class Report:
 
     @property
     def values(self) -> tuple[Cause, ...]:
-        """The effects with a value, causes or not: those of `effects.yaml`, in its order."""
+        """Whatever was found with a value, causes or not, of any kind."""
         return self.causes or self.fitted
+
+    @property
+    def effects(self) -> tuple[Cause, ...]:
+        """Those that are the robot's: what `effects.yaml` holds."""
+        return tuple(cause for cause in self.values if cause.kind == "robot")
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of report.json: plain tables, lists, numbers, words."""
@@ -284,10 +299,8 @@ class Report:
             Sim2RealError: another schema, or a key that is missing or unknown.
         """
         if tree.get("schema") not in READ:
-            found = tree.get("schema")
-            raise Sim2RealError(
-                f"a report has schema {' or '.join(map(str, READ))}, this one has {found!r}"
-            )
+            known, found = f"{', '.join(map(str, READ[:-1]))} or {SCHEMA}", tree.get("schema")
+            raise Sim2RealError(f"a report has schema {known}, this one has {found!r}")
         given = {key: value for key, value in tree.items() if key != "schema"}
         where = tuple(
             _make(JointGap, {**one, "regimes": _each(Regime, one["regimes"])})

@@ -91,11 +91,11 @@ def prior_from_candidates(
         return check_width(Distribution(tuple(_named(given, there))))
     report = _report(Path(given).expanduser())
     found: dict[str, Entry] = {}
-    for cause in report.values:
+    for cause in report.effects:
         entry = _of_cause(cause, there, data, settings)
         found[entry.effect.label()] = entry
-    for cause in report.values:
-        for other in cause.equivalent:
+    for cause in report.effects:
+        for other in (one for one in cause.equivalent if one.kind == "robot"):
             for one in there:
                 if (one.name, one.place) == (other.effect, other.where):
                     found.setdefault(one.effect.label(), _spanning(one))

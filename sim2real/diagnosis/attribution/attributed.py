@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.effects import Effect, merge_effects
+from envs.effects import Effect
 from envs.plant import Fixed
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import candidates
@@ -84,7 +84,7 @@ def attributed(
     """
     data, rng = about.data, about.rng
     floors = data.floors()
-    search = _search(about, floors)
+    search = search_of(about, floors)
     if wrong is not None:
         return Attributed(data, search, floors, unsearched(search, floors, rng, wrong))
     if is_no_gap(search.before, search.floor, data, stands_out(search.base, data, floors)):
@@ -105,7 +105,7 @@ def attributed(
     return Attributed(search.problem.data, search, floors, made)
 
 
-def _search(about: About, floors: np.ndarray, only: Sequence[str] | None = None) -> Search:
+def search_of(about: About, floors: np.ndarray, only: Sequence[str] | None = None) -> Search:
     """Return a search that has not run, among candidates of these labels; None: among all."""
     data = about.data
     floor = float(np.sqrt(np.mean((floors / data.scale) ** 2)))
@@ -140,8 +140,8 @@ def _restarted(
     kept = [member.label for member in found.fit.members]
     most = about.data.settings.ground.again
     kept += [guess.candidate.label for guess in search.first.guesses[:most]]
-    data = restart(merge_effects(about.fixed, causes_of(found.fit)))
-    again = _search(about._replace(data=data), floors, kept)
+    data = restart(combined(about.fixed, causes_of(found.fit)))
+    again = search_of(about._replace(data=data), floors, kept)
     more = again.run()
     return (again, more) if again.blocks.rms(more.error) < left else (search, found)
 

@@ -56,8 +56,8 @@ class _Judged(NamedTuple):
 def nothing(search: Search, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
     """Return the conclusion where there is no gap; see `conclude`."""
     data, base = search.problem.data, search.base
-    gap = GapMetrics(data.unit, search.before, None, search.floor, None, None, True)
-    where, spectrum = _where(search, None, floors, rng)
+    gap = GapNumbers(data.unit, search.before, None, search.floor, None, None, True)
+    where, spectrum = where_of(search, None, floors, rng)
     report = Report("no_gap", gap, where, (), Unexplained(0.0, "none"))
     rung = Rung("as given", search.before, search.blocks.interval(base))
     floor = Rung("noise floor", search.floor, (search.floor, search.floor))
@@ -109,7 +109,7 @@ def conclude(
     findings = doubts(fit.members, search.witnessed)
     findings += [] if judged.sharp is None else [told(judged.sharp, after, data.unit)]
     findings += [crowded(cause, crowd) for cause, crowd in made if len(crowd) >= most]
-    where, spectrum = _where(search, found.error, floors, rng)
+    where, spectrum = where_of(search, found.error, floors, rng)
     many = len(causes) > data.settings.verdict.causes_max
     report = Report(
         judged.verdict,
@@ -206,7 +206,7 @@ def _by_place(
     }
 
 
-def _where(
+def where_of(
     search: Search, after: np.ndarray | None, floors: np.ndarray, rng: np.random.Generator
 ) -> tuple[tuple[JointGap, ...], tuple[Band, ...]]:
     """Return where the gap lies, by joint and kind of moment, and by frequency."""

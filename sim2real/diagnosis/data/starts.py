@@ -51,7 +51,7 @@ def _way(data: Data, index: int, fixed: Sequence[Fixed], noise: np.ndarray) -> n
         noise: of a reading of each joint [rad or m], (M,).
     """
     of_speed, joint = divmod(index, len(data.joints))
-    move = _faster if of_speed else _further
+    move = faster if of_speed else further
     ahead, behind = (
         errors_as_given(
             data, [move(data, w, joint, sign * noise[joint]) for w in data.windows], fixed
@@ -61,14 +61,14 @@ def _way(data: Data, index: int, fixed: Sequence[Fixed], noise: np.ndarray) -> n
     return (ahead - behind) / 2
 
 
-def _further(data: Data, window: Window, joint: int, by: float) -> Window:
+def further(data: Data, window: Window, joint: int, by: float) -> Window:
     """Return a window that starts with one joint at another position."""
     qpos = window.recording.qpos.copy()
     qpos[data.joints[joint].qpos] += by
     return window._replace(recording=window.recording._replace(qpos=qpos))
 
 
-def _faster(data: Data, window: Window, joint: int, by: float) -> Window:
+def faster(data: Data, window: Window, joint: int, by: float) -> Window:
     """Return a window that starts with one joint at the speed of readings that are off by so much.
 
     The speed is the slope of a line through neighbours.

@@ -164,7 +164,9 @@ def _replay(report: Report) -> str:
 
     before = f"{figure_of(report.replay.before)} with the model as given"
     return (
-        f"{before}, {figure_of(report.replay.after)} with effects.yaml" if report.values else before
+        f"{before}, {figure_of(report.replay.after)} with effects.yaml"
+        if report.effects
+        else before
     )
 
 

@@ -99,6 +99,8 @@ def verdict_sentence(report: Report) -> str:
     text = f"{subject} {verb} {percent(gap.closed)} of the gap."
     if report.verdict == "partly_explained":
         text = f"{text[:-1]}; the rest has another cause."
+    mend = "; ".join(cause.remedy for cause in report.causes if cause.remedy)
+    text += f" To mend the log: {mend}." if mend else ""
     return text[0].upper() + text[1:]
 
 
@@ -110,7 +112,8 @@ def search_was_skipped(report: Report) -> bool:
 def place_of(cause: Cause) -> tuple[str, str | None]:
     """Return a cause's effect and where a person looks for it: a body, or all joints alike."""
     where = cause.extra.get("body") or cause.where
-    return cause.effect, where or (EVERYWHERE if cause.shared else None)
+    effect = f"{cause.effect} in the log" if cause.kind == "log" else cause.effect
+    return effect, where or (EVERYWHERE if cause.shared else None)
 
 
 def subjects(causes: Sequence[tuple[str, str | None]]) -> list[str]:

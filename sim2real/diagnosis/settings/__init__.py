@@ -39,6 +39,7 @@ from sim2real.diagnosis.settings.data import (
 from sim2real.diagnosis.settings.experiment import Experiment
 from sim2real.diagnosis.settings.fitting import Fitting, Screening
 from sim2real.diagnosis.settings.ground import Ground
+from sim2real.diagnosis.settings.inference import Inference
 from sim2real.diagnosis.settings.numerics import Numerics
 from sim2real.diagnosis.settings.preflight import (
     Channels,
@@ -71,6 +72,7 @@ __all__ = [
     "Fitting",
     "Ground",
     "Hunting",
+    "Inference",
     "JointGroups",
     "Kinds",
     "Lag",
@@ -128,6 +130,7 @@ class Settings:
     torque_on: TorqueOn = field(default_factory=TorqueOn)
     joint_groups: JointGroups = field(default_factory=JointGroups)
     parsimony: Parsimony = field(default_factory=Parsimony)
+    inference: Inference = field(default_factory=Inference)
     verdict: Verdict = field(default_factory=Verdict)
     causes: Causes = field(default_factory=Causes)
     locating: Locating = field(default_factory=Locating)

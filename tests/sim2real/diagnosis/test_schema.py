@@ -57,6 +57,7 @@ KEYS = {
     "causes": {
         *("effect", "where", "side", "value", "value_ci", "unit", "extra", "confidence"),
         *("closed", "form", "equivalent", "shared", "encoder"),
+        *("kind", "seconds", "remedy"),
     },
     "unexplained": {"share", "structure"},
     "preflight": {"check", "where", "finding", "fix"},
@@ -82,8 +83,29 @@ def test_a_report_of_an_older_version_is_read() -> None:
     later = ("replay", "fitted", "calibrated")
     older = {name: part for name, part in REPORT.to_json().items() if name not in later}
     for cause in older["causes"]:
+        del cause["kind"], cause["seconds"], cause["remedy"]
         del cause["shared"], cause["encoder"], cause["equivalent"][0]["inseparable"]
+        del cause["equivalent"][0]["kind"]
     assert Report.from_json({**older, "schema": 1}) == replace(REPORT, replay=None)
+
+
+def test_a_report_of_schema_2_is_read() -> None:
+    """Its causes say nothing of their kind: they are the robot's, and act throughout."""
+    older = REPORT.to_json()
+    for cause in older["causes"]:
+        del cause["kind"], cause["seconds"], cause["remedy"], cause["equivalent"][0]["kind"]
+    read = Report.from_json({**older, "schema": 2})
+    assert read == REPORT
+    assert read.effects == read.values == read.causes
+
+
+def test_only_the_robots_causes_are_effects() -> None:
+    """A mistake of the log has a value and a remedy, and never stands in effects.yaml."""
+    late = replace(REPORT.causes[0], effect="row_shift", where=None, kind="log", remedy="move it")
+    both = replace(REPORT, causes=(late, *REPORT.causes))
+    assert both.values == (late, *REPORT.causes)
+    assert both.effects == REPORT.causes
+    assert Report.from_json(both.to_json()) == both
 
 
 def test_fitted_values_survive_the_file_and_are_no_causes() -> None:
@@ -97,15 +119,16 @@ def test_fitted_values_survive_the_file_and_are_no_causes() -> None:
     assert REPORT.values == REPORT.causes
 
 
-def test_the_file_has_the_keys_of_schema_2() -> None:
+def test_the_file_has_the_keys_of_schema_3() -> None:
     """Every key that readers rely on is there, and no other."""
     tree = REPORT.to_json()
-    assert tree["schema"] == 2
+    assert tree["schema"] == 3
     assert set(tree) == set(KEYS)
     for name, keys in KEYS.items():
         part = tree[name][0] if isinstance(tree[name], list) and tree[name] else tree[name]
         assert keys is None or set(part) == keys
-    assert set(tree["causes"][0]["equivalent"][0]) == {"effect", "where", "inseparable"}
+    same = tree["causes"][0]["equivalent"][0]
+    assert set(same) == {"effect", "where", "inseparable", "kind"}
 
 
 def test_numbers_are_plain() -> None:
@@ -120,7 +143,7 @@ def test_numbers_are_plain() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"schema": 3}, "schema 1 or 2"),
+        ({"schema": 4}, "schema 1, 2 or 3"),
         ({"verdicts": "explained"}, "no key 'verdicts'"),
         ({"unexplained": {"share": 0.1}}, "incomplete"),
     ],

@@ -203,7 +203,7 @@ def test_more_of_a_known_effect_is_found(tmp_path: Path) -> None:
 def test_mistakes_are_said_before_any_file(tmp_path: Path) -> None:
     """No log, no model, an unknown effect, joints at rest: one sentence, and nothing written."""
     given: dict[str, Any] = {"model": None, "effects": None, "exclude": [], "seed": 0}
-    given |= {"against": None, "actor": None}
+    given |= {"judge": "rules", "against": None, "actor": None}
     out = tmp_path / "out"
     with pytest.raises(Sim2RealError, match="log=PATH"):
         command.run(log=None, out=out, **given)

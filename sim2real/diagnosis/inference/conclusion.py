@@ -1,0 +1,282 @@
+"""From a judgement to a report: verdict, causes with intervals and equivalents, what is left.
+
+made = make_conclusion(judgement, search, floors, rng)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.attribute import Search
+from sim2real.diagnosis.attribution.candidates import Candidate
+from sim2real.diagnosis.attribution.conclude import Conclusion, where_of
+from sim2real.diagnosis.attribution.fit import Fit as Values
+from sim2real.diagnosis.evidence import Pair, Rung, SingleFit
+from sim2real.diagnosis.inference.distance import is_told_apart
+from sim2real.diagnosis.inference.fit import Fit
+from sim2real.diagnosis.inference.hypotheses import Member, get_kind
+from sim2real.diagnosis.inference.intervals import compute_intervals
+from sim2real.diagnosis.inference.judge import Judgement
+from sim2real.diagnosis.inference.log_changes import LogChange
+from sim2real.diagnosis.inference.pushes import Pushed
+from sim2real.diagnosis.inference.remainder import describe_remainder
+from sim2real.diagnosis.inference.score import FOLDS
+from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, JointGap, Report, Unexplained
+from sim2real.diagnosis.settings import TINY
+
+
+class _Part(NamedTuple):
+    """One member of the answer: its place among the hypothesis's, and what is lost without it."""
+
+    place: int
+    lost: float  # nats
+
+
+def make_conclusion(
+    judgement: Judgement, search: Search, floors: np.ndarray, rng: np.random.Generator
+) -> Conclusion:
+    """Return a judgement as a report, and the fit behind it.
+
+    Args:
+        judgement: of the judge.
+        search: that proposed; its errors are those of the model as given.
+        floors: noise floor of each joint [rad or m], (M,).
+        rng: for the intervals of the gap.
+    """
+    best, base, blocks, floor = judgement.best, search.base, search.blocks, search.floor
+    error = replay_errors(judgement, best)
+    parts = _parts(judgement)
+    alike = [find_equivalents(judgement, part.place) for part in parts]
+    others = [member for own in alike for member, _ in own]
+    ends, correlation = compute_intervals(judgement.judge.fitter, best, others)
+    closed, ci = blocks.closed(base, error, floor)
+    lost = np.array([max(part.lost, 0.0) for part in parts])
+    shares = closed * lost / max(float(lost.sum()), TINY)
+    causes = [
+        _cause(judgement, part.place, ends, own, float(share))
+        for part, own, share in zip(parts, alike, shares, strict=True)
+    ]
+    named = judgement.verdict in ("explained", "partly_explained")
+    robot = [
+        part.place for part in parts if get_kind(best.hypothesis.members[part.place]) == "robot"
+    ]
+    robot = robot if named else []
+    columns = [best.hypothesis.columns[place] for place in robot]
+    fit, firsts = _values(best, robot), [column.start for column in columns]
+    told = frozenset(range(len(causes) if named else 0))
+    after = error if told else base
+    where, spectrum = where_of(search, after if told else None, floors, rng)
+    return Conclusion(
+        _report(judgement, search, causes if named else [], after, (closed, ci), where),
+        fit,
+        _ladder(search, best, after if told else None),
+        _singles(judgement, search),
+        spectrum,
+        np.concatenate([np.zeros((0, 2)), *(ends[column] for column in columns)]),
+        {frozenset(): base, told: after},
+        correlation[np.ix_(firsts, firsts)],
+        _explanations(fit, best, alike) if len(robot) == len(causes) else (),
+    )
+
+
+def _report(
+    judgement: Judgement,
+    search: Search,
+    causes: Sequence[Cause],
+    after: np.ndarray,
+    closed: tuple[float, Pair],
+    where: tuple[JointGap, ...],
+) -> Report:
+    """Return the report; `after` are errors (W, T, M) with the causes, `closed` what they do."""
+    verdict, (share, ci) = judgement.verdict, closed
+    if not causes:
+        share, ci = 0.0, (0.0, 0.0)
+    none, left = verdict == "no_gap", verdict not in ("no_gap", "explained")
+    size = None if none else search.blocks.rms(after)
+    numbers = (None, None) if none else (share, ci)
+    pushes = [_push(judgement, push) for push in judgement.pushes]
+    return Report(
+        verdict,
+        GapMetrics(search.problem.data.unit, search.before, size, search.floor, *numbers, True),
+        where,
+        (*causes, *pushes),
+        Unexplained(
+            0.0 if none else float(np.clip(1 - share, 0.0, 1.0)),
+            describe_remainder(judgement) if left else "none",
+        ),
+    )
+
+
+def _ladder(search: Search, best: Fit, after: np.ndarray | None) -> tuple[Rung, ...]:
+    """Return the gap as given, with the causes and the floor."""
+    blocks, floor = search.blocks, search.floor
+    steps = [("as given", search.base)] + ([] if after is None else [(f"+ {best.label}", after)])
+    rungs = [Rung(label, blocks.rms(error), blocks.interval(error)) for label, error in steps]
+    return (*rungs, Rung("noise floor", floor, (floor, floor)))
+
+
+def _push(judgement: Judgement, push: Pushed) -> Cause:
+    """Return a push as a cause: not what it closes is known, but that most of the rest is its."""
+    data = judgement.judge.data
+    joint = next(joint for joint in data.joints if joint.name == push.joint)
+    value, settings = push.torque, judgement.judge.settings
+    return Cause(
+        "push",
+        push.joint,
+        None,
+        value,
+        (min(value, 0.0), max(value, 0.0)),
+        "N·m" if joint.unit == "rad" else "N",
+        {"episode": push.episode},
+        1 - settings.level,
+        0.0,
+        kind="world",
+        seconds=push.seconds,
+    )
+
+
+def replay_errors(judgement: Judgement, fit: Fit) -> np.ndarray:
+    """Return the held-out errors of all rows, (W, T, M), of a fit."""
+    judge = judgement.judge
+    return judge.replayer.errors(fit.hypothesis, fit.values[1 - judge.fold])
+
+
+def _parts(judgement: Judgement) -> list[_Part]:
+    """Return the members of the answer, the one that is missed most first."""
+    best, given = judgement.best, judgement.given
+    known = {fit.label: fit for fit in [given, *judgement.rivals]}
+    parts = []
+    for place in range(len(best.hypothesis.members)):
+        rest = known.get(best.hypothesis.without(place).label, given)
+        parts.append(_Part(place, best.total - rest.total))
+    return sorted(parts, key=lambda part: -part.lost)
+
+
+def find_equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit]]:
+    """Return what cannot be told from a member: others in its place, fitted to the end as well."""
+    best, found = judgement.best, []
+    rest = {m.label for n, m in enumerate(best.hypothesis.members) if n != place}
+    for rival in judgement.rivals:
+        others = [m for m in rival.hypothesis.members if m.label not in rest]
+        same = len(rival.hypothesis.members) == len(best.hypothesis.members)
+        if same and len(others) == 1:
+            judge = judgement.judge
+            if not is_told_apart(judge.fitter, judge.bootstrap, best, rival):
+                found.append((others[0], rival))
+    return found
+
+
+def _cause(
+    judgement: Judgement,
+    place: int,
+    ends: np.ndarray,
+    alike: Sequence[tuple[Member, Fit]],
+    closed: float,
+) -> Cause:
+    """Return a member of the answer as a cause."""
+    best = judgement.best
+    member, column = best.hypothesis.members[place], best.hypothesis.columns[place]
+    names = {member.label, *(other.label for other, _ in alike)}
+    sure = sum(
+        float(chance)
+        for fit, chance in zip([best, *judgement.rivals], judgement.probability, strict=True)
+        if any(m.label in names for m in fit.hypothesis.members)
+    )
+    values, spans = best.mean[column], ends[column]
+    equal = tuple(
+        dict.fromkeys(Equivalent(_name(m), _where(m), kind=get_kind(m)) for m, _ in alike)
+    )
+    equal = tuple(e for e in equal if (e.effect, e.where) != (_name(member), _where(member)))
+    extra = _extra(member, values)
+    most = _largest(member, values)
+    value = member.first(values) if isinstance(member, LogChange) else float(values[most])
+    return Cause(
+        _name(member),
+        _where(member),
+        member.effect.side if isinstance(member, Candidate) else None,
+        value,
+        (float(spans[most, 0]), float(spans[most, 1])) if len(values) else (value, value),
+        member.effect.unit if isinstance(member, Candidate) else member.unit,
+        extra,
+        min(sure, 1.0),
+        closed,
+        equivalent=equal[: judgement.judge.data.settings.causes.equivalents_max - 1],
+        shared=isinstance(member, Candidate) and member.shared,
+        kind=get_kind(member),
+        seconds=member.seconds if isinstance(member, LogChange) else None,
+        remedy=member.mending(values) if isinstance(member, LogChange) else None,
+    )
+
+
+def _name(member: Member) -> str:
+    return member.name if isinstance(member, Candidate) else member.effect
+
+
+def _where(member: Member) -> str | None:
+    return member.place if isinstance(member, Candidate) else member.where
+
+
+def _largest(member: Member, values: np.ndarray) -> int:
+    """Return which value stands for all: of several, such as a tilt's, the largest."""
+    if not isinstance(member, Candidate):
+        return 0
+    first = max(len(values) - len(member.effect.free), 1)
+    return int(np.abs(values[:first]).argmax())
+
+
+def _extra(member: Member, values: np.ndarray) -> dict[str, object]:
+    """Return the further scalars and options of a member."""
+    if not isinstance(member, Candidate):
+        found: dict[str, object] = {"columns": list(member.columns)}
+        found |= {"other": member.other} if member.other else {}
+        return found | ({"values": [float(v) for v in values]} if len(values) > 1 else {})
+    effect = member.effect
+    found: dict[str, object] = {**effect.extra, **effect.options()}
+    if effect.place == "body":
+        found["body"] = effect.where
+    own = [e.name for e in effect.extras if e.name in effect.free]
+    first = len(values) - len(own)
+    found |= dict(zip(own, map(float, values[first:]), strict=True))
+    if first > 1:
+        found["values"] = [float(v) for v in values[:first]]
+    return found
+
+
+def _values(fit: Fit, places: Sequence[int]) -> Values:
+    """Return some members of a fit, all of the robot, as what programs take."""
+    columns = [np.arange(FOLDS * 0), *(np.r_[fit.hypothesis.columns[place]] for place in places)]
+    members = [fit.hypothesis.members[place] for place in places]
+    kept = tuple(m for m in members if isinstance(m, Candidate))
+    return Values(kept, fit.values[:, np.concatenate(columns).astype(int)], np.zeros(FOLDS))
+
+
+def _explanations(
+    own: Values, best: Fit, alike: Sequence[Sequence[tuple[Member, Fit]]]
+) -> tuple[tuple[str, Values], ...]:
+    """Return the explanations that these logs cannot tell apart; none where there is one alone."""
+    others = {}
+    for crowd in alike:
+        for _, fit in crowd:
+            if all(get_kind(m) == "robot" for m in fit.hypothesis.members):
+                others[fit.label] = _values(fit, range(len(fit.hypothesis.members)))
+    return ((best.label, own), *others.items()) if others else ()
+
+
+def _singles(judgement: Judgement, search: Search) -> tuple[SingleFit, ...]:
+    """Return the hypotheses of one member that were fitted to the end, the best first."""
+    rows = []
+    for fit in sorted([judgement.best, *judgement.rivals], key=lambda fit: -fit.total):
+        if len(fit.hypothesis.members) == 1:
+            (member,) = fit.hypothesis.members
+            error = replay_errors(judgement, fit)
+            closed, ci = search.blocks.closed(search.base, error, search.floor)
+            change = isinstance(member, LogChange)
+            value = member.first(fit.mean) if change else float(fit.mean[0])
+            side = member.effect.side if isinstance(member, Candidate) else None
+            unit = member.effect.unit if isinstance(member, Candidate) else member.unit
+            about = (_name(member), _where(member), side, value, unit)
+            rows.append(SingleFit(*about, min(closed, 1.0), ci))
+    return tuple(rows)

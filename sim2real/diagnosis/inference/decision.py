@@ -1,0 +1,79 @@
+"""The verdict on a gap, from what the likelihood says of the best explanation.
+
+    decide_verdict(Standing(...), settings)
+
+One equivalence test decides what counts as explained: the discrepancy that may still be there is
+free in one likelihood and at most a count of the encoder in the other; what the free one gains,
+in nats a reading, has its upper bound below a tolerance. That a gain is not significant proves
+nothing: a log too weak to tell passes neither for `no_gap` nor for `explained`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.inference.score import Gain
+from sim2real.diagnosis.schema import Verdict
+from sim2real.diagnosis.settings.inference import Inference
+
+
+class Standing(NamedTuple):
+    """How an explanation stands.
+
+    Args:
+        members: how many changes it has; 0: the model as given.
+        left: what a free discrepancy still gains [nats a reading], with its bounds.
+        over: what it gains over each null explanation and the model as given [nats], with bounds.
+        inside: whether all values lie within the bounds of what they can physically be.
+        replays: whether whole episodes follow it at least as well as a joint that stays.
+        nearer: whether it brings the simulation nearer, in noises of a reading.
+    """
+
+    members: int
+    left: Gain
+    over: Sequence[Gain] = ()
+    inside: bool = True
+    replays: bool = True
+    nearer: bool = True
+
+
+def decide_verdict(standing: Standing, settings: Inference) -> Verdict:
+    """Return the verdict.
+
+    Args:
+        standing: of the best explanation.
+        settings: the tolerance.
+    """
+    equivalent = standing.left.high <= settings.equivalence_tolerance
+    if not standing.members:
+        return "no_gap" if equivalent else "unexplained"
+    if not all(gain.low > 0 for gain in standing.over):
+        return "unexplained"
+    if equivalent and standing.inside and standing.replays:
+        return "explained"
+    return "partly_explained" if standing.nearer else "unexplained"
+
+
+def compute_posterior(
+    scores: Sequence[float], members: Sequence[int], left: float, settings: Inference
+) -> tuple[np.ndarray, float]:
+    """Return the probability of each hypothesis, (n,), and of a law that is not in the vocabulary.
+
+    Odds are exponentials of log predictive densities a reading over a temperature, since readings
+    are no independent evidence. Each member costs the tolerance, which it has to win; an unknown
+    law is as good as the best hypothesis and what a free discrepancy gains beyond the tolerance.
+
+    Args:
+        scores: nats a reading.
+        members: of each hypothesis.
+        left: upper bound of what a free discrepancy gains over the best [nats a reading].
+        settings: tolerance and temperature.
+    """
+    worth = np.array(scores) - settings.equivalence_tolerance * np.array(members)
+    unknown = worth.max() + left - settings.equivalence_tolerance
+    odds = np.exp((np.append(worth, unknown) - max(worth.max(), unknown)) / settings.temperature)
+    odds /= odds.sum()
+    return odds[:-1], float(odds[-1])

@@ -1,0 +1,41 @@
+"""How far apart two explanations predict, in nats: the one notion of "cannot be told apart".
+
+    compute_separation(fitter, one, other)              # after both were fitted
+
+If one explanation is true, recordings like these are expected to favour it by half the squared
+distance of the predictions under the covariance of what neither knows: the Kullback-Leibler
+divergence of two Gaussians of one covariance (Box and Hill 1967 choose experiments by it). What
+starts, usual errors and the discrepancy may make does not part them.
+"""
+
+from __future__ import annotations
+
+import math
+
+from sim2real.diagnosis.inference.fit import Fit, Fitter
+from sim2real.diagnosis.inference.score import Bootstrap
+
+
+def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
+    """Return the expected log ratio of two fits' densities on these windows [nats].
+
+    Args:
+        fitter: that made both.
+        one: whose discrepancy counts.
+        other: the explanation beside it.
+    """
+    apart = (one.own - other.own)[..., None]
+    return sum(
+        float(fitter.likelihood.curvature(trained, apart, own)[0, 0]) / 2
+        for trained, own in zip(one.trained, fitter.sides, strict=True)
+    )
+
+
+def is_told_apart(fitter: Fitter, bootstrap: Bootstrap, best: Fit, other: Fit) -> bool:
+    """Return whether these windows tell the best from another explanation.
+
+    They do where it predicts significantly better, and where the predictions lie so far apart that
+    the evidence was to be expected: a ratio of densities of one over the level.
+    """
+    expected = compute_separation(fitter, best, other) > math.log(1 / fitter.settings.level)
+    return expected and bootstrap.gain(best.score - other.score).low > 0

@@ -1,0 +1,299 @@
+"""Values of hypotheses, found on one fold and judged on the other, many side by side.
+
+    fits = Fitter(replayer, likelihood, fold).fit([Start(hypothesis, points)])
+    fits[0].score, fits[0].values               # (W,) nats held out, (2, P)
+
+Damped Gauss-Newton steps (Levenberg and Marquardt) in the metric of the likelihood: where starts
+or usual errors explain a change as well, it moves nothing. Of several points each fold keeps the
+best before it refines; of two dampings, tried side by side, the better. The discrepancy's size is
+estimated anew at each trial, so that a step is judged by the density that decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.likelihood import Likelihood, Trained
+from sim2real.diagnosis.inference.replayer import Job, Replay, Replayer
+from sim2real.diagnosis.inference.score import FOLDS
+
+BETTER = 0.05  # nats: gains below it are rounding
+FAILED = 1e-2  # damping at least, where a step failed
+GROWTH = 10.0  # by which dampings grow where a step fails, and shrink where it does not
+
+
+class Start(NamedTuple):
+    """Where a fit begins."""
+
+    hypothesis: Hypothesis
+    points: np.ndarray  # (K, P), or (K, 2, P) where the folds start from values of their own
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A hypothesis with its values, and how well they predict.
+
+    Args:
+        hypothesis: what was fitted.
+        values: fitted to each fold, (2, P).
+        own: errors under the values fitted to the window's own fold, (W, N, M).
+        held: errors under the values fitted to the other fold, (W, N, M).
+        trained: the discrepancy of each fold under its own values.
+        density: log density of each fold under its own values [nats], (2,).
+        score: log predictive density of each window, given the other fold [nats], (W,).
+        log_scale: of held-out readings, (W,); it is part of the score.
+    """
+
+    hypothesis: Hypothesis
+    values: np.ndarray
+    own: np.ndarray
+    held: np.ndarray
+    trained: tuple[Trained, ...]
+    density: np.ndarray
+    score: np.ndarray
+    log_scale: np.ndarray
+
+    @property
+    def total(self) -> float:
+        """Log predictive density of all windows [nats]."""
+        return float(self.score.sum())
+
+    @property
+    def mean(self) -> np.ndarray:
+        """The values over both folds, (P,)."""
+        return self.values.mean(axis=0)
+
+    @property
+    def label(self) -> str:
+        """The hypothesis's."""
+        return self.hypothesis.label
+
+
+class Fitter:
+    """Fits hypotheses to windows.
+
+    Args:
+        replayer: replays them.
+        likelihood: of their errors.
+        fold: of each window, (W,).
+    """
+
+    def __init__(self, replayer: Replayer, likelihood: Likelihood, fold: np.ndarray) -> None:
+        self.replayer, self.likelihood, self.fold = replayer, likelihood, fold
+        self.settings = replayer.settings
+        self.sides = [np.flatnonzero(fold == side) for side in range(FOLDS)]
+
+    def fit(self, starts: Iterable[Start], rounds: int | None = None) -> list[Fit]:
+        """Return the fits of hypotheses, each from the best of its points.
+
+        Args:
+            starts: hypotheses, and where each begins.
+            rounds: steps at most; None: those of the settings.
+        """
+        states = self._begin(starts)
+        live = [state for state in states if state.hypothesis.smooth.any()]
+        for _ in range(self.settings.rounds if rounds is None else rounds):
+            live = self._step(live) if live else []
+        return self._finish(states)
+
+    def of_path(self, errors: np.ndarray) -> Fit:
+        """Return a null explanation, whose errors (W, N, M) are known, judged as a fit is."""
+        none = Hypothesis(())
+        zero = Replay(errors, np.zeros_like(errors), np.zeros(len(errors)))
+        state = _State(none, np.zeros((FOLDS, 0)), zero, *self._train(zero))
+        return self._judge(state, zero)
+
+    def score_capped(self, fit: Fit, most: np.ndarray) -> np.ndarray:
+        """Return the score of a fit, (W,), if the discrepancy is at most so large, (M,) noises."""
+        score = np.zeros(len(self.fold))
+        for side in range(FOLDS):
+            projection = self.likelihood.project(self._seen_from(side, fit.own, fit.held))
+            trained = self.likelihood.train(projection, self.sides[side], most)
+            other = self.sides[1 - side]
+            score[other] = self.likelihood.predict(projection, trained, most)[other]
+        return score + fit.log_scale
+
+    def _begin(self, starts: Iterable[Start]) -> list[_State]:
+        """Return each start at the best of its points."""
+        jobs: list[tuple[Hypothesis, np.ndarray]] = []
+        owners: list[int] = []
+        for number, (hypothesis, points) in enumerate(starts):
+            spread = np.repeat(points[:, None], FOLDS, axis=1) if points.ndim == 2 else points
+            for values in hypothesis.clip(spread):
+                jobs.append((hypothesis, values))
+                owners.append(number)
+        states: dict[int, _State] = {}
+        for owner, job, replay in zip(owners, jobs, self._replay(jobs), strict=True):
+            state = _State(*job, replay, *self._train(replay))
+            state.damping[:] = self.settings.damping
+            if owner in states:
+                states[owner].take(state, self.fold)
+            else:
+                states[owner] = state
+        return [states[number] for number in sorted(states)]
+
+    def _replay(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> list[Replay]:
+        """Return what each hypothesis makes of all windows under values (2, P) of their folds."""
+        every = self.replayer.every
+        return self.replayer.replay([Job(h, values[self.fold], every) for h, values in jobs])
+
+    def _train(
+        self, replay: Replay, near: Sequence[Trained] | None = None
+    ) -> tuple[list[Trained], np.ndarray]:
+        """Return the discrepancy of each fold, and its log density, (2,)."""
+        projection = self.likelihood.project(replay.error)
+        trained = [
+            self.likelihood.train(projection, own, near=None if near is None else near[side])
+            for side, own in enumerate(self.sides)
+        ]
+        scale = [replay.log_scale[own].sum() for own in self.sides]
+        return trained, np.array([one.density for one in trained]) + scale
+
+    def _step(self, states: Sequence[_State]) -> list[_State]:
+        """Take one step with each, and return those that may gain from another."""
+        nudges = [
+            state.nudges(self.settings.difference, self.settings.difference_min) for state in states
+        ]
+        jobs = [
+            (state.hypothesis, state.values + nudge * (np.arange(nudge.shape[1]) == place))
+            for state, nudge in zip(states, nudges, strict=True)
+            for place in np.flatnonzero(state.hypothesis.smooth)
+        ]
+        moved = iter(self._replay(jobs))
+        trials = []
+        for state, nudge in zip(states, nudges, strict=True):
+            places = np.flatnonzero(state.hypothesis.smooth)
+            slopes = [state.slope(next(moved), nudge[:, place], self.fold) for place in places]
+            trials += self._trials(state, places, slopes)
+        made = iter(self._replay([(t.hypothesis, t.values) for t in trials]))
+        rest = iter(trials)
+        return [state for state in states if self._improve(state, rest, made)]
+
+    def _trials(self, state: _State, places: np.ndarray, slopes: Sequence[Replay]) -> list[_Trial]:
+        """Return the points of a whole step and of a short one, (2, P) each."""
+        vectors = np.stack([state.replay.error, *(one.error for one in slopes)], axis=-1)
+        size = self.settings.reach * state.hypothesis.size[places]
+        whole, short = state.values.copy(), state.values.copy()
+        for side, own in enumerate(self.sides):
+            products = self.likelihood.curvature(state.trained[side], vectors, own)
+            curve, down = products[1:, 1:], products[1:, 0].copy()
+            down -= [one.log_scale[own].sum() for one in slopes]
+            diagonal = np.diag(curve) + 1 / size**2
+            for values, ratio in ((whole, 1.0), (short, self.settings.damping_ratio)):
+                damping = ratio * state.damping[side] + self.settings.ridge
+                values[side, places] -= np.linalg.solve(curve + np.diag(damping * diagonal), down)
+        clip = state.hypothesis.clip
+        return [_Trial(state.hypothesis, clip(values)) for values in (whole, short)]
+
+    def _improve(self, state: _State, trials: Iterator[_Trial], made: Iterator[Replay]) -> bool:
+        """Keep what is better of a state's two trials; return whether another step may gain."""
+        gain = np.zeros(FOLDS)
+        for trial, replay in zip(
+            (next(trials), next(trials)), (next(made), next(made)), strict=True
+        ):
+            other = _State(*trial, replay, *self._train(replay, state.trained))
+            gain += np.maximum(state.take(other, self.fold), 0.0)
+        good = gain > self.settings.settled
+        shrunk = np.maximum(state.damping / GROWTH, self.settings.damping)
+        state.damping = np.where(good, shrunk, np.maximum(state.damping, FAILED) * GROWTH)
+        state.failed = np.where(good, 0, state.failed + 1)
+        return bool(good.any() or (state.failed < FOLDS).any())
+
+    def _finish(self, states: Sequence[_State]) -> list[Fit]:
+        """Return the fits, judged; what fits the other fold better than its own is taken over."""
+        held = self._crossed(states)
+        again = []
+        for state, replay in zip(states, held, strict=True):
+            if (state.values[0] != state.values[1]).any():
+                values = state.values[::-1]
+                other = _State(state.hypothesis, values, replay, *self._train(replay))
+                if (state.take(other, self.fold) > BETTER).any():
+                    again.append(state)
+        anew = {id(s): replay for s, replay in zip(again, self._crossed(again), strict=True)}
+        return [
+            self._judge(state, anew.get(id(state), replay))
+            for state, replay in zip(states, held, strict=True)
+        ]
+
+    def _crossed(self, states: Sequence[_State]) -> list[Replay]:
+        """Return each state under the values of the other fold; where they agree, as it is."""
+        apart = [state for state in states if (state.values[0] != state.values[1]).any()]
+        made = iter(self._replay([(s.hypothesis, s.values[::-1]) for s in apart]))
+        held = {id(state): next(made) for state in apart}
+        return [held.get(id(state), state.replay) for state in states]
+
+    def _judge(self, state: _State, held: Replay) -> Fit:
+        score = np.zeros(len(self.fold))
+        for side in range(FOLDS):
+            errors = self._seen_from(side, state.replay.error, held.error)
+            other = self.sides[1 - side]
+            projection = self.likelihood.project(errors)
+            score[other] = self.likelihood.predict(projection, state.trained[side])[other]
+        score += held.log_scale
+        return Fit(
+            state.hypothesis,
+            state.values,
+            state.replay.error,
+            held.error,
+            tuple(state.trained),
+            state.density,
+            score,
+            held.log_scale,
+        )
+
+    def _seen_from(self, side: int, own: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """Return the errors of all windows under the values of one fold, (W, N, M)."""
+        return np.where((self.fold == side)[:, None, None], own, held)
+
+
+class _Trial(NamedTuple):
+    hypothesis: Hypothesis
+    values: np.ndarray  # (2, P)
+
+
+class _State:
+    """A fit on its way: the best values of each fold so far, and the errors there."""
+
+    def __init__(
+        self,
+        hypothesis: Hypothesis,
+        values: np.ndarray,
+        replay: Replay,
+        trained: list[Trained],
+        density: np.ndarray,
+    ) -> None:
+        self.hypothesis, self.values, self.replay = hypothesis, values.copy(), replay
+        self.trained, self.density = list(trained), density.copy()
+        self.damping, self.failed = np.zeros(FOLDS), np.zeros(FOLDS, int)
+
+    def take(self, other: _State, fold: np.ndarray) -> np.ndarray:
+        """Take over what the other does better in a fold; return the gains [nats], (2,)."""
+        gain = other.density - self.density
+        better = gain > BETTER
+        own = better[fold]
+        parts = zip(self.replay, other.replay, strict=True)
+        self.replay = Replay(*(np.where(_wide(own, b), b, a) for a, b in parts))
+        for side in np.flatnonzero(better):
+            self.values[side], self.density[side] = other.values[side], other.density[side]
+            self.trained[side] = other.trained[side]
+        return gain
+
+    def nudges(self, share: float, least: float) -> np.ndarray:
+        """Return a step of each value for finite differences, (2, P), inside its bounds."""
+        step = np.maximum(share * np.abs(self.values), least * self.hypothesis.size)
+        return np.where(self.values + step > self.hypothesis.high, -step, step)
+
+    def slope(self, moved: Replay, nudge: np.ndarray, fold: np.ndarray) -> Replay:
+        """Return by how much a replay changes with a value, nudge (2,) by fold."""
+        pairs = zip(moved, self.replay, strict=True)
+        return Replay(*((a - b) / _wide(nudge[fold], a) for a, b in pairs))
+
+
+def _wide(values: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """Return values (W,) with as many axes as an array (W, ...)."""
+    return values.reshape(-1, *[1] * (like.ndim - 1))

@@ -1,0 +1,122 @@
+"""A hypothesis: at most four changes of the robot, the log or the world, and where they start.
+
+    Hypothesis((candidate, change))         # label, neutral, low, high, steps of all values
+
+A change of the robot is a `Candidate`: an effect at one place, or with one value for all joints of
+a kind. A change of the log is a `LogChange`. A change of the world is a `Candidate` whose effect is
+in `WORLD`: what is around the robot differs, not what it is made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from sim2real.diagnosis.attribution.candidates import FREE, Candidate
+from sim2real.diagnosis.inference.log_changes import LogChange
+
+Member = Candidate | LogChange
+Kind = Literal["robot", "log", "world"]
+WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "contact_stiffness")
+
+
+def get_kind(member: Member) -> Kind:
+    """Return what a member changes."""
+    if isinstance(member, LogChange):
+        return "log"
+    return "world" if member.name in WORLD else "robot"
+
+
+def get_size(member: Member) -> np.ndarray:
+    """Return the size of each value of a member at its largest probe, (P,)."""
+    changes = np.where(member.neutral >= FREE, member.probes, member.probes - member.neutral)
+    size = np.abs(changes).max(axis=0)
+    return np.where(size > 0, size, np.maximum(np.abs(member.probes).max(axis=0), 1e-3))
+
+
+def _bounds_of(member: Member, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a member's values can physically be, (P,) each; see `Hypothesis.bounded`."""
+    if isinstance(member, LogChange):
+        return member.low, member.high
+    far, limit = reach * get_size(member), member.neutral >= FREE
+    low = np.where(limit, member.low, np.maximum(member.low, member.neutral - far))
+    return low, np.where(limit, member.high, np.minimum(member.high, member.neutral + far))
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Members, those of the log last."""
+
+    members: tuple[Member, ...]
+
+    @staticmethod
+    def of(members: Sequence[Member]) -> Hypothesis:
+        """Return members in the order in which they act: on the robot, then on its log."""
+        return Hypothesis(tuple(sorted(members, key=lambda m: get_kind(m) == "log")))
+
+    @property
+    def effects(self) -> tuple[Candidate, ...]:
+        """What differs in the simulation."""
+        return tuple(m for m in self.members if isinstance(m, Candidate))
+
+    @property
+    def changes(self) -> tuple[LogChange, ...]:
+        """What differs in the log."""
+        return tuple(m for m in self.members if isinstance(m, LogChange))
+
+    @property
+    def label(self) -> str:
+        """What tells it apart, whatever the order of its members."""
+        return " + ".join(sorted(m.label for m in self.members)) or "as given"
+
+    @cached_property
+    def columns(self) -> list[slice]:
+        """Where each member's values are in a row of them."""
+        ends = np.cumsum([len(m.neutral) for m in self.members], dtype=int)
+        return [slice(e - len(m.neutral), e) for m, e in zip(self.members, ends, strict=True)]
+
+    @cached_property
+    def low(self) -> np.ndarray:
+        """Smallest values, (P,)."""
+        return np.concatenate([np.zeros(0), *(m.low for m in self.members)])
+
+    @cached_property
+    def high(self) -> np.ndarray:
+        """Largest values, (P,)."""
+        return np.concatenate([np.zeros(0), *(m.high for m in self.members)])
+
+    def bounded(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of what values can physically be, (P,) each.
+
+        Those that each member declares; of the robot and the world also so many times the largest
+        probe, which an effect takes from the robot's own sizes.
+        """
+        pairs = [_bounds_of(member, reach) for member in self.members]
+        none = np.zeros(0)
+        return (
+            np.concatenate([none, *(low for low, _ in pairs)]),
+            np.concatenate([none, *(high for _, high in pairs)]),
+        )
+
+    @cached_property
+    def size(self) -> np.ndarray:
+        """Size of each value at its largest probe, (P,)."""
+        return np.concatenate([np.zeros(0), *(get_size(m) for m in self.members)])
+
+    @cached_property
+    def smooth(self) -> np.ndarray:
+        """Which values move in steps as small as one likes, (P,) bool."""
+        whole = [np.full(len(m.neutral), getattr(m, "whole", False)) for m in self.members]
+        return ~np.concatenate([np.zeros(0, bool), *whole])
+
+    def clip(self, values: np.ndarray) -> np.ndarray:
+        """Return values (..., P) within their bounds."""
+        return np.clip(values, self.low, self.high)
+
+    def without(self, place: int) -> Hypothesis:
+        """Return the hypothesis without one of its members."""
+        return Hypothesis(self.members[:place] + self.members[place + 1 :])

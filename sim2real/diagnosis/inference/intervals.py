@@ -1,0 +1,76 @@
+"""Intervals of values: profiled over what else may share the gap.
+
+    ends, correlation = compute_intervals(judgement)            # (P, 2), (P, P)
+
+The curvature of the log density at the answer, (J' V^-1 J) with V the covariance of everything that
+nobody knows, is inverted together with the directions of the effects that cannot be told from a
+cause, each with its own prior width: what one of them may share, the interval says (profile
+likelihood, to second order; Pawitan 2001). Where the two folds disagree by more, that counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import norm
+
+from sim2real.diagnosis.inference.fit import Fit, Fitter
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, get_size
+from sim2real.diagnosis.inference.replayer import Job
+from sim2real.diagnosis.inference.score import FOLDS
+
+COVERAGE = 0.9  # of an interval
+
+
+def compute_intervals(
+    fitter: Fitter, fit: Fit, others: Sequence[Member]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return 90 % intervals of a fit's values, (P, 2), and their correlations, (P, P).
+
+    Args:
+        fitter: that made it.
+        fit: the answer.
+        others: changes that cannot be told from one of its members.
+    """
+    count = fit.values.shape[1]
+    if not count:
+        return np.zeros((0, 2)), np.zeros((0, 0))
+    settings = fitter.settings
+    step = np.maximum(
+        settings.difference * np.abs(fit.mean), settings.difference_min * fit.hypothesis.size
+    )
+    step = np.where(fit.hypothesis.smooth, step, 0.0)
+    jobs = [(fit.hypothesis, fit.values + step * row) for row in np.eye(count)]
+    sizes = list(step)
+    prior = list(settings.reach * fit.hypothesis.size)
+    for other in others:
+        for place, size in enumerate(get_size(other)):
+            hypothesis = Hypothesis.of([*fit.hypothesis.members, other])
+            values = np.empty((FOLDS, len(hypothesis.low)))
+            column = hypothesis.columns[hypothesis.members.index(other)]
+            kept = np.ones(values.shape[1], bool)
+            kept[column] = False
+            own = other.neutral.copy()
+            own[place] += settings.difference * size
+            values[:, kept], values[:, column] = fit.values, np.clip(own, other.low, other.high)
+            jobs.append((hypothesis, values))
+            sizes.append(settings.difference * size)
+            prior.append(settings.reach * size)
+    every, fold = fitter.replayer.every, fitter.fold
+    made = fitter.replayer.replay([Job(h, values[fold], every) for h, values in jobs])
+    safe = np.where(np.array(sizes) == 0, 1.0, sizes)
+    slopes = [(one.error - fit.own) / size for one, size in zip(made, safe, strict=True)]
+    vectors = np.stack(slopes, axis=-1)
+    curve = sum(
+        fitter.likelihood.curvature(trained, vectors, own)
+        for trained, own in zip(fit.trained, fitter.sides, strict=True)
+    )
+    covariance = np.linalg.inv(curve + np.diag(1 / np.square(prior)))[:count, :count]
+    spread = np.sqrt(np.diag(covariance))
+    # the mean of two folds' values is off by half of what they differ
+    apart = np.abs(fit.values[0] - fit.values[1]) / FOLDS
+    width = norm.ppf((1 + COVERAGE) / 2) * np.maximum(spread, apart)
+    width = np.where(fit.hypothesis.smooth, width, 0.0)
+    ends = fit.hypothesis.clip(np.stack([fit.mean - width, fit.mean + width]))
+    return ends.T, covariance / np.outer(spread, spread)

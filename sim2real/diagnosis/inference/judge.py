@@ -1,0 +1,344 @@
+"""The judge: which explanation predicts held-out stretches best, and whether that is enough.
+
+    judge = Judge(data, fixed, rng)
+    judgement = judge.judge(propose, [*list_log_changes(data), *list_world_changes(data)])
+    judgement.verdict, judgement.best.label
+
+Proposals may come from anywhere: mistakes of the log, changes of the world, effects that a search
+found. All are scored alike, and the null explanations beside them. The best grows by one member as
+long as each wins what the tolerance asks for, and loses those that do not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.plant import Fixed
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.inference.decision import Standing, compute_posterior, decide_verdict
+from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
+from sim2real.diagnosis.inference.likelihood import Likelihood
+from sim2real.diagnosis.inference.moves import (
+    add_members,
+    is_part,
+    make_start,
+    pick_distinct,
+    rank_fits,
+    restart,
+    without,
+)
+from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
+from sim2real.diagnosis.inference.replayer import Job, Replayer, cut_whole_episodes
+from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
+from sim2real.diagnosis.inference.unknowns import cap_directions, compute_unknowns, is_lost
+from sim2real.diagnosis.schema import Verdict
+
+NULLS = ("each joint stays", "each joint keeps its measured speed")
+NONE = Hypothesis(())
+SURE = 4.0  # noises or counts that an error of noise alone does not reach
+LEAST = 3  # windows of a fold that proposals are screened on
+HALVES = 2  # of the proposals that were fitted at a glance go on
+Propose = Callable[[], Sequence[Start]]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the judge says.
+
+    Args:
+        verdict: see `decision`.
+        best: the explanation; the model as given where there is none.
+        given: the model as given.
+        nulls: the null explanations by name.
+        rivals: other explanations that were fitted to the end, the best first.
+        left: what a free discrepancy still gains over one of a count [nats a reading].
+        where_left: the same of each window, not by reading, (W,).
+        pushes: torques that act for a moment and hold most of what is left.
+        probability: of the best and of each rival, (1 + n,).
+        unknown: probability of a law that is not in the vocabulary.
+        judge: who said so.
+    """
+
+    verdict: Verdict
+    best: Fit
+    given: Fit
+    nulls: dict[str, Fit]
+    rivals: tuple[Fit, ...]
+    left: Gain
+    where_left: np.ndarray
+    pushes: tuple[Pushed, ...]
+    probability: np.ndarray
+    unknown: float
+    judge: Judge
+
+
+class Left(NamedTuple):
+    """What a free discrepancy gains over one of at most a count."""
+
+    gain: Gain  # nats a reading
+    windows: np.ndarray  # (W,) nats
+
+
+class Judge:
+    """Judges explanations of the gap in some windows.
+
+    Args:
+        data: the windows.
+        fixed: effects that are known.
+        rng: for the bootstrap.
+        work: counts what is simulated.
+        say: told what is being tried.
+    """
+
+    def __init__(
+        self,
+        data: Data,
+        fixed: Sequence[Fixed] = (),
+        rng: np.random.Generator | None = None,
+        work: Work | None = None,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.data, self.say, self.settings = data, say, data.settings.inference
+        self._rest = tuple(fixed), work
+        self.replayer = Replayer(data, *self._rest)
+        self.fold = deal_folds(data.windows)
+        self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)
+        self.readings = self.replayer.readings
+        noise = self.replayer.noise
+        self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
+        self.glance = self._make_glance(*self._look(NONE, np.zeros((FOLDS, 0))))
+
+    def judge(self, propose: Propose, always: Sequence[Member] = ()) -> Judgement:
+        """Return the judgement on the gap.
+
+        Args:
+            propose: returns hypotheses about the robot, and where they begin; it is asked only if
+                there is a gap.
+            always: changes that are proposed whatever a search thinks of them.
+        """
+        if self.left(self.given).gain.high <= self.settings.equivalence_tolerance:
+            return self._conclude({self.given.label: self.given})
+        starts = [*map(make_start, always), *propose()]
+        self.say("judging what was proposed")
+        tried = {self.given.label: self.given}
+        pool = self._refine(starts, tried)
+        best = self._choose(tried)
+        while 0 < len(best.hypothesis.members) < self.settings.members_max:
+            if self.left(best).gain.high <= self.settings.equivalence_tolerance:
+                break
+            self.say(f"judging what else there is beside {best.label}")
+            self._refine(add_members(best, pool), tried)
+            before, best = best, self._choose(tried)
+            if best is before:
+                break
+        return self._conclude(tried)
+
+    def left(self, fit: Fit) -> Left:
+        """Return what a fit leaves."""
+        windows = fit.score - self.fitter.score_capped(fit, self.most)
+        gain = self.bootstrap.gain(windows)
+        return Left(Gain(*(value / self.readings for value in gain)), windows)
+
+    def excess(self, fit: Fit) -> np.ndarray:
+        """Return by how much squared errors exceed what noise and counts make, (W, N, M)."""
+        counts = SURE * self.most * self.replayer.noise
+        beyond = np.square(fit.held / counts) - 1.0
+        return np.where(self.replayer.used[..., None], np.maximum(beyond, 0.0), 0.0)
+
+    def wins(self, more: Fit, less: Fit) -> bool:
+        """Return whether further members win what each has to: the tolerance, for certain."""
+        further = max(len(more.hypothesis.members) - len(less.hypothesis.members), 1)
+        gain = self.bootstrap.gain(more.score - less.score)
+        least = further * self.settings.equivalence_tolerance * self.readings
+        return gain.low > 0 and gain.total > least
+
+    def _look(
+        self, hypothesis: Hypothesis, values: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Take the likelihood whose starts and usual errors are those under a hypothesis.
+
+        Args:
+            hypothesis: the model.
+            values: fitted to each fold, (2, P).
+
+        Returns:
+            Its errors, and what is unknown around them; see `unknowns`.
+        """
+        replayer = self.replayer
+        base, local, common = compute_unknowns(replayer, hypothesis, values[self.fold])
+        likelihood = Likelihood(
+            replayer.times, replayer.used, replayer.noise, local, common, self.settings
+        )
+        self.fitter = Fitter(replayer, likelihood, self.fold)
+        (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
+        paths = (replayer.holding(), replayer.coasting())
+        self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
+        return base, local, common
+
+    def _make_glance(self, given: np.ndarray, local: np.ndarray, common: np.ndarray) -> Fitter:
+        """Return what proposals are screened with: some windows of each fold, in longer time steps.
+
+        What longer steps change of the model as given is taken off all errors; where it is lost,
+        they would change everything.
+
+        Args:
+            given: errors of the model as given, (W, N, M).
+            local: see `Likelihood`.
+            common: see `Likelihood`.
+        """
+        seconds = sum(float(np.ptp(own)) for own in self.replayer.times)
+        every = max(HALVES, math.ceil(seconds / self.settings.glance_s))
+        steps = [max(1, min(every, len(own) // LEAST)) for own in self.fitter.sides]
+        some = [own[::step] for own, step in zip(self.fitter.sides, steps, strict=True)]
+        chosen = np.sort(np.concatenate(some))
+        data = self.data.only(chosen)
+        lost = is_lost(self.replayer, given)
+        longer = None if lost else data.stepping(self.data.settings.screening.coarse_s)
+        replayer = Replayer(data if longer is None else longer, *self._rest)
+        replayer.look_at(self.replayer, chosen)
+        none = np.zeros((len(chosen), 0))
+        if longer is not None:
+            (coarse,) = replayer.replay([Job(NONE, none, replayer.every)])
+            replayer.offset = given[chosen] - coarse.error
+        likelihood = Likelihood(
+            replayer.times,
+            replayer.used,
+            replayer.noise,
+            local[chosen],
+            common[chosen],
+            self.settings,
+        )
+        return Fitter(replayer, likelihood, self.fold[chosen])
+
+    def _refine(self, starts: Sequence[Start], tried: dict[str, Fit]) -> list[Start]:
+        """Fit the starts that screen best into what was tried; return all changes by their rank."""
+        fresh = [start for start in starts if start.hypothesis.label not in tried]
+        looked = rank_fits(self.glance.fit(fresh, rounds=0))
+        best = pick_distinct(looked, self.settings.refits)
+        best = rank_fits(self.glance.fit(map(restart, best), self.settings.glances))
+        best = best[: (self.settings.refits + 1) // HALVES]
+        for fit in self.fitter.fit(
+            map(restart, best), self.settings.rounds - self.settings.glances
+        ):
+            if fit.label not in tried or fit.total > tried[fit.label].total:
+                tried[fit.label] = fit
+        single = [fit for fit in looked if len(fit.hypothesis.members) == 1]
+        return list(map(restart, single[: self.settings.pool]))
+
+    def _choose(self, tried: dict[str, Fit]) -> Fit:
+        """Return the shortest explanation that none longer wins against."""
+        best = self.given
+        for count in range(1, self.settings.members_max + 1):
+            own = [fit for fit in tried.values() if len(fit.hypothesis.members) == count]
+            if own and self.wins(simplest := self._pick_simplest(own), best):
+                best = simplest
+        return best
+
+    def _pick_simplest(self, fits: Sequence[Fit]) -> Fit:
+        """Return the best, or one of fewer values that is not significantly worse.
+
+        Of these one without mistakes of the log goes first: they are common, and yet what a log
+        cannot tell from an effect of the robot is called that.
+        """
+        top = max(fits, key=lambda fit: fit.total)
+        near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
+        return min(near, key=lambda f: (f.values.shape[1], len(f.hypothesis.changes), -f.total))
+
+    def _prune(self, tried: dict[str, Fit]) -> Fit:
+        """Return the best explanation, each of whose members wins what it has to."""
+        best = self._choose(tried)
+        while len(best.hypothesis.members) > 1:
+            fewer = [without(best, n) for n in range(len(best.hypothesis.members))]
+            fewer = [start for start in fewer if start.hypothesis.label not in tried]
+            for fit in self.fitter.fit(fewer):
+                tried[fit.label] = fit
+            before, best = best, self._choose(tried)
+            if best is before:
+                return best
+        return best
+
+    def _conclude(self, tried: dict[str, Fit]) -> Judgement:
+        """Return the judgement, with starts and usual errors as they are under the answer."""
+        best = self._prune(tried)
+        if best.hypothesis.members:
+            self.say(f"judging {best.label} and its rivals once more")
+            best, tried = self._refit(best, tried)
+        left, members = self.left(best), len(best.hypothesis.members)
+        over = {**self.nulls, **({self.given.label: self.given} if members else {})}
+        gains = [self.bootstrap.gain(best.score - other.score) for other in over.values()]
+        low, high = best.hypothesis.bounded(self.settings.implausible)
+        inside = bool(((best.values > low) & (best.values < high))[:, best.hypothesis.smooth].all())
+        standing = Standing(
+            members, left.gain, gains, inside, self._replays(best), self._nearer(best)
+        )
+        verdict, pushes = decide_verdict(standing, self.settings), ()
+        if verdict == "partly_explained" or (verdict == "unexplained" and not members):
+            pushes = find_pushes(self.fitter, best, self.excess(best))
+            verdict = "partly_explained" if pushes else verdict
+        rivals = [fit for fit in tried.values() if fit is not best and fit.hypothesis.members]
+        rivals.sort(key=lambda fit: -fit.total)
+        fits = [best, *rivals]
+        chances, unknown = compute_posterior(
+            [fit.total / self.readings for fit in fits],
+            [len(fit.hypothesis.members) for fit in fits],
+            left.gain.high,
+            self.settings,
+        )
+        return Judgement(
+            verdict,
+            best,
+            self.given,
+            self.nulls,
+            tuple(rivals),
+            left.gain,
+            left.windows,
+            pushes,
+            chances,
+            unknown,
+            self,
+        )
+
+    def _refit(self, best: Fit, tried: dict[str, Fit]) -> tuple[Fit, dict[str, Fit]]:
+        """Return the best and its nearest rivals, fitted where the answer is the model."""
+        others = [f for f in tried.values() if f is not best and f.hypothesis.members]
+        others = [f for f in others if len(f.hypothesis.members) <= len(best.hypothesis.members)]
+        others.sort(key=lambda fit: -fit.total)
+        finalists = [best, *others[: self.settings.rivals]]
+        finalists += [f for f in others if is_part(f.hypothesis, best.hypothesis)]
+        finalists = pick_distinct(finalists, len(finalists))
+        self._look(best.hypothesis, best.values)
+        fits = self.fitter.fit(map(restart, finalists))
+        refitted = {fit.label: fit for fit in [self.given, *fits]}
+        return self._prune(refitted), refitted
+
+    def _replays(self, fit: Fit) -> bool:
+        """Return whether whole episodes, from their starts, follow a fit rather than stay."""
+        if not fit.hypothesis.members:
+            return True
+        whole = self.data.with_windows(cut_whole_episodes(self.data))
+        replayer = Replayer(whole, *self._rest)
+        values = np.tile(fit.mean, (len(replayer.every), 1))
+        (made,) = replayer.replay([Job(fit.hypothesis, values, replayer.every)])
+        local = cap_directions(replayer, replayer.starts(fit.hypothesis, values))
+        none = np.zeros((*made.error.shape, 0))
+        likelihood = Likelihood(
+            replayer.times, replayer.used, replayer.noise, local, none, self.settings
+        )
+        follows, stays = (
+            likelihood.train(likelihood.project(errors), replayer.every).density
+            for errors in (made.error, replayer.holding())
+        )
+        return follows + made.log_scale.sum() > stays
+
+    def _nearer(self, fit: Fit) -> bool:
+        """Return whether errors are smaller than as given, in noises of a reading."""
+        noise = self.replayer.noise
+        before, after = (np.square(f.held / noise).sum() for f in (self.given, fit))
+        return bool(after < before)

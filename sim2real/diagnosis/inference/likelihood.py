@@ -1,0 +1,336 @@
+"""The likelihood of replayed windows: a Gaussian whose covariance says what no model knows.
+
+    likelihood = Likelihood(times, used, noise, local, common, settings)
+    projection = likelihood.project(errors)                     # errors (W, N, M)
+    trained = likelihood.train(projection, windows)             # the discrepancy's size
+    likelihood.predict(projection, trained)                     # (W,) nats
+
+Errors e of window w, simulated minus measured at N rows of M joints, are
+
+    e_w = L_w a_w + C_w u + d_w + n_w,    a_w, u ~ N(0, I)
+
+* n: the noise of readings, white, with its standard deviation for each joint;
+* L_w: one standard deviation of what is unknown of this window alone: its start, its clock;
+* C_w: one standard deviation of each error of the nominal model, the same u in all windows;
+* d: the discrepancy of Kennedy and O'Hagan (2001, doi:10.1111/1467-9868.00294), for each joint j
+  an Ornstein-Uhlenbeck process, (s_j m_w sigma_j)^2 exp(-|t - t'| / tau_j) (Rasmussen and
+  Williams 2006, eq. 4.9). Size s and correlation time tau are estimated on a grid; m is a window's
+  own scale, so that d has a Student distribution (Lange et al. 1989): where contact or sticking
+  makes errors jump, a window counts less.
+
+With exp(-|t - t'| / tau) = Q diag(lambda) Q' the noise and the discrepancy of any size are diagonal
+in Q: one eigendecomposition serves a window and a correlation time. L and C, of low rank, are
+integrated out by the matrix inversion lemma, L within each window and C over all of them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gammaincc
+
+from sim2real.diagnosis.settings.inference import Inference
+
+NEAR = 2  # octaves to either side that a sweep looks at
+SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
+
+
+class Projection(NamedTuple):
+    """Errors as the likelihood needs them, for each correlation time T, size S and joint."""
+
+    cross: np.ndarray  # (T, S, M, W, D) directions' products with the whitened errors
+    square: np.ndarray  # (T, S, M, W) square of the whitened errors, and the log determinant
+
+
+class Trained(NamedTuple):
+    """The discrepancy and the common errors as some windows tell them."""
+
+    time: np.ndarray  # (M,) index of the correlation time
+    size: np.ndarray  # (M,) index of the size
+    shift: np.ndarray  # (W,) index of a window's own shift
+    mean: np.ndarray  # (U,) of the common errors
+    precision: np.ndarray  # (U, U)
+    density: float  # log density of the windows [nats]
+
+
+class Likelihood:
+    """Log densities of the errors of W windows.
+
+    Args:
+        times: of the compared rows [s], (W, N).
+        used: which of them there are, (W, N) bool.
+        noise: standard deviation of a reading of each joint, in the units of errors, (M,).
+        local: one standard deviation of each unknown of a window, (W, N, M, L).
+        common: one standard deviation of each error of all windows, (W, N, M, U).
+        settings: the grid of the discrepancy, and how long it is refined.
+    """
+
+    def __init__(
+        self,
+        times: np.ndarray,
+        used: np.ndarray,
+        noise: np.ndarray,
+        local: np.ndarray,
+        common: np.ndarray,
+        settings: Inference,
+    ) -> None:
+        self.used, self.noise, self.settings = used, noise, settings
+        self.sizes = np.concatenate([[0.0], 2.0 ** np.arange(-1, settings.octaves)])  # (S,)
+        self.log_prior = _log_shifts(settings.freedom)
+        gap = np.abs(times[:, :, None] - times[:, None, :])
+        both = used[:, :, None] & used[:, None, :]
+        kernels = [np.where(both, np.exp(-gap / tau), 0.0) for tau in settings.correlations_s]
+        spread, self._basis = np.linalg.eigh(np.stack(kernels))  # (T, W, N), (T, W, N, N)
+        scale = (
+            1 + self.sizes[:, None, None] ** 2 * np.maximum(spread, 0.0)[:, None]
+        )  # (T, S, W, N)
+        variance = scale[:, :, None] * noise[:, None, None] ** 2  # (T, S, M, W, N)
+        self._inverse = 1.0 / variance
+        rows = used.sum(axis=1)
+        plain = rows * np.log(2 * np.pi * noise[:, None] ** 2)  # (M, W)
+        self._log_det = np.log(scale).sum(axis=-1)[:, :, None] + plain
+        self.readings = int(rows.sum()) * len(noise)
+        self._local = local.shape[-1]
+        directions = np.concatenate([local, common], axis=-1)
+        self._turned = self._turn(np.where(used[..., None, None], directions, 0.0))
+        weighed = self._turned[:, None] * self._inverse[..., None]  # (T, S, M, W, N, D)
+        self._gram = np.swapaxes(weighed, -1, -2) @ self._turned[:, None]  # (T, S, M, W, D, D)
+
+    def _turn(self, values: np.ndarray) -> np.ndarray:
+        """Return values (W, N, M, ...) in the bases of all correlation times, (T, M, W, N, ...)."""
+        joints_first = np.moveaxis(values, 2, 0)  # (M, W, N, ...)
+        flat = joints_first.reshape(*joints_first.shape[:3], -1)
+        turned = np.swapaxes(self._basis, -1, -2)[:, None] @ flat
+        return turned.reshape(len(self._basis), *joints_first.shape)
+
+    def project(self, errors: np.ndarray) -> Projection:
+        """Return errors (W, N, M) as the other methods need them."""
+        turned = self._turn(np.where(self.used[..., None], errors, 0.0))  # (T, M, W, N)
+        weighed = self._inverse * turned[:, None]  # (T, S, M, W, N)
+        cross = (weighed[..., None, :] @ self._turned[:, None])[..., 0, :]
+        square = (weighed * turned[:, None]).sum(axis=-1) + self._log_det
+        return Projection(cross, square)
+
+    def train(
+        self,
+        projection: Projection,
+        windows: np.ndarray,
+        most: np.ndarray | None = None,
+        near: Trained | None = None,
+    ) -> Trained:
+        """Return the discrepancy that makes some windows most probable.
+
+        Args:
+            projection: of the errors.
+            windows: to train on, (n,) indices.
+            most: largest size of the discrepancy of each joint, in its noise, (M,); None: any.
+            near: where to begin; None: at each joint's own best.
+        """
+        cap = np.searchsorted(self.sizes, np.inf if most is None else most, side="right") - 1
+        cap = np.broadcast_to(cap, self.noise.shape)
+        time, size, shift = self._begin(projection, windows, cap, near)
+        for _ in range(self.settings.turns):
+            before = time.copy(), size.copy(), shift.copy()
+            for joint in range(len(self.noise)):
+                self._sweep(projection, windows, cap, (time, size, shift), joint)
+            self._assign(projection, windows, cap, (time, size, shift))
+            if all((a == b).all() for a, b in zip(before, (time, size, shift), strict=True)):
+                break
+        parts = self._parts(projection, windows, cap, time, size, shift[windows])
+        density, mean, precision = _together(*self._integrated(*parts))
+        prior = self.log_prior[shift[windows]].sum()
+        return Trained(time, size, shift, mean, precision, float(density + prior))
+
+    def predict(
+        self, projection: Projection, trained: Trained, most: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the log predictive density of each window given those trained on, (W,) nats.
+
+        A window's own scale is unknown beforehand and integrated out; see `train` for `most`.
+        """
+        cap = np.searchsorted(self.sizes, np.inf if most is None else most, side="right") - 1
+        cap = np.broadcast_to(cap, self.noise.shape)
+        every = np.arange(len(self.used))
+        densities = [
+            weight
+            + _apart(
+                *self._integrated(
+                    *self._parts(
+                        projection, every, cap, trained.time, trained.size, np.full(len(every), k)
+                    )
+                ),
+                trained,
+            )
+            for k, weight in enumerate(self.log_prior)
+        ]
+        return np.logaddexp.reduce(densities)
+
+    def curvature(self, trained: Trained, vectors: np.ndarray, windows: np.ndarray) -> np.ndarray:
+        """Return X' V^-1 X over some windows, V the covariance under a trained discrepancy, (P, P).
+
+        Args:
+            trained: the discrepancy.
+            vectors: X, (W, N, M, P).
+            windows: to sum over, (n,) indices.
+        """
+        count = self._turned.shape[-1]
+        some = np.where(self.used[windows][..., None, None], vectors[windows], 0.0)
+        gram = np.zeros((len(windows), *2 * (count + some.shape[-1],)))
+        for joint, (time, size) in enumerate(zip(trained.time, trained.size, strict=True)):
+            own = self._shifted(size, trained.shift[windows])
+            basis = self._basis[time, windows]
+            turned = np.swapaxes(basis, -1, -2) @ some[:, :, joint]
+            both = np.concatenate([self._turned[time, joint, windows], turned], axis=-1)
+            weight = self._inverse[time, own, joint, windows]
+            gram += np.swapaxes(both * weight[..., None], -1, -2) @ both
+        gram = _eliminated(gram, self._local).sum(axis=0)
+        return _eliminated(gram, count - self._local)
+
+    def _shifted(self, size: np.ndarray, shift: np.ndarray, cap: int | None = None) -> np.ndarray:
+        """Return indices of sizes that windows' own shifts lead to."""
+        last = len(self.sizes) - 1 if cap is None else cap
+        return np.clip(size + SHIFTS[shift], 0, last)
+
+    def _parts(
+        self,
+        projection: Projection,
+        windows: np.ndarray,
+        cap: np.ndarray,
+        time: np.ndarray,
+        size: np.ndarray,
+        shift: np.ndarray,
+        without: int | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return gram (n, D, D), cross (n, D) and square (n,) of windows, summed over joints."""
+        count = self._turned.shape[-1]
+        gram, cross = np.zeros((len(windows), count, count)), np.zeros((len(windows), count))
+        square = np.zeros(len(windows))
+        for joint in range(len(self.noise)):
+            if joint != without:
+                cell = (time[joint], self._shifted(size[joint], shift, cap[joint]), joint, windows)
+                gram += self._gram[cell]
+                cross += projection.cross[cell]
+                square += projection.square[cell]
+        return gram, cross, square
+
+    def _begin(
+        self, projection: Projection, windows: np.ndarray, cap: np.ndarray, near: Trained | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return where a training starts: time (M,), size (M,), shift (W,)."""
+        if near is not None:
+            return near.time.copy(), np.minimum(near.size, cap), near.shift.copy()
+        alone = np.median(projection.square[..., windows], axis=-1)  # (T, S, M)
+        time, size = np.zeros(len(cap), int), np.zeros(len(cap), int)
+        for joint, last in enumerate(cap):
+            own = alone[:, : last + 1, joint]
+            time[joint], size[joint] = np.unravel_index(np.argmin(own), own.shape)
+        return time, size, np.full(len(self.used), int(np.flatnonzero(SHIFTS == 0)[0]))
+
+    def _sweep(
+        self,
+        projection: Projection,
+        windows: np.ndarray,
+        cap: np.ndarray,
+        state: tuple[np.ndarray, np.ndarray, np.ndarray],
+        joint: int,
+    ) -> None:
+        """Let one joint's discrepancy be the best near to what it is, in place."""
+        time, size, shift = state
+        rest = self._parts(projection, windows, cap, time, size, shift[windows], joint)
+        low, high = max(size[joint] - NEAR, 0), min(size[joint] + NEAR, cap[joint])
+        times, sizes = np.meshgrid(
+            np.arange(len(self._basis)), np.arange(low, high + 1), indexing="ij"
+        )
+        times, sizes = times.ravel(), sizes.ravel()  # (c,)
+        own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
+        cell = (times[:, None], own, joint, windows)
+        parts = (self._gram[cell], projection.cross[cell], projection.square[cell])
+        whole = (one + every for one, every in zip(parts, rest, strict=True))
+        density, _, _ = _together(*self._integrated(*whole))
+        best = int(np.argmax(density))
+        time[joint], size[joint] = times[best], sizes[best]
+
+    def _assign(
+        self,
+        projection: Projection,
+        windows: np.ndarray,
+        cap: np.ndarray,
+        state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> None:
+        """Give each window the scale that fits it best, the common errors as they are, in place."""
+        time, size, shift = state
+        now = self._integrated(*self._parts(projection, windows, cap, time, size, shift[windows]))
+        _, mean, _ = _together(*now)
+        found = []
+        for k, weight in enumerate(self.log_prior):
+            same = np.full(len(windows), k)
+            gram, cross, square = self._integrated(
+                *self._parts(projection, windows, cap, time, size, same)
+            )
+            pull = np.einsum("u,nuv,v->n", mean, gram, mean) - 2 * cross @ mean
+            found.append(weight - (square + pull) / 2)
+        shift[windows] = np.argmax(found, axis=0)
+
+    def _integrated(
+        self, gram: np.ndarray, cross: np.ndarray, square: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the same with each window's own unknowns integrated out."""
+        count = self._local
+        if not count:
+            return gram, cross, square
+        root = np.linalg.cholesky(gram[..., :count, :count] + np.eye(count))
+        right = np.concatenate([gram[..., :count, count:], cross[..., :count, None]], axis=-1)
+        solved = np.linalg.solve(root, right)
+        across, along = solved[..., :-1], solved[..., -1]
+        left = gram[..., count:, count:] - np.swapaxes(across, -1, -2) @ across
+        rest = cross[..., count:] - np.einsum("...lu,...l->...u", across, along)
+        return left, rest, square - (along**2).sum(axis=-1) + _log_det(root)
+
+
+def _log_shifts(freedom: float) -> np.ndarray:
+    """Return the log probability of each of `SHIFTS` under a Student distribution's scale.
+
+    The scale m has 1 / m^2 ~ Gamma(freedom / 2, rate freedom / 2).
+    """
+    edges = 2.0 ** (SHIFTS[:-1] + 1 / 2)
+    below = gammaincc(freedom / 2, freedom / 2 / edges**2)
+    return np.log(np.diff([0.0, *below, 1.0]))
+
+
+def _log_det(root: np.ndarray) -> np.ndarray:
+    """Return the log determinant of the matrices whose Cholesky roots these are."""
+    return 2 * np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
+
+
+def _eliminated(gram: np.ndarray, count: int) -> np.ndarray:
+    """Return products (..., P, P) with the first directions, of unit prior, integrated out."""
+    if not count:
+        return gram
+    root = np.linalg.cholesky(gram[..., :count, :count] + np.eye(count))
+    across = np.linalg.solve(root, gram[..., :count, count:])
+    return gram[..., count:, count:] - np.swapaxes(across, -1, -2) @ across
+
+
+def _together(
+    gram: np.ndarray, cross: np.ndarray, square: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the log density of windows (..., n, U) together, and the common errors' posterior."""
+    precision = gram.sum(axis=-3) + np.eye(gram.shape[-1])
+    pull = cross.sum(axis=-2)
+    root = np.linalg.cholesky(precision)
+    along = np.linalg.solve(root, pull[..., None])[..., 0]
+    mean = np.linalg.solve(np.swapaxes(root, -1, -2), along[..., None])[..., 0]
+    density = -(square.sum(axis=-1) - (along**2).sum(axis=-1) + _log_det(root)) / 2
+    return density, mean, precision
+
+
+def _apart(gram: np.ndarray, cross: np.ndarray, square: np.ndarray, trained: Trained) -> np.ndarray:
+    """Return the log density of each window under the common errors' posterior, (n,)."""
+    mean, precision = trained.mean, trained.precision
+    pull = cross - gram @ mean
+    both, prior = np.linalg.cholesky(precision + gram), np.linalg.cholesky(precision)
+    along = np.linalg.solve(both, pull[..., None])[..., 0]
+    grown = _log_det(both) - _log_det(prior)
+    at_mean = square - 2 * cross @ mean + np.einsum("u,nuv,v->n", mean, gram, mean)
+    return -(at_mean - (along**2).sum(axis=-1) + grown) / 2

@@ -1,0 +1,365 @@
+"""What may be wrong with a log: hypotheses like any other, and what mends each.
+
+    for change in list_log_changes(data):
+        change.label, change.probes, change.mended(log, values)
+
+Values say what the log has:
+
+| effect | value | the log has |
+|---|---|---|
+| `row_shift` | rows | in row i what belongs into row i - value; readings by parts of a row, too |
+| `reversal` | -1 | the negative |
+| `scale` | factor | the true value times it; of all commands also less a default pose |
+| `offset` | rad or m | the true value plus it |
+| `turn` | turns | the true value plus 2 pi of each, from `seconds` on |
+| `unit` | 180/pi | degrees in place of radians |
+| `clock` | factor | the true time times it |
+| `swap` | 1 | two joints' columns exchanged |
+| `column_map` | factor | the true value plus so much of another joint's |
+| `increments` | 1 | by how much to move on |
+
+Readings are never interpolated: one that was taken at another time goes to the row of that time,
+and its stamp says by how much it is still off; what was read before an episode's first row is
+continued from its first two.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations, permutations
+
+import mujoco
+import numpy as np
+
+from hardware.log import Log
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.evidence import Pair
+from sim2real.diagnosis.inference.columns import (
+    COMMAND,
+    READING,
+    SPEED,
+    TURN,
+    Columns,
+    find_jump,
+    map_episodes,
+    shift_held,
+    shift_readings,
+    unwrap_turns,
+)
+
+DEGREES = 180 / math.pi
+ROWS = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)  # rows of a shift that are looked at first
+FEWER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # the same of readings
+MOST = 6.0  # rows of a shift at most
+SCALES = (0.25, 0.5, 2.0, 4.0)
+RATES = (0.7, 0.85, 1.2, 1.5)
+SHIFTS = (-0.4, -0.1, 0.1, 0.4)  # rad or m
+FARTHEST, LARGEST = 7.0, 20.0  # bounds: of an offset [rad or m], of a factor
+
+Mend = Callable[[Log, np.ndarray], Columns]
+
+
+@dataclass(frozen=True)
+class LogChange:
+    """A mistake that a log may have.
+
+    Args:
+        effect: its name; see the table.
+        columns: the kinds of columns that have it: `ctrl`, `qpos`, both, or `time`.
+        where: the joint whose columns they are; None: those of all joints.
+        mend: returns the columns that would be others without it, from a log and values (P,).
+        remedy: what to do, with `{0}` for the first value.
+        probes: values to look at first, (K, P); (1, 0) where it has none.
+        neutral: values at which nothing is wrong, (P,).
+        low: smallest values, (P,).
+        high: largest values, (P,).
+        value: what is told as its value where it has none to fit.
+        other: the second joint, if there is one.
+        unit: of the first value.
+        whole: whether values are whole numbers.
+        read: the joints whose readings it scales by its value.
+        seconds: when it acts, of an episode; None: throughout.
+    """
+
+    effect: str
+    columns: tuple[str, ...]
+    where: str | None
+    mend: Mend = field(compare=False)
+    remedy: str = field(compare=False)
+    probes: np.ndarray = field(default_factory=lambda: np.zeros((1, 0)), compare=False)
+    neutral: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
+    low: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
+    high: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
+    value: float = 1.0
+    other: str | None = None
+    unit: str = ""
+    whole: bool = False
+    read: tuple[str, ...] = ()
+    seconds: Pair | None = None
+
+    @property
+    def label(self) -> str:
+        """What tells it apart."""
+        variant = "posed" if len(self.neutral) > 1 else "jump" if self.seconds else None
+        places = [self.where, self.other, variant]
+        return ".".join(["log", self.effect, *self.columns, *(p for p in places if p)])
+
+    def mended(self, log: Log, values: np.ndarray) -> Log:
+        """Return a log without the mistake."""
+        return Log({**log.columns, **self.mend(log, values)}, log.meta, log.path)
+
+    def mending(self, values: np.ndarray) -> str:
+        """Return which columns to change, and how: `ctrl.elbow, qpos.elbow: multiply by -1`."""
+        names = [kind if kind == "time" else f"{kind}.{self.where or '*'}" for kind in self.columns]
+        return f"{', '.join(names)}: {self.remedy.format(*values)}"
+
+    def first(self, values: np.ndarray) -> float:
+        """Return the value that is told."""
+        return float(values[0]) if len(values) else self.value
+
+    def log_scale(self, values: np.ndarray) -> Mapping[str, float]:
+        """Return log |d mended reading / d reading| of the joints whose readings it scales.
+
+        Densities of readings as logged are compared: else shrinking them would make any model
+        right.
+        """
+        return dict.fromkeys(self.read, -math.log(abs(self.first(values))))
+
+
+def list_log_changes(data: Data) -> list[LogChange]:
+    """Return the mistakes that the logs of this robot may have."""
+    log = data.logs[0]
+    joints = [joint.name for joint in data.joints if f"{READING}.{joint.name}" in log.columns]
+    commands = _commands(data.models[0], log)
+    found = [_clock(), _posed(log.actuators), _increments(log.actuators)]
+    for joint in [None, *joints] if len(joints) > 1 else joints:
+        own = joints if joint is None else [joint]
+        named = {
+            COMMAND: [commands[j] for j in own if j in commands],
+            READING: [f"{READING}.{j}" for j in own],
+            SPEED: [f"{SPEED}.{j}" for j in own if f"{SPEED}.{j}" in log.columns],
+        }
+        found += _of_place(joint, own, named)
+        if joint is not None:
+            found += _of_joint(data.logs, joint, named)
+    for one, other in combinations(joints, 2):
+        found += _swaps(one, other, commands)
+    for joint, base in permutations(joints, 2):
+        found += _maps(joint, base, commands)
+    return found
+
+
+def _commands(model: mujoco.MjModel, log: Log) -> dict[str, str]:
+    """Return the command column of each joint that an actuator drives."""
+    return {
+        model.joint(int(model.actuator_trnid[i, 0])).name: f"{COMMAND}.{model.actuator(i).name}"
+        for i in range(model.nu)
+        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+        and model.actuator(i).name in log.actuators
+    }
+
+
+def _single(
+    effect: str,
+    columns: tuple[str, ...],
+    where: str | None,
+    mend: Mend,
+    remedy: str,
+    probes: Sequence[float],
+    bounds: tuple[float, float, float],
+    **more: object,
+) -> LogChange:
+    """Return a change of one value; `bounds` are neutral, smallest and largest."""
+    ends = (np.array([value]) for value in bounds)
+    points = np.array(probes, float)[:, None]
+    return LogChange(effect, columns, where, mend, remedy, points, *ends, **more)  # type: ignore[arg-type]
+
+
+def _clock() -> LogChange:
+    """Return a clock that counts in another unit."""
+
+    def mend(log: Log, values: np.ndarray) -> Columns:
+        times = [n for n in log.columns if n == "time" or n.startswith("stamp.")]
+        speeds = [n for n in log.columns if n.startswith(f"{SPEED}.")]
+        found = {name: log.columns[name] / values[0] for name in times}
+        return found | {name: log.columns[name] * values[0] for name in speeds}
+
+    bounds = (1.0, 1 / LARGEST, LARGEST)
+    return _single("clock", ("time",), None, mend, "divide by {0:.4g}", RATES, bounds)
+
+
+def _posed(actuators: Sequence[str]) -> LogChange:
+    """Return commands that are a policy's outputs: scaled, and less a default pose."""
+    names = [f"{COMMAND}.{name}" for name in actuators]
+
+    def mend(log: Log, values: np.ndarray) -> Columns:
+        pairs = zip(names, values[1:], strict=True)
+        return {name: log.columns[name] / values[0] + pose for name, pose in pairs}
+
+    def row(factor: float, pose: float) -> np.ndarray:
+        return np.array([factor, *np.full(len(names), pose)])
+
+    return LogChange(
+        "scale",
+        (COMMAND,),
+        None,
+        mend,
+        "divide by {0:.4g} and add the default pose",
+        np.stack([*(row(scale, 0.0) for scale in SCALES), row(1.0, SHIFTS[-1])]),
+        row(1.0, 0.0),
+        row(1 / LARGEST, -FARTHEST),
+        row(LARGEST, FARTHEST),
+    )
+
+
+def _increments(actuators: Sequence[str]) -> LogChange:
+    """Return commands that say by how much to move on."""
+    names = [f"{COMMAND}.{name}" for name in actuators]
+
+    def mend(log: Log, values: np.ndarray) -> Columns:
+        return {name: map_episodes(log, log.columns[name], np.cumsum) for name in names}
+
+    return LogChange("increments", (COMMAND,), None, mend, "sum them up from the first pose on")
+
+
+def _of_place(
+    where: str | None, joints: Sequence[str], named: Mapping[str, Sequence[str]]
+) -> Iterator[LogChange]:
+    """Yield shifts, scales and units of one joint's columns, or of all joints'."""
+    yield _single(
+        "row_shift",
+        (COMMAND,),
+        where,
+        lambda log, v: {
+            n: shift_held(log, log.columns[n], round(float(v[0]))) for n in named[COMMAND]
+        },
+        "move up by {0:g} rows within each episode",
+        ROWS,
+        (0.0, -MOST, MOST),
+        unit="rows",
+        whole=True,
+    )
+    yield _single(
+        "row_shift",
+        (READING,),
+        where,
+        lambda log, v: shift_readings(log, joints, float(v[0])),
+        "move up by {0:.3g} rows within each episode",
+        FEWER,
+        (0.0, -MOST, MOST),
+        unit="rows",
+    )
+    for columns in ((COMMAND,), (READING,), (COMMAND, READING)):
+        own = [name for kind in columns for name in _with_speed(kind, named)]
+        read = tuple(joints) if READING in columns else ()
+        yield _single(
+            "scale",
+            columns,
+            where,
+            lambda log, v, own=own: {n: log.columns[n] / v[0] for n in own},
+            "divide by {0:.4g}",
+            SCALES,
+            (1.0, 1 / LARGEST, LARGEST),
+            read=read,
+        )
+        yield LogChange(
+            "unit",
+            columns,
+            where,
+            lambda log, v, own=own: {n: log.columns[n] / DEGREES for n in own},
+            "multiply by pi / 180",
+            value=DEGREES,
+            read=read,
+        )
+
+
+def _with_speed(kind: str, named: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the columns of a kind; a wrong reading's speed is wrong with it."""
+    return [*named[kind], *(named[SPEED] if kind == READING else ())]
+
+
+def _of_joint(
+    logs: Sequence[Log], joint: str, named: Mapping[str, Sequence[str]]
+) -> Iterator[LogChange]:
+    """Yield signs, offsets and turns of one joint's columns."""
+    for columns in ((COMMAND,), (READING,), (COMMAND, READING)):
+        own = [name for kind in columns for name in _with_speed(kind, named)]
+        places = [name for kind in columns for name in named[kind]]
+        yield LogChange(
+            "reversal",
+            columns,
+            joint,
+            lambda log, v, own=own: {n: -log.columns[n] for n in own},
+            "multiply by -1",
+            value=-1.0,
+        )
+        yield _single(
+            "offset",
+            columns,
+            joint,
+            lambda log, v, own=places: {n: log.columns[n] - v[0] for n in own},
+            "subtract {0:.4g}",
+            SHIFTS,
+            (0.0, -FARTHEST, FARTHEST),
+            unit="rad",
+        )
+        yield _single(
+            "turn",
+            columns,
+            joint,
+            lambda log, v, own=places: {n: log.columns[n] - TURN * round(v[0]) for n in own},
+            "subtract {0:g} turns",
+            (-1.0, 1.0),
+            (0.0, -1.0, 1.0),
+            unit="turns",
+            whole=True,
+        )
+        jump = next((j for log in logs for name in places[:1] if (j := find_jump(log, name))), None)
+        if jump is not None:
+            yield LogChange(
+                "turn",
+                columns,
+                joint,
+                lambda log, v, own=places: {n: unwrap_turns(log, log.columns[n]) for n in own},
+                "unwrap: it jumps by whole turns",
+                value=jump[0],
+                unit="turns",
+                seconds=jump[1:],
+            )
+
+
+def _swaps(one: str, other: str, commands: Mapping[str, str]) -> Iterator[LogChange]:
+    """Yield the columns of two joints exchanged."""
+    pairs = {READING: (f"{READING}.{one}", f"{READING}.{other}")}
+    if one in commands and other in commands:
+        pairs[COMMAND] = (commands[one], commands[other])
+    for kind, (a, b) in pairs.items():
+        yield LogChange(
+            "swap",
+            (kind,),
+            one,
+            lambda log, v, a=a, b=b: {a: log.columns[b], b: log.columns[a]},
+            f"exchange {a} and {b}",
+            other=other,
+        )
+
+
+def _maps(joint: str, base: str, commands: Mapping[str, str]) -> Iterator[LogChange]:
+    """Yield a joint's columns with so much of another's in them, all of it from the ground."""
+    reading = {f"{READING}.{joint}": f"{READING}.{base}"}
+    both = {commands[joint]: commands[base]} if {joint, base} <= set(commands) else {}
+    for columns, pairs in (((READING,), reading), ((COMMAND, READING), reading | both)):
+        yield _single(
+            "column_map",
+            columns,
+            joint,
+            lambda log, v, pairs=pairs: {
+                n: log.columns[n] - v[0] * log.columns[m] for n, m in pairs.items()
+            },
+            f"subtract {{0:.3g}} times {base}'s",
+            (-1.0, 1.0),
+            (0.0, -FARTHEST, FARTHEST),
+            other=base,
+        )

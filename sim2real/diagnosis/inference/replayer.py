@@ -1,0 +1,358 @@
+"""What hypotheses make of the windows: errors on the rows that the likelihood looks at.
+
+    replayer = Replayer(data, fixed)
+    (one,) = replayer.replay([Job(hypothesis, values, windows)])
+    one.error, one.log_scale                # (n, N, M) simulated minus measured, (n,)
+
+The same windows are replayed under every hypothesis: where the log is changed they are cut anew
+from the mended log, at the same rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.plant import Fixed
+from hardware.log import Log
+from sim2real.diagnosis.attribution.batches import Rows, simulate_each
+from sim2real.diagnosis.attribution.usual import scaled
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.noise_floor import reading_noise
+from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.starts import faster, further
+from sim2real.diagnosis.data.windows import Window, cut_one
+from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.settings import TINY
+
+MENDED = 64  # mended logs that are kept
+ROWS = 4000  # windows that are replayed in one call
+
+Key = tuple[tuple[str, ...], bytes]
+
+
+class Job(NamedTuple):
+    """Windows to be replayed under values of a hypothesis."""
+
+    hypothesis: Hypothesis
+    values: np.ndarray  # (n, P)
+    windows: np.ndarray  # (n,)
+
+
+class Replay(NamedTuple):
+    """What a job came to, in the units of the data's errors."""
+
+    error: np.ndarray  # (n, N, M) simulated minus measured
+    slope: np.ndarray  # (n, N, M) its change with the time of reading [1/s]
+    log_scale: np.ndarray  # (n,) log |d mended readings / d readings|, summed over what is compared
+
+
+class _Mended(NamedTuple):
+    """Logs without some mistakes, and their windows."""
+
+    key: Key
+    logs: tuple[Log, ...]
+    windows: tuple[Window, ...]
+    measured: np.ndarray  # (W, T, M)
+    log_scale: np.ndarray  # (W,) see `Replay`
+
+
+class _Ask(NamedTuple):
+    """Rows of a job whose log is mended alike."""
+
+    job: int
+    windows: np.ndarray  # (n,)
+    values: np.ndarray  # (n, P) of the effects
+    log: _Mended | None  # None: as it is
+    rows: np.ndarray | slice = slice(None)  # (n,) of the job
+
+
+class Replayer:
+    """Replays windows of logs under hypotheses.
+
+    Args:
+        data: the windows.
+        fixed: effects that are known, and part of the model.
+        work: counts what is simulated; None: by itself.
+    """
+
+    def __init__(self, data: Data, fixed: Sequence[Fixed] = (), work: Work | None = None) -> None:
+        self.data, self.fixed = replace(data, nuisance=None), tuple(fixed)
+        self.work = Work() if work is None else work
+        self.settings = data.settings.inference
+        self.rows, self.used = _spread(data.mask, self.settings.rows_max)  # (W, N) each
+        own = zip(self.rows, data.windows, strict=True)
+        self.times = np.stack([w.sample[np.minimum(r, len(w.sample) - 1), 0] for r, w in own])
+        self.every = np.arange(len(data.windows))
+        spread = np.array([joint.spread for joint in data.joints])
+        noise = [reading_noise(data.logs, f"qpos.{j.name}", data.settings) for j in data.joints]
+        least = np.maximum(self.settings.negligible * spread, TINY)
+        self.noise = np.maximum(noise, least) / data.scale  # (M,)
+        self.count = np.array([joint.count for joint in data.joints]) / data.scale
+        self.offset = np.zeros(())  # (W, N, M) that errors lack, where longer steps are taken
+        self._plain = Simulator(self.data, self.fixed, work=self.work)
+        self._mended: dict[Key, _Mended] = {}
+
+    def look_at(self, other: Replayer, windows: np.ndarray) -> None:
+        """Compare the same rows with the same noise as another does in some windows, (n,)."""
+        self.rows, self.used = other.rows[windows], other.used[windows]
+        self.times, self.noise, self.count = other.times[windows], other.noise, other.count
+
+    @property
+    def readings(self) -> int:
+        """How many readings are compared."""
+        return int(self.used.sum()) * len(self.noise)
+
+    def replay(self, jobs: Sequence[Job]) -> list[Replay]:
+        """Return what each job comes to; jobs share batches, those with changed logs theirs."""
+        found = [self._blank(len(job.windows)) for job in jobs]
+        plain = [_Ask(n, job.windows, job.values, None) for n, job in enumerate(jobs)]
+        plain = [ask for ask in plain if not jobs[ask.job].hypothesis.changes]
+        mended = [
+            ask
+            for n, job in enumerate(jobs)
+            if job.hypothesis.changes
+            for ask in self._asks(n, job)
+        ]
+        for asks in (plain, mended):
+            ends = np.cumsum([len(ask.windows) for ask in asks]) // ROWS
+            for part in np.unique(ends):
+                own = [ask for ask, end in zip(asks, ends, strict=True) if end == part]
+                self._fill(found, jobs, own)
+        return found
+
+    def _fill(self, found: list[Replay], jobs: Sequence[Job], asks: Sequence[_Ask]) -> None:
+        """Replay what is asked for in one call, into the results of its jobs."""
+        logs = list({ask.log.key: ask.log for ask in asks if ask.log is not None}.values())
+        simulator = _stacked(self, logs) if logs else self._plain
+        place = {log.key: number * len(self.every) for number, log in enumerate(logs)}
+        rows = [
+            Rows(
+                jobs[ask.job].hypothesis.effects,
+                ask.windows + (0 if ask.log is None else place[ask.log.key]),
+                ask.values,
+            )
+            for ask in asks
+        ]
+        for ask, made in zip(asks, simulate_each(simulator, rows, remember=False), strict=True):
+            own, result = ask.rows, found[ask.job]
+            result.error[own] = self._seen(made.error, ask.windows)
+            result.slope[own] = self._look(made.slope, ask.windows)
+            if ask.log is not None:
+                result.log_scale[own] = ask.log.log_scale[ask.windows]
+
+    def _blank(self, count: int) -> Replay:
+        shape = (count, self.used.shape[1], len(self.noise))
+        return Replay(np.zeros(shape), np.zeros(shape), np.zeros(count))
+
+    def _asks(self, number: int, job: Job) -> list[_Ask]:
+        """Return the rows of a job by how their log is mended."""
+        count = sum(len(member.neutral) for member in job.hypothesis.effects)
+        effects, changes = job.values[:, :count], job.values[:, count:]
+        _, first, group = np.unique(changes, axis=0, return_index=True, return_inverse=True)
+        asks = []
+        for index, place in enumerate(first):
+            own = np.flatnonzero(group.ravel() == index)
+            log = self._mend(job.hypothesis, changes[place])
+            asks.append(_Ask(number, job.windows[own], effects[own], log, own))
+        return asks
+
+    def errors(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
+        """Return the errors of all rows, (W, T, M), under values (W, P); 0 where none compares."""
+        found = np.zeros((*self.data.mask.shape, len(self.noise)))
+        for ask in self._asks(0, Job(hypothesis, values, self.every)):
+            simulator = _stacked(self, [ask.log]) if ask.log else self._plain
+            (made,) = simulate_each(
+                simulator, [Rows(hypothesis.effects, ask.windows, ask.values)], remember=False
+            )
+            found[ask.rows] = made.error
+        return found
+
+    def starts(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
+        """Return what one standard deviation of each start changes, (W, N, M, 2 M).
+
+        Positions are off by the noise of a reading, speeds by that of what they were taken from.
+
+        Args:
+            hypothesis: the model.
+            values: of each window, (W, P).
+        """
+        (base,) = self.replay([Job(hypothesis, values, self.every)])
+        count = len(self.noise)
+        ways = np.empty((*base.error.shape, 2 * count))
+        for way in range(2 * count):
+            of_speed, joint = divmod(way, count)
+            moved = self._moved(hypothesis, values, bool(of_speed), joint)
+            ways[..., way] = moved - base.error
+        return ways
+
+    def usual(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
+        """Return what one standard deviation of each nominal parameter changes, (W, N, M, U)."""
+        taken = {member.label for member in hypothesis.members}
+        factors = [one for one in scaled(self.data) if one.label not in taken]
+        jobs = [Job(hypothesis, values, self.every)]
+        for factor in factors:
+            more = np.full((len(values), 1), 1 + self.settings.usual)
+            changed = Hypothesis((*hypothesis.effects, factor, *hypothesis.changes))
+            place = sum(len(member.neutral) for member in hypothesis.effects)
+            jobs.append(Job(changed, np.insert(values, [place], more, axis=1), self.every))
+        base, *others = self.replay(jobs)
+        ways = [other.error - base.error for other in others]
+        return np.stack(ways, axis=-1) if ways else np.zeros((*base.error.shape, 0))
+
+    def ballistic(self) -> np.ndarray:
+        """Return what an error of each start changes where no force is known, (W, N, M, 2 M)."""
+        count = len(self.noise)
+        ways = np.zeros((*self.used.shape, count, 2 * count))
+        for joint in range(count):
+            ways[..., joint, joint] = self.noise[joint]
+            ways[..., joint, count + joint] = self.speed_noise[joint] * self.times
+        return ways
+
+    @property
+    def speed_noise(self) -> np.ndarray:
+        """The error of a speed at a start, in the units of errors a second, (M,)."""
+        data = self.data
+        found = []
+        for joint, noise in enumerate(self.noise):
+            window = data.windows[0]
+            column = f"qvel.{data.joints[joint].name}"
+            if all(column in log.columns for log in data.logs):
+                found.append(reading_noise(data.logs, column, data.settings) / data.scale[joint])
+                continue
+            moved = faster(data, window, joint, float(noise * data.scale[joint]))
+            change = moved.recording.qvel - window.recording.qvel
+            found.append(float(np.abs(change).max()) / data.scale[joint])
+        return np.maximum(found, TINY)
+
+    def holding(self) -> np.ndarray:
+        """Return the errors of "each joint stays", (W, N, M)."""
+        return self._path(0.0)
+
+    def coasting(self) -> np.ndarray:
+        """Return the errors of "each joint keeps its measured speed", (W, N, M)."""
+        return self._path(1.0)
+
+    def _path(self, speed: float) -> np.ndarray:
+        """Return the errors of joints that move on at so much of their speed at the start."""
+        data, found = self.data, np.zeros((*self.used.shape, len(self.noise)))
+        measured = data.measured[self.every[:, None], self.rows]
+        for number, window in enumerate(data.windows):
+            model, own = data.models[window.model], window.recording
+            places = [joint.qpos for joint in data.joints]
+            dofs = [int(model.jnt_dofadr[model.jnt_qposadr == place][0]) for place in places]
+            path = own.qpos[places] + speed * self.times[number][:, None] * own.qvel[dofs]
+            found[number] = (path - measured[number]) / data.scale
+        return np.where(self.used[..., None], found, 0.0)
+
+    def _moved(
+        self, hypothesis: Hypothesis, values: np.ndarray, of_speed: bool, joint: int
+    ) -> np.ndarray:
+        """Return the errors of windows that start with one joint off, (W, N, M)."""
+        found = np.empty((*self.used.shape, len(self.noise)))
+        size = float((self.speed_noise if of_speed else self.noise)[joint] * self.data.scale[joint])
+        shift = _speeded if of_speed else further
+        for ask in self._asks(0, Job(hypothesis, values, self.every)):
+            data = (_stacked(self, [ask.log]) if ask.log else self._plain).data
+            windows = [shift(data, window, joint, size) for window in data.windows]
+            other = self._plain.of(replace(data, windows=tuple(windows)))
+            rows = [Rows(hypothesis.effects, ask.windows, ask.values)]
+            (made,) = simulate_each(other, rows, remember=False)
+            found[ask.rows] = self._look(made.error, ask.windows)
+        return found
+
+    def _mend(self, hypothesis: Hypothesis, values: np.ndarray) -> _Mended:
+        """Return the windows of mended logs."""
+        key = (tuple(change.label for change in hypothesis.changes), values.tobytes())
+        if key in self._mended:
+            return self._mended[key]
+        data, logs = self.data, list(self.data.logs)
+        scale, start = np.zeros(len(data.joints)), 0
+        for change in hypothesis.changes:
+            own = values[start : (start := start + len(change.neutral))]
+            logs = [change.mended(log, own) for log in logs]
+            of_joint = change.log_scale(own)
+            scale += [of_joint.get(joint.name, 0.0) for joint in data.joints]
+        windows = [self._cut(logs, window) for window in data.windows]
+        measured = data.measured.copy()  # (W, T, M), padded as all windows of the log were
+        for row, window in zip(measured, windows, strict=True):
+            row[: len(window.measured)] = window.measured
+        if len(self._mended) >= MENDED:
+            self._mended.pop(next(iter(self._mended)))
+        log_scale = scale.sum() * self.used.sum(axis=1)
+        self._mended[key] = _Mended(key, tuple(logs), tuple(windows), measured, log_scale)
+        return self._mended[key]
+
+    def _cut(self, logs: Sequence[Log], window: Window) -> Window:
+        rows = (window.start, window.first, window.last)
+        model, own = self.data.models[window.model], self.data.settings.windows
+        args = (window.log, window.model, model, self.data.joints, rows, own)
+        return cut_one(logs[window.log], *args)._replace(usable=window.usable)
+
+    def _seen(self, errors: np.ndarray, windows: np.ndarray) -> np.ndarray:
+        """Return the compared rows (n, N, M) of errors (n, T, M), corrected by what is known."""
+        offset = self.offset[windows] if self.offset.ndim else self.offset
+        return self._look(errors, windows) + offset
+
+    def _look(self, values: np.ndarray, windows: np.ndarray) -> np.ndarray:
+        """Return the compared rows (n, N, M) of values (n, T, M) of windows (n,)."""
+        return values[np.arange(len(windows))[:, None], self.rows[windows]]
+
+
+def _stacked(replayer: Replayer, logs: Sequence[_Mended]) -> Simulator:
+    """Return a simulator of the windows of several mended logs, one after the other."""
+    data, count = replayer.data, len(replayer.data.logs)
+    windows = [
+        window._replace(log=window.log + number * count)
+        for number, log in enumerate(logs)
+        for window in log.windows
+    ]
+    mended = replace(
+        data,
+        logs=tuple(one for log in logs for one in log.logs),
+        windows=tuple(windows),
+        fold=np.tile(data.fold, len(logs)),
+        mask=np.tile(data.mask, (len(logs), 1)),
+        measured=np.concatenate([log.measured for log in logs]),
+    )
+    return Simulator(mended, replayer.fixed, work=replayer.work)
+
+
+def cut_whole_episodes(data: Data) -> list[Window]:
+    """Return every episode as one window, from its first row on."""
+    found: dict[tuple[int, int], Window] = {}
+    for window in data.windows:
+        log = data.logs[window.log]
+        rows = np.flatnonzero(log.episode == window.episode)
+        place = window.log, window.episode
+        if place not in found:
+            ends = (int(rows[0]), int(rows[0]), int(rows[-1]) + 1)
+            model, own = data.models[window.model], data.settings.windows
+            args = (window.log, window.model, model, data.joints, ends, own)
+            found[place] = cut_one(log, *args)
+    return list(found.values())
+
+
+def _spread(mask: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows of each window, evenly over those compared, and which there are, (W, N) each."""
+    count = min(most, int(mask.sum(axis=1).max()))
+    rows, used = np.zeros((len(mask), count), int), np.zeros((len(mask), count), bool)
+    for number, own in enumerate(mask):
+        there = np.flatnonzero(own)
+        some = there[
+            np.unique(np.linspace(0, len(there) - 1, min(count, len(there))).round().astype(int))
+        ]
+        rows[number, : len(some)], used[number, : len(some)] = some, True
+    return rows, used
+
+
+def _speeded(data: Data, window: Window, joint: int, by: float) -> Window:
+    """Return a window that starts with one joint faster by so much [rad/s or m/s]."""
+    model, own = data.models[window.model], window.recording
+    qvel = own.qvel.copy()
+    qvel[model.jnt_dofadr[model.jnt_qposadr == data.joints[joint].qpos]] += by
+    return window._replace(recording=own._replace(qvel=qvel))

@@ -1,0 +1,64 @@
+"""What nobody knows of windows beside their noise: their starts, their clock, usual errors.
+
+    error, local, common = compute_unknowns(replayer, hypothesis, values)
+
+Each is one standard deviation of what it does to the errors, by finite differences under a
+hypothesis. Where a replay is further off than joints that stay, straight lines through it mean
+nothing: starts are then taken to move on freely, and no error of a parameter counts as usual.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.replayer import Job, Replayer
+
+
+def compute_unknowns(
+    replayer: Replayer, hypothesis: Hypothesis, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return errors (W, N, M), and the directions of what is unknown around them.
+
+    Args:
+        replayer: of the windows.
+        hypothesis: the model.
+        values: of each window, (W, P).
+
+    Returns:
+        The errors; those of a window alone, (W, N, M, L); those common to all, (W, N, M, U).
+    """
+    (base,) = replayer.replay([Job(hypothesis, values, replayer.every)])
+    if is_lost(replayer, base.error):
+        none = np.zeros((*base.error.shape, 0))
+        return base.error, cap_directions(replayer, replayer.ballistic()), none
+    step = max(model.opt.timestep for model in replayer.data.models)
+    clock = step * base.slope[..., None]
+    local = np.concatenate([replayer.starts(hypothesis, values), clock], axis=-1)
+    common = _principal(replayer, replayer.usual(hypothesis, values))
+    return base.error, cap_directions(replayer, local), cap_directions(replayer, common)
+
+
+def is_lost(replayer: Replayer, errors: np.ndarray) -> bool:
+    """Return whether errors (W, N, M) are larger than those of joints that stay."""
+    return bool(np.square(errors).sum() > np.square(replayer.holding()).sum())
+
+
+def cap_directions(replayer: Replayer, ways: np.ndarray) -> np.ndarray:
+    """Return changes of errors (W, N, M, D), none beyond the spread of a joint's motion.
+
+    Where a replay flies off, straight lines through it say more than there is room for.
+    """
+    data = replayer.data
+    reach = np.array([joint.spread for joint in data.joints]) / data.scale
+    return np.clip(ways, -reach[:, None], reach[:, None])
+
+
+def _principal(replayer: Replayer, ways: np.ndarray) -> np.ndarray:
+    """Return directions (W, N, M, U) as fewer of about the same covariance."""
+    most = replayer.settings.factors_max
+    if ways.shape[-1] <= most:
+        return ways
+    flat = (ways / replayer.noise[:, None])[replayer.used].reshape(-1, ways.shape[-1])
+    _, turned = np.linalg.eigh(flat.T @ flat)  # the largest last
+    return ways @ turned[:, -most:]

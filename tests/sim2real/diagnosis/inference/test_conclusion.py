@@ -1,0 +1,95 @@
+"""From a judgement to a report: causes of each kind, values with intervals, what is left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.log import Log
+from sim2real.diagnosis.attribution.attributed import About, search_of
+from sim2real.diagnosis.attribution.candidates import candidates
+from sim2real.diagnosis.attribution.conclude import Conclusion
+from sim2real.diagnosis.data.progress import Moving
+from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.inference.conclusion import make_conclusion
+from sim2real.diagnosis.inference.fit import Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.judge import Judge
+from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.schema import Report
+from tests.sim2real.diagnosis import arm
+
+NOISE, FRICTION = 3e-4, 0.12
+
+
+def concluded(log: Log, folder: Path, *labels: str) -> Conclusion:
+    """Return the conclusion on a log, hypotheses of these labels alone being proposed."""
+    data, rng = arm.data_of(log, folder), np.random.default_rng(0)
+    about = About(data, (), (), rng, Moving(lambda text, share: None), Work())
+    floors = data.floors()
+    search, judge = search_of(about, floors), Judge(data, rng=rng)
+    options = {m.label: m for m in [*candidates(data), *list_log_changes(data)]}
+    starts = [Start(Hypothesis((options[one],)), options[one].probes) for one in labels]
+    judgement = judge.judge(lambda: starts)
+    return make_conclusion(judgement, search, floors, rng)
+
+
+@pytest.fixture(scope="module")
+def friction(tmp_path_factory: pytest.TempPathFactory) -> Conclusion:
+    """Return what is concluded of dry friction in one joint, beside friction of another law."""
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, FRICTION), noise=NOISE)
+    folder = tmp_path_factory.mktemp("arm")
+    return concluded(log, folder, "coulomb_friction.b", "viscous_friction.b")
+
+
+def test_an_effect_becomes_a_cause_with_its_value(friction: Conclusion) -> None:
+    """One value, inside a narrow interval, that closes the gap; what programs take has it too."""
+    report = friction.report
+    (cause,) = report.causes
+    assert report.verdict == "explained"
+    assert (cause.kind, cause.effect, cause.where) == ("robot", "coulomb_friction", "b")
+    assert cause.value == pytest.approx(FRICTION, rel=0.03)
+    assert cause.value_ci[0] < cause.value < cause.value_ci[1]
+    assert np.ptp(cause.value_ci) < 0.1 * FRICTION
+    assert cause.confidence > 0.9
+    assert cause.closed > 0.9
+    assert [member.label for member in friction.fit.members] == ["coulomb_friction.b"]
+    assert report.unexplained.structure == "none"
+
+
+def test_errors_behind_a_report_are_those_of_all_rows(friction: Conclusion) -> None:
+    """With the cause and without any, so that pictures can be drawn."""
+    before, after = (friction.errors[frozenset(places)] for places in ((), (0,)))
+    assert before.shape == after.shape
+    assert np.square(after).sum() < 0.05 * np.square(before).sum()
+    assert [rung.label for rung in friction.ladder][-1] == "noise floor"
+
+
+def test_a_report_of_any_kind_survives_its_file(tmp_path: Path) -> None:
+    """A mistake of the log is a cause with a remedy, and no effect of the robot."""
+    log = arm.make_log(noise=NOISE)
+    turned = {n: -log.columns[n] for n in ("ctrl.b", "qpos.b")}
+    wrong = Log({**log.columns, **turned})
+    made = concluded(wrong, tmp_path, "log.reversal.ctrl.qpos.b", "viscous_friction.b")
+    (cause,) = made.report.causes
+    assert (cause.kind, cause.effect, cause.where) == ("log", "reversal", "b")
+    assert cause.remedy == "ctrl.b, qpos.b: multiply by -1"
+    assert cause.extra["columns"] == ["ctrl", "qpos"]
+    assert made.fit.members == ()
+    assert Report.from_json(made.report.to_json()).causes[0].kind == "log"
+
+
+def test_what_is_left_is_told_with_its_joint_and_its_time(tmp_path: Path) -> None:
+    """A joint that something moves for a fifth of a second, and no law that does so."""
+    log = arm.make_log(noise=NOISE)
+    bump = 0.1 * np.exp(-(((log.time - 5.1) / 0.05) ** 2))
+    made = concluded(Log({**log.columns, "qpos.a": log.columns["qpos.a"] + bump}), tmp_path)
+    assert made.report.verdict == "unexplained"
+    assert made.report.causes == ()
+    text = made.report.unexplained.structure
+    assert "at a" in text
+    assert "of episode 0" in text
+    start = float(text.split(" at ")[-1].split(" to ")[0])
+    assert start == pytest.approx(5.0, abs=0.15)

@@ -1,0 +1,118 @@
+"""Fits of hypotheses on the arm of the tests: values, sensitivities, held-out scores."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from hardware.log import Log
+from sim2real.diagnosis.attribution.candidates import Candidate, candidates
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.inference.distance import compute_separation, is_told_apart
+from sim2real.diagnosis.inference.fit import Fitter, Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.likelihood import Likelihood
+from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.replayer import Job, Replayer
+from sim2real.diagnosis.inference.score import Bootstrap, deal_folds
+from tests.sim2real.diagnosis import arm
+
+NONE = Hypothesis(())
+FRICTION, DELAY, NOISE = 0.12, 0.012, 3e-4
+
+
+class Case(NamedTuple):
+    """A log's windows, and what fits them."""
+
+    data: Data
+    replayer: Replayer
+    fitter: Fitter
+    options: dict[str, Candidate]
+
+
+def case_of(log: Log, folder: pytest.TempPathFactory) -> Case:
+    """Return a log with a likelihood that knows the noise alone."""
+    data = arm.data_of(log, folder.mktemp("arm"))
+    replayer = Replayer(data)
+    none = np.zeros((*replayer.used.shape, 2, 0))
+    likelihood = Likelihood(
+        replayer.times, replayer.used, replayer.noise, none, none, replayer.settings
+    )
+    fitter = Fitter(replayer, likelihood, deal_folds(data.windows))
+    return Case(data, replayer, fitter, {c.label: c for c in candidates(data)})
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """Return the arm with dry friction and a late command."""
+    effects = ("coulomb_friction", {"where": "b"}, FRICTION), ("command_delay", {}, DELAY)
+    return case_of(arm.make_log(*effects, noise=NOISE), tmp_path_factory)
+
+
+def test_two_values_are_found_together(case: Case) -> None:
+    """Friction and delay from starts that are off, each fold by itself."""
+    members = case.options["coulomb_friction.b"], case.options["command_delay"]
+    start = Start(Hypothesis(members), np.array([[0.05, 0.02], [0.2, 0.004]]))
+    (fit,) = case.fitter.fit([start])
+    np.testing.assert_allclose(fit.values, [[FRICTION, DELAY]] * 2, rtol=0.03)
+    np.testing.assert_allclose(np.std(fit.held[case.replayer.used]), NOISE, rtol=0.15)
+    (given,) = case.fitter.fit([Start(NONE, np.zeros((1, 0)))])
+    assert fit.total > given.total + 1000
+
+
+def test_the_score_is_of_held_out_windows(case: Case) -> None:
+    """It is that of each window under the values and the discrepancy of the other fold."""
+    start = Start(Hypothesis((case.options["coulomb_friction.b"],)), np.array([[0.1]]))
+    (fit,) = case.fitter.fit([start], rounds=1)
+    window = int(np.flatnonzero(case.fitter.fold == 1)[0])
+    job = Job(fit.hypothesis, fit.values[:1], np.array([window]))
+    (alone,) = case.replayer.replay([job])
+    np.testing.assert_allclose(alone.error[0], fit.held[window], atol=1e-12)
+    projection = case.fitter.likelihood.project(fit.held)
+    expected = case.fitter.likelihood.predict(projection, fit.trained[0])[window]
+    assert fit.score[window] == pytest.approx(expected)
+
+
+def test_a_start_changes_what_replays_of_moved_starts_say(case: Case) -> None:
+    """Sensitivities to positions, by finite differences, begin at one standard deviation."""
+    replayer = case.replayer
+    ways = replayer.starts(NONE, np.zeros((len(replayer.every), 0)))
+    assert ways.shape == (*replayer.used.shape, 2, 4)
+    early = replayer.times[:, 0].argmin()  # the window without a warm-up
+    first = ways[early, 0]
+    np.testing.assert_allclose(first[0, 0], replayer.noise[0], rtol=0.05)
+    np.testing.assert_allclose(first[1, 1], replayer.noise[1], rtol=0.05)
+    assert abs(first[0, 1]) < 0.1 * replayer.noise[1]
+
+
+def test_mending_a_reversed_log_gives_the_errors_of_the_right_one(
+    case: Case, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Commands, starts and readings of a mended log are those of a log without the mistake."""
+    log = case.data.logs[0]
+    turned = {name: -log.columns[name] for name in ("qpos.b", "ctrl.b")}
+    wrong = case_of(Log({**log.columns, **turned}), tmp_path_factory)
+    change = next(c for c in list_log_changes(wrong.data) if c.label == "log.reversal.ctrl.qpos.b")
+    every = case.replayer.every
+    rows = (slice(None), 0)  # windows may be cut at other rows: the first episode's start is not
+    job = Job(Hypothesis((change,)), np.zeros((len(every), 0)), every)
+    (mended,) = wrong.replayer.replay([job])
+    (right,) = case.replayer.replay([Job(NONE, np.zeros((len(every), 0)), every)])
+    np.testing.assert_allclose(mended.error[0][rows], right.error[0][rows], atol=1e-9)
+    assert np.abs(mended.error).max() == pytest.approx(np.abs(right.error).max(), rel=0.3)
+
+
+def test_effects_that_act_alike_are_not_separated(case: Case) -> None:
+    """A late command and a late reading predict the same; friction does not."""
+    labels = "command_delay", "observation_delay", "coulomb_friction.b"
+    starts = [Start(Hypothesis((case.options[label],)), np.array([[0.01]])) for label in labels]
+    late, read, other = case.fitter.fit(starts, rounds=2)
+    near, far = (compute_separation(case.fitter, late, one) for one in (read, other))
+    assert 0 <= near < far / 10
+    assert compute_separation(case.fitter, late, late) == 0
+    windows, rng = case.data.windows, np.random.default_rng(0)
+    bootstrap = Bootstrap(windows, rng, case.replayer.settings)
+    assert is_told_apart(case.fitter, bootstrap, late, other)
+    assert not is_told_apart(case.fitter, bootstrap, late, late)

@@ -1,0 +1,78 @@
+"""The judge on the arm of the tests: mistakes of the log, effects of the robot, nothing at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.log import Log
+from sim2real.diagnosis.attribution.candidates import candidates
+from sim2real.diagnosis.inference.fit import Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.judge import Judge, Judgement
+from sim2real.diagnosis.inference.log_changes import list_log_changes
+from tests.sim2real.diagnosis import arm
+
+NOISE = 3e-4
+FRICTION = ("coulomb_friction", {"where": "b"}, 0.12)
+PROPOSED = ("coulomb_friction.a", "coulomb_friction.b", "viscous_friction.b", "position_gain.b")
+
+
+def judged(log: Log, folder: Path) -> Judgement:
+    """Return what the judge says of a log, a few effects of the robot proposed."""
+    data = arm.data_of(log, folder)
+    options = [c for c in candidates(data) if c.label in PROPOSED]
+    starts = [Start(Hypothesis((c,)), c.probes) for c in options]
+    return Judge(data).judge(lambda: starts, list_log_changes(data))
+
+
+def with_columns(log: Log, **columns: np.ndarray) -> Log:
+    """Return a log with other columns; `_` stands for the dot."""
+    return Log({**log.columns, **{n.replace("_", "."): v for n, v in columns.items()}})
+
+
+def test_nothing_hidden_is_no_gap(tmp_path: Path) -> None:
+    """The starts' noise and the encoder's leave nothing for a discrepancy."""
+    judgement = judged(arm.make_log(noise=NOISE), tmp_path)
+    assert judgement.verdict == "no_gap"
+    assert judgement.best.hypothesis.members == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", [(), (FRICTION,)])
+def test_a_late_row_is_named_with_and_without_an_effect_beside(
+    hidden: tuple, tmp_path: Path
+) -> None:
+    """Commands that stand a row late are no negative friction; friction beside them stays one."""
+    log = arm.make_log(*hidden, seconds=12.0, noise=NOISE)
+    late = {
+        f"ctrl_{n}": np.append(log.columns[f"ctrl.{n}"][:1], log.columns[f"ctrl.{n}"][:-1])
+        for n in arm.JOINTS
+    }
+    judgement = judged(with_columns(log, **late), tmp_path)
+    named = {m.label for m in judgement.best.hypothesis.members}
+    assert judgement.verdict == "explained"
+    assert named == {"log.row_shift.ctrl", *(("coulomb_friction.b",) if hidden else ())}
+    if hidden:
+        np.testing.assert_allclose(judgement.best.mean[0], FRICTION[2], rtol=0.03)
+
+
+@pytest.mark.slow
+def test_a_reversed_joint_is_named(tmp_path: Path) -> None:
+    """In command and reading."""
+    log = arm.make_log(seconds=12.0, noise=NOISE)
+    turned = {f"{kind}_b": -log.columns[f"{kind}.b"] for kind in ("ctrl", "qpos")}
+    judgement = judged(with_columns(log, **turned), tmp_path)
+    assert judgement.verdict == "explained"
+    assert judgement.best.label == "log.reversal.ctrl.qpos.b"
+
+
+@pytest.mark.slow
+def test_an_effect_that_nobody_proposes_stays_unexplained_or_in_part(tmp_path: Path) -> None:
+    """A law that is not in the vocabulary: the posterior says so."""
+    log = arm.make_log(("cogging", {"where": "a", "count": 9.0}, 0.3), seconds=12.0, noise=NOISE)
+    judgement = judged(log, tmp_path)
+    assert judgement.verdict in ("unexplained", "partly_explained")
+    assert judgement.unknown > 0.5

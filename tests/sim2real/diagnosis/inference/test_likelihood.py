@@ -1,0 +1,140 @@
+"""The likelihood against the dense Gaussian that it stands for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import t
+
+from sim2real.diagnosis.inference import likelihood as module
+from sim2real.diagnosis.inference.likelihood import SHIFTS, Likelihood, Trained
+from sim2real.diagnosis.settings.inference import Inference
+
+SETTINGS = Inference()
+W, N, M = 4, 9, 2
+
+
+class Small:
+    """Windows of which everything is known, and the covariance of all of them at once."""
+
+    def __init__(self, seed: int = 0) -> None:
+        rng = np.random.default_rng(seed)
+        self.times = np.sort(rng.uniform(0, 1, (W, N)), axis=1)
+        self.used = np.ones((W, N), bool)
+        self.used[1, 6:] = False
+        self.noise = np.array([0.1, 0.3])
+        self.local = 0.4 * rng.normal(size=(W, N, M, 3))
+        self.common = 0.3 * rng.normal(size=(W, N, M, 2))
+        self.errors = rng.normal(size=(W, N, M))
+        self.likelihood = Likelihood(
+            self.times, self.used, self.noise, self.local, self.common, SETTINGS
+        )
+
+    def covariance(self, trained: Trained, shifts: np.ndarray) -> np.ndarray:
+        """Return that of all errors, (W N M, W N M), those not used included."""
+        total = np.zeros((W, N, M, W, N, M))
+        for w in range(W):
+            for j in range(M):
+                size = np.clip(trained.size[j] + SHIFTS[shifts[w]], 0, SETTINGS.octaves + 1)
+                size = self.likelihood.sizes[size] * self.noise[j]
+                tau = SETTINGS.correlations_s[trained.time[j]]
+                gap = np.abs(self.times[w][:, None] - self.times[w])
+                total[w, :, j, w, :, j] = size**2 * np.exp(-gap / tau)
+                total[w, :, j, w, :, j] += self.noise[j] ** 2 * np.eye(N)
+            total[w, :, :, w] += np.einsum("njk,mik->njmi", self.local[w], self.local[w])
+        total += np.einsum("wnjk,vmik->wnjvmi", self.common, self.common)
+        return total.reshape(2 * (W * N * M,))
+
+    def dense(self, trained: Trained, shifts: np.ndarray, windows: list[int]) -> float:
+        """Return the log density of some windows' errors, by the definition."""
+        keep = np.zeros((W, N, M), bool)
+        keep[windows] = self.used[windows][..., None]
+        own = np.flatnonzero(keep)
+        covariance = self.covariance(trained, shifts)[np.ix_(own, own)]
+        errors = self.errors.ravel()[own]
+        square = errors @ np.linalg.solve(covariance, errors)
+        return -(square + np.linalg.slogdet(2 * np.pi * covariance)[1]) / 2
+
+
+def test_density_of_the_trained_windows_is_the_dense_gaussians() -> None:
+    """Eigenbases and eliminations change nothing of the density."""
+    small = Small()
+    windows = np.array([0, 1, 3])
+    trained = small.likelihood.train(small.likelihood.project(small.errors), windows)
+    prior = small.likelihood.log_prior[trained.shift[windows]].sum()
+    dense = small.dense(trained, trained.shift, [0, 1, 3])
+    assert trained.density == pytest.approx(dense + prior, abs=1e-8)
+
+
+def test_held_out_density_is_a_quotient_of_dense_gaussians() -> None:
+    """p(held out | trained on) = p(both) / p(trained on), mixed over the window's own scale."""
+    small = Small(1)
+    projection = small.likelihood.project(small.errors)
+    trained = small.likelihood.train(projection, np.array([0, 1, 2]))
+    found = small.likelihood.predict(projection, trained)[3]
+    known = small.dense(trained, trained.shift, [0, 1, 2])
+    terms = []
+    for k, weight in enumerate(small.likelihood.log_prior):
+        shifts = trained.shift.copy()
+        shifts[3] = k
+        terms.append(weight + small.dense(trained, shifts, [0, 1, 2, 3]) - known)
+    assert found == pytest.approx(np.logaddexp.reduce(terms), abs=1e-8)
+
+
+def test_curvature_is_that_of_the_dense_covariance() -> None:
+    """X' V^-1 X, with starts and common errors integrated out."""
+    small = Small(2)
+    windows = np.array([0, 2, 3])
+    trained = small.likelihood.train(small.likelihood.project(small.errors), windows)
+    vectors = np.random.default_rng(3).normal(size=(W, N, M, 2))
+    keep = np.zeros((W, N, M), bool)
+    keep[windows] = small.used[windows][..., None]
+    own = np.flatnonzero(keep)
+    covariance = small.covariance(trained, trained.shift)[np.ix_(own, own)]
+    flat = vectors.reshape(-1, 2)[own]
+    dense = flat.T @ np.linalg.solve(covariance, flat)
+    np.testing.assert_allclose(
+        small.likelihood.curvature(trained, vectors, windows), dense, rtol=1e-8
+    )
+
+
+def test_training_finds_the_size_and_time_that_errors_were_drawn_with() -> None:
+    """A process of eight noises and 0.2 s at one joint, nothing at the other."""
+    rng = np.random.default_rng(5)
+    times = np.tile(np.linspace(0, 3, 60), (12, 1))
+    noise, none = np.array([0.1, 0.1]), np.zeros((12, 60, 2, 0))
+    kernel = np.exp(-np.abs(times[0][:, None] - times[0]) / 0.2)
+    drawn = 0.8 * rng.multivariate_normal(np.zeros(60), kernel, 12)
+    errors = 0.1 * rng.normal(size=(12, 60, 2))
+    errors[..., 0] += drawn
+    likelihood = Likelihood(times, np.ones((12, 60), bool), noise, none, none, SETTINGS)
+    trained = likelihood.train(likelihood.project(errors), np.arange(12))
+    assert SETTINGS.correlations_s[trained.time[0]] == 0.2
+    assert likelihood.sizes[trained.size[0]] == pytest.approx(8.0, rel=0.5)
+    assert likelihood.sizes[trained.size[1]] <= 0.5
+
+
+def test_a_cap_on_the_discrepancy_holds_in_every_window() -> None:
+    """Neither the size nor a window's own scale goes beyond it."""
+    small = Small(4)
+    projection = small.likelihood.project(10 * small.errors)
+    most = np.array([1.0, 2.0])
+    trained = small.likelihood.train(projection, np.arange(W), most)
+    assert (small.likelihood.sizes[trained.size] <= most).all()
+    free = small.likelihood.train(projection, np.arange(W))
+    assert free.density > trained.density
+    held = small.likelihood.predict(projection, trained, most)
+    assert (small.likelihood.predict(projection, free) > held).all()
+
+
+def test_windows_scales_have_the_students_weights() -> None:
+    """Their mixture of normals is the Student distribution, up to its grid."""
+    freedom = replace(SETTINGS, freedom=4.0).freedom
+    weights = np.exp(module._log_shifts(freedom))
+    assert weights.sum() == pytest.approx(1.0)
+    for x in (0.0, 1.0, 2.0):
+        mixed = (weights * np.exp(-((x / 2.0**SHIFTS) ** 2) / 2) / 2.0**SHIFTS).sum()
+        mixed /= np.sqrt(2 * np.pi)
+        assert mixed == pytest.approx(t.pdf(x, freedom), rel=0.15)

@@ -1,0 +1,57 @@
+"""A push that no command tells: where, when and how hard."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.plant import Plant
+from envs.replay import rollout
+from hardware.log import Log
+from sim2real.diagnosis.inference.judge import Judge
+from sim2real.diagnosis.inference.pushes import Push, find_pushes
+from tests.sim2real.diagnosis import arm
+
+START, END, TORQUE, NOISE = 5.02, 5.22, 1.5, 3e-4
+
+
+def pushed(torque: float) -> Log:
+    """Return a log of the arm whose second joint is pushed once, for a fifth of a second."""
+    log = arm.make_log(noise=NOISE)
+    plant = Plant(arm.spec(), [Push("b", start=START, end=END)], 1, threads=1)
+    every, ctrl = np.zeros(1, int), np.column_stack([log.columns[f"ctrl.{n}"] for n in arm.JOINTS])
+    plant.set_params(every, np.array([[torque]]))
+    start = np.zeros((1, 2))
+    plant.reset(every, start, start, np.zeros(1, np.uint64), ctrl[:1], measured=True)
+    per = round(1 / arm.RATE / arm.STEP)
+    path = rollout(plant, ctrl.repeat(per, axis=0)[None])[0, :-1:per]
+    path += NOISE * np.random.default_rng(1).normal(size=path.shape)
+    return Log({**log.columns, **{f"qpos.{n}": path[:, i] for i, n in enumerate(arm.JOINTS)}})
+
+
+def test_a_push_is_located(tmp_path: Path) -> None:
+    """At its joint, within a tenth of a second, about as hard as it was."""
+    judge = Judge(arm.data_of(pushed(TORQUE), tmp_path))
+    (found,) = find_pushes(judge.fitter, judge.given, judge.excess(judge.given))
+    assert found.joint == "b"
+    np.testing.assert_allclose(found.seconds, (START, END), atol=0.12)
+    impulse = found.torque * (found.seconds[1] - found.seconds[0])
+    assert impulse == pytest.approx(TORQUE * (END - START), rel=0.4)
+    assert found.evidence > 100
+
+
+def test_no_push_is_no_evidence(tmp_path: Path) -> None:
+    """Nor is an effect that acts throughout: it leaves something in every window."""
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=NOISE)
+    judge = Judge(arm.data_of(log, tmp_path))
+    assert find_pushes(judge.fitter, judge.given, judge.excess(judge.given)) == ()
+
+
+def test_a_push_acts_within_its_moments_alone(tmp_path: Path) -> None:
+    """Before it begins nothing differs, bit for bit."""
+    log, other = pushed(0.0), pushed(TORQUE)
+    early = log.time <= START
+    np.testing.assert_array_equal(log.columns["qpos.b"][early], other.columns["qpos.b"][early])
+    assert np.abs(log.columns["qpos.b"] - other.columns["qpos.b"]).max() > 10 * NOISE

@@ -1,0 +1,39 @@
+"""A whole diagnosis that the likelihood decides: files, and kinds of causes in them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hardware.log import Log
+from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.outcome import final_message, write
+from tests.sim2real.diagnosis import arm
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_friction_beside_a_late_row_is_told_from_it(tmp_path: Path) -> None:
+    """The log's has a remedy; the robot's alone is written as an effect."""
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), seconds=12.0, noise=3e-4)
+    late = {n: np.append(log.columns[n][:1], log.columns[n][:-1]) for n in ("ctrl.a", "ctrl.b")}
+    wrong = Log({**log.columns, **late})
+    found = run_diagnosis([wrong], arm.model(tmp_path), None, (), 0, None, judge="likelihood")
+    report = found.report
+    assert report.failed == ()
+    assert report.verdict == "explained"
+    kinds = {cause.kind: cause for cause in report.causes}
+    assert set(kinds) == {"log", "robot"}
+    assert (kinds["log"].effect, kinds["log"].value) == ("row_shift", 1.0)
+    assert (kinds["robot"].effect, kinds["robot"].where) == ("coulomb_friction", "b")
+    assert kinds["robot"].value == pytest.approx(0.12, rel=0.05)
+    assert any("ctrl.*: move up by 1 rows" in words for words in final_message(report))
+    write(found, tmp_path / "out")
+    effects = yaml.safe_load((tmp_path / "out" / "effects.yaml").read_text())
+    assert [one["effect"] for one in effects] == ["coulomb_friction"]
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["schema"] == 3
+    assert "in the log" in (tmp_path / "out" / "report.html").read_text()
