@@ -14,6 +14,7 @@ import numpy as np
 from envs.errors import TaskError
 
 GROUPS = 31  # actuator groups that `opt.disableactuator` can switch, MuJoCo XML reference
+STEPS, STEPS_PER_ROW = 1e6, 2e3  # at most, of a recording and for each of its rows
 ROUNDING = 1e-9  # s: a stamp this far behind a step counts as at it
 
 
@@ -49,9 +50,20 @@ class Schedule(NamedTuple):
 
 
 def schedule(recording: Recording, dt: float) -> Schedule:
-    """Return what a recording asks for at each physics step of `dt` seconds."""
+    """Return what a recording asks for at each physics step of `dt` seconds.
+
+    Raises:
+        TaskError: a recording whose time is so long, for its rows, that no memory would hold it.
+    """
     last = recording.time[-1] if recording.read is None else recording.read.max()
     steps = int(np.ceil(max(last, recording.time[-1]) / dt - ROUNDING)) + 1
+    most = max(STEPS, STEPS_PER_ROW * len(recording.time))
+    if steps > most:
+        raise TaskError(
+            f"{last:.4g} s in {len(recording.time)} rows are {steps:.3g} steps of {dt:g} s, more "
+            f"than the {most:.3g} that a replay keeps; correct the recording's `time`, or cut it "
+            "where rows are missing"
+        )
     clock = np.arange(steps) * dt + ROUNDING
     latest = np.maximum(np.searchsorted(recording.time, clock, side="right") - 1, 0)
     off = np.zeros(steps, np.int64)

@@ -47,7 +47,7 @@ def cut(log: Log, seconds: float) -> Log:
     """
     parts = []
     for part in log.episodes():
-        pieces = max(1, round(float(part.time[-1]) / seconds))
+        pieces = max(1, round(float(np.ptp(part.time)) / seconds))
         edges = np.linspace(0, len(part) - 1, pieces + 1).astype(int)
         parts += [(part, a, b + 1) for a, b in pairwise(edges)]
     columns = {

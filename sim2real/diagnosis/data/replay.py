@@ -31,7 +31,7 @@ from sim2real.diagnosis.data.recording import (
     to_recording,
     with_bus_delay,
 )
-from sim2real.diagnosis.data.refuse import refuse_slow
+from sim2real.diagnosis.data.refuse import refuse_slow, refuse_sparse
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -95,6 +95,7 @@ def _of_one_model(
     for log in logs:
         check_log(log, model)
         refuse_slow(log)
+        refuse_sparse(log)
     delayed = with_laws(with_bus_delay(switchable(spec), logs[0]), logs[0])
     model = delayed.copy().compile()
     episodes = [(number, part) for number, log in enumerate(logs) for part in log.episodes()]

@@ -110,12 +110,27 @@ def test_positions_are_compared_when_they_were_read(tmp_path: Path) -> None:
     assert errors["untold"] > 0.005
 
 
-def test_a_log_in_milliseconds_is_refused_before_it_is_simulated(tmp_path: Path) -> None:
-    """Half an hour of milliseconds would be a month of simulation."""
+@pytest.mark.parametrize(("unit", "origin"), [(1e3, 0.0), (1e6, 0.0), (1.0, 1.7684e9)])
+def test_a_log_of_any_clock_is_replayed_alike(tmp_path: Path, unit: float, origin: float) -> None:
+    """Milliseconds would be a month of simulation, seconds since 1970 would fill any memory."""
+    log = read_logs(make_log(tmp_path, 0.02))[0]
+    time = unit * (log.time + origin)
+    path = write_log(tmp_path / "b.csv", Log({**log.columns, "time": time}, {"model": "arm.xml"}))
+    (as_written,) = run(log=str(path), model=None, effects=None, out=tmp_path)
+    wanted = run(log=str(tmp_path / "a.csv"), model=None, effects=None, out=tmp_path)[0]
+    assert as_written.errors()["hinge"]["rmse"] == pytest.approx(
+        wanted.errors()["hinge"]["rmse"], rel=1e-3
+    )
+
+
+def test_a_row_of_another_day_is_refused_before_it_is_simulated(tmp_path: Path) -> None:
+    """The row is named; memory grows with the rows, not with what stands in them."""
     log = read_logs(make_log(tmp_path, 0.0))[0]
-    late = Log({**log.columns, "time": 1000 * log.time}, {"model": "arm.xml"})
-    path = write_log(tmp_path / "ms.csv", late)
-    with pytest.raises(Sim2RealError, match=r"ms.csv: its rows are .* multiply it by 0.001"):
+    time = np.where(np.arange(len(log)) >= 30, log.time + 86400.0, log.time)
+    first = log.episode == log.episode[0]
+    late = Log({n: v[first] for n, v in (log.columns | {"time": time}).items()}, log.meta)
+    path = write_log(tmp_path / "gap.csv", late)
+    with pytest.raises(Sim2RealError, match=r"gap.csv, episode \d+: row 30 is 8.64e\+04 s after"):
         run(log=str(path), model=None, effects=None, out=tmp_path)
 
 
