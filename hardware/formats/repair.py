@@ -27,6 +27,7 @@ from hardware.errors import LogError
 from hardware.formats.names import INTEGER_KINDS, REQUIRED
 
 Columns = dict[str, np.ndarray]
+FINE = 1e-9  # s: moments that are less apart are one
 SLOWEST = 1.0  # s between two rows of a robot's log; units are a thousand apart
 UNITS = ("seconds", "milliseconds", "microseconds", "nanoseconds")
 FASTEST = 15.0  # rad/s or m/s: joints of servo robots are slower
@@ -120,11 +121,21 @@ def _count_time(columns: Columns, parts: list[slice]) -> list[str]:
     for name in clocks:
         values = columns[name].copy()
         for part in parts:
-            values[part] = (values[part] - time[part][0]) / 1000**power
+            values[part] = _from(values[part], float(time[part][0]), 1000**power)
         columns[name] = values
     if not power:
         return []
     return [f"time is read as {UNITS[power]}: its rows are {middle:.4g} apart"]
+
+
+def _from(values: np.ndarray, start: float, unit: int) -> np.ndarray:
+    """Return moments in s from a start, (T,), rounded to what numbers so large can tell apart.
+
+    A command acts from its stamp on: 20 ms and 0.1 µs would be one simulation step late.
+    """
+    apart = 4 * float(np.spacing(max(abs(start), 1.0))) / unit
+    found = (values - start) / unit
+    return np.round(found, math.floor(-math.log10(apart))) if apart > FINE else found
 
 
 def _fill(

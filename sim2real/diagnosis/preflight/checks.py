@@ -27,12 +27,33 @@ from sim2real.diagnosis.settings import DEFAULT, Settings
 
 Check = Callable[[Sequence[Log], Sequence[mujoco.MjModel]], Iterable[Finding]]
 __all__ = ["NOTES", "noise_floor", "preflight"]
-GRAVE = ("sign", "swap", "degrees", "scale")  # makes other checks of the same joint meaningless
-WRONG = (*GRAVE, "zero", "rate", "no_command")  # no lag is measured in a log with these
+GRAVE = (
+    "sign",
+    "swap",
+    "degrees",
+    "unit",
+    "scale",
+)  # makes other checks of the same joint meaningless
+WRONG = (*GRAVE, "range", "zero", "rate", "no_command")  # no lag is measured in a log with these
 ORDER = (*WRONG, "control_law", "excitation")
-BLOCKING = (*GRAVE, "rate", "no_command")  # a log with these says nothing of the robot's physics
+BLOCKING = (
+    *GRAVE,
+    "range",
+    "rate",
+    "no_command",
+)  # a log with these says nothing of the robot's physics
 UNITS = ("degrees",)  # with these no cause is looked for: every fit would be of the wrong unit
-FOLLOWS = ("degrees", "scale", "zero", "control_law", "speed", "ctrlrange", "saturation")
+FOLLOWS = (
+    "degrees",
+    "unit",
+    "range",
+    "scale",
+    "zero",
+    "control_law",
+    "speed",
+    "ctrlrange",
+    "saturation",
+)
 
 
 CHECKS: list[Check] = []  # those of users, after this project's own

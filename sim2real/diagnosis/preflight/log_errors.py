@@ -36,6 +36,7 @@ from sim2real.diagnosis.preflight.corrections import (
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY, LogErrors
 
+UNIT_CHECKS = ("degrees", "unit")
 Run = tuple[Piece, np.ndarray]  # what a log has, and positions in the order of the model, (T, nq)
 
 
@@ -266,7 +267,10 @@ class _Judge:
             if not mended.size or np.mean(mended) < limits.rate_joints:
                 return False  # a clock is the same for all joints
         closed = limits.closed if old > limits.suspect else limits.closed_small
-        if new >= min(closed * old, limits.left_max):
+        most = min(closed * old, limits.left_max)
+        if correction.check in UNIT_CHECKS:  # numbers that are too large gain by any smaller unit
+            most = limits.unit_left * min(old, 1.0)
+        if new >= most:
             return False
         return new < limits.beats * self._size(self._physics(tried.rows), own)
 
