@@ -152,7 +152,8 @@ def read_log(path: str | Path) -> Log:
     if format is None:
         raise refuse(path)
     columns, meta = format.read(path)
-    columns, notes = repair(columns, str(path), 2 if path.suffix == ".csv" else None)
+    line = csv_file.FIRST_LINE if format.read is csv_file.read_log else None
+    columns, notes = repair(columns, str(path), line)
     for note in notes:
         _logger.warning("%s: %s", path, note)
     return Log(columns, {**meta, **({READING: notes} if notes else {})}, path)
