@@ -31,6 +31,7 @@ class Recording(NamedTuple):
     # (T, nu, 4) kp, kd, desired speed and feed-forward of actuators under impedance control, in the
     # actuators' own terms; see `impedance`
     law: np.ndarray | None = None
+    act: np.ndarray | None = None  # (na,) state of the actuators at the start; None: the model's
 
 
 class Schedule(NamedTuple):
@@ -42,6 +43,7 @@ class Schedule(NamedTuple):
     ctrl: np.ndarray  # (K, nu) command in force at each physics step
     off: np.ndarray  # (K,) bit masks of the actuators that are switched off then
     law: np.ndarray | None = None  # (K, nu, 4) in force at each physics step
+    act: np.ndarray | None = None  # (na,) state of the actuators at the start
 
     @property
     def steps(self) -> int:
@@ -72,7 +74,8 @@ def schedule(recording: Recording, dt: float) -> Schedule:
         off = (~recording.powered[latest] << bits).sum(axis=1)
     held = recording.ctrl[0] if recording.held is None else recording.held
     law = None if recording.law is None else recording.law[latest]
-    return Schedule(recording.qpos, recording.qvel, held, recording.ctrl[latest], off, law)
+    ctrl = recording.ctrl[latest]
+    return Schedule(recording.qpos, recording.qvel, held, ctrl, off, law, recording.act)
 
 
 def switchable(spec: mujoco.MjSpec) -> mujoco.MjSpec:

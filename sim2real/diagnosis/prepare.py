@@ -81,6 +81,7 @@ def prepare(
     estimates = estimate_all(logs, model, settings.ground)
     logs = [one.log for one in estimates] or logs
     given = data = Data.of(logs, model, settings)
+    logs = given.logs
     if estimates:
         on_progress("estimating where the base was", 0.0)
         data = grounded(given, estimates, fixed)

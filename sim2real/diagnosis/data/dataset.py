@@ -32,6 +32,7 @@ from sim2real.diagnosis.data.recording import (
     with_bus_delay,
 )
 from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow, refuse_sparse
+from sim2real.diagnosis.data.states import with_states
 from sim2real.diagnosis.data.windows import Joint, Window, cut
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 from sim2real.runs.errors import Sim2RealError
@@ -84,6 +85,7 @@ class Data:
         specs, models, which = _models(logs, model)
         for log, index in zip(logs, which, strict=True):
             check_log(log, models[index])
+        logs = [with_states(log, models[index]) for log, index in zip(logs, which, strict=True)]
         joints = _joints(logs, [models[i] for i in which], settings)
         for log, index in zip(logs, which, strict=True):
             refuse_loose_base(log, models[index], [joint.name for joint in joints])
