@@ -117,7 +117,7 @@ def precheck(arguments: list[str]) -> list[str]:
     options = [a for a in arguments if a.startswith("-")]
     if {a.split("=")[0] for a in options} & set(PASSED_ON + OTHER_ROOT):
         return own + arguments
-    from sim2real.config.compose import compose, sweep_jobs, used_keys, with_checkpoint
+    from sim2real.config.compose import compose, inherited, sweep_jobs, used_keys
     from sim2real.config.folders import refuse_missing
 
     given = [a for a in arguments if not a.startswith("-")]
@@ -125,7 +125,7 @@ def precheck(arguments: list[str]) -> list[str]:
     for overrides in sweep_jobs(given) if sweep else [given]:
         tree = compose(overrides)
         refuse_missing(tree, used_keys(tree))
-    return own + options + with_checkpoint(given)
+    return own + options + inherited(given)
 
 
 def launch() -> None:
@@ -174,10 +174,12 @@ def _run(config: Any) -> None:
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
+    from envs.quiet import no_log_file
     from sim2real.config.compose import checked, prepare, save
     from sim2real.config.folders import refuse_used
     from sim2real.runs.manifest import write_manifest
 
+    no_log_file()
     hydra = HydraConfig.get()
     out = Path(hydra.runtime.output_dir)
     tree = checked(config)

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
+from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -39,6 +39,11 @@ INHERITED = (  # what a run says about itself
     *LEARNING,
     "eval",
 )
+FIXED = (  # what a run that is resumed has and keeps
+    *("run", EXPERIMENT, "seed", "env", "effects", "params", "transforms", "policy", "adapt"),
+    *("algorithm", *LEARNING),
+)
+MACHINES = ("shards", "workers", "threads")  # how work is shared: results do not depend on it
 OPTIONAL = ("eval", "video", *LEARNING)  # groups that can be none
 NAMED = ("transforms",)  # groups of objects by name
 DATA = ("robot", "stops", "limits")  # groups that are read as they are, no class is made of them
@@ -138,7 +143,7 @@ def compose(overrides: list[str]) -> dict[str, Any]:
         ConfigError: see `checked`; a name or a value that is not there.
     """
     try:
-        return checked(composed(with_checkpoint(overrides)), overrides)
+        return checked(composed(inherited(overrides)), overrides)
     except yaml.YAMLError as error:
         raise ConfigError(f"this is no YAML: {' '.join(str(error).split())}") from error
     except (HydraException, OmegaConfBaseException) as error:
@@ -210,6 +215,58 @@ def _alone(value: Any, key: str, overrides: list[str]) -> Any:
         return value
     own = {_key(line) for line in overrides}
     return {name: v for name, v in value.items() if name == "_target_" or f"{key}.{name}" in own}
+
+
+def inherited(overrides: list[str]) -> list[str]:
+    """Put before the overrides what the run that they name was given.
+
+    Raises:
+        ConfigError: see `with_run`.
+    """
+    return with_run(with_checkpoint(overrides))
+
+
+def with_run(overrides: list[str]) -> list[str]:
+    """Put before the overrides all that the run was given which `resume=` goes on with.
+
+    What says what the run is cannot be said otherwise: that would be another run, under its name.
+
+    Raises:
+        ConfigError: a key with another value than the run's.
+    """
+    given = {_key(line): line.partition("=")[2] for line in overrides}
+    place = given.get("resume", "").strip("\"'")
+    folder = run_folder(Path(place)) if place and place != "null" else None
+    if folder is None:
+        return overrides
+    own: list[str] = yaml.safe_load((folder / ".hydra/overrides.yaml").read_text(encoding="utf-8"))
+    own = [line for line in own if _key(line).split(".")[0] not in ("hydra", "resume", "start")]
+    for key, value in given.items():
+        was = _value(folder, own, key)
+        if was is not None and yaml.safe_load(value) != was:
+            raise ConfigError(
+                f"{key}={value}: the run in {folder} has {key}={was}, and resume= goes on with it "
+                "as it is; leave it out, or begin a new run (start= takes over its policy)"
+            )
+    return [line for line in own if _key(line) not in given] + overrides
+
+
+def _value(folder: Path, own: list[str], key: str) -> Any:
+    """Return what a run has at a key that says what it is; None where any value may be given."""
+    root, *names = key.split(".")
+    if root not in FIXED or (names and names[-1] in MACHINES):
+        return None
+    if key in (lines := {_key(line): line.partition("=")[2] for line in own}):
+        return yaml.safe_load(lines[key])
+    if root in (EXPERIMENT, "run") or not (folder / RESOLVED).is_file():
+        return None
+    tree: Any = yaml.safe_load((folder / RESOLVED).read_text(encoding="utf-8"))
+    if not names and isinstance(tree.get(root), dict):  # a choice of a group
+        chosen = yaml.safe_load((folder / ".hydra/hydra.yaml").read_text(encoding="utf-8"))
+        return chosen["hydra"]["runtime"]["choices"].get(root)
+    for name in (root, *names):
+        tree = tree.get(name) if isinstance(tree, dict) else None
+    return tree
 
 
 def with_checkpoint(overrides: list[str]) -> list[str]:
@@ -301,6 +358,12 @@ def sweep_jobs(overrides: list[str]) -> Iterator[list[str]]:
 def explain(error: Exception, overrides: list[str]) -> ConfigError:
     """Return one sentence for an error of Hydra's, with the nearest match of an unknown name."""
     text = str(error)
+    if isinstance(error, OverrideParseException):
+        key = error.override.partition("=")[0]
+        return ConfigError(
+            f"{error.override}: this cannot be read; a value with =, a comma or a bracket stands "
+            f"in quotes that the shell leaves: {key}='\"VALUE\"'"
+        )
     if match := re.search(r"Could not find '(.+)/([^/']+)'", text):
         group, name = match.groups()
         known = options(group)

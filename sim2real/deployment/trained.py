@@ -8,6 +8,7 @@ pilot = trained.pilot(candidate)                # the same network with other pa
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,8 +45,9 @@ def load_trained(
     """
     source = find(one_checkpoint(checkpoint))
     learner = build(algorithm, parts, adapts=False)
-    restore(source, learner, learner.identity, generators=False)
-    return replace(learner.trained(), source=source)
+    with closing(learner):
+        restore(source, learner, learner.identity, generators=False)
+        return replace(learner.trained(), source=source)
 
 
 def load_policy(checkpoint: str | Path, device: str = "cpu") -> Trained:

@@ -17,6 +17,7 @@ It has no `Method.fit`: what it finds is a policy and no distribution of paramet
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -147,10 +148,11 @@ def ground(
 
     environment = Environment(partial(base), transforms=parts.environment.transforms)
     learner = build(algorithm, replace(parts, environment=environment))
-    while learner.frames < frames:
-        metrics = learner.iterate()
-        watch(metrics | {"train/critic_gap": judge.learn()}, learner.frames)
-    found = learner.trained()
+    with closing(learner):
+        while learner.frames < frames:
+            metrics = learner.iterate()
+            watch(metrics | {"train/critic_gap": judge.learn()}, learner.frames)
+        found = learner.trained()
     if found.program is None:
         raise Sim2RealError("garat needs a policy that is one network; use policy=actor_critic")
     return found.program(found.theta)

@@ -22,7 +22,7 @@ from sim2real.diagnosis.data.windows import reversals
 from sim2real.diagnosis.preflight.servo_signals import check_duties, check_speeds
 from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, Channels, Settings
+from sim2real.diagnosis.settings import DEFAULT, TINY, Channels, Settings
 
 NOTES = frozenset(
     {
@@ -246,7 +246,7 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Commands that the model clamps, and rows at its limit of force."""
     limits = settings.channels
     for name in dict.fromkeys(name for log, _ in pairs for name in log.actuators):
-        outside, held, rows = 0, 0, 0
+        outside, held, rows, least = 0, 0, 0, []
         reach = (0.0, 0.0)
         for log, model in pairs:
             index = index_of(model, name)
@@ -258,7 +258,9 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 low, high = reach = tuple(model.actuator_ctrlrange[index])
                 slack = limits.outside_slack * (high - low)
                 outside += int(np.sum((ctrl < low - slack) | (ctrl > high + slack)))
-            held += int(np.sum(_saturated(log, model, index)))
+            saturated = _saturated(log, model, index)
+            held += int(np.sum(saturated))
+            least += [_gain_left(log, model, index, limits.saturated_share)]
         if rows and outside / rows > limits.outside_share:
             yield Finding(
                 "ctrlrange",
@@ -272,10 +274,22 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 "saturation",
                 name,
                 f"At the errors that the robot had, the model's {name} would be at its limit of "
-                f"force in {held / rows:.0%} of the rows: the robot's gain is lower than the "
-                "model's, or its gain does not show and its limit does.",
+                f"force in {held / rows:.0%} of the rows: the robot's gain is at most "
+                f"{min(least):.2g} times the model's, or its gain does not show and its limit "
+                "does.",
                 "Compare the model's kp and forcerange with the servo's; record smaller motions.",
             )
+
+
+def _gain_left(log: Log, model: mujoco.MjModel, index: int, share: float) -> float:
+    """Return the factor on a servo's gain under which its limit would hold it in few rows."""
+    name = model.actuator(index).name
+    joint = f"qpos.{model.joint(int(model.actuator_trnid[index, 0])).name}"
+    if joint not in log.columns or not model.actuator_gainprm[index, 0]:
+        return 1.0
+    error = np.abs(log.column(f"ctrl.{name}") - log.column(joint))
+    most = float(np.quantile(error, 1 - share)) * model.actuator_gainprm[index, 0]
+    return min(float(model.actuator_forcerange[index, 1]) / max(most, TINY), 1.0)
 
 
 def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:

@@ -43,6 +43,8 @@ BLOCKING = (
     "no_command",
 )  # a log with these says nothing of the robot's physics
 UNITS = ("degrees",)  # with these no cause is looked for: every fit would be of the wrong unit
+# A first-order filter is late: what says only that a speed is late follows from it.
+EXPLAINS = {"velocity_filter": "clock"}
 FOLLOWS = (
     "degrees",
     "unit",
@@ -143,7 +145,8 @@ def _causes(found: Sequence[Finding], turned: dict[str | None, str]) -> list[Fin
         cause = everywhere or first.get(turned.get(finding.where, finding.where))
         return finding.check in FOLLOWS and cause not in (None, finding)
 
-    return [finding for finding in found if not follows(finding)]
+    told = {(EXPLAINS[f.check], f.where) for f in found if f.check in EXPLAINS}
+    return [f for f in found if not follows(f) and (f.check, f.where) not in told]
 
 
 def _merged(found: Sequence[Finding]) -> list[Finding]:

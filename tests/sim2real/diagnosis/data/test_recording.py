@@ -53,7 +53,8 @@ def model() -> mujoco.MjModel:
         ('<position name="leg" joint="leg" kp="2" kv="0.05"/>', "", "has no actuators"),
         (
             "<worldbody>",
-            '<asset><mesh name="m" file="no.stl"/></asset><worldbody><geom type="mesh" mesh="m"/>',
+            '<asset><mesh name="m" file="no.stl"/></asset>'
+            '<worldbody><geom type="mesh" mesh="m" density="0"/>',
             "the mesh 'no.stl' is missing, and its geom touches other bodies",
         ),
         ('mass="1"', 'mass="0"', "mass and inertia"),

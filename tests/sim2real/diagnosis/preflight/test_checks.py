@@ -257,6 +257,19 @@ def test_a_late_speed_is_a_note() -> None:
     (late,) = [f for f in found if f.check == "velocity_filter"]
     assert late.where == "elbow"
     assert "30 ms" in late.finding
+    assert "clock" not in {f.check for f in found}, "a filter is late: that is no other clock"
+
+
+def test_a_gain_that_is_lower_is_told_by_how_much() -> None:
+    """The model's gain is fifty times the servo's."""
+    stiff = mujoco.MjSpec.from_string(ARM.replace('kp="4"', 'kp="200"'))
+    found = preflight([without(make_log(), "sensor")], [stiff])
+    factors = [
+        float(re.findall(r"at most ([\d.]+) times the model's", f.finding)[0])
+        for f in found
+        if f.check == "saturation"
+    ]
+    assert factors and all(0.005 < factor < 0.3 for factor in factors)
 
 
 def test_a_lag_that_jumps_within_a_log_is_found() -> None:
