@@ -198,7 +198,7 @@ TEST = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
 
 
 def test_every_test_that_is_promised_is_there() -> None:
-    """Each fault of `tests/REGRESSIONS.md` names a test that exists, or says why it was declined."""
+    """Each fault of `tests/REGRESSIONS.md` names a test that exists, or why it was declined."""
     text = CHECKED.read_text(encoding="utf-8")
     for file, name in TEST.findall(text):
         path = ROOT / file

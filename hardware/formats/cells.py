@@ -92,6 +92,15 @@ def _number(cell: Any, place: str) -> float:
         raise LogError(f"{place}: {cell!r} is not a number{hint}") from None
 
 
+def is_value(cell: str) -> bool:
+    """Return whether a cell is a number or a moment, and no name."""
+    try:
+        float(cell)
+    except ValueError:
+        return is_date(cell)
+    return True
+
+
 def is_date(cell: Any) -> bool:
     """Return whether a cell is a moment: an ISO date with a time."""
     return _moment(cell) is not None

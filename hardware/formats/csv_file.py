@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hardware.errors import LogError, did_you_mean, listed
-from hardware.formats.cells import NANO, labels, numbers, seconds
+from hardware.formats.cells import NANO, is_value, labels, numbers, seconds
 from hardware.formats.names import INTEGER_KINDS, KINDS, REQUIRED, known
 from hardware.formats.sidecar import read_meta
 
@@ -86,6 +86,11 @@ def _columns(path: Path, header: list[str], separator: str) -> dict[str, np.ndar
     except ValueError:
         pass
     rows = _rows(path, header, separator)
+    if rows and not any(map(is_value, rows[0])):
+        raise LogError(
+            f"{path}, row 0 (line {FIRST_LINE}): there is no number in it; if it is a second line "
+            "of names or units, remove it, or write a columns.yaml (docs/logs.md)"
+        )
     found = {}
     for number, name in enumerate(header):
         cells = [cells[number] for cells in rows]
@@ -148,6 +153,12 @@ def keep_known(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarr
 def _check_header(path: Path, header: list[str]) -> None:
     if not header:
         raise LogError(f"{path}: the file is empty; the first line of a log names its columns")
+    if all(map(is_value, header)):
+        raise LogError(
+            f"{path}: the first line holds no names but numbers; write {','.join(REQUIRED)} and "
+            "ctrl.<actuator>, qpos.<joint> above them in their order, or a columns.yaml that says "
+            "which is which (`from: 0` is the first column)"
+        )
     name, times = Counter(header).most_common(1)[0]
     if times > 1:
         raise LogError(f"{path}: column {name!r} is there {times} times")

@@ -32,7 +32,7 @@ import yaml
 
 from hardware.errors import LogError, did_you_mean, listed
 from hardware.formats import parquet
-from hardware.formats.cells import NANO, is_date, labels, numbers, seconds
+from hardware.formats.cells import NANO, is_value, labels, numbers, seconds
 from hardware.formats.csv_file import separator_of
 from hardware.formats.names import known
 from hardware.formats.sidecar import read_meta
@@ -255,14 +255,6 @@ def _lines(path: Path) -> tuple[int, list[str]]:
 
 def _is_words(cells: list[str]) -> bool:
     """Return whether a line holds names: no cell of it is a number or a date."""
-
-    def is_value(cell: str) -> bool:
-        try:
-            float(cell)
-        except ValueError:
-            return is_date(cell)
-        return True
-
     return bool(cells) and not any(is_value(cell) for cell in cells)
 
 

@@ -99,6 +99,8 @@ def test_views():
         ("x," * 600_000 + "\n1\n", "the first line has 1,000,000 characters or more"),
         ("x," * 200_000 + "y\n1\n", "column 'x' is there 200000 times"),
         (HEADER, r"has no rows"),
+        (HEADER + "-,s,rad,rad\n0,0,1,1\n0,1,1,1\n", r"row 0 \(line 2\): there is no number in it"),
+        ("0,0,1,1\n0,1,1,1\n", "the first line holds no names but numbers; write episode,time"),
         ("", r"the file is empty"),
         ("episode,time,time,ctrl.a,qpos.a\n", r"'time' is there 2 times"),
     ],

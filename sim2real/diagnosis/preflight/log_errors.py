@@ -150,9 +150,12 @@ def _apart(case: Case, runs: Sequence[Run], joint: str) -> list[tuple[np.ndarray
 
 
 def _nominal(case: Case) -> list[Run]:
-    """The pieces as the log has them."""
+    """The pieces as the log has them; like corrected ones they start with their slopes.
+
+    A speed that is logged may be wrong itself, which is another mistake than those tried here.
+    """
     return [
-        (piece, trial(spec, [piece.recording(model)])[0])
+        (piece, trial(spec, [piece.changed({}).recording(model)])[0])
         for piece, spec, model in zip(case.pieces, case.specs, case.models, strict=True)
     ]
 
@@ -171,7 +174,7 @@ def _physics(case: Case) -> list[list[Run]]:
     runs = []
     for piece, spec, model in zip(case.pieces, case.specs, case.models, strict=True):
         effects, values = _panel(model, case.settings)
-        rows = [piece.recording(model)] * len(values)
+        rows = [piece.changed({}).recording(model)] * len(values)
         runs.append([(piece, path) for path in trial(spec, rows, effects, values)])
     return [list(row) for row in zip(*runs, strict=False)]
 

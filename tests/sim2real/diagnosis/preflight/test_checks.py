@@ -138,6 +138,14 @@ def test_degrees_are_named_where_speeds_are_logged(columns: tuple[str, ...]) -> 
     assert "speeds" in degrees.finding
 
 
+def test_speeds_in_degrees_are_no_flipped_sign() -> None:
+    """A replay that started at 57 times the speed is better from any other start."""
+    log = without(make_log(), "sensor")
+    found = preflight([changed(log, ["qvel.shoulder", "qvel.elbow"], 180 / np.pi)], [spec()])
+    checks = {f.check for f in found}
+    assert "sign" not in checks and checks & {"degrees", "speed", "rate"}
+
+
 def test_another_unit_shows_in_a_range_that_a_model_has() -> None:
     """A log that hardly moves, all of it in degrees: no replay tells which unit, so it is asked."""
     limited = ARM.replace('name="elbow"', 'name="elbow" range="-90 90" limited="true"')
