@@ -96,7 +96,7 @@ def guess(name: str) -> tuple[str, str | None] | None:
     parts = _words(name)
     topic = name.startswith("/") and name.count("/") > 2  # /joint_states/elbow/position
     for size in range(min(LONGEST, len(parts) - 1), -1, -1):
-        unit = SPELLINGS.get(" ".join(parts[len(parts) - size :])) if size else None
+        unit = SPELLINGS.get(" ".join(parts[len(parts) - size :]).lower()) if size else None
         if size and unit is None:
             continue
         column = _column(parts[: len(parts) - size])
@@ -105,22 +105,23 @@ def guess(name: str) -> tuple[str, str | None] | None:
         if column in ("time", "episode"):
             return column, unit
         left = _words(name.split("/")[-2]) if topic else parts[: len(parts) - size]
-        joint = "_".join(part for part in left if not re.fullmatch(EVERY, part))
+        joint = "_".join(part for part in left if not re.fullmatch(EVERY, part.lower()))
         return f"{column}.{'joint' + joint if joint.isdigit() or not joint else joint}", unit
     return None
 
 
 def _words(name: str) -> list[str]:
-    """Return the words of a name in lower case; `dq1` is `dq` and `1`."""
+    """Return the words of a name; `dq1` is `dq` and `1`."""
     found: list[str] = []
-    for part in re.split(r"[\s_./:\-\[\]()]+", name.strip().lower()):
-        word = re.fullmatch(rf"({EVERY})(\d+)", part)
+    for part in re.split(r"[\s_./:\-\[\]()]+", name.strip()):
+        word = re.fullmatch(rf"({EVERY})(\d+)", part, re.IGNORECASE)
         found += word.groups()[:1] + word.groups()[-1:] if word else [part]
     return [part for part in found if part]
 
 
 def _column(parts: list[str]) -> str | None:
     """Return the kind of column that words mean; None where there is none, or they are unclear."""
+    parts = [part.lower() for part in parts]
     kinds = [k for k, words in WORDS.items() if any(re.fullmatch(words, part) for part in parts)]
     if any(re.fullmatch(EFFORT, part) for part in parts):
         return None
@@ -149,7 +150,7 @@ def _columns(log: Path) -> str:
     rest, words = [], []
     for name, width in _names(log):
         found = guess(name)
-        if re.fullmatch(NANOSEC, _words(name)[-1] if _words(name) else "") and "time" in columns:
+        if re.fullmatch(NANOSEC, (_words(name) or [""])[-1].lower()) and "time" in columns:
             columns["time"]["nanosec"] = name
             continue
         if found is None or (width == 1 and found[0] in columns):

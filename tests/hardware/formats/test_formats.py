@@ -132,6 +132,7 @@ def test_a_wrong_mapping_of_columns_is_named(
         ("elbow_pos_raw", ("qpos.elbow", "?")),
         ("target_velocity_1", None),
         ("elbow_torque", None),
+        ("FL_hip_Pos", ("qpos.FL_hip", None)),
     ],
 )
 def test_headers_are_guessed(name: str, meant: object) -> None:
