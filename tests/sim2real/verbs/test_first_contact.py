@@ -73,6 +73,33 @@ def lerobot_v21(folder: Path, log: Log) -> Path:
     return path
 
 
+def bam(folder: Path, log: Log) -> Path:
+    """Write a run of BAM's bench; its joint is `hinge`."""
+    told = zip(log.time, log.column("ctrl.pan"), log.column("qpos.pan"), strict=True)
+    entries = [
+        {"timestamp": t, "goal_position": c, "position": q, "torque_enable": True}
+        for t, c, q in ((float(t), float(c), float(q)) for t, c, q in told)
+    ]
+    table = {"mass": 0.5, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "xl330"}
+    path = folder / "run.json"
+    path.write_text(json.dumps({**table, "entries": entries}))
+    return path
+
+
+def sage(folder: Path, log: Log) -> Path:
+    """Write a motion of SAGE: two files, and the joints' names."""
+    path = folder / "motion"
+    path.mkdir()
+    for kind, name in (("ctrl", "control"), ("qpos", "state_motor")):
+        lines = ["type,timestamp,positions"]
+        for row, time in enumerate(log.time):
+            values = [float(log.column(f"{kind}.{joint}")[row]) for joint in JOINTS]
+            lines.append(f'{name.upper()},{round(1e6 * float(time))},"{values}"')
+        (path / f"{name}.csv").write_text("\n".join(lines))
+    (path / "joint_list.txt").write_text("\n".join(JOINTS))
+    return path
+
+
 def table(path: Path, columns: dict[str, list]) -> Path:
     """Write a CSV."""
     rows = zip(*columns.values(), strict=True)
@@ -132,6 +159,26 @@ def test_a_data_set_of_lerobot_is_replayed(
         tmp_path, "replay set arm.xml out=replay", "convert set out=converted model=arm.xml"
     )
     assert "rmse" in replayed and "results are in" in converted
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(("write", "joints"), [(bam, ["hinge"]), (sage, list(JOINTS))])
+def test_a_bench_s_and_an_arm_s_runs_are_converted(
+    write: Callable[[Path, Log], Path], joints: list[str], tmp_path: Path
+) -> None:
+    """BAM's and SAGE's own files say what they hold; the names may be the model's."""
+    (tmp_path / "arm.xml").write_text(MODEL)
+    name = write(tmp_path, run()).name
+    wanted = JOINTS[: len(joints)]
+    converted, replayed = typed(
+        tmp_path,
+        f"convert {name} out=converted model=arm.xml joints=[{','.join(wanted)}]",
+        "replay converted out=replay",
+    )
+    assert "results are in" in converted and "rmse" in replayed
+    found = json.loads((tmp_path / "replay" / "replay.json").read_text())
+    assert set(found["logs"][0]["joints"]) == set(wanted)
 
 
 @pytest.mark.slow
