@@ -117,8 +117,9 @@ def precheck(arguments: list[str]) -> list[str]:
     options = [a for a in arguments if a.startswith("-")]
     if {a.split("=")[0] for a in options} & set(PASSED_ON + OTHER_ROOT):
         return own + arguments
-    from sim2real.config.compose import compose, inherited, sweep_jobs, used_keys
+    from sim2real.config.compose import compose, sweep_jobs, used_keys
     from sim2real.config.folders import refuse_missing
+    from sim2real.config.inherited import inherited
 
     given = [a for a in arguments if not a.startswith("-")]
     sweep = {"--multirun", "-m"} & set(options)

@@ -26,28 +26,17 @@ from envs.errors import did_you_mean
 from sim2real.config import extensions, signatures
 from sim2real.config.catalogue import EXPERIMENT, options
 from sim2real.config.composed import composed
-from sim2real.config.folders import free_folder, run_folder
+from sim2real.config.folders import free_folder
+from sim2real.config.inherited import LEARNING, RESOLVED, inherited, key_of
 from sim2real.config.renamed import renamed
 from sim2real.config.targets import ConfigError, build, build_named, check, check_named, locate
 from sim2real.runs.files import write_text
 
 ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
 PARTS = "sim2real.learning.parts.assemble"  # makes a verb's `parts` of the root keys it names
-LEARNING = ("collector", "advantage", "loss", "buffer", "optimizer")  # what learns from experience
-INHERITED = (  # what a run says about itself
-    *("env", "effects", "params", "transforms", "policy", "adapt", "algorithm"),
-    *LEARNING,
-    "eval",
-)
-FIXED = (  # what a run that is resumed has and keeps
-    *("run", EXPERIMENT, "seed", "env", "effects", "params", "transforms", "policy", "adapt"),
-    *("algorithm", *LEARNING),
-)
-MACHINES = ("shards", "workers", "threads")  # how work is shared: results do not depend on it
 OPTIONAL = ("eval", "video", *LEARNING)  # groups that can be none
 NAMED = ("transforms",)  # groups of objects by name
 DATA = ("robot", "stops", "limits")  # groups that are read as they are, no class is made of them
-RESOLVED = "config.yaml"
 ASSETS = Path(__file__).resolve().parents[2] / "envs" / "assets"
 
 # ${asset:demo/arm2.csv} is a file that comes with the project, wherever it is installed.
@@ -192,7 +181,7 @@ def checked(config: DictConfig, overrides: list[str] | None = None) -> dict[str,
 
 def _blamed(error: ConfigError, overrides: list[str]) -> ConfigError:
     """Say where a wrong value comes from if it is an experiment's, meant for another choice."""
-    given = {_key(line): line.partition("=")[2] for line in overrides}
+    given = {key_of(line): line.partition("=")[2] for line in overrides}
     place = re.split(r"[:=]", str(error))[0]
     group = place.split(".")[0]
     if group not in given or EXPERIMENT not in given or place in given:
@@ -213,82 +202,8 @@ def _alone(value: Any, key: str, overrides: list[str]) -> Any:
     found = signatures.find(target) if isinstance(target, str) else None
     if found is None or found.arguments or found.open:
         return value
-    own = {_key(line) for line in overrides}
+    own = {key_of(line) for line in overrides}
     return {name: v for name, v in value.items() if name == "_target_" or f"{key}.{name}" in own}
-
-
-def inherited(overrides: list[str]) -> list[str]:
-    """Put before the overrides what the run that they name was given.
-
-    Raises:
-        ConfigError: see `with_run`.
-    """
-    return with_run(with_checkpoint(overrides))
-
-
-def with_run(overrides: list[str]) -> list[str]:
-    """Put before the overrides all that the run was given which `resume=` goes on with.
-
-    What says what the run is cannot be said otherwise: that would be another run, under its name.
-
-    Raises:
-        ConfigError: a key with another value than the run's.
-    """
-    given = {_key(line): line.partition("=")[2] for line in overrides}
-    place = given.get("resume", "").strip("\"'")
-    folder = run_folder(Path(place)) if place and place != "null" else None
-    if folder is None:
-        return overrides
-    own: list[str] = yaml.safe_load((folder / ".hydra/overrides.yaml").read_text(encoding="utf-8"))
-    own = [line for line in own if _key(line).split(".")[0] not in ("hydra", "resume", "start")]
-    for key, value in given.items():
-        was = _value(folder, own, key)
-        if was is not None and yaml.safe_load(value) != was:
-            raise ConfigError(
-                f"{key}={value}: the run in {folder} has {key}={was}, and resume= goes on with it "
-                "as it is; leave it out, or begin a new run (start= takes over its policy)"
-            )
-    return [line for line in own if _key(line) not in given] + overrides
-
-
-def _value(folder: Path, own: list[str], key: str) -> Any:
-    """Return what a run has at a key that says what it is; None where any value may be given."""
-    root, *names = key.split(".")
-    if root not in FIXED or (names and names[-1] in MACHINES):
-        return None
-    if key in (lines := {_key(line): line.partition("=")[2] for line in own}):
-        return yaml.safe_load(lines[key])
-    if root in (EXPERIMENT, "run") or not (folder / RESOLVED).is_file():
-        return None
-    tree: Any = yaml.safe_load((folder / RESOLVED).read_text(encoding="utf-8"))
-    if not names and isinstance(tree.get(root), dict):  # a choice of a group
-        chosen = yaml.safe_load((folder / ".hydra/hydra.yaml").read_text(encoding="utf-8"))
-        return chosen["hydra"]["runtime"]["choices"].get(root)
-    for name in (root, *names):
-        tree = tree.get(name) if isinstance(tree, dict) else None
-    return tree
-
-
-def with_checkpoint(overrides: list[str]) -> list[str]:
-    """Put before the overrides what the run that `checkpoint=` or `start=` points at was given.
-
-    So a checkpoint says itself what its experiment, robot, tasks and policy are. What the user sets
-    counts more: `adapt=batch` replaces the run's own choice, `algorithm.shards=1` its value, and an
-    experiment all of it. With several checkpoints the first one counts.
-    """
-    given = {_key(line): line.partition("=")[2] for line in overrides}
-    named = next((given[key] for key in ("checkpoint", "start") if key in given), "")
-    path = named.strip("[]\"'").split(",")[0]
-    folder = run_folder(Path(path)) if path and EXPERIMENT not in given else None
-    if folder is None:
-        return overrides
-    text = (folder / ".hydra" / "overrides.yaml").read_text(encoding="utf-8")
-    kept = []
-    for line in yaml.safe_load(text):
-        root = _key(line).split(".")[0]
-        if root in (*INHERITED, EXPERIMENT) and root not in given and _key(line) not in given:
-            kept.append(line)
-    return kept + overrides
 
 
 def save(tree: dict[str, Any], out: Path) -> Path:
@@ -446,7 +361,3 @@ def used_keys(tree: dict[str, Any]) -> list[str]:
 def _roots(overrides: list[str]) -> list[str]:
     parsed = OverridesParser.create().parse_overrides(overrides)
     return [(o.package or o.key_or_group).split(".")[0].split("/")[0] for o in parsed]
-
-
-def _key(override: str) -> str:
-    return override.partition("=")[0].lstrip("+~").partition("@")[0]

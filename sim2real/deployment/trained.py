@@ -16,7 +16,8 @@ import yaml
 
 from envs.tasks.base import Task
 from sim2real.config.arguments import path_value
-from sim2real.config.compose import RESOLVED, compose, prepare
+from sim2real.config.compose import compose, prepare
+from sim2real.config.inherited import RESOLVED
 from sim2real.config.targets import build as build_part
 from sim2real.config.targets import check
 from sim2real.learning.adapt import Adaptation

@@ -23,7 +23,7 @@ from envs.laws import Law
 from envs.params import Parameter
 from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import EXPERIMENT
-from sim2real.config.compose import INHERITED
+from sim2real.config.inherited import INHERITED
 from sim2real.evaluation.worth import Cause, Robots
 from sim2real.learning.algorithms.base import Parts
 from sim2real.learning.environment import Environment

@@ -18,8 +18,9 @@ from hydra.core.global_hydra import GlobalHydra
 
 from sim2real.config import signatures
 from sim2real.config.catalogue import CONF
-from sim2real.config.compose import compose, device, save, sweep_jobs, with_checkpoint
+from sim2real.config.compose import compose, device, save, sweep_jobs
 from sim2real.config.folders import run_folder
+from sim2real.config.inherited import with_checkpoint
 from sim2real.config.targets import ConfigError, build, check, check_named
 
 PROGRAM = """
