@@ -7,9 +7,10 @@
       qpos.elbow: {from: pos_elbow, unit: deg, scale: -1, offset: 0.1}   # offset in SI, after scale
       qvel.elbow: {from: /obs/qvel, index: 1}                            # HDF5, Zarr: array, column
       qpos.wrist: {from: raw_3, unit: counts/4096, zero: 2048}           # zero in the source's unit
+      qpos.hip:   {from: raw_4, unit: counts}                            # as the robot's file says
     episodes: /data/demo_*          # HDF5, Zarr: one episode a group, names below are within it
     rate: 50                        # Hz, where there is no time
-    meta: {model: arm.xml}
+    meta: {model: arm.xml, robot: arm2}
 
 Without `episode` all rows are one episode, which starts at 0 s. `time: {from: sec, nanosec: nsec}`
 adds the nanoseconds of a ROS stamp. A CSV without a line of names has the numbers of its columns as
@@ -30,6 +31,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from hardware.config import load_robot
 from hardware.errors import LogError, did_you_mean, listed
 from hardware.formats import parquet
 from hardware.formats.cells import NANO, is_value, labels, numbers, seconds
@@ -44,6 +46,7 @@ TABLES = (".csv", ".parquet")
 ENTRY = ("from", "index", "unit", "zero", "scale", "offset", "nanosec")
 KEYS = ("columns", "episodes", "rate", "meta")
 TAKEN = ("from", "nanosec")  # keys of an entry that name a source
+REGISTER = "counts"  # unit: the robot's file says how many in a turn, and where the zero is
 SIGNED = (16, 32)  # bits of registers whose negative numbers are read as large ones
 HEADERS = 2  # lines of names at most
 
@@ -105,6 +108,9 @@ def _mapping(file: Path) -> dict[str, Any]:
             raise LogError(
                 f"{file}, column {name!r}: there is no key {wrong[0]!r}; {listed(ENTRY)}"
             )
+        if entry.get("unit") == REGISTER:
+            entry = {**_as_servo_counts(tree.get("meta") or {}, f"{file}, {name}", name), **entry}
+            entry["unit"] = entry.pop("counts")
         tree["columns"][name] = entry
     for kind in ("ctrl", "qpos"):
         if not any(str(name).startswith(f"{kind}.") for name in tree["columns"]):
@@ -112,6 +118,24 @@ def _mapping(file: Path) -> dict[str, Any]:
                 f"{file}: `{kind}.<joint>: {{from: NAME}}` is needed, of one joint or more"
             )
     return tree
+
+
+def _as_servo_counts(meta: dict[str, Any], place: str, name: str) -> dict[str, Any]:
+    """Return what a robot's file says of a servo's counts: in a turn, at the zero, which way."""
+    kind, _, joint = name.partition(".")
+    robot = meta.get("robot")
+    if kind not in ("qpos", "ctrl") or not isinstance(robot, str):
+        raise LogError(
+            f"{place}: `unit: {REGISTER}` is of a position or a command of a robot that `meta: "
+            f"{{robot: NAME}}` names; else write `{COUNTS}4096`, and the count at the `zero`"
+        )
+    servos = {servo.name: servo for servo in load_robot(robot).servos}
+    if joint not in servos:
+        hint = did_you_mean(joint, servos)
+        raise LogError(f"{place}: {robot} has no servo {joint!r}{hint}; it has {listed(servos)}")
+    servo = servos[joint]
+    counts = f"{COUNTS}{servo.type.units.counts_per_turn}"
+    return {"counts": counts, "zero": servo.zero, "scale": float(servo.sign)}
 
 
 def _column(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from hardware.config import load_robot
 from hardware.errors import LogError
 from hardware.formats import FORMATS as KNOWN
 from hardware.formats import Format, register
@@ -197,6 +198,24 @@ def test_negative_counts_that_were_read_as_large_ones_get_their_sign(tmp_path: P
         )
         log = read_log(tmp_path / "a.csv")
         np.testing.assert_allclose(log.column("qpos.a"), log.column("ctrl.a"))
+
+
+def test_counts_may_be_those_of_a_robot_s_file(tmp_path: Path) -> None:
+    """Turn, zero and direction of its servo; without a robot it is asked."""
+    servo = load_robot("bench1").servos[0]
+    angles = [0.0, 0.5, -0.25]
+    counts = [servo.count(angle) for angle in angles]
+    rows = [f"{0.02 * i},{count},{count}" for i, count in enumerate(counts)]
+    (tmp_path / "a.csv").write_text("\n".join(["t,cmd,pos", *rows]) + "\n")
+    columns = {"time": "t", f"ctrl.{servo.name}": {"from": "cmd", "unit": "counts"}}
+    columns[f"qpos.{servo.name}"] = {"from": "pos", "unit": "counts"}
+    tree = {"columns": columns, "meta": {"robot": "bench1"}}
+    (tmp_path / "columns.yaml").write_text(yaml.safe_dump(tree))
+    found = read_log(tmp_path / "a.csv").column(f"qpos.{servo.name}")
+    np.testing.assert_allclose(found, angles, atol=servo.type.units.angle)
+    (tmp_path / "columns.yaml").write_text(yaml.safe_dump({"columns": columns}))
+    with pytest.raises(LogError, match=r"`meta: \{robot: NAME\}` names; else write `counts/4096`"):
+        read_log(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("lines", [0, 2])
