@@ -9,7 +9,7 @@ time that the robot's bus takes (`command_delay` in the log's metadata) is part 
 `effects` puts known effects into the simulator first: the difference of the two gaps is what they
 explain. Nothing is fitted. What preflight finds is said before: a mistake of the log makes a gap
 that no robot has. What cannot be compared at all is refused: positions where the model takes
-torques, a base that moves freely and was not logged.
+torques, a base that moves freely and of which neither pose nor IMU was logged.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.recording import check_log, load_model
 from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow, refuse_sparse
 from sim2real.diagnosis.data.replay import Gap, measure, write
+from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.preflight.checks import NOTES, preflight
+from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
@@ -60,9 +62,11 @@ def run(
     fixed = [] if effects is None else load_effects(effects)
     logs = read_logs(log)
     specs = [load_model(one, model) for one in logs]
-    for one, spec in zip(logs, specs, strict=True):
+    estimates = estimate_all(logs, model, DEFAULT.ground)
+    seen = [one.log for one in estimates] or logs
+    for one, spec in zip(seen, specs, strict=True):
         _check(one, spec)
-    _look(logs, specs)
+    _look(seen, specs)
     gaps = [measure(one, spec, fixed) for one, spec in zip(logs, specs, strict=True)]
     write(gaps, Path(out))
     return gaps
