@@ -8,6 +8,7 @@ Without this a machine fills up until the system ends the program without a word
 from __future__ import annotations
 
 import os
+import resource
 from pathlib import Path
 
 import mujoco
@@ -15,7 +16,7 @@ import mujoco
 from envs.errors import EnvsError
 
 ROW = 140_000  # bytes of one MjData beside its buffer: measured, 139,600 to 167,000 on four robots
-MEMINFO = Path("/proc/meminfo")
+MEMINFO, STATM = Path("/proc/meminfo"), Path("/proc/self/statm")
 CGROUP = Path("/sys/fs/cgroup")
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB")
 
@@ -26,7 +27,11 @@ def row_bytes(model: mujoco.MjModel) -> int:
 
 
 def available() -> int:
-    """Return the memory that a program can still have [bytes], a container's limit included."""
+    """Return the memory that a program can still have [bytes].
+
+    A container's limit counts, and so does that of `ulimit -v`. What a container uses includes
+    files that were read, which the system gives up for whoever needs the memory.
+    """
     free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:
         lines = dict(line.split(":") for line in MEMINFO.read_text(encoding="ascii").splitlines())
@@ -37,10 +42,31 @@ def available() -> int:
         limit, used = (
             (CGROUP / f"memory.{name}").read_text().strip() for name in ("max", "current")
         )
-        free = min(free, int(limit) - int(used))
+        free = min(free, int(limit) - int(used) + _cached())
     except (OSError, ValueError):
         pass  # no container, or one without a limit
-    return free
+    most, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if most != resource.RLIM_INFINITY:
+        free = min(free, most - _addressed())
+    return max(free, 0)
+
+
+def _cached() -> int:
+    """Return what a container holds of files [bytes]."""
+    try:
+        lines = (CGROUP / "memory.stat").read_text(encoding="ascii").splitlines()
+        stat = dict(line.split() for line in lines)
+        return int(stat["inactive_file"]) + int(stat["active_file"])
+    except (OSError, KeyError, ValueError):
+        return 0
+
+
+def _addressed() -> int:
+    """Return what this process has of its address space [bytes]; 0 where nobody counts it."""
+    try:
+        return int(STATM.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    except (OSError, ValueError):
+        return 0
 
 
 def check_memory(needed: float, what: str, remedy: str) -> None:

@@ -5,14 +5,17 @@
     # arm.actuators.yaml: position servos, as MJCF's <position> has them
     shoulder: {joint: shoulder_pan, kp: 20.0, kv: 0.6, forcerange: [-1.5, 1.5]}
     elbow: {kp: 12.0}                       # joint: of the same name
+    wrist: {type: motor, forcerange: [-1, 1]}   # takes torques [N·m]
 
 URDF says nothing of servos, so a URDF without that file is refused. Its meshes are optional: masses
-and inertias come from `<inertial>`, and a mesh that is not there is left out.
+and inertias come from `<inertial>`, and a mesh that is not there is left out; so is one of an MJCF
+that is only looked at.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
@@ -22,14 +25,26 @@ import yaml
 
 from envs.errors import TaskError, did_you_mean
 
-KEYS = ("joint", "kp", "kv", "forcerange", "ctrlrange", "armature", "frictionloss", "damping")
+POSITION, MOTOR = TYPES = ("position", "motor")  # of actuators
+WORLD = "world"
+KEYS = (
+    "joint",
+    "type",
+    "kp",
+    "kv",
+    "forcerange",
+    "ctrlrange",
+    "armature",
+    "frictionloss",
+    "damping",
+)
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 WIDTH = {FREE: (7, 6), BALL: (4, 3)}  # numbers in qpos and qvel of a joint; else 1 and 1
 COMPILER = {"fusestatic": "false", "discardvisual": "true", "balanceinertia": "true"}
 
 
 def load_spec(path: str | Path) -> mujoco.MjSpec:
-    """Read a model.
+    """Read a model; its unnamed actuators are called as what they drive.
 
     Args:
         path: an MJCF or, by its ending, a URDF.
@@ -43,11 +58,49 @@ def load_spec(path: str | Path) -> mujoco.MjSpec:
     try:
         if path.suffix.lower() == ".urdf":
             return _urdf(path)
-        return mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         if isinstance(error, TaskError):
             raise
-        raise TaskError(f"{path}: the model cannot be read: {error}") from None
+        words = " ".join(str(error).split())
+        raise TaskError(f"{path}: the model cannot be read: {words}") from None
+    _leave_out_pictures(spec, path)
+    return named(spec)
+
+
+def _leave_out_pictures(spec: mujoco.MjSpec, path: Path) -> None:
+    """Leave out meshes and textures that are not there, where they are only looked at.
+
+    Raises:
+        TaskError: a missing mesh that touches things, or gives a body its mass.
+    """
+    lost = {m.name or Path(m.file).stem: m for m in spec.meshes if _is_lost(m.file, spec, path)}
+    for geom in spec.geoms if lost else ():
+        if geom.meshname not in lost:
+            continue
+        body = geom.parent
+        weighs = not body.explicitinertial and geom.mass != 0 and geom.density != 0
+        if geom.contype or geom.conaffinity or weighs:
+            what = "gives the body its mass" if weighs else "touches other bodies"
+            raise TaskError(
+                f"{path}: the mesh {lost[geom.meshname].file!r} is missing, and its geom "
+                f"{what} ({body.name!r}); put the file there, or give the geom another type"
+            )
+    for geom in [g for g in spec.geoms if g.meshname in lost]:
+        spec.delete(geom)
+    for mesh in lost.values():
+        spec.delete(mesh)
+    gone = [t for t in spec.textures if t.file and _is_lost(t.file, spec, path, spec.texturedir)]
+    for texture in gone:
+        for material in spec.materials:
+            material.textures = ["" if t == texture.name else t for t in material.textures]
+        spec.delete(texture)
+
+
+def _is_lost(name: str, spec: mujoco.MjSpec, path: Path, folder: str | None = None) -> bool:
+    """Return whether a model names a file that is not there."""
+    file = Path(spec.meshdir if folder is None else folder) / name
+    return bool(name) and not (path.parent / file).is_file()
 
 
 def columns_of(model: mujoco.MjModel, joint: int) -> tuple[list[str], list[str]]:
@@ -61,28 +114,62 @@ def columns_of(model: mujoco.MjModel, joint: int) -> tuple[list[str], list[str]]
 
 def named(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """Return the spec, its unnamed actuators called as what they drive: a log needs names."""
+    taken = {actuator.name for actuator in spec.actuators}
     for actuator in spec.actuators:
-        actuator.name = actuator.name or actuator.target
+        if not actuator.name and actuator.target not in taken:
+            actuator.name = actuator.target
+            taken.add(actuator.target)
     return spec
 
 
 def _urdf(path: Path) -> mujoco.MjSpec:
+    text = path.read_text(encoding="utf-8")
     try:
-        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+        root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise TaskError(f"{path}: this cannot be read as XML: {error}") from None
     if root.tag != "robot":
         raise TaskError(f"{path}: a URDF's root is <robot>, this file's is <{root.tag}>")
+    _check_links(root, path, text)
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             mesh = shape.find("geometry/mesh")
             if shape.tag == "visual" or (mesh is not None and not _mesh(path, mesh)):
                 link.remove(shape)
-    extension = ElementTree.SubElement(root, "mujoco")
-    ElementTree.SubElement(extension, "compiler", {**COMPILER, "meshdir": str(path.parent)})
+    extension = root.find("mujoco")
+    if extension is None:
+        extension = ElementTree.SubElement(root, "mujoco")
+    compiler = extension.find("compiler")
+    if compiler is None:
+        compiler = ElementTree.SubElement(extension, "compiler")
+    compiler.attrib.update({**COMPILER, **compiler.attrib, "meshdir": str(path.parent)})
     spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     _add_actuators(spec, path)
     return spec
+
+
+def _check_links(root: ElementTree.Element, path: Path, text: str) -> None:
+    """Add the link `world` where joints hang on it and nobody declared it; refuse other ones."""
+    links = [link.get("name", "") for link in root.iter("link")]
+    for joint in root.findall("joint"):
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            name = "" if element is None else element.get("link", "")
+            if end == "parent" and name == WORLD and WORLD not in links:
+                ElementTree.SubElement(root, "link", {"name": WORLD})
+                links.append(WORLD)
+            if name not in links:
+                line = _line(text, rf"<{end}\s[^>]*link\s*=\s*[\"']{re.escape(name)}[\"']")
+                raise TaskError(
+                    f"{path}{line}: the joint {joint.get('name')!r} has the {end} {name!r}, which "
+                    f"is no link{did_you_mean(name, links)}; add <link name={name!r}/>"
+                )
+
+
+def _line(text: str, pattern: str) -> str:
+    """Return ", line 7": the first one of a text that a pattern fits; "" where there is none."""
+    found = re.search(pattern, text)
+    return f", line {text.count(chr(10), 0, found.start()) + 1}" if found else ""
 
 
 def _mesh(path: Path, mesh: ElementTree.Element) -> bool:
@@ -104,19 +191,21 @@ def _add_actuators(spec: mujoco.MjSpec, path: Path) -> None:
             f"{path}: a URDF has no actuators; write {file.name} beside it, a line for each servo: "
             "`elbow: {kp: 12.0, forcerange: [-1.5, 1.5]}`"
         )
+    text = file.read_text(encoding="utf-8")
     try:
-        table: Any = yaml.safe_load(file.read_text(encoding="utf-8"))
+        table: Any = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise TaskError(f"{file}: this cannot be read as YAML: {error}") from None
     if not isinstance(table, dict) or not table:
         raise TaskError(f"{file}: a table of actuators is needed, by name")
     joints = {joint.name: joint for joint in spec.joints}
     for name, given in table.items():
-        _add_servo(spec, joints, str(name), {} if given is None else given, file)
+        line = _line(text, rf"(?m)^\s*[\"']?{re.escape(str(name))}[\"']?\s*:")
+        _add_servo(spec, joints, str(name), {} if given is None else given, f"{file}{line}")
 
 
 def _add_servo(
-    spec: mujoco.MjSpec, joints: dict[str, Any], name: str, given: Any, file: Path
+    spec: mujoco.MjSpec, joints: dict[str, Any], name: str, given: Any, file: str
 ) -> None:
     place = f"{file}, {name!r}"
     if not isinstance(given, dict):
@@ -130,14 +219,24 @@ def _add_servo(
         hint = did_you_mean(joint, joints)
         there = ", ".join(joints)
         raise TaskError(f"{place}: no joint {joint!r}{hint}; there are: {there}")
-    if "kp" not in given:
-        raise TaskError(f"{place}: `kp` is needed [N·m/rad]")
+    kind = given.get("type", POSITION)
+    if kind not in TYPES:
+        raise TaskError(f"{place}: type={kind!r}{did_you_mean(str(kind), TYPES)}; {TYPES}")
+    if kind == MOTOR and ("kp" in given or "kv" in given):
+        raise TaskError(f"{place}: a motor takes torques and has no gains; leave out kp and kv")
+    if kind == POSITION and "kp" not in given:
+        raise TaskError(f"{place}: `kp` is needed [N·m/rad]; of a torque motor `type: motor`")
     for field in ("armature", "frictionloss", "damping"):
         if field in given:
-            setattr(joints[joint], field, _number(given[field], place, field))
+            value = _number(given[field], place, field)
+            # damping has coefficients of three powers of the speed
+            setattr(joints[joint], field, [value, 0.0, 0.0] if field == "damping" else value)
     actuator = spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    kp, kv = (_number(given.get(field, 0.0), place, field) for field in ("kp", "kv"))
-    actuator.set_to_position(kp=kp, kv=kv)
+    if kind == MOTOR:
+        actuator.set_to_motor()
+    else:
+        kp, kv = (_number(given.get(field, 0.0), place, field) for field in ("kp", "kv"))
+        actuator.set_to_position(kp=kp, kv=kv)
     for field in ("forcerange", "ctrlrange"):
         if field in given:
             setattr(actuator, field, _range(given[field], place, field))

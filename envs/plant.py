@@ -245,6 +245,7 @@ class Plant:
         seeds: np.ndarray,
         ctrl: np.ndarray | None = None,
         measured: bool = False,
+        act: np.ndarray | None = None,
     ) -> None:
         """Put the rows ids into a state and compute what depends on it.
 
@@ -256,6 +257,7 @@ class Plant:
             ctrl: commands held from before, (n, nu); None: the first one of the first step.
             measured: qpos and qvel are what sensors said, which an offset, a play or an IMU's
                 mounting sets apart from the truth.
+            act: states of actuators that have one, (n, na); None: those of the model.
         """
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         if measured:
@@ -263,6 +265,8 @@ class Plant:
             for measurement in reversed(self._measurements):
                 measurement.unmeasure(ids, qpos, qvel)
         self.layout.write(ids, qpos, qvel, measured)
+        if act is not None and self.model.na:
+            self.batch.bind("act")[ids] = act
         for bound in self._parts:
             bound.reset(ids, seeds)
         if self._starters:

@@ -46,6 +46,13 @@ class _Silence:
 _silence = _Silence()
 
 
+def no_log_file() -> None:
+    """Let the engine write no MUJOCO_LOG.TXT into whatever folder this program was started in."""
+    kept = MjLogConfig.get()
+    kept.logto_file = False
+    MjLogConfig.set(kept)
+
+
 def quiet_engine() -> AbstractContextManager[None]:
     """Send the engine's messages nowhere inside the block, and in all that are within it."""
     return _silence

@@ -29,6 +29,7 @@ is finite, so a reader need not ask. A robot's log is `NAME.csv.part` until it i
 from __future__ import annotations
 
 import json
+import logging
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -42,8 +43,11 @@ from hardware.files import atomic_write
 from hardware.formats import csv_file, find, parquet
 from hardware.formats.names import ACTUATOR_KINDS, JOINT_KINDS, REQUIRED
 from hardware.formats.registry import known, refuse
+from hardware.formats.repair import repair
 
+_logger = logging.getLogger(__name__)
 MOTIONS = ("ctrl", "qpos", "qvel")
+READING = "reading"  # metadata: what the reader mended, in sentences
 LARGEST = 1e9  # of these, in any unit that a robot may have
 
 
@@ -150,7 +154,12 @@ def read_log(path: str | Path) -> Log:
     format = find(path)
     if format is None:
         raise refuse(path)
-    return Log(*format.read(path), path)
+    columns, meta = format.read(path)
+    line = csv_file.FIRST_LINE if format.read is csv_file.read_log else None
+    columns, notes = repair(columns, str(path), line)
+    for note in notes:
+        _logger.warning("%s: %s", path, note)
+    return Log(columns, {**meta, **({READING: notes} if notes else {})}, path)
 
 
 def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:

@@ -117,15 +117,16 @@ def precheck(arguments: list[str]) -> list[str]:
     options = [a for a in arguments if a.startswith("-")]
     if {a.split("=")[0] for a in options} & set(PASSED_ON + OTHER_ROOT):
         return own + arguments
-    from sim2real.config.compose import compose, inherit_run_overrides, sweep_jobs, used_keys
+    from sim2real.config.compose import compose, sweep_jobs, used_keys
     from sim2real.config.folders import check_paths_exist
+    from sim2real.config.inherited import inherited
 
     given = [a for a in arguments if not a.startswith("-")]
     sweep = {"--multirun", "-m"} & set(options)
     for overrides in sweep_jobs(given) if sweep else [given]:
         tree = compose(overrides)
         check_paths_exist(tree, used_keys(tree))
-    return own + options + inherit_run_overrides(given)
+    return own + options + inherited(given)
 
 
 def launch() -> None:
@@ -174,10 +175,12 @@ def _run(config: Any) -> None:
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
+    from envs.quiet import no_log_file
     from sim2real.config.compose import instantiate, save, validate
     from sim2real.config.folders import check_output_is_free
     from sim2real.runs.manifest import write_manifest
 
+    no_log_file()
     hydra = HydraConfig.get()
     out = Path(hydra.runtime.output_dir)
     tree = validate(config)

@@ -194,12 +194,12 @@ def test_imports_of_examples_are_there(page: Path) -> None:
                 assert all(hasattr(room, name.name) for name in node.names), module
 
 
-CHECKED = ROOT / "docs" / "checked.md"
+CHECKED = ROOT / "tests" / "REGRESSIONS.md"
 TEST = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
 
 
 def test_every_test_that_is_promised_is_there() -> None:
-    """Each fault of `docs/checked.md` names a test that exists, or says why it was declined."""
+    """Each fault of `tests/REGRESSIONS.md` names a test that exists, or why it was declined."""
     text = CHECKED.read_text(encoding="utf-8")
     for file, name in TEST.findall(text):
         path = ROOT / file

@@ -167,6 +167,7 @@ class Effect(ABC):
 
     # For the simulator.
     constants: ClassVar[bool] = False  # whether the model's derived constants depend on it
+    moves_mass: ClassVar[bool] = False  # whether it moves a centre of mass or turns principal axes
     composes: ClassVar[bool] = False  # whether it may stand twice at a place, added or multiplied
 
     # For diagnosis and exam; see also `variants`, `probes`, `batch`, `mjcf_limitation`, `to_mjcf`.

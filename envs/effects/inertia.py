@@ -191,6 +191,7 @@ class CenterOfMass(Effect):
     """
 
     name = "center_of_mass"
+    moves_mass = True
     place = "body"
     unit = "m"
     constants = True
@@ -280,6 +281,7 @@ class Payload(Effect):
     """A point mass at a body's far end: its child joint, or a leaf's farthest geom or site."""
 
     name = "payload"
+    moves_mass = True
     place = "body"
     unit = "kg"
     constants = True

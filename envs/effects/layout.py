@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import mujoco
 import numpy as np
@@ -37,6 +37,10 @@ class SeriesJoint(Protocol):
 class Editing(Protocol):
     """What an effect does to a spec."""
 
+    moves_mass: ClassVar[
+        bool
+    ]  # whether it moves a body's centre of mass or turns its principal axes
+
     @property
     def edits(self) -> bool:
         """Whether it does anything."""
@@ -52,12 +56,18 @@ def edited(
 ) -> tuple[mujoco.MjModel, np.ndarray | None]:
     """Return the model of a spec (it stays as it is) with effects; see `compile_structure`.
 
-    Compiling takes longer than all else that makes a plant: what no effect edits is copied.
+    Compiling takes longer than all else that makes a plant: what no effect edits is copied. The
+    engine takes a short cut for bodies whose mass is centred on their joint, which it must not take
+    where an effect moves the mass.
     """
     editing = [effect for effect in effects if effect.edits]
-    if not editing:
+    simple = np.flatnonzero(nominal.body_simple[1:]) + 1
+    moving = bool(simple.size) and any(effect.moves_mass for effect in effects)
+    if not editing and not moving:
         return copy(nominal), None
     spec = spec.copy()
+    for body in simple if moving else ():
+        spec.bodies[body].simple = mujoco.mjtLimited.mjLIMITED_FALSE
     for effect in editing:
         effect.edit(spec)
     return compile_structure(spec, nominal)

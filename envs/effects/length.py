@@ -132,6 +132,7 @@ class LinkLength(Effect):
     """
 
     name = "link_length"
+    moves_mass = True
     place = "body"
     unit = ""
     hows: ClassVar[tuple[How, ...]] = ("scale",)

@@ -113,7 +113,10 @@ def simulate(
         raise TaskError(f"{len(plans)} recordings for a plant of {plant.num_rows} rows")
     every, steps = np.arange(plant.num_rows), np.array([plan.steps for plan in plans])
     qpos, qvel, held = (np.stack([getattr(p, n) for p in plans]) for n in ("qpos", "qvel", "held"))
-    plant.reset(every, qpos, qvel, np.zeros(len(every), np.uint64), ctrl=held, measured=True)
+    known = [plan.act for plan in plans if plan.act is not None]
+    act = np.stack(known) if len(known) == len(plans) else None
+    seeds = np.zeros(len(every), np.uint64)
+    plant.reset(every, qpos, qvel, seeds, ctrl=held, measured=True, act=act)
     if warm is not None:
         warm()
     longest = int(steps.max())

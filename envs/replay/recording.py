@@ -14,6 +14,7 @@ import numpy as np
 from envs.errors import TaskError
 
 GROUPS = 31  # actuator groups that `opt.disableactuator` can switch, MuJoCo XML reference
+STEPS, STEPS_PER_ROW = 1e6, 2e3  # at most, of a recording and for each of its rows
 ROUNDING = 1e-9  # s: a stamp this far behind a step counts as at it
 
 
@@ -30,6 +31,7 @@ class Recording(NamedTuple):
     # (T, nu, 4) kp, kd, desired speed and feed-forward of actuators under impedance control, in the
     # actuators' own terms; see `impedance`
     law: np.ndarray | None = None
+    act: np.ndarray | None = None  # (na,) state of the actuators at the start; None: the model's
 
 
 class Schedule(NamedTuple):
@@ -41,6 +43,7 @@ class Schedule(NamedTuple):
     ctrl: np.ndarray  # (K, nu) command in force at each physics step
     off: np.ndarray  # (K,) bit masks of the actuators that are switched off then
     law: np.ndarray | None = None  # (K, nu, 4) in force at each physics step
+    act: np.ndarray | None = None  # (na,) state of the actuators at the start
 
     @property
     def steps(self) -> int:
@@ -49,9 +52,20 @@ class Schedule(NamedTuple):
 
 
 def schedule(recording: Recording, dt: float) -> Schedule:
-    """Return what a recording asks for at each physics step of `dt` seconds."""
+    """Return what a recording asks for at each physics step of `dt` seconds.
+
+    Raises:
+        TaskError: a recording whose time is so long, for its rows, that no memory would hold it.
+    """
     last = recording.time[-1] if recording.read is None else recording.read.max()
     steps = int(np.ceil(max(last, recording.time[-1]) / dt - ROUNDING)) + 1
+    most = max(STEPS, STEPS_PER_ROW * len(recording.time))
+    if steps > most:
+        raise TaskError(
+            f"{last:.4g} s in {len(recording.time)} rows are {steps:.3g} steps of {dt:g} s, more "
+            f"than the {most:.3g} that a replay keeps; correct the recording's `time`, or cut it "
+            "where rows are missing"
+        )
     clock = np.arange(steps) * dt + ROUNDING
     latest = np.maximum(np.searchsorted(recording.time, clock, side="right") - 1, 0)
     off = np.zeros(steps, np.int64)
@@ -60,7 +74,8 @@ def schedule(recording: Recording, dt: float) -> Schedule:
         off = (~recording.powered[latest] << bits).sum(axis=1)
     held = recording.ctrl[0] if recording.held is None else recording.held
     law = None if recording.law is None else recording.law[latest]
-    return Schedule(recording.qpos, recording.qvel, held, recording.ctrl[latest], off, law)
+    ctrl = recording.ctrl[latest]
+    return Schedule(recording.qpos, recording.qvel, held, ctrl, off, law, recording.act)
 
 
 def switchable(spec: mujoco.MjSpec) -> mujoco.MjSpec:

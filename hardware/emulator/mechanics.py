@@ -27,6 +27,13 @@ BRISTLE = 5e-4  # rad
 STIFFEST = 300.0  # N·m/rad, the ends of a play
 
 
+def _write_no_log_file() -> None:
+    """Keep MUJOCO_LOG.TXT out of the folder that an emulator was started in; see `envs.quiet`."""
+    kept = mujoco.MjLogConfig.get()
+    kept.logto_file = False
+    mujoco.MjLogConfig.set(kept)
+
+
 class Mechanics:
     """The physics of one robot, moved in ticks of 1 ms by the voltages of its servos.
 
@@ -40,6 +47,7 @@ class Mechanics:
         self.substeps = 4 if play else 2
         self.model, plays = build_model(robot, hidden, TICK / self.substeps)
         self.data = mujoco.MjData(self.model)
+        _write_no_log_file()
         model = self.model
         actuators = [model.actuator(servo.name).id for servo in robot.servos]
         joints = model.actuator_trnid[actuators, 0]

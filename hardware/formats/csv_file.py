@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 
 from hardware.errors import LogError, did_you_mean, format_names
+from hardware.formats.cells import NANO, is_value, labels, numbers, seconds
 from hardware.formats.names import INTEGER_KINDS, KINDS, REQUIRED, known
 from hardware.formats.sidecar import read_meta
 
 _logger = logging.getLogger(__name__)
 LONGEST = 1_000_000  # characters of a header
 PART = ".part"  # ends the name of a log that is being written
+FIRST_LINE = 2  # of row 0
+SPLIT = ("sec", "nanosec")  # a moment as ROS messages have it, in place of `time`
 
 
 def is_log(path: Path) -> bool:
@@ -62,13 +65,21 @@ def read(path: Path) -> dict[str, np.ndarray]:
         separator = separator_of(line)
         header = [name.strip() for name in next(csv.reader([line], delimiter=separator), [])]
         _check_header(path, header)
-        table = _table(path, header, separator)
+        columns = _columns(path, header, separator)
     except UnicodeDecodeError as error:
         reason = f"{error.reason} at byte {error.start}"
         raise LogError(f"{path}: this is not UTF-8 text ({reason})") from None
     except csv.Error as error:
         raise LogError(f"{path}: the first line names no columns ({error})") from None
-    return keep_known(path, dict(zip(header, table.T.copy(), strict=True)))
+    return keep_known(path, with_time(columns))
+
+
+def with_time(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return columns with `time`, put together where a log has `sec` and `nanosec` in its place."""
+    if "time" in columns or not set(SPLIT) <= set(columns):
+        return columns
+    whole, rest = (columns.pop(name) for name in SPLIT)
+    return {**columns, "time": whole - whole[0] + NANO * rest}
 
 
 def separator_of(line: str) -> str:
@@ -76,31 +87,53 @@ def separator_of(line: str) -> str:
     return max(",;\t", key=line.count)
 
 
-def _table(path: Path, header: list[str], separator: str) -> np.ndarray:
-    """Return all cells, (T, columns); columns that a log cannot have may hold text, read as 0."""
+def _columns(path: Path, header: list[str], separator: str) -> dict[str, np.ndarray]:
+    """Return the columns, (T,) each; those that a log cannot have may hold text, and are 0 then."""
     try:
-        table = _numbers(path, None, separator)
-    except ValueError as error:
-        _refuse_cell(path, header, separator)
-        kept = [i for i, name in enumerate(header) if known(name)]
-        if len(kept) == len(header):
-            raise LogError(f"{path}: {error}") from None
-        found = _numbers(path, kept, separator)
-        table = np.zeros((len(found), len(header)))
-        table[:, kept] = found
-    if table.shape[1] != len(header) and table.size:
-        _refuse_cell(path, header, separator)
-    return table if table.size else table.reshape(0, len(header))
+        table = _numbers(path, separator)
+        if table.size and table.shape[1] == len(header):
+            return dict(zip(header, table.T.copy(), strict=True))
+    except ValueError:
+        pass
+    rows = _rows(path, header, separator)
+    if rows and not any(map(is_value, rows[0])):
+        raise LogError(
+            f"{path}, row 0 (line {FIRST_LINE}): there is no number in it; if it is a second line "
+            "of names or units, remove it, or write a columns.yaml (docs/logs.md)"
+        )
+    found = {}
+    for number, name in enumerate(header):
+        cells = [cells[number] for cells in rows]
+        if not (known(name) or name in SPLIT):
+            found[name] = np.zeros(len(rows))
+            continue
+        read = {"time": seconds, "episode": labels}.get(name, numbers)
+        found[name] = read(cells, f"{path}, column {name!r}", FIRST_LINE)
+    return found
 
 
-def _numbers(path: Path, columns: list[int] | None, separator: str) -> np.ndarray:
+def _rows(path: Path, header: list[str], separator: str) -> list[list[str]]:
+    """Return the cells of each row; raise LogError where they are more or fewer than columns."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.reader(file, delimiter=separator)
+        next(reader)
+        rows = [cells for cells in reader if cells]
+    for row, cells in enumerate(rows):
+        if len(cells) != len(header):
+            raise LogError(
+                f"{path}, row {row} (line {row + FIRST_LINE}): {len(cells)} cells, but the header "
+                f"names {len(header)} columns"
+            )
+    return rows
+
+
+def _numbers(path: Path, separator: str) -> np.ndarray:
+    """Return all cells, (T, columns), of a file of numbers alone."""
     with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*input contained no data")
         next(file)
         lines = file if path == whole(path) else (line for line in file if line.endswith("\n"))
-        return np.loadtxt(
-            lines, delimiter=separator, ndmin=2, comments=None, quotechar='"', usecols=columns
-        )
+        return np.loadtxt(lines, delimiter=separator, ndmin=2, comments=None, quotechar='"')
 
 
 def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
@@ -131,27 +164,12 @@ def keep_known(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarr
 def _check_header(path: Path, header: list[str]) -> None:
     if not header:
         raise LogError(f"{path}: the file is empty; the first line of a log names its columns")
+    if all(map(is_value, header)):
+        raise LogError(
+            f"{path}: the first line holds no names but numbers; write {','.join(REQUIRED)} and "
+            "ctrl.<actuator>, qpos.<joint> above them in their order, or a columns.yaml that says "
+            "which is which (`from: 0` is the first column)"
+        )
     name, times = Counter(header).most_common(1)[0]
     if times > 1:
         raise LogError(f"{path}: column {name!r} is there {times} times")
-
-
-def _refuse_cell(path: Path, header: list[str], separator: str) -> None:
-    """Find the first cell of a log's columns that is not a number, and say where it is."""
-    width = len(header)
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = csv.reader(file, delimiter=separator)
-        next(rows)
-        for row, cells in enumerate(cells for cells in rows if cells):
-            place = f"{path}, row {row} (line {row + 2})"
-            if len(cells) != width:
-                raise LogError(f"{place}: {len(cells)} cells, but the header names {width} columns")
-            for name, cell in zip(header, cells, strict=True):
-                if not known(name):
-                    continue
-                try:
-                    float(cell)
-                except ValueError:
-                    hint = "; write decimals with a point" if "," in cell else ""
-                    words = f"{place}, column {name!r}: {cell!r} is not a number{hint}"
-                    raise LogError(words) from None

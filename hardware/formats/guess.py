@@ -8,29 +8,63 @@ in the file as a comment, so that nothing is lost without a word.
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from hardware.errors import LogError
 from hardware.files import atomic_write
-from hardware.formats import mapped, messages, parquet
+from hardware.formats import cells, mapped, messages, parquet
+from hardware.formats.units import ASKED, TAKES, TURN, UNITS
 
 WORDS = {  # column, and what others call it; the first that fits counts
     "time": r"t|time|timestamp|stamp|secs?|seconds",
     "episode": r"episode|episode_index|ep|run|trial|demo",
+    "ctrl": r"cmd|commands?|commanded|goal|target|desired|des|setpoint|ref|reference|actions?|ctrl",
     "qvel": r"vel|velocity|velocities|speed|qvel|dq|qd|joint_vel",
     "current": r"current|amps?|curr",
     "voltage": r"voltage|volts?",
     "temperature": r"temp|temperature",
-    "ctrl": r"cmd|command|commanded|goal|target|desired|des|setpoint|ref|reference|actions?|ctrl",
     "qpos": r"pos|position|positions|angle|q|qpos|actual|measured|meas|state|joint_pos",
 }  # fmt: skip
-UNIT = re.compile(
-    r"[_\s\[(](deg|rad|ms|us|ns|s|ma|a|mv|v|rpm|rad/s|deg/s|°c)[\])]?$", re.IGNORECASE
-)
-SPELLED = {unit.lower(): unit for unit in ("mA", "A", "mV", "V", "°C")}
+NANOSEC = r"nanosec|nanosecs|nsecs?|nanoseconds"
+EFFORT = r"effort|torque|tau|load|pwm|duty"
+SAID = r"present|states|observation|header|kp|kd"  # words that name no joint
+EVERY = "|".join((*WORDS.values(), EFFORT, SAID))
+SPELLINGS = {  # of units in names, as the words of one
+    "rad s": "rad/s",
+    "rad per s": "rad/s",
+    "rad per sec": "rad/s",
+    "radps": "rad/s",
+    "deg s": "deg/s",
+    "deg per s": "deg/s",
+    "deg per sec": "deg/s",
+    "degps": "deg/s",
+    "dps": "deg/s",
+    "m s": "m/s",
+    "mm s": "mm/s",
+    "degrees": "deg",
+    "degree": "deg",
+    "radians": "rad",
+    "sec": "s",
+    "msec": "ms",
+    "usec": "us",
+    "nsec": "ns",
+    "ticks": ASKED,
+    "raw": ASKED,
+    "counts": ASKED,
+    "pct": ASKED,
+    "percent": ASKED,
+}
+SPELLINGS |= {" ".join(re.split(r"[/\s]", u.lower())): u for d in UNITS.values() for u in d}
+KINDS = ("ctrl", "qpos")  # that every log has
+LONGEST = 3  # words of a unit
+COUNTED = 10.0  # whole numbers up to more than this are counts
+QUICK = 40.0  # rad/s: faster is another unit
 STATE = "sensor_msgs/msg/JointState"
 
 
@@ -59,29 +93,66 @@ def write_guess(log: Path, path: Path) -> Path:
 
 def guess(name: str) -> tuple[str, str | None] | None:
     """Return the column that a source's name means, and its unit if the name says it; or None."""
-    unit = UNIT.search(name)
-    bare = UNIT.sub("", name) if unit else name
-    parts = [part for part in re.split(r"[\s_./:\-\[\]()]+", bare.strip().lower()) if part]
-    spelled = None if unit is None else SPELLED.get(unit[1].lower(), unit[1].lower())
-    for column, words in WORDS.items():
-        hits = [i for i, part in enumerate(parts) if re.fullmatch(words, part)]
-        if not hits:
+    parts = _words(name)
+    topic = name.startswith("/") and name.count("/") > 2  # /joint_states/elbow/position
+    for size in range(min(LONGEST, len(parts) - 1), -1, -1):
+        unit = SPELLINGS.get(" ".join(parts[len(parts) - size :]).lower()) if size else None
+        if size and unit is None:
             continue
-        joint = "_".join(p for p in parts if not re.fullmatch("|".join(WORDS.values()), p))
+        column = _column(parts[: len(parts) - size])
+        if column is None or not _fits(unit, column):
+            continue
         if column in ("time", "episode"):
-            if not joint:
-                return column, spelled
-            continue
-        return f"{column}.{joint or 'joint'}", spelled
+            return column, unit
+        left = _words(name.split("/")[-2]) if topic else parts[: len(parts) - size]
+        joint = "_".join(part for part in left if not re.fullmatch(EVERY, part.lower()))
+        return f"{column}.{'joint' + joint if joint.isdigit() or not joint else joint}", unit
     return None
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a name; `dq1` is `dq` and `1`."""
+    found: list[str] = []
+    for part in re.split(r"[\s_./:\-\[\]()]+", name.strip()):
+        word = re.fullmatch(rf"({EVERY})(\d+)", part, re.IGNORECASE)
+        found += word.groups()[:1] + word.groups()[-1:] if word else [part]
+    return [part for part in found if part]
+
+
+def _column(parts: list[str]) -> str | None:
+    """Return the kind of column that words mean; None where there is none, or they are unclear."""
+    parts = [part.lower() for part in parts]
+    kinds = [k for k, words in WORDS.items() if any(re.fullmatch(words, part) for part in parts)]
+    if any(re.fullmatch(EFFORT, part) for part in parts):
+        return None
+    if kinds[:1] in (["time"], ["episode"]):
+        whole = all(re.fullmatch(EVERY, part) for part in parts)
+        return kinds[0] if whole and len(kinds) == 1 else _column_of(kinds[1:])
+    return _column_of(kinds)
+
+
+def _column_of(kinds: list[str]) -> str | None:
+    """Return the first of kinds; a command of a speed is none that one can be sure of."""
+    return None if not kinds or {"ctrl", "qvel"} <= set(kinds) else kinds[0]
+
+
+def _fits(unit: str | None, column: str) -> bool:
+    """Return whether a column's kind takes a unit."""
+    if unit in (None, ASKED):
+        return unit is None or column in ("ctrl", "qpos", "qvel")
+    dimension = next(name for name, units in UNITS.items() if unit in units)
+    return dimension in TAKES.get(column, ())
 
 
 def _columns(log: Path) -> str:
     """Return a columns.yaml for a table or a file of arrays."""
     columns: dict[str, dict[str, object]] = {}
-    rest = []
+    rest, words = [], []
     for name, width in _names(log):
         found = guess(name)
+        if re.fullmatch(NANOSEC, (_words(name) or [""])[-1].lower()) and "time" in columns:
+            columns["time"]["nanosec"] = name
+            continue
         if found is None or (width == 1 and found[0] in columns):
             rest.append(f"{name} ({width} numbers)" if width > 1 else name)
             continue
@@ -90,15 +161,72 @@ def _columns(log: Path) -> str:
             entry: dict[str, object] = {"from": name, **({"unit": unit} if unit else {})}
             key = column if width == 1 else f"{column.partition('.')[0]}.joint{i}"
             columns[key] = entry | ({"index": i} if width > 1 else {})
+    words += _ask_units(columns, _values(log))
     lines = [
         f"# which column of {log.name} is what; check names, units and signs (docs/logs.md)",
         *(f"# not recognized: {name}" for name in rest),
+        *(f"# {text}" for text in (*words, *_missing(columns))),
     ]
     tree: dict[str, object] = {"columns": columns}
     if "time" not in columns:
-        tree["rate"] = 50
-        lines.append("# no time was recognized: `rate` [Hz] is an example")
+        tree["rate"] = ASKED
+        lines.append("# no time was recognized: map `time`, or give the `rate` [Hz] of the rows")
     return "\n".join(lines) + "\n" + yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
+
+
+def _ask_units(
+    columns: dict[str, dict[str, object]], values: Mapping[str, np.ndarray]
+) -> Iterator[str]:
+    """Put `?` where numbers can be in no SI unit, and yield what they look like."""
+    for column, entry in columns.items():
+        kind = column.partition(".")[0]
+        numbers = values.get(str(entry["from"]), np.zeros(0))
+        if kind not in ("ctrl", "qpos", "qvel") or entry.get("unit", ASKED) != ASKED:
+            continue
+        if not numbers.size:
+            continue
+        low, high = float(numbers.min()), float(numbers.max())
+        most, whole = max(abs(low), abs(high)), bool((numbers == np.round(numbers)).all())
+        spread = f"{column}: the numbers of {entry['from']} run from {low:.6g} to {high:.6g}"
+        if whole and most > COUNTED:
+            entry["unit"] = ASKED
+            size = 2 ** max(math.ceil(math.log2(most + 1)), 10)
+            yield f"{spread}, all whole: counts? then `unit: counts/{size}`, and `zero` in counts"
+        elif most > (QUICK if kind == "qvel" else TURN):
+            entry["unit"] = ASKED
+            yield f"{spread}: deg, counts, or per cent of a range? give `unit`, or a `scale` to SI"
+        elif entry.get("unit") == ASKED:
+            yield f"{spread}: in which unit?"
+
+
+def _missing(columns: Mapping[str, object]) -> Iterator[str]:
+    """Yield what a log still needs."""
+    for kind, what in (("ctrl", "the command"), ("qpos", "the position")):
+        if not any(name.startswith(f"{kind}.") for name in columns):
+            yield f"missing: {what} of a joint, `{kind}.<joint>`"
+    joints = {kind: {n[5:] for n in columns if n.startswith(f"{kind}.")} for kind in KINDS}
+    for kind, other in (KINDS, KINDS[::-1]):
+        for joint in sorted(joints[other] - joints[kind] if joints[kind] else ()):
+            yield f"missing: `{kind}.{joint}`, beside `{other}.{joint}`; or the names differ"
+
+
+def _values(log: Path) -> dict[str, np.ndarray]:
+    """Return the numbers of a table's columns, (T,); those of columns of text are left out."""
+    if log.suffix.lower() == ".csv":
+        table: Mapping[str, list] = mapped.csv_columns(log)
+    elif log.suffix.lower() == ".parquet":
+        arrow = parquet.read_table(log)
+        table = {name: arrow[name].to_pylist() for name in arrow.column_names}
+    else:
+        return {}
+    found = {}
+    for name, column in table.items():
+        try:
+            numbers = cells.numbers(column, name)
+        except LogError:
+            continue
+        found[name] = numbers[np.isfinite(numbers)]
+    return found
 
 
 def _names(log: Path) -> list[tuple[str, int]]:

@@ -6,12 +6,17 @@
       ctrl.elbow: {from: cmd_elbow, unit: deg}
       qpos.elbow: {from: pos_elbow, unit: deg, scale: -1, offset: 0.1}   # offset in SI, after scale
       qvel.elbow: {from: /obs/qvel, index: 1}                            # HDF5, Zarr: array, column
+      qpos.wrist: {from: raw_3, unit: counts/4096, zero: 2048}           # zero in the source's unit
+      qpos.hip:   {from: raw_4, unit: counts}                            # as the robot's file says
     episodes: /data/demo_*          # HDF5, Zarr: one episode a group, names below are within it
     rate: 50                        # Hz, where there is no time
-    meta: {model: arm.xml}
+    meta: {model: arm.xml, robot: arm2}
 
-Without `episode` all rows are one episode, which starts at 0 s. `Mapping.guess` writes such a file
-from a header, to be read over by a person. HDF5 needs h5py and Zarr zarr (the extra `data`).
+Without `episode` all rows are one episode, which starts at 0 s. `time: {from: sec, nanosec: nsec}`
+adds the nanoseconds of a ROS stamp. A CSV without a line of names has the numbers of its columns as
+names (`from: 0`); of two such lines the names are joined with a space. `hardware.formats.guess`
+writes such a file from a header, for a person to read over. HDF5 needs h5py and Zarr zarr (the
+extra `data`).
 """
 
 from __future__ import annotations
@@ -26,18 +31,24 @@ from typing import Any
 import numpy as np
 import yaml
 
+from hardware.config import load_robot
 from hardware.errors import LogError, did_you_mean, format_names
 from hardware.formats import parquet
+from hardware.formats.cells import NANO, is_value, labels, numbers, seconds
 from hardware.formats.csv_file import separator_of
 from hardware.formats.names import known
 from hardware.formats.sidecar import read_meta
-from hardware.formats.units import factor
+from hardware.formats.units import COUNTS, factor
 
 NAME = "columns.yaml"
 ARRAYS = (".h5", ".hdf5", ".zarr")
 TABLES = (".csv", ".parquet")
-ENTRY = ("from", "index", "unit", "scale", "offset")
+ENTRY = ("from", "index", "unit", "zero", "scale", "offset", "nanosec")
 KEYS = ("columns", "episodes", "rate", "meta")
+TAKEN = ("from", "nanosec")  # keys of an entry that name a source
+REGISTER = "counts"  # unit: the robot's file says how many in a turn, and where the zero is
+SIGNED = (16, 32)  # bits of registers whose negative numbers are read as large ones
+HEADERS = 2  # lines of names at most
 
 
 def mapping_file(path: Path) -> Path | None:
@@ -87,22 +98,75 @@ def _mapping(file: Path) -> dict[str, Any]:
     for name, entry in tree["columns"].items():
         if not known(str(name)):
             raise LogError(f"{file}: a log has no column {name!r}; see docs/logs.md for the names")
-        entry = {"from": entry} if isinstance(entry, str) else entry
-        if not isinstance(entry, dict) or not isinstance(entry.get("from"), str):
+        entry = dict(entry) if isinstance(entry, dict) else {"from": entry}
+        if isinstance(entry.get("from"), int):
+            entry["from"] = str(entry["from"])
+        if not isinstance(entry.get("from"), str):
             raise LogError(f"{file}, column {name!r}: `from` is needed: the source's name")
         wrong = [key for key in entry if key not in ENTRY]
         if wrong:
             raise LogError(
                 f"{file}, column {name!r}: there is no key {wrong[0]!r}; {format_names(ENTRY)}"
             )
+        if entry.get("unit") == REGISTER:
+            entry = {**_as_servo_counts(tree.get("meta") or {}, f"{file}, {name}", name), **entry}
+            entry["unit"] = entry.pop("counts")
         tree["columns"][name] = entry
+    for kind in ("ctrl", "qpos"):
+        if not any(str(name).startswith(f"{kind}.") for name in tree["columns"]):
+            raise LogError(
+                f"{file}: `{kind}.<joint>: {{from: NAME}}` is needed, of one joint or more"
+            )
     return tree
+
+
+def _as_servo_counts(meta: dict[str, Any], place: str, name: str) -> dict[str, Any]:
+    """Return what a robot's file says of a servo's counts: in a turn, at the zero, which way."""
+    kind, _, joint = name.partition(".")
+    robot = meta.get("robot")
+    if kind not in ("qpos", "ctrl") or not isinstance(robot, str):
+        raise LogError(
+            f"{place}: `unit: {REGISTER}` is of a position or a command of a robot that `meta: "
+            f"{{robot: NAME}}` names; else write `{COUNTS}4096`, and the count at the `zero`"
+        )
+    servos = {servo.name: servo for servo in load_robot(robot).servos}
+    if joint not in servos:
+        hint = did_you_mean(joint, servos)
+        names = format_names(servos)
+        raise LogError(f"{place}: {robot} has no servo {joint!r}{hint}; it has {names}")
+    servo = servos[joint]
+    counts = f"{COUNTS}{servo.type.units.counts_per_turn}"
+    return {"counts": counts, "zero": servo.zero, "scale": float(servo.sign)}
 
 
 def _column(
     path: Path, file: Path, name: str, entry: dict[str, Any], source: dict[str, Any]
 ) -> np.ndarray:
-    """Return one column in SI units, (T,)."""
+    """Return one column in SI units, (T,); NaN where there is no reading."""
+    values = _source(path, file, name, entry, source)
+    kind = name.partition(".")[0]
+    unit = str(entry.get("unit", "1"))
+    factors = factor(unit, f"{file}, {name}", kind)
+    if unit.startswith(COUNTS):
+        values = _signed(values)
+    try:
+        zero, scale, offset = (
+            float(entry.get(key, usual))
+            for key, usual in (("zero", 0.0), ("scale", 1.0), ("offset", 0.0))
+        )
+    except (TypeError, ValueError):
+        raise LogError(f"{file}, {name}: `zero`, `scale` and `offset` are numbers") from None
+    values = scale * factors * (values - zero) + offset
+    if "nanosec" not in entry:
+        return values
+    rest = _source(path, file, name, {"from": str(entry["nanosec"])}, source)
+    return values - values[0] + NANO * rest
+
+
+def _source(
+    path: Path, file: Path, name: str, entry: dict[str, Any], source: dict[str, Any]
+) -> np.ndarray:
+    """Return what an entry takes from the file, as numbers in the file's unit, (T,)."""
     wanted = entry["from"]
     key = wanted if wanted in source else wanted.strip("/")
     if key not in source:
@@ -124,12 +188,23 @@ def _column(
             f"{path}, {wanted!r}: the shape is {values.shape}; add `index: 0` or another number to "
             f"{name!r} in {file.name}"
         )
-    try:
-        values = values.astype(float)
-    except (TypeError, ValueError):
-        raise LogError(f"{path}, {wanted!r}: not all of it is numbers") from None
-    scale = float(entry.get("scale", 1.0)) * factor(str(entry.get("unit", "1")), f"{file}, {name}")
-    return scale * values + float(entry.get("offset", 0.0))
+    if values.dtype.kind in "fiub":
+        return values.astype(float)
+    read = {"time": seconds, "episode": labels}.get(name, numbers)
+    return read(values.tolist(), f"{path}, {wanted!r}")
+
+
+def _signed(values: np.ndarray) -> np.ndarray:
+    """Return counts with their signs, where a register's negative numbers were read as large ones.
+
+    They are known by the gap: none of the counts is in the middle half of the register's range.
+    """
+    most = float(np.nanmax(values, initial=0.0))
+    for size in (2.0**bits for bits in SIGNED):
+        middle = (values > size / 4) & (values < size * 3 / 4)
+        if size * 3 / 4 <= most < size and not middle.any():
+            return np.where(values > size / 2, values - size, values)
+    return values
 
 
 def _completed(
@@ -138,7 +213,7 @@ def _completed(
     """Return the columns with `episode` and `time`, times from each episode's start."""
     length = len(next(iter(columns.values())))
     episode = columns.pop("episode", np.full(length, float(number)))
-    if "time" not in columns and not rate:
+    if "time" not in columns and not (isinstance(rate, int | float) and rate > 0):
         raise LogError(
             f"{file}: `time` is needed, or the `rate` [Hz] at which {path.name} was made"
         )
@@ -154,10 +229,14 @@ def _completed(
 def _episodes(path: Path, mapping: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield the sources of each episode: arrays by their names."""
     if path.suffix.lower() == ".csv":
-        yield _csv(path)
+        yield csv_columns(path)
     elif path.suffix.lower() == ".parquet":
         table = parquet.read_table(path)
-        yield {name: parquet.numbers(path, name, table[name]) for name in table.column_names}
+        wanted = {str(e[k]) for e in mapping["columns"].values() for k in TAKEN if k in e}
+        yield {
+            name: parquet.numbers(path, name, table[name]) if name in wanted else ()
+            for name in table.column_names
+        }
     else:
         ends = tuple(entry["from"].strip("/") for entry in mapping["columns"].values())
         arrays = dict(arrays_of(path, ends))
@@ -180,22 +259,43 @@ def _episodes(path: Path, mapping: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def header(path: Path) -> list[str]:
-    """Return the names in the first line of a CSV, whatever separates them."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        line = file.readline()
-    return [name.strip() for name in next(csv.reader([line], delimiter=separator_of(line)), [])]
+    """Return the names of a CSV's columns, whatever separates them; numbers where it has none."""
+    lines, names = _lines(path)
+    return names if lines else [str(number) for number in range(len(names))]
 
 
-def _csv(path: Path) -> dict[str, np.ndarray]:
-    """Return the columns of a CSV with a header."""
+def _lines(path: Path) -> tuple[int, list[str]]:
+    """Return how many lines of names a CSV begins with, and the names, or the first row's cells."""
     with path.open(encoding="utf-8-sig", newline="") as file:
-        line = file.readline()
-        rows = [row for row in csv.reader(file, delimiter=separator_of(line)) if row]
-    names = header(path)
+        first = file.readline()
+        others = [file.readline() for _ in range(HEADERS)]
+    separator = separator_of(first)
+    head, *rows = [
+        [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+        for line in (first, *others)
+    ]
+    words = [_is_words(cells) for cells in (head, *rows)]
+    if words[0] and words[1] and len(rows[0]) == len(head) and not words[2]:
+        return 2, [" ".join(filter(None, pair)) for pair in zip(head, rows[0], strict=True)]
+    return int(words[0]), head
+
+
+def _is_words(cells: list[str]) -> bool:
+    """Return whether a line holds names: no cell of it is a number or a date."""
+    return bool(cells) and not any(is_value(cell) for cell in cells)
+
+
+def csv_columns(path: Path) -> dict[str, list[str]]:
+    """Return the columns of a CSV as texts."""
+    names, (lines, _) = header(path), _lines(path)
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        separator = separator_of(file.readline())
+        file.seek(0)
+        rows = [row for row in csv.reader(file, delimiter=separator) if row][lines:]
     for row, cells in enumerate(rows):
         if len(cells) != len(names):
             raise LogError(f"{path}, row {row}: {len(cells)} cells for {len(names)} columns")
-    return {name: np.array([cells[i] for cells in rows]) for i, name in enumerate(names)}
+    return {name: [cells[i] for cells in rows] for i, name in enumerate(names)}
 
 
 def arrays_of(path: Path, ends: tuple[str, ...] | None) -> Iterator[tuple[str, Any]]:

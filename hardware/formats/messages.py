@@ -188,7 +188,7 @@ def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series
                     f"{place}: {channel['field']!r} has {len(values)} numbers, {len(names)} names"
                 )
             scale = float(channel.get("scale", 1.0)) * factor(
-                str(channel.get("unit", "1")), f"{file}, {topic}"
+                str(channel.get("unit", "1")), f"{file}, {topic}", str(channel["to"])
             )
             for name, value in zip(names, values, strict=True):
                 column = f"{channel['to']}.{renamed.get(name, name)}"

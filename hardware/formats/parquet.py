@@ -12,6 +12,7 @@ import numpy as np
 
 from hardware.errors import LogError
 from hardware.files import atomic_write
+from hardware.formats import cells
 from hardware.formats.csv_file import keep_known
 from hardware.formats.names import INTEGER_KINDS
 from hardware.formats.sidecar import read_meta
@@ -99,12 +100,19 @@ def _value(text: str) -> Any:
 
 
 def numbers(path: Path, name: str, column: Any) -> np.ndarray:
-    """Return a column as float64, (T,), or (T, k) for lists; raise LogError for other cells."""
-    values = column.to_pylist()
-    for row, value in enumerate(values):
-        if value is None:
-            raise LogError(f"{path}, row {row}, column {name!r}: the cell is empty")
-    try:
-        return np.asarray(values, float)
-    except (TypeError, ValueError):
-        raise LogError(f"{path}, column {name!r}: {column.type} holds no plain numbers") from None
+    """Return a column as float64, (T,), or (T, k) for lists; dates in s from the first one.
+
+    Raises:
+        LogError: cells of another kind; NaN stands for an empty one.
+    """
+    values, place = column.to_pylist(), f"{path}, column {name!r}"
+    if any(isinstance(value, list) for value in values):
+        for row, value in enumerate(values):
+            if value is None or None in value:
+                raise LogError(f"{place}, row {row}: a number is missing; give a row without it up")
+        try:
+            return np.asarray(values, float)
+        except (TypeError, ValueError):
+            raise LogError(f"{place}: {column.type} holds no plain numbers") from None
+    read = {"episode": cells.labels}.get(name, cells.seconds)
+    return read(values, place)

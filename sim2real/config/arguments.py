@@ -40,6 +40,8 @@ PATHS = (
     "after",
     "ci",
     "diagnosis",
+    "hydra.run.dir",
+    "hydra.sweep.dir",
 )
 PLACES = {  # what stands after a verb without a key
     "diagnose": "log",

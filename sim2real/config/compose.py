@@ -18,15 +18,16 @@ from typing import Any, Literal
 
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
+from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from envs.errors import did_you_mean
 from sim2real.config import extensions, signatures
 from sim2real.config.catalogue import EXPERIMENT, options
-from sim2real.config.folders import free_folder, run_folder
+from sim2real.config.folders import free_folder
 from sim2real.config.hydra_compose import hydra_compose
+from sim2real.config.inherited import LEARNING, RESOLVED, inherited, key_of
 from sim2real.config.renamed import renamed_key_hint
 from sim2real.config.targets import (
     ConfigError,
@@ -42,16 +43,9 @@ ALWAYS = ("run", EXPERIMENT, "hydra")  # keys that any verb may be given
 PARTS = (
     "sim2real.learning.parts.build_components"  # makes a verb's `parts` of the root keys it names
 )
-LEARNING = ("collector", "advantage", "loss", "buffer", "optimizer")  # what learns from experience
-INHERITED = (  # what a run says about itself
-    *("env", "effects", "params", "transforms", "policy", "adapt", "algorithm"),
-    *LEARNING,
-    "eval",
-)
 OPTIONAL = ("eval", "video", *LEARNING)  # groups that can be none
 NAMED = ("transforms",)  # groups of objects by name
 DATA = ("robot", "stops", "limits")  # groups that are read as they are, no class is made of them
-RESOLVED = "config.yaml"
 ASSETS = Path(__file__).resolve().parents[2] / "envs" / "assets"
 
 # ${asset:demo/arm2.csv} is a file that comes with the project, wherever it is installed.
@@ -148,7 +142,7 @@ def compose(overrides: list[str]) -> dict[str, Any]:
         ConfigError: see `validate`; a name or a value that is not there.
     """
     try:
-        return validate(hydra_compose(inherit_run_overrides(overrides)), overrides)
+        return validate(hydra_compose(inherited(overrides)), overrides)
     except yaml.YAMLError as error:
         raise ConfigError(f"this is no YAML: {' '.join(str(error).split())}") from error
     except (HydraException, OmegaConfBaseException) as error:
@@ -197,7 +191,7 @@ def validate(config: DictConfig, overrides: list[str] | None = None) -> dict[str
 
 def _blamed(error: ConfigError, overrides: list[str]) -> ConfigError:
     """Say where a wrong value comes from if it is an experiment's, meant for another choice."""
-    given = {_key(line): line.partition("=")[2] for line in overrides}
+    given = {key_of(line): line.partition("=")[2] for line in overrides}
     place = re.split(r"[:=]", str(error))[0]
     group = place.split(".")[0]
     if group not in given or EXPERIMENT not in given or place in given:
@@ -218,30 +212,8 @@ def _alone(value: Any, key: str, overrides: list[str]) -> Any:
     found = signatures.find(target) if isinstance(target, str) else None
     if found is None or found.arguments or found.open:
         return value
-    own = {_key(line) for line in overrides}
+    own = {key_of(line) for line in overrides}
     return {name: v for name, v in value.items() if name == "_target_" or f"{key}.{name}" in own}
-
-
-def inherit_run_overrides(overrides: list[str]) -> list[str]:
-    """Put before the overrides what the run that `checkpoint=` or `start=` points at was given.
-
-    So a checkpoint says itself what its experiment, robot, tasks and policy are. What the user sets
-    counts more: `adapt=batch` replaces the run's own choice, `algorithm.shards=1` its value, and an
-    experiment all of it. With several checkpoints the first one counts.
-    """
-    given = {_key(line): line.partition("=")[2] for line in overrides}
-    named = next((given[key] for key in ("checkpoint", "start") if key in given), "")
-    path = named.strip("[]\"'").split(",")[0]
-    folder = run_folder(Path(path)) if path and EXPERIMENT not in given else None
-    if folder is None:
-        return overrides
-    text = (folder / ".hydra" / "overrides.yaml").read_text(encoding="utf-8")
-    kept = []
-    for line in yaml.safe_load(text):
-        root = root_of(line)
-        if root in (*INHERITED, EXPERIMENT) and root not in given and _key(line) not in given:
-            kept.append(line)
-    return kept + overrides
 
 
 def save(tree: dict[str, Any], out: Path) -> Path:
@@ -311,6 +283,12 @@ def sweep_jobs(overrides: list[str]) -> Iterator[list[str]]:
 def explain(error: Exception, overrides: list[str]) -> ConfigError:
     """Return one sentence for an error of Hydra's, with the nearest match of an unknown name."""
     text = str(error)
+    if isinstance(error, OverrideParseException):
+        key = error.override.partition("=")[0]
+        return ConfigError(
+            f"{error.override}: this cannot be read; a value with =, a comma or a bracket stands "
+            f"in quotes that the shell leaves: {key}='\"VALUE\"'"
+        )
     if match := re.search(r"Could not find '(.+)/([^/']+)'", text):
         group, name = match.groups()
         known = options(group)
@@ -393,13 +371,3 @@ def used_keys(tree: dict[str, Any]) -> list[str]:
 def _roots(overrides: list[str]) -> list[str]:
     parsed = OverridesParser.create().parse_overrides(overrides)
     return [(o.package or o.key_or_group).split(".")[0].split("/")[0] for o in parsed]
-
-
-def root_of(override: str) -> str:
-    """Return the root key that an override sets: `target` for `+env@target=hopper`."""
-    return _key(override).split(".")[0].split("/")[0]
-
-
-def _key(override: str) -> str:
-    group, _, package = override.partition("=")[0].lstrip("+~").partition("@")
-    return package or group

@@ -8,6 +8,7 @@ pilot = trained.pilot(candidate)                # the same network with other pa
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,8 @@ import yaml
 
 from envs.tasks.base import Task
 from sim2real.config.arguments import path_value
-from sim2real.config.compose import RESOLVED, compose, instantiate
+from sim2real.config.compose import compose, instantiate
+from sim2real.config.inherited import RESOLVED
 from sim2real.config.targets import build as build_part
 from sim2real.config.targets import check
 from sim2real.learning.adapt import Adaptation
@@ -44,8 +46,9 @@ def load_trained(
     """
     source = find(one_checkpoint(checkpoint))
     learner = build(algorithm, parts, adapts=False)
-    restore(source, learner, learner.identity, generators=False)
-    return replace(learner.trained(), source=source)
+    with closing(learner):
+        restore(source, learner, learner.identity, generators=False)
+        return replace(learner.trained(), source=source)
 
 
 def load_policy(checkpoint: str | Path, device: str = "cpu") -> TrainedPolicy:

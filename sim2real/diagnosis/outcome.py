@@ -19,6 +19,7 @@ from sim2real.diagnosis.attribution.apart import Member
 from sim2real.diagnosis.preflight.checks import BLOCKING, NOTES
 from sim2real.diagnosis.report.html import write_html
 from sim2real.diagnosis.report.model_file import write as write_model
+from sim2real.diagnosis.report.text import residual_sentence, same_joint_warning
 from sim2real.diagnosis.schema import Finding, Report
 
 
@@ -56,7 +57,7 @@ def blocking_findings(report: Report) -> list[Finding]:
 
 def final_message(report: Report) -> list[str]:
     """Return what a person should read last: what to correct before the answer can be trusted."""
-    words = [text for text in (rest(report), crowded(report)) if text]
+    words = [text for text in (residual_sentence(report), same_joint_warning(report)) if text]
     words += [f"mend the log, {c.remedy}" for c in report.causes if c.remedy]
     words += [f"{f.finding} {f.fix}" for f in report.preflight if f.check not in NOTES]
     words += [f"numerics, {name}: {text}" for name, text in report.numerics.items() if text != "ok"]

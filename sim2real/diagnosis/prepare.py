@@ -19,6 +19,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.data.recording import load_model
+from sim2real.diagnosis.data.refuse import refuse_slow, refuse_sparse
 from sim2real.diagnosis.data.starts import with_free_starts
 from sim2real.diagnosis.ground.findings import check_ground
 from sim2real.diagnosis.ground.logs import estimate_all
@@ -71,12 +72,16 @@ def prepare(
     Raises:
         Sim2RealError: logs of a kind that the model lacks, joints that never moved.
     """
+    for log in logs:
+        refuse_slow(log, settings)
+        refuse_sparse(log, settings)
     driven = _driven(logs, model)
     logs, held = mark_blocked(logs, driven, settings.obstruction)
     logs, hunts = mark_hunting(logs, driven, settings.hunting)
     estimates = estimate_all(logs, model, settings.ground)
     logs = [one.log for one in estimates] or logs
     given = data = Data.of(logs, model, settings)
+    logs = given.logs
     if estimates:
         on_progress("estimating where the base was", 0.0)
         data = grounded(given, estimates, fixed)

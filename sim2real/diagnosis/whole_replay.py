@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import mujoco
 
+from envs.effects import merge_effects
 from envs.plant import Fixed
 from hardware.log import Log
 from sim2real.diagnosis.data.replay import Gap, measure_all, summary
@@ -47,7 +48,7 @@ def replayed(
     """
     models = [("As given", _gaps(logs, specs, found.known))]
     if found.report.effects:
-        every = combined(found.known, found.found)
+        every = merge_effects(found.known, found.found)
         models.append(("with the causes", _gaps(logs, specs, every)))
     rmse = [float(summary(gaps)["rmse"]) if gaps else None for _, gaps in models]
     replay = WholeReplay(rmse[0], rmse[1] if len(rmse) > 1 else None)

@@ -88,7 +88,7 @@ def open_of(priced: Sequence[EffectCost]) -> Table:
     """Return what effects at the ends of their intervals could cost, the dearest first."""
     table = Table(("effect", "value", *WORDS.values()))
     for one in priced:
-        label = f"{one.effect} at {one.where or 'the robot'}"
+        label = one.effect + (f" at {one.where}" if one.where else "")
         own = [one.cost[name] for name in MEASURES]
         table.add(label, f"{one.value:.4g} {one.unit}".strip(), *own)
     table.notes.append("On top of all causes, one at a time. Measure the dearest first.")

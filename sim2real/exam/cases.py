@@ -154,7 +154,7 @@ class Exam:
         cases: list[Wanted] = [("one", robot, (effect,)) for effect in EFFECTS] * self.one
         cases += [("two", robot, pair) for pair in _pairs(self.two, order)]
         cases += [("none", robot, ())] * self.none
-        return cases + [("excluded", robot, (e,)) for e in _even(LOCAL, self.excluded, order)]
+        return cases + [("excluded", robot, (e,)) for e in evenly(LOCAL, self.excluded, order)]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
         """Record a case and write its two folders; False if the robot cannot show its effect.
@@ -230,7 +230,7 @@ def _residue(robot: Robot, seed: int) -> float:
     return overall(apart(log, mujoco.MjSpec.from_file(str(robot.model))))
 
 
-def _even(names: Sequence[str], count: int, rng: np.random.Generator) -> list[str]:
+def evenly(names: Sequence[str], count: int, rng: np.random.Generator) -> list[str]:
     """Return so many names, each as often as the others, give or take one."""
     rounds = [rng.permutation(names) for _ in range(-(-count // len(names)))]
     return [str(name) for name in np.concatenate(rounds)[:count]] if rounds else []
@@ -252,7 +252,7 @@ def _others(outline: Outline) -> Iterator[tuple[str, ...]]:
     if outline.kind == "two":
         yield from _pairs(REDRAWS, rng)
     elif outline.kind == "excluded":
-        yield from ((effect,) for effect in _even(LOCAL, REDRAWS, rng))
+        yield from ((effect,) for effect in evenly(LOCAL, REDRAWS, rng))
 
 
 def _mixed(cases: list[Wanted], rng: np.random.Generator) -> list[Wanted]:

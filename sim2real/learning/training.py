@@ -18,7 +18,7 @@ import logging
 import signal
 import time
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -167,25 +167,26 @@ def train(
     budget = Budget(iterations, frames)
     source = None if resume is None else find(resume)
     learner = build(algorithm, parts)
-    if parts.adapt.episodes:
-        log.info("trains policies that adapt by %s", parts.adapt)
-    if check is not None:
-        check(learner)
-    if source is None and start is not None:
-        restore(find(start), learner, learner.identity, generators=False)
-        budget.check_not_exhausted(learner, start)
-    files = RunFiles(Path(out), learner.identity, checkpoint_every, keep_checkpoints)
-    files.begin(learner, source)
-    with files.writing():
-        write_interface(files.out, parts.environment)
-    with cluster.attached(learner) if cluster else nullcontext():
-        with logger.opened(files.out, files.config):
-            run_training_loop(learner, budget, files, logger)
-        try:
-            with files.writing():
-                if finish is not None:
-                    finish(learner, files)
-        except KeyboardInterrupt:
-            what = "training is complete, its evaluation is not"
-            raise interruption_error(files, what, signal.SIGINT) from None
+    with closing(learner):
+        if parts.adapt.episodes:
+            log.info("trains policies that adapt by %s", parts.adapt)
+        if check is not None:
+            check(learner)
+        if source is None and start is not None:
+            restore(find(start), learner, learner.identity, generators=False)
+            budget.check_not_exhausted(learner, start)
+        files = RunFiles(Path(out), learner.identity, checkpoint_every, keep_checkpoints)
+        files.begin(learner, source)
+        with files.writing():
+            write_interface(files.out, parts.environment)
+        with cluster.attached(learner) if cluster else nullcontext():
+            with logger.opened(files.out, files.config):
+                run_training_loop(learner, budget, files, logger)
+            try:
+                with files.writing():
+                    if finish is not None:
+                        finish(learner, files)
+            except KeyboardInterrupt:
+                what = "training is complete, its evaluation is not"
+                raise interruption_error(files, what, signal.SIGINT) from None
     return learner

@@ -30,6 +30,7 @@ from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.design import design
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, write
+from sim2real.diagnosis.report.text import format_effect, place_of
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
@@ -82,7 +83,7 @@ class Round:
         left: labels of the explanations that stay open; () where there is one, or none.
     """
 
-    name: str
+    format_effect: str
     motions: tuple[str, ...]
     seconds: float
     size: float
@@ -212,7 +213,7 @@ def _end(report: Report, plan: Experiment | str | None) -> End | None:
 
 def _round(item: Item | None, promised: float | None, found: Diagnosis) -> Round:
     motion = item or Item("earlier recordings", (), 0.0)
-    causes = tuple(f"{c.effect} at {c.where or 'the robot'}" for c in found.report.causes)
+    causes = tuple(format_effect(*place_of(cause)) for cause in found.report.causes)
     return Round(
         motion.name,
         motion.motions,

@@ -82,9 +82,9 @@ def run(
         log_.info("%s%s: %s", name, one.verdict.replace("_", " "), one.reason)
         for change in one.changes:
             low, high = change.interval
-            place = change.where or "the robot"
+            place = f" at {change.where}" if change.where else ""
             log_.warning(
-                "%s at %s: %+.4g [%.4g, %.4g] %s",
+                "%s%s: %+.4g [%.4g, %.4g] %s",
                 change.effect,
                 place,
                 change.change,

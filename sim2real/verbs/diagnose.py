@@ -14,6 +14,7 @@ from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.diagnosis.diagnose import Judging, run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, final_message, write
 from sim2real.diagnosis.report.comparison import read_report
+from sim2real.diagnosis.report.text import format_effect, place_of
 from sim2real.diagnosis.schema import Report
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.manifest import command_line
@@ -90,7 +91,7 @@ def run(
     )
     write_all(found)
     gap = found.report.gap
-    names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in found.report.values)
+    names = ", ".join(format_effect(*place_of(cause)) for cause in found.report.values)
     log_.info("%s: %s; gap %.4g %s", found.report.verdict, names or "-", gap.before, gap.unit)
     for words in final_message(found.report):
         log_.warning("%s", words)

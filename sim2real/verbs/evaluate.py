@@ -7,6 +7,7 @@ that random starts cancel in the difference.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -50,15 +51,16 @@ def run(
         raise Sim2RealError("eval=null leaves nothing to evaluate; choose eval=NAME")
     sources = find_runs(checkpoint)
     learner = build(algorithm, parts.with_effects(effects), adapts=False)
-    for source in sources.values():
-        check_expected(source, read_metadata(source), learner.identity)
-    scores = []
-    with Progress(1, "task") as progress:
-        for number, (name, source) in enumerate(sources.items()):
-            restore(source, learner, learner.identity, generators=False)
+    with closing(learner):
+        for source in sources.values():
+            check_expected(source, read_metadata(source), learner.identity)
+        scores = []
+        with Progress(1, "task") as progress:
+            for number, (name, source) in enumerate(sources.items()):
+                restore(source, learner, learner.identity, generators=False)
 
-            def report_all(done: int, total: int, number: int = number) -> None:
-                progress.report(number * total + done, len(sources) * total)
+                def report_all(done: int, total: int, number: int = number) -> None:
+                    progress.report(number * total + done, len(sources) * total)
 
-            scores.append(eval.assess(learner, seed, name, report_all))
+                scores.append(eval.assess(learner, seed, name, report_all))
     return eval.report(scores, seed, Path(out))

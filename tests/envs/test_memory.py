@@ -56,10 +56,28 @@ def test_what_is_free_is_the_least_of_machine_and_container(
     (tmp_path / "memory.max").write_text("4000000\n")
     (tmp_path / "memory.current").write_text("1000000\n")
     assert available() == 3_000_000
+    stat = "anon 500000\ninactive_file 300000\nactive_file 100000\n"
+    (tmp_path / "memory.stat").write_text(stat)
+    assert available() == 3_400_000, "files that were read are given up"
     (tmp_path / "memory.max").write_text("max\n")
     assert available() == 5_120_000
     meminfo.unlink()
     assert available() >= resource.getpagesize()
+
+
+def test_a_limit_of_the_shell_counts() -> None:
+    """`ulimit -v`: the process's own address space is taken off."""
+    code = "from envs.memory import available; print(available())"
+    limit = 2 * 1024**3
+    made = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).resolve().parents[2],
+        capture_output=True,
+        text=True,
+        check=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+    )
+    assert 0 < int(made.stdout) < limit
 
 
 def test_what_fits_passes_and_sizes_are_words() -> None:

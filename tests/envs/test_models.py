@@ -61,7 +61,10 @@ def test_a_urdf_swings_and_is_driven(tmp_path: Path) -> None:
         ("", "a table of actuators is needed"),
         ("sholder: {kp: 20}", r"no joint 'sholder'.*did you mean 'shoulder'"),
         ("shoulder: {kP: 20}", "no key 'kP'"),
-        ("shoulder: {kv: 1}", "`kp` is needed"),
+        ("shoulder: {kv: 1}", r"`kp` is needed \[N·m/rad\]; of a torque motor `type: motor`"),
+        ("# servos\nshoulder: {kp: 1, x: 2}", r"arm.actuators.yaml, line 2, 'shoulder': there is"),
+        ("shoulder: {type: moter}", r"type='moter' \(did you mean 'motor'"),
+        ("shoulder: {type: motor, kp: 2}", "a motor takes torques and has no gains"),
         ("shoulder: 20", r"'shoulder': 20 must be a table"),
         ("shoulder: {kp: hard}", "kp='hard' must be a number of 0 or more"),
         ("shoulder: {kp: 20, kv: -1}", "kv=-1 must be a number of 0 or more"),
@@ -82,3 +85,60 @@ def test_a_missing_model_and_broken_xml(tmp_path: Path) -> None:
     (tmp_path / "a.urdf").write_text("<robot")
     with pytest.raises(TaskError, match=r"a.urdf: this cannot be read as XML"):
         load_spec(tmp_path / "a.urdf")
+
+
+def test_a_urdf_may_have_motors_and_damping(tmp_path: Path) -> None:
+    """Torques [N·m] of a motor; damping is linear in the speed."""
+    path = urdf(tmp_path, "shoulder: {type: motor, forcerange: [-1.5, 1.5], damping: 0.2}")
+    model = load_spec(path).compile()
+    data = mujoco.MjData(model)
+    data.ctrl[0], data.qvel[0] = 2.0, 0.5
+    mujoco.mj_forward(model, data)
+    assert data.qfrc_actuator[0] == pytest.approx(1.5)
+    assert data.qfrc_damper[0] == pytest.approx(-0.2 * 0.5)
+
+
+def test_a_urdf_s_own_element_of_mujoco_is_kept(tmp_path: Path) -> None:
+    """Ours is merged into it: there is one compiler, and its choices hold."""
+    own = '<mujoco><compiler balanceinertia="true"/><option timestep="0.004"/></mujoco></robot>'
+    path = urdf(tmp_path, "shoulder: {kp: 20.0}")
+    path.write_text(URDF.replace("</robot>", own))
+    assert load_spec(path).compile().opt.timestep == 0.004
+
+
+def test_a_urdf_may_hang_in_a_world_that_it_does_not_declare(tmp_path: Path) -> None:
+    """Any other link that is missing is named, with its line."""
+    path = urdf(tmp_path, "shoulder: {kp: 20.0}")
+    path.write_text(URDF.replace('<link name="base"/>', "").replace("base", "world"))
+    assert load_spec(path).compile().njnt == 1
+    path.write_text(URDF.replace('<parent link="base"/>', '<parent link="bse"/>'))
+    with pytest.raises(TaskError, match=r"arm.urdf, line 12: .*parent 'bse'.*did you mean 'base'"):
+        load_spec(path)
+
+
+MJCF = """<mujoco><asset><mesh name="shell" file="shell.stl"/>
+<texture name="skin" type="2d" file="skin.png"/><material name="skin" texture="skin"/></asset>
+<worldbody><body name="arm"><joint name="elbow"/><geom size="0.1" mass="1" material="skin"/>
+<geom type="mesh" mesh="shell" {shell}/></body></worldbody>
+<actuator><position joint="elbow" kp="3"/><motor joint="elbow"/></actuator></mujoco>"""
+
+
+def test_pictures_that_are_not_there_are_left_out(tmp_path: Path) -> None:
+    """A mesh and a texture that are only looked at; an unnamed actuator goes by its joint."""
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF.format(shell='contype="0" conaffinity="0" mass="0"'))
+    model = load_spec(path).compile()
+    assert (model.ngeom, model.nmesh, model.ntex) == (1, 0, 0)
+    assert [model.actuator(i).name for i in range(model.nu)] == ["elbow", ""]
+
+
+@pytest.mark.parametrize(
+    ("shell", "sentence"),
+    [("mass='0'", "touches other bodies"), ("contype='0' conaffinity='0'", "gives the body its")],
+)
+def test_a_mesh_that_matters_is_missed(tmp_path: Path, shell: str, sentence: str) -> None:
+    """By its file and its body."""
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF.format(shell=shell))
+    with pytest.raises(TaskError, match=rf"arm.xml: the mesh 'shell.stl' is missing.*{sentence}"):
+        load_spec(path)

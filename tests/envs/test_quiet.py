@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 from mujoco import MjLogConfig
 
@@ -27,3 +31,18 @@ def test_blocks_of_several_threads_overlap() -> None:
     leave.set()
     thread.join()
     assert MjLogConfig.get().logto_file == before
+
+
+def test_no_log_file_is_written(tmp_path: Path) -> None:
+    """A model that diverges outside any quiet block leaves nothing in the working directory."""
+    code = (
+        "import mujoco\nfrom envs.quiet import no_log_file\nno_log_file()\n"
+        "model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><body><freejoint/>'\n"
+        "  '<geom size=\".1\"/></body></worldbody></mujoco>')\n"
+        "data = mujoco.MjData(model)\ndata.qvel[:] = 1e12\n"
+        "for _ in range(10): mujoco.mj_step(model, data)\nassert data.warning.number.any()\n"
+    )
+    root = Path(__file__).resolve().parents[2]
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
+    assert list(tmp_path.iterdir()) == []

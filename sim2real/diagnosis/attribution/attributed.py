@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.effects import Effect
+from envs.effects import Effect, merge_effects
 from envs.plant import Fixed
 from sim2real.diagnosis.attribution.attribute import Found, Search
 from sim2real.diagnosis.attribution.candidates import candidates
@@ -140,7 +140,7 @@ def _restarted(
     kept = [member.label for member in found.fit.members]
     most = about.data.settings.ground.again
     kept += [guess.candidate.label for guess in search.first.guesses[:most]]
-    data = restart(combined(about.fixed, causes_of(found.fit)))
+    data = restart(merge_effects(about.fixed, causes_of(found.fit)))
     again = search_of(about._replace(data=data), floors, kept)
     more = again.run()
     return (again, more) if again.blocks.rms(more.error) < left else (search, found)

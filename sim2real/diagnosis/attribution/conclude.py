@@ -56,7 +56,7 @@ class _Judged(NamedTuple):
 def nothing(search: Search, floors: np.ndarray, rng: np.random.Generator) -> Conclusion:
     """Return the conclusion where there is no gap; see `conclude`."""
     data, base = search.problem.data, search.base
-    gap = GapNumbers(data.unit, search.before, None, search.floor, None, None, True)
+    gap = GapMetrics(data.unit, search.before, None, search.floor, None, None, True)
     where, spectrum = where_of(search, None, floors, rng)
     report = Report("no_gap", gap, where, (), Unexplained(0.0, "none"))
     rung = Rung("as given", search.before, search.blocks.interval(base))

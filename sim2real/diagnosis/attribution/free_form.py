@@ -4,7 +4,8 @@
     share = caught(error, guess)                # of the squared error
 
 Ridge regression on what the robot was told and did, and had been told and done: positions, speeds,
-commands and their lags, play operators and leaky integrals. What an effect with a memory leaves (a
+commands and their lags, play operators and leaky integrals, and the double integrals of all these
+from a window's start. What an effect with a memory leaves (a
 delay, play, hysteresis, heat) shows there too. It is fitted to one fold and judged on the other: in
 sample such a model explains noise as well.
 """
@@ -22,8 +23,21 @@ CUBE = 3
 
 
 def foreseen(data: Data, error: np.ndarray) -> np.ndarray:
-    """Return what a free-form model of the other fold says of errors (W, T, M), (W, T, M)."""
-    limits, features = data.settings.residual, _features(data)
+    """Return what a free-form model of the other fold says of errors (W, T, M), (W, T, M).
+
+    Of two, the one that catches more: with the double integrals, or, of joints that servos hold,
+    without them.
+    """
+    plain = _features(data)
+    times = [data.logs[w.log].time[w.first :][: len(w.usable)] for w in data.windows]
+    pushed = [np.hstack([f, _pushed(f, t)]) for f, t in zip(plain, times, strict=True)]
+    guesses = [_predicted(data, error, features) for features in (plain, pushed)]
+    return max(guesses, key=lambda guess: caught(error, guess))
+
+
+def _predicted(data: Data, error: np.ndarray, features: list[np.ndarray]) -> np.ndarray:
+    """Return what ridge regression on the other fold's features says of errors, (W, T, M)."""
+    limits = data.settings.residual
     size = features[0].shape[1]
     curve, across = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size, error.shape[2]))
     for wrong, table, mask, fold in zip(error, features, data.mask, data.fold, strict=True):
@@ -59,6 +73,17 @@ def _features(data: Data) -> list[np.ndarray]:
         start, table = tables[window.log, window.episode]
         found.append(table[window.first - start :][: len(window.usable)])
     return found
+
+
+def _pushed(forces: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return where forces (T, F) have pushed something free since the first row, (T, F).
+
+    A window starts from what was measured: a torque that the model lacks shows as its double
+    integral from there on, where no servo pulls the joint back.
+    """
+    steps = np.diff(time, prepend=time[0])[:, None]
+    way = np.cumsum(steps * np.cumsum(steps * forces, axis=0), axis=0)
+    return way / max(float(np.ptp(time)) ** 2 / 2, TINY)
 
 
 def _history(data: Data, log: Log, rows: np.ndarray, spreads: list[float]) -> np.ndarray:

@@ -141,6 +141,11 @@ def _words(what: str, gap: float, changed: float, moved: float, settings: Limits
         return "ok"
     if gap < settings.change_min:
         return f"with {what} the replay moves by {moved:.3g} of the motion: put that into the model"
+    if abs(changed - gap) < least:
+        return (
+            f"with {what} the replay moves by {moved:.3g} of the motion and the gap stays at "
+            f"{gap:.3g}: what moves the replay less than that cannot be told from numerics"
+        )
     less = "smaller" if changed < gap else "larger"
     return (
         f"with {what} the gap is {abs(changed / gap - 1):.0%} {less} ({gap:.3g} to {changed:.3g} "

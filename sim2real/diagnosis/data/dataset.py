@@ -31,7 +31,8 @@ from sim2real.diagnosis.data.recording import (
     shorten,
     with_bus_delay,
 )
-from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow
+from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow, refuse_sparse
+from sim2real.diagnosis.data.states import with_states
 from sim2real.diagnosis.data.windows import Joint, Window, cut
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 from sim2real.runs.errors import Sim2RealError
@@ -84,6 +85,7 @@ class Data:
         specs, models, which = _models(logs, model)
         for log, index in zip(logs, which, strict=True):
             check_log(log, models[index])
+        logs = [with_states(log, models[index]) for log, index in zip(logs, which, strict=True)]
         joints = _joints(logs, [models[i] for i in which], settings)
         for log, index in zip(logs, which, strict=True):
             refuse_loose_base(log, models[index], [joint.name for joint in joints])
@@ -280,6 +282,7 @@ def _refuse_clock(logs: Sequence[Log], settings: Settings) -> None:
     least = settings.dataset.seconds_min
     for log in logs:
         refuse_slow(log, settings)
+        refuse_sparse(log, settings)
     total = sum(float(part.time[-1] - part.time[0]) for log in logs for part in log.episodes())
     if total < least:
         place = f"{logs[0].path or 'the log'}" + (f" and {len(logs) - 1} more" if logs[1:] else "")

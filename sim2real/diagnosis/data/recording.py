@@ -25,6 +25,7 @@ from envs.models import columns_of, load_spec
 from envs.replay import Recording
 from hardware.log import Log, check_names
 from sim2real.diagnosis.data.impedance import gear_of, laws_of
+from sim2real.diagnosis.data.states import state_of
 from sim2real.runs.errors import Sim2RealError
 
 Columns = Mapping[str, np.ndarray]
@@ -144,8 +145,8 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
         if f"torque.{name}" in log.columns:
             powered[:, i] = log.column(f"torque.{name}") > 0
     qvel, start = _speeds(log, model, before), log.time[0]
-    law = laws_of(log, model)
-    return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start, law)
+    law, act = laws_of(log, model), state_of(log, model)
+    return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start, law, act)
 
 
 def home(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:

@@ -48,6 +48,25 @@ def refuse_slow(log: Log, settings: Settings = DEFAULT) -> None:
         )
 
 
+def refuse_sparse(log: Log, settings: Settings = DEFAULT) -> None:
+    """Raise Sim2RealError for an episode that lasts far longer than its rows do.
+
+    Whatever runs along the time of a log takes memory in proportion to its length; so that is at
+    most `sparse` times what the rows take.
+    """
+    most = settings.channels.sparse
+    for part in log.episodes():
+        steps = np.diff(part.time)
+        usual = float(np.median(steps))
+        if steps.sum() > most * usual * len(part):
+            row = int(np.argmax(steps)) + 1
+            raise Sim2RealError(
+                f"{log.path or 'the log'}, episode {part.episode[0]}: row {row} is "
+                f"{steps[row - 1]:.4g} s after the one before, where {usual:.3g} s are usual; "
+                "correct its `time`, or begin another episode there"
+            )
+
+
 def _carriers(model: mujoco.MjModel, joint: int) -> list[int]:
     """Return the body of a joint and those that carry it."""
     found, body = [], int(model.jnt_bodyid[joint])

@@ -31,7 +31,7 @@ from sim2real.diagnosis.data.recording import (
     to_recording,
     with_bus_delay,
 )
-from sim2real.diagnosis.data.refuse import refuse_slow
+from sim2real.diagnosis.data.refuse import refuse_slow, refuse_sparse
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -48,7 +48,7 @@ class Gap(NamedTuple):
     log: Log
     joints: tuple[str, ...]  # those compared, M
     time: np.ndarray  # (T,) s, of each row's episode
-    measured: np.ndarray  # (T, M) rad or m
+    measured: np.ndarray  # (T, M) rad or m; NaN in rows that are not compared (flag.fresh = 0)
     simulated: np.ndarray  # (T, M)
 
     def errors(self) -> dict[str, dict[str, float]]:
@@ -95,6 +95,7 @@ def _of_one_model(
     for log in logs:
         check_log(log, model)
         refuse_slow(log)
+        refuse_sparse(log)
     delayed = with_laws(with_bus_delay(switchable(spec), logs[0]), logs[0])
     model = delayed.copy().compile()
     episodes = [(number, part) for number, log in enumerate(logs) for part in log.episodes()]
@@ -114,14 +115,15 @@ def _of_one_model(
         columns = positions(log, model)
         own = [path for (of, _), path in zip(episodes, paths, strict=True) if of == number]
         measured = np.column_stack([log.column(f"qpos.{name}") for name in columns])
+        measured[log.columns.get("flag.fresh", np.ones(len(log))) <= 0] = np.nan
         simulated = np.concatenate(own)[:, list(columns.values())]
         yield Gap(log, tuple(columns), log.time, measured, simulated)
 
 
 def _error(difference: np.ndarray) -> dict[str, float]:
     return {
-        "rmse": float(np.sqrt(np.mean(difference**2))),
-        "mae": float(np.mean(np.abs(difference))),
+        "rmse": float(np.sqrt(np.nanmean(difference**2))),
+        "mae": float(np.nanmean(np.abs(difference))),
     }
 
 

@@ -82,7 +82,7 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
     for number, log in enumerate(logs):
         start = 0
         for part in log.episodes():
-            moments = np.arange(0.0, part.time[-1], seconds) - ROUNDING
+            moments = np.arange(part.time[0], part.time[-1], seconds) - ROUNDING
             ends = np.searchsorted(part.time, moments)
             for first, last in zip(ends, [*ends[1:], len(part)], strict=True):
                 if last - first >= 2 * NEAR + 1:

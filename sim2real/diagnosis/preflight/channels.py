@@ -15,17 +15,26 @@ import mujoco
 import numpy as np
 
 from envs.effects.servo import is_joint_servo
-from hardware.log import Log
+from hardware.log import READING, Log
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of, name_of, unit_of, which
 from sim2real.diagnosis.data.windows import reversals
 from sim2real.diagnosis.preflight.servo_signals import check_duties, check_speeds
 from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, Channels, Settings
+from sim2real.diagnosis.settings import DEFAULT, TINY, Channels, Settings
 
 NOTES = frozenset(
-    {"quantization", "noise", "velocity_filter", "unsigned", "computed_torque", "base", "odd"}
+    {
+        "quantization",
+        "noise",
+        "velocity_filter",
+        "unsigned",
+        "computed_torque",
+        "base",
+        "odd",
+        "reading",
+    }
 )
 MILLI = 1e-3
 Check = Callable[[Pairs, Settings], Iterator[Finding]]
@@ -43,6 +52,18 @@ def check_channels(
     """
     pairs = list(zip(logs, models, strict=True))
     return [finding for check in CHECKS for finding in check(pairs, settings)]
+
+
+def _reading(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
+    """What was mended when the logs were read."""
+    for log, _ in pairs:
+        for note in log.meta.get(READING, ()):
+            yield Finding(
+                "reading",
+                None,
+                f"{name_of(log)}: {note}.",
+                "No action needed if that is right; else mend the log.",
+            )
 
 
 def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
@@ -178,29 +199,34 @@ def excitation(pairs: Pairs, settings: Channels = DEFAULT.channels) -> dict[str,
     return found
 
 
-def _degrees(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
-    """Hinges that are logged far beyond their range, and would be within it in degrees."""
-    least, most = settings.channels.beyond
-    found: dict[str, tuple[float, float]] = {}
+def _ranged(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
+    """Hinges that are logged far beyond their range: in which unit, only their user knows."""
+    found: dict[str, str] = {}
     for log, model in pairs:
         for joint, limit in _ranges(model).items():
-            if f"qpos.{joint}" in log.columns:
-                size = float(np.abs(log.column(f"qpos.{joint}")).max())
-                if size > least * limit and np.deg2rad(size) < most * limit:
-                    found[joint] = size, limit
+            q = log.columns.get(f"qpos.{joint}", np.zeros(1))
+            if float(np.abs(q).max()) > settings.channels.beyond * limit:
+                found[joint] = (
+                    f"{joint} runs from {q.min():.4g} to {q.max():.4g}, and its range ends at "
+                    f"{limit:.3g} rad"
+                )
     if found:
-        joint, (size, limit) = max(found.items(), key=lambda item: item[1][0] / item[1][1])
         yield Finding(
-            "degrees",
-            None,
-            f"The positions of {', '.join(found)} look like degrees: {joint} reaches {size:.3g}, "
-            f"and its range in the model ends at {limit:.3g} rad.",
-            "Multiply positions, and commands and speeds if they are alike, by pi/180.",
+            "range",
+            next(iter(found)) if len(found) == 1 else None,
+            "Positions are in another unit, or counted from elsewhere: "
+            f"{'; '.join(found.values())}.",
+            "Give them in rad; a columns.yaml beside the log says how: `unit: deg`, "
+            "`unit: counts/4096` with `zero: 2048`, or a `scale` and an `offset` of your own "
+            "(docs/logs.md).",
         )
 
 
 def _ranges(model: mujoco.MjModel) -> dict[str, float]:
-    """Return how far each limited hinge may be from zero, by itself or by its commands [rad]."""
+    """Return how far each hinge may be from zero, by itself, its commands or its servo [rad].
+
+    A servo that nothing limits holds a position within a turn.
+    """
     found = {}
     for i in range(model.njnt):
         if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE and model.jnt_limited[i]:
@@ -209,8 +235,10 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
         joint = model.joint(int(model.actuator_trnid[i, 0]))
         if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT or not is_joint_servo(model, i):
             continue
-        if model.actuator_ctrllimited[i] and joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
-            found.setdefault(joint.name, float(np.abs(model.actuator_ctrlrange[i]).max()))
+        if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
+            limited = bool(model.actuator_ctrllimited[i])
+            reach = float(np.abs(model.actuator_ctrlrange[i]).max()) if limited else 2 * np.pi
+            found.setdefault(joint.name, reach)
     return found
 
 
@@ -218,7 +246,7 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Commands that the model clamps, and rows at its limit of force."""
     limits = settings.channels
     for name in dict.fromkeys(name for log, _ in pairs for name in log.actuators):
-        outside, held, rows = 0, 0, 0
+        outside, held, rows, least = 0, 0, 0, []
         reach = (0.0, 0.0)
         for log, model in pairs:
             index = index_of(model, name)
@@ -230,7 +258,9 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 low, high = reach = tuple(model.actuator_ctrlrange[index])
                 slack = limits.outside_slack * (high - low)
                 outside += int(np.sum((ctrl < low - slack) | (ctrl > high + slack)))
-            held += int(np.sum(_saturated(log, model, index)))
+            saturated = _saturated(log, model, index)
+            held += int(np.sum(saturated))
+            least += [_gain_left(log, model, index, limits.saturated_share)]
         if rows and outside / rows > limits.outside_share:
             yield Finding(
                 "ctrlrange",
@@ -244,10 +274,22 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 "saturation",
                 name,
                 f"At the errors that the robot had, the model's {name} would be at its limit of "
-                f"force in {held / rows:.0%} of the rows: the robot's gain is lower than the "
-                "model's, or its gain does not show and its limit does.",
+                f"force in {held / rows:.0%} of the rows: the robot's gain is at most "
+                f"{min(least):.2g} times the model's, or its gain does not show and its limit "
+                "does.",
                 "Compare the model's kp and forcerange with the servo's; record smaller motions.",
             )
+
+
+def _gain_left(log: Log, model: mujoco.MjModel, index: int, share: float) -> float:
+    """Return the factor on a servo's gain under which its limit would hold it in few rows."""
+    name = model.actuator(index).name
+    joint = f"qpos.{model.joint(int(model.actuator_trnid[index, 0])).name}"
+    if joint not in log.columns or not model.actuator_gainprm[index, 0]:
+        return 1.0
+    error = np.abs(log.column(f"ctrl.{name}") - log.column(joint))
+    most = float(np.quantile(error, 1 - share)) * model.actuator_gainprm[index, 0]
+    return min(float(model.actuator_forcerange[index, 1]) / max(most, TINY), 1.0)
 
 
 def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
@@ -321,12 +363,13 @@ def _unsigned(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 
 CHECKS: tuple[Check, ...] = (
+    _reading,
     _rate,
     _loss,
     _excitation,
     check_duties,
     check_speeds,
-    _degrees,
+    _ranged,
     _limits,
     _commands,
     _resolution,

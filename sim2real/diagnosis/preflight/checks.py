@@ -27,12 +27,35 @@ from sim2real.diagnosis.settings import DEFAULT, Settings
 
 Check = Callable[[Sequence[Log], Sequence[mujoco.MjModel]], Iterable[Finding]]
 __all__ = ["NOTES", "noise_floor", "preflight"]
-GRAVE = ("sign", "swap", "degrees", "scale")  # makes other checks of the same joint meaningless
-WRONG = (*GRAVE, "zero", "rate", "no_command")  # no lag is measured in a log with these
+GRAVE = (
+    "sign",
+    "swap",
+    "degrees",
+    "unit",
+    "scale",
+)  # makes other checks of the same joint meaningless
+WRONG = (*GRAVE, "range", "zero", "rate", "no_command")  # no lag is measured in a log with these
 ORDER = (*WRONG, "control_law", "excitation")
-BLOCKING = (*GRAVE, "rate", "no_command")  # a log with these says nothing of the robot's physics
+BLOCKING = (
+    *GRAVE,
+    "range",
+    "rate",
+    "no_command",
+)  # a log with these says nothing of the robot's physics
 UNITS = ("degrees",)  # with these no cause is looked for: every fit would be of the wrong unit
-FOLLOWS = ("degrees", "scale", "zero", "control_law", "speed", "ctrlrange", "saturation")
+# A first-order filter is late: what says only that a speed is late follows from it.
+EXPLAINS = {"velocity_filter": "clock"}
+FOLLOWS = (
+    "degrees",
+    "unit",
+    "range",
+    "scale",
+    "zero",
+    "control_law",
+    "speed",
+    "ctrlrange",
+    "saturation",
+)
 
 
 CHECKS: list[Check] = []  # those of users, after this project's own
@@ -122,7 +145,8 @@ def _causes(found: Sequence[Finding], turned: dict[str | None, str]) -> list[Fin
         cause = everywhere or first.get(turned.get(finding.where, finding.where))
         return finding.check in FOLLOWS and cause not in (None, finding)
 
-    return [finding for finding in found if not follows(finding)]
+    told = {(EXPLAINS[f.check], f.where) for f in found if f.check in EXPLAINS}
+    return [f for f in found if not follows(f) and (f.check, f.where) not in told]
 
 
 def _merged(found: Sequence[Finding]) -> list[Finding]:

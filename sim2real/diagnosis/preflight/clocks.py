@@ -79,10 +79,11 @@ def _late(logs: Sequence[Log], joint: str, limits: Clocks) -> Iterator[Finding]:
 def _drifting(logs: Sequence[Log], joint: str, limits: Clocks) -> Iterator[Finding]:
     for log in logs:
         drift = stamp_drift(log, joint)
-        if drift is None or log.time.max() < limits.log_s:
+        length = max(float(np.ptp(part.time)) for part in log.episodes())
+        if drift is None or length < limits.log_s:
             continue
         ppm, error = drift
-        ahead = PPM * abs(ppm) * log.time.max()
+        ahead = PPM * abs(ppm) * length
         if abs(ppm) > max(limits.drift_ppm, limits.sigmas * error):
             side = "fast" if ppm > 0 else "slow"
             yield Finding(

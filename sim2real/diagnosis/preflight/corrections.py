@@ -55,9 +55,9 @@ def simple(case: Case, suspects: Sequence[str]) -> Iterator[Correction]:
     """Signs and units of the joints whose error is large."""
     for joint in suspects:
         yield from _signs(case, joint)
-        yield from _degrees(case, (joint,), joint)
+        yield from _units(case, (joint,), joint)
     if len(suspects) > 1:
-        yield from _degrees(case, tuple(suspects), None)
+        yield from _units(case, tuple(suspects), None)
 
 
 def others(case: Case, suspects: Sequence[str]) -> Iterator[Correction]:
@@ -69,12 +69,18 @@ def others(case: Case, suspects: Sequence[str]) -> Iterator[Correction]:
             yield zero_of_both(case, joint, value)
 
 
-def _scaled(case: Case, joints: Sequence[str], kinds: Sequence[str], factor: float) -> Change:
-    """Multiply positions, commands or both of some joints."""
+def _scaled(
+    case: Case, joints: Sequence[str], kinds: Sequence[str], factor: float, zero: float = 0.0
+) -> Change:
+    """Multiply positions, commands or both of some joints; a zero is theirs, not their speeds'."""
 
     def change(piece: Piece) -> Piece:
         names = [_column(case, kind, joint) for kind in kinds for joint in joints]
-        columns = {n: factor * piece.log.column(n) for n in names if n in piece.log.columns}
+        columns = {
+            n: factor * (piece.log.column(n) - (0.0 if n.startswith("qvel.") else zero))
+            for n in names
+            if n in piece.log.columns
+        }
         return piece.changed(columns)
 
     return change
@@ -116,32 +122,82 @@ def _signs(case: Case, joint: str) -> Iterator[Correction]:
         )
 
 
-def _degrees(case: Case, joints: tuple[str, ...], where: str | None) -> Iterator[Correction]:
-    """Factors of pi/180 or 180/pi, where the numbers are of such a size; torques are no angles."""
+class Conversion(NamedTuple):
+    """A unit that angles may be in: rad = factor (number - zero).
+
+    Args:
+        check: of the finding.
+        claim: what the numbers would be.
+        fix: what to do about them.
+        factor: rad of one.
+        zero: the number at the joint's zero.
+        least: the largest number is larger than this,
+        most: and smaller than this.
+        whole: whether all numbers are whole.
+    """
+
+    check: str
+    claim: str
+    fix: str
+    factor: float
+    zero: float = 0.0
+    least: float = 0.0
+    most: float = np.inf
+    whole: bool = False
+
+    def fits(self, numbers: np.ndarray) -> bool:
+        """Return whether a column's numbers are of a size that this unit gives."""
+        size = float(np.abs(numbers).max())
+        whole = not self.whole or bool(np.all(numbers == np.round(numbers)))
+        return self.least < size < self.most and whole
+
+
+def _conversions(settings: LogErrors) -> Iterator[Conversion]:
+    """Yield degrees, rad that were converted twice, and counts of encoders."""
+    turn = settings.degrees_min
+    yield Conversion("degrees", "in degrees", "Multiply them by pi/180", DEGREE, least=turn)
+    twice = "divided by 57.3 once too often"
+    most = settings.rad_twice_max
+    yield Conversion("degrees", twice, "Multiply them by 180/pi", 1 / DEGREE, most=most)
+    for counts in settings.counts:
+        for zero in (0, counts // 2):
+            yield Conversion(
+                "unit",
+                f"counts of an encoder, {counts} to a turn and {zero} at the joint's zero",
+                f"Convert them: `unit: counts/{counts}` and `zero: {zero}` in a columns.yaml",
+                2 * np.pi / counts,
+                zero,
+                least=turn,
+                most=counts,
+                whole=True,
+            )
+
+
+def _units(case: Case, joints: tuple[str, ...], where: str | None) -> Iterator[Correction]:
+    """Units whose numbers are of such a size; torques are no angles."""
     whose = where or "all joints"
     for own, what in UNITS.items():
         if "qvel" in own and not _has_speeds(case, joints):
             continue
         if "ctrl" in own and not _has_servos(case, joints):
             continue
-        size = max(
-            float(np.abs(piece.log.columns[column]).max())
-            for piece in case.pieces
-            for column in (_column(case, kind, joint) for kind in own for joint in joints)
-            if not column.startswith("qvel.") and column in piece.log.columns
+        numbers = np.concatenate(
+            [
+                piece.log.columns[column]
+                for piece in case.pieces
+                for column in (_column(case, kind, joint) for kind in own for joint in joints)
+                if not column.startswith("qvel.") and column in piece.log.columns
+            ]
         )
-        for factor, found, holds in (
-            (DEGREE, "in degrees", size > case.settings.degrees_min),
-            (1 / DEGREE, "divided by 57.3 once too often", size < case.settings.rad_twice_max),
-        ):
-            if holds:
+        for one in _conversions(case.settings):
+            if one.fits(numbers):
                 yield Correction(
-                    "degrees",
+                    one.check,
                     joints,
                     where,
-                    f"The {what} of {whose} look as if they were {found}, not in rad",
-                    f"Multiply them by {'pi/180' if factor < 1 else '180/pi'}.",
-                    _scaled(case, joints, own, factor),
+                    f"The {what} of {whose} look as if they were {one.claim}, not in rad",
+                    f"{one.fix}.",
+                    _scaled(case, joints, own, one.factor, one.zero),
                 )
 
 

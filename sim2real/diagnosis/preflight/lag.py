@@ -91,8 +91,9 @@ def _starts(log: Log, number: int, settings: Limits) -> list[Piece]:
     """The first minute of each episode that is long enough."""
     start, found = 0, []
     for part in log.episodes():
-        rows = int(np.searchsorted(part.time, settings.episode_s - ROUNDING))
-        if part.time[rows - 1] > 2 * settings.windows_min * settings.window_s:
+        time = part.time - part.time[0]
+        rows = int(np.searchsorted(time, settings.episode_s - ROUNDING))
+        if time[rows - 1] > 2 * settings.windows_min * settings.window_s:
             found.append(piece(log, number, start, start + rows))
         start += len(part)
     return found
@@ -101,7 +102,7 @@ def _starts(log: Log, number: int, settings: Limits) -> list[Piece]:
 def _windows(joint: str, log: Log, simulated: np.ndarray, settings: Limits) -> list[Lag]:
     """The lags of one joint, where it moves and both motions are alike."""
     dt = float(np.median(np.diff(log.time)))
-    clock = np.arange(0, log.time[-1], dt)
+    clock = np.arange(log.time[0], log.time[-1], dt)
     real, model = (
         np.gradient(np.interp(clock, log.time, q), dt)
         for q in (log.column(f"qpos.{joint}"), simulated)

@@ -36,6 +36,7 @@ from sim2real.diagnosis.preflight.corrections import (
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY, LogErrors
 
+UNIT_CHECKS = ("degrees", "unit")
 Run = tuple[Piece, np.ndarray]  # what a log has, and positions in the order of the model, (T, nq)
 
 
@@ -149,9 +150,12 @@ def _apart(case: Case, runs: Sequence[Run], joint: str) -> list[tuple[np.ndarray
 
 
 def _nominal(case: Case) -> list[Run]:
-    """The pieces as the log has them."""
+    """The pieces as the log has them; like corrected ones they start with their slopes.
+
+    A speed that is logged may be wrong itself, which is another mistake than those tried here.
+    """
     return [
-        (piece, trial(spec, [piece.recording(model)])[0])
+        (piece, trial(spec, [piece.changed({}).recording(model)])[0])
         for piece, spec, model in zip(case.pieces, case.specs, case.models, strict=True)
     ]
 
@@ -170,7 +174,7 @@ def _physics(case: Case) -> list[list[Run]]:
     runs = []
     for piece, spec, model in zip(case.pieces, case.specs, case.models, strict=True):
         effects, values = _panel(model, case.settings)
-        rows = [piece.recording(model)] * len(values)
+        rows = [piece.changed({}).recording(model)] * len(values)
         runs.append([(piece, path) for path in trial(spec, rows, effects, values)])
     return [list(row) for row in zip(*runs, strict=False)]
 
@@ -266,7 +270,10 @@ class _Judge:
             if not mended.size or np.mean(mended) < limits.rate_joints:
                 return False  # a clock is the same for all joints
         closed = limits.closed if old > limits.suspect else limits.closed_small
-        if new >= min(closed * old, limits.left_max):
+        most = min(closed * old, limits.left_max)
+        if correction.check in UNIT_CHECKS:  # numbers that are too large gain by any smaller unit
+            most = limits.unit_left * min(old, 1.0)
+        if new >= most:
             return False
         return new < limits.beats * self._size(self._physics(tried.rows), own)
 

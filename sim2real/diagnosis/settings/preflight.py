@@ -24,6 +24,7 @@ class Channels:
     count_min: float = setting(1e-6, "rad", "an encoder count is taken as at least this", JUDGED)
     slowest_s: float = setting(0.5, "s", "longer intervals are in another unit", THOUSAND)
     fastest_s: float = setting(1e-4, "s", "shorter intervals are in another unit", THOUSAND)
+    sparse: float = setting(100.0, "times", "an episode's time over that of its rows", THOUSAND)
     rate_error: float = setting(0.1, "1", "disagreement of `rate` and the stamps", JUDGED)
     still_rad: float = setting(0.05, "rad", "a hinge that moves less is not judged", JUDGED)
     still_m: float = setting(0.005, "m", "a slide that moves less is not judged", JUDGED)
@@ -31,12 +32,7 @@ class Channels:
     reversal_size: float = setting(0.1, "1", "least size of a reversal, of the motion", JUDGED)
     outside_share: float = setting(0.01, "1", "share of commands outside ctrlrange", JUDGED)
     outside_slack: float = setting(0.01, "1", "slack around ctrlrange, of its width", JUDGED)
-    beyond: tuple[float, float] = setting(
-        (5.0, 1.5),
-        "1",
-        "times a hinge's range: past the first it is in degrees, if in these within the second",
-        "judgement: 57.3 lies between them",
-    )
+    beyond: float = setting(2.0, "1", "times a hinge's range that no rad reach", JUDGED)
     worse: float = setting(
         1.2, "1", "channel off with the causes, of that without, that contradicts them", JUDGED
     )
@@ -180,6 +176,12 @@ class LogErrors:
     zero_min: float = setting(0.05, "rad", "offset from which a zero is tried", JUDGED)
     degrees_min: float = setting(
         2 * math.pi, "1", "larger numbers may be degrees", "derived: more than a turn in rad"
+    )
+    counts: tuple[int, ...] = setting(
+        (1024, 4096, 16384), "1", "counts that encoders of servos have in a turn", JUDGED
+    )
+    unit_left: float = setting(
+        0.1, "1", "share of the error that the right unit leaves at most", JUDGED
     )
     rad_twice_max: float = setting(0.1, "1", "smaller numbers may be converted twice", JUDGED)
     rate_rows_min: int = setting(8, "1", "rows that a piece keeps under another rate", JUDGED)

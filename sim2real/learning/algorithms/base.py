@@ -95,6 +95,7 @@ class Algorithm(ABC):
         iteration: iterations done.
         population: where its candidates' episodes run, which a cluster may take over; None for an
             algorithm without candidates.
+        collecting: what gathers its experience; None for an algorithm without a collector.
         adapts_by: the kind of adaptation that it trains for.
     """
 
@@ -104,6 +105,12 @@ class Algorithm(ABC):
     frames: int
     iteration: int
     population: Population | None = None
+    collecting: Any = None
+
+    def close(self) -> None:
+        """End what works beside the algorithm: the processes of a collector."""
+        if self.collecting is not None:
+            self.collecting.close()
 
     @abstractmethod
     def iterate(self) -> dict[str, float]:

@@ -6,12 +6,14 @@ data = collecting.next()                        # (N, T), as TorchRL's collector
 
 from __future__ import annotations
 
+import atexit
 import logging
+import weakref
 from typing import Any
 
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torchrl.collectors import MultiCollector
+from torchrl.collectors import BaseCollector, MultiCollector
 from torchrl.envs import TransformedEnv
 
 from envs.torch_env import RowsEnv
@@ -22,6 +24,7 @@ from sim2real.learning.transforms import affine, reward_scale
 from sim2real.runs.errors import CheckpointError
 
 log = logging.getLogger(__name__)
+PATIENCE = 5.0  # s that a collector's processes have to end
 
 
 class ResumableCollector:
@@ -47,12 +50,19 @@ class ResumableCollector:
         here = not isinstance(self._collector, MultiCollector)  # or its episodes are elsewhere
         self._rows = env.base_env if here and isinstance(env.base_env, RowsEnv) else None
         self._batches = iter(self._collector)
+        self._end = weakref.finalize(self, _shut_down, self._collector)
+        atexit.register(self._end)  # before Python waits for the processes of whoever forgot
         self.returns = EpisodeReturnTracker(env.batch_size[0])
 
     @property
     def in_rows(self) -> bool:
         """Whether episodes run in rows of this process, which can go back into them."""
         return self._rows is not None
+
+    def close(self) -> None:
+        """End the collector and its environments, with all their processes; twice is once."""
+        self._end()
+        atexit.unregister(self._end)
 
     def next(self) -> TensorDictBase:
         """Return the next batch of steps, (N, T)."""
@@ -116,6 +126,11 @@ class ResumableCollector:
                 "give the run the checkpoint's transforms"
             )
         self.env.transform.load_state_dict(transforms, strict=strict)
+
+
+def _shut_down(collector: BaseCollector) -> None:
+    """Shut a collector down; one that was abandoned in an iteration may not answer any more."""
+    collector.shutdown(timeout=PATIENCE, raise_on_error=False)
 
 
 def _plain(state: dict[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from envs.marginals import Marginal
 from envs.params import Parameter
 from sim2real.config.arguments import path_value
 from sim2real.config.catalogue import EXPERIMENT
-from sim2real.config.compose import INHERITED, root_of
+from sim2real.config.inherited import INHERITED, root_of
 from sim2real.evaluation.cause_costs import Cause, CauseTasks
 from sim2real.learning.algorithms.base import Components
 from sim2real.learning.environment import EnvironmentFactory

@@ -9,7 +9,7 @@ import pytest
 from envs.effects import make
 from envs.errors import TaskError
 from envs.plant import Plant
-from envs.replay import DivergedError, Recording, replay, switchable
+from envs.replay import DivergedError, Recording, replay, schedule, switchable
 
 SERVO = """
 <mujoco><option timestep="0.001" gravity="0 0 0"/>
@@ -134,3 +134,10 @@ def test_a_row_does_not_notice_its_neighbours(effects: tuple[tuple[str, dict, fl
     for one, other in zip(alone, beside, strict=True):
         assert np.array_equal(one, other)
     assert np.ptp(alone[0]) > 0.1
+
+
+def test_steps_are_bounded_by_rows() -> None:
+    """A row a thousand million seconds after the first is refused before anything is allocated."""
+    recording = Recording(np.array([0.0, 1e9]), np.zeros((2, 1)), np.zeros(1), np.zeros(1))
+    with pytest.raises(TaskError, match=r"1e\+09 s in 2 rows are 5e\+11 steps .* more than the"):
+        schedule(recording, 0.002)

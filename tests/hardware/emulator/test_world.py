@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import mujoco
 import numpy as np
 import pytest
 
@@ -51,3 +54,13 @@ def test_each_joint_is_let_go_with_its_own_torque(chain):
     before = float(world.mechanics.angle[1])
     world.advance(1.3)
     assert abs(world.mechanics.angle[1] - before) > 0.2
+
+
+def test_an_emulator_writes_no_log_of_the_engine(tmp_path: Path, monkeypatch) -> None:
+    """A robot that flies apart leaves no MUJOCO_LOG.TXT where somebody happened to start it."""
+    monkeypatch.chdir(tmp_path)
+    mechanics = EmulatedRobot(load_robot("bench1")).mechanics
+    mechanics.data.qvel[:] = 1e12
+    mujoco.mj_step(mechanics.model, mechanics.data, 10)
+    assert mechanics.data.warning.number.any()
+    assert list(tmp_path.iterdir()) == []

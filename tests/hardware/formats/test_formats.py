@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from hardware.config import load_robot
 from hardware.errors import LogError
 from hardware.formats import FORMATS as KNOWN
 from hardware.formats import Format, register
@@ -106,6 +107,24 @@ def test_a_wrong_mapping_is_named(
         ("left_hip_velocity", ("qvel.left_hip", None)),
         ("current_elbow(mA)", ("current.elbow", "mA")),
         ("wheel_color", None),
+        ("dq_rad_s", ("qvel.joint", "rad/s")),
+        ("elbow_speed_deg_per_s", ("qvel.elbow", "deg/s")),
+        ("dq_elbow (rad/s)", ("qvel.elbow", "rad/s")),
+        ("velocity_s", ("qvel.s", None)),
+        ("shoulder.vel", ("qvel.shoulder", None)),
+        ("q1", ("qpos.joint1", None)),
+        ("dq1", ("qvel.joint1", None)),
+        ("present_position_1", ("qpos.joint1", None)),
+        ("goal_position_1", ("ctrl.joint1", None)),
+        ("actual_qd_0", ("qvel.joint0", None)),
+        ("/joint_states/elbow/position", ("qpos.elbow", None)),
+        ("/joint_commands/elbow/position", ("ctrl.elbow", None)),
+        ("__time", ("time", None)),
+        ("observation.state.shoulder_pan.pos", ("qpos.shoulder_pan", None)),
+        ("elbow_pos_raw", ("qpos.elbow", "?")),
+        ("target_velocity_1", None),
+        ("elbow_torque", None),
+        ("FL_hip_Pos", ("qpos.FL_hip", None)),
     ],
 )
 def test_headers_are_guessed(name: str, meant: object) -> None:
@@ -121,6 +140,118 @@ def test_the_guessed_mapping_reads_the_log(tmp_path: Path) -> None:
     log = read_log(tmp_path / "a.csv")
     assert log.joints == ["pan"]
     assert list(log.column("qpos.pan")) == [0.5, 0.6]
+
+
+def guessed(folder: Path, text: str) -> tuple[str, dict]:
+    """Return the mapping that is written for a CSV, as text and as a table."""
+    (folder / "a.csv").write_text(text)
+    (folder / "columns.yaml").unlink(missing_ok=True)
+    words = write_guess(folder / "a.csv", folder / "columns.yaml").read_text(encoding="utf-8")
+    return words, yaml.safe_load(words)
+
+
+def test_a_guess_says_what_is_missing(tmp_path: Path) -> None:
+    """No command, a joint without a position, no time: each is a line, and nothing is made up."""
+    words, tree = guessed(tmp_path, "q1,dq1,q2\n0.1,1,0.2\n0.2,1,0.3\n")
+    assert "missing: the command of a joint, `ctrl.<joint>`" in words
+    assert tree["rate"] == "?"
+    with pytest.raises(LogError, match=r"`ctrl.<joint>: \{from: NAME\}` is needed"):
+        read_log(tmp_path / "a.csv")
+    words, _ = guessed(tmp_path, "t,q1,cmd1,q2\n0,0.1,0.1,0.2\n0.1,0.2,0.1,0.3\n")
+    assert "missing: `ctrl.joint2`, beside `qpos.joint2`" in words
+
+
+def test_a_unit_that_no_name_tells_is_asked(tmp_path: Path) -> None:
+    """Counts and degrees are recognized, and the log is refused until somebody says so."""
+    text = "time,goal_position_1,present_position_1\n0,2048,2040\n0.02,3071,2950\n0.04,12,80\n"
+    words, tree = guessed(tmp_path, text)
+    assert "run from 80 to 2950, all whole: counts? then `unit: counts/4096`" in words
+    with pytest.raises(LogError, match=r"the unit is not filled in yet"):
+        read_log(tmp_path / "a.csv")
+    for column in ("ctrl.joint1", "qpos.joint1"):
+        tree["columns"][column] |= {"unit": "counts/4096", "zero": 2048}
+    (tmp_path / "columns.yaml").write_text(yaml.safe_dump(tree))
+    log = read_log(tmp_path / "a.csv")
+    np.testing.assert_allclose(log.column("ctrl.joint1")[1], 1023 * 2 * np.pi / 4096)
+    words, _ = guessed(tmp_path, "time,cmd_a,pos_a\n0,31.5,30.2\n0.02,45.5,40.1\n")
+    assert "deg, counts, or per cent of a range?" in words
+
+
+def test_negative_counts_that_were_read_as_large_ones_get_their_sign(tmp_path: Path) -> None:
+    """Registers of 32 bits, and of 16."""
+    for bits in (32, 16):
+        rows = [(0.02 * i, 10 - 5 * i, (10 - 5 * i) % 2**bits) for i in range(6)]
+        lines = ["t,cmd,pos", *(",".join(map(str, row)) for row in rows)]
+        (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+        (tmp_path / "columns.yaml").write_text(
+            "columns:\n  time: t\n  ctrl.a: {from: cmd, unit: counts/4096}\n"
+            "  qpos.a: {from: pos, unit: counts/4096}\n"
+        )
+        log = read_log(tmp_path / "a.csv")
+        np.testing.assert_allclose(log.column("qpos.a"), log.column("ctrl.a"))
+
+
+def test_counts_may_be_those_of_a_robot_s_file(tmp_path: Path) -> None:
+    """Turn, zero and direction of its servo; without a robot it is asked."""
+    servo = load_robot("bench1").servos[0]
+    angles = [0.0, 0.5, -0.25]
+    counts = [servo.count(angle) for angle in angles]
+    rows = [f"{0.02 * i},{count},{count}" for i, count in enumerate(counts)]
+    (tmp_path / "a.csv").write_text("\n".join(["t,cmd,pos", *rows]) + "\n")
+    columns = {"time": "t", f"ctrl.{servo.name}": {"from": "cmd", "unit": "counts"}}
+    columns[f"qpos.{servo.name}"] = {"from": "pos", "unit": "counts"}
+    tree = {"columns": columns, "meta": {"robot": "bench1"}}
+    (tmp_path / "columns.yaml").write_text(yaml.safe_dump(tree))
+    found = read_log(tmp_path / "a.csv").column(f"qpos.{servo.name}")
+    np.testing.assert_allclose(found, angles, atol=servo.type.units.angle)
+    (tmp_path / "columns.yaml").write_text(yaml.safe_dump({"columns": columns}))
+    with pytest.raises(LogError, match=r"`meta: \{robot: NAME\}` names; else write `counts/4096`"):
+        read_log(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("lines", [0, 2])
+def test_a_table_without_a_line_of_names_or_with_two_is_mapped(tmp_path: Path, lines: int) -> None:
+    """Columns go by their numbers, or by both names."""
+    head = ["t,elbow,elbow", "s,cmd,pos"][:lines]
+    rows = [*head, "0,1,0.5", "0.02,1,", "0.04,1,0.7", "0.06,1,0.8"]
+    (tmp_path / "a.csv").write_text("\n".join(rows) + "\n")
+    names = ("t s", "elbow cmd", "elbow pos") if lines else (0, 1, 2)
+    columns = dict(zip(("time", "ctrl.elbow", "qpos.elbow"), names, strict=True))
+    (tmp_path / "columns.yaml").write_text(yaml.safe_dump({"columns": columns}))
+    log = read_log(tmp_path / "a.csv")
+    np.testing.assert_allclose(log.column("qpos.elbow"), [0.5, 0.6, 0.7, 0.8])
+    assert log.column("flag.fresh").tolist() == [1, 0, 1, 1]
+
+
+def test_the_nanoseconds_of_a_stamp_are_added(tmp_path: Path) -> None:
+    """The guess takes both columns."""
+    text = "header.stamp.sec,header.stamp.nanosec,cmd_a,pos_a\n"
+    text += "".join(f"1768472890,{20000000 * i},0.1,0.1\n" for i in range(5))
+    _, tree = guessed(tmp_path, text)
+    assert tree["columns"]["time"]["nanosec"] == "header.stamp.nanosec"
+    np.testing.assert_allclose(read_log(tmp_path / "a.csv").time, 0.02 * np.arange(5), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "sentence"),
+    [
+        ("qvel.a", "s", "'s' is a unit of time, and `qvel` is a column of angular speed or speed"),
+        ("qpos.a", "deg/s", "'deg/s' is a unit of angular speed, and `qpos` is a column of angle"),
+        ("time", "rad", "'rad' is a unit of angle, and `time` is a column of time"),
+        ("current.a", "V", "its units are 'A', 'mA'"),
+        ("qpos.a", "%", "a percentage of a range becomes rad by `scale`"),
+        ("qpos.a", "counts/many", "names no counts of a turn; write `counts/4096`"),
+    ],
+)
+def test_a_unit_of_another_dimension_is_refused(
+    tmp_path: Path, column: str, unit: str, sentence: str
+) -> None:
+    """With the units that the column takes."""
+    (tmp_path / "a.csv").write_text("t,c,q,x\n0,1,1,1\n0.1,1,1,1\n")
+    columns = {"time": "t", "ctrl.a": "c", "qpos.a": "q"} | {column: {"from": "x", "unit": unit}}
+    (tmp_path / "columns.yaml").write_text(yaml.safe_dump({"columns": columns}))
+    with pytest.raises(LogError, match=sentence):
+        read_log(tmp_path / "a.csv")
 
 
 def test_lerobot_s_normalized_units_are_angles_about_the_middle(tmp_path: Path) -> None:

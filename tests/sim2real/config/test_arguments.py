@@ -42,6 +42,8 @@ def test_any_path_reaches_the_verb(name: str, tmp_path: Path) -> None:
     (override,) = OverridesParser.create().parse_overrides(as_overrides([f"log={path}"]))
     assert override.value() == str(path)
     assert not override.is_sweep_override()
+    (folder,) = OverridesParser.create().parse_overrides(as_overrides([f"hydra.run.dir={path}"]))
+    assert folder.value() == str(path)
 
 
 def test_home_is_expanded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,13 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from hydra import initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 
 from sim2real.config import signatures
 from sim2real.config.catalogue import CONF
-from sim2real.config.compose import compose, device, inherit_run_overrides, save, sweep_jobs
+from sim2real.config.compose import compose, device, save, sweep_jobs
 from sim2real.config.folders import run_folder
+from sim2real.config.inherited import with_checkpoint
 from sim2real.config.targets import ConfigError, build, check, check_named
 
 PROGRAM = """
@@ -160,10 +163,56 @@ def test_a_checkpoint_says_what_it_was_trained_with(tmp_path: Path) -> None:
     (tmp_path / ".hydra" / "overrides.yaml").write_text(lines)
     own = compose(["run=deploy", f"checkpoint={tmp_path}", "robot=quad8"])["adapt"]
     assert (own["mode"], own["queries"], own["sigma"]) == ("sequential", 3, 0.1)
-    assert inherit_run_overrides([*given, "+experiment=nav2d"]) == [*given, "+experiment=nav2d"]
+    assert with_checkpoint([*given, "+experiment=nav2d"]) == [*given, "+experiment=nav2d"]
     tuned = compose([f"start={tmp_path}", "effects=effects.yaml"])
     assert tuned["env"] == compose(["+experiment=quad8_esmaml"])["env"]
     assert (tuned["adapt"]["queries"], tuned["effects"]) == (3, "effects.yaml")
+
+
+def resumable(folder: Path, *words: str) -> Path:
+    """Write what the command line leaves of a run."""
+    (folder / ".hydra").mkdir(parents=True)
+    (folder / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(list(words)))
+    save(compose(list(words)), folder)
+    choices = {"hydra": {"runtime": {"choices": {"env": "nav2d", "policy": "mlp"}}}}
+    (folder / ".hydra" / "hydra.yaml").write_text(yaml.safe_dump(choices))
+    return folder
+
+
+def test_a_resumed_run_is_configured_as_it_was(tmp_path: Path) -> None:
+    """All that it was given holds; how long it goes on and on how many processes may change."""
+    words = ("+experiment=nav2d", "algorithm.pairs=8", "seed=9", "iterations=40")
+    run = resumable(tmp_path / "run", *words, "hydra.run.dir=somewhere")
+    alone = compose([f"resume={run}"])
+    assert alone == compose([*words, f"resume={run}"]) | {"resume": str(run)}
+    more = compose([f"resume={run}", "iterations=60", "algorithm.shards=2", "eval=none"])
+    assert (more["iterations"], more["algorithm"]["shards"], more["eval"]) == (60, 2, None)
+    assert compose([f"resume={run}", *words])["seed"] == 9
+
+
+@pytest.mark.parametrize(
+    ("word", "both"),
+    [
+        ("seed=5", "seed=5: the run in .* has seed=9"),
+        ("algorithm.pairs=16", "algorithm.pairs=16: the run in .* has algorithm.pairs=8"),
+        ("algorithm.sigma=0.7", "algorithm.sigma=0.7: .* has algorithm.sigma=0"),
+        ("env=hopper", "env=hopper: the run in .* has env=nav2d"),
+        ("+experiment=smoke", r"experiment=smoke: the run in .* has experiment=nav2d"),
+    ],
+)
+def test_what_contradicts_a_resumed_run_is_refused(tmp_path: Path, word: str, both: str) -> None:
+    """With both values."""
+    run = resumable(tmp_path / "run", "+experiment=nav2d", "algorithm.pairs=8", "seed=9")
+    with pytest.raises(ConfigError, match=both):
+        compose([f"resume={run}", word])
+
+
+@pytest.mark.parametrize("word", ["algorithm.sigma=[1,2", "seed=1=2"])
+def test_what_hydra_cannot_read_is_a_sentence(word: str) -> None:
+    """With the word, and how such a value is quoted."""
+    with pytest.raises(ConfigError, match=re.escape(f"{word}: this cannot be read")) as caught:
+        compose([word])
+    assert "hydra.cc" not in str(caught.value)
 
 
 def test_the_run_of_a_checkpoint_is_found(tmp_path: Path) -> None:

@@ -110,12 +110,28 @@ def test_positions_are_compared_when_they_were_read(tmp_path: Path) -> None:
     assert errors["untold"] > 0.005
 
 
-def test_a_log_in_milliseconds_is_refused_before_it_is_simulated(tmp_path: Path) -> None:
-    """Half an hour of milliseconds would be a month of simulation."""
+@pytest.mark.parametrize(("unit", "origin"), [(1e3, 0.0), (1e6, 0.0), (1.0, 1.7684e9)])
+def test_a_log_of_any_clock_is_replayed_alike(tmp_path: Path, unit: float, origin: float) -> None:
+    """Milliseconds would be a month of simulation, seconds since 1970 would fill any memory."""
+    given = make_log(tmp_path, 0.02)
+    log = read_logs(given)[0]
+    time = unit * (log.time + origin)
+    path = write_log(tmp_path / "b.csv", Log({**log.columns, "time": time}, {"model": "arm.xml"}))
+    (as_written,) = run(log=str(path), model=None, effects=None, out=tmp_path)
+    wanted = run(log=str(given), model=None, effects=None, out=tmp_path)[0]
+    assert as_written.errors()["hinge"]["rmse"] == pytest.approx(
+        wanted.errors()["hinge"]["rmse"], rel=1e-3
+    )
+
+
+def test_a_row_of_another_day_is_refused_before_it_is_simulated(tmp_path: Path) -> None:
+    """The row is named; memory grows with the rows, not with what stands in them."""
     log = read_logs(make_log(tmp_path, 0.0))[0]
-    late = Log({**log.columns, "time": 1000 * log.time}, {"model": "arm.xml"})
-    path = write_log(tmp_path / "ms.csv", late)
-    with pytest.raises(Sim2RealError, match=r"ms.csv: its rows are .* multiply it by 0.001"):
+    time = np.where(np.arange(len(log)) >= 30, log.time + 86400.0, log.time)
+    first = log.episode == log.episode[0]
+    late = Log({n: v[first] for n, v in {**log.columns, "time": time}.items()}, log.meta)
+    path = write_log(tmp_path / "gap.csv", late)
+    with pytest.raises(Sim2RealError, match=r"gap.csv, episode \d+: row 30 is 8.64e\+04 s after"):
         run(log=str(path), model=None, effects=None, out=tmp_path)
 
 
@@ -124,3 +140,48 @@ def test_the_end_names_joints_and_units(tmp_path: Path, caplog: pytest.LogCaptur
     with caplog.at_level("INFO"):
         run(log=str(make_log(tmp_path, 0.02)), model=None, effects=None, out=tmp_path)
     assert re.search(r"rmse 0\.0\d+ rad or m over 1 logs: hinge 0\.0\d+", caplog.text)
+
+
+def test_a_mistake_of_the_log_is_said_first(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Degrees give an error of 38 rad, and the sentence that says why."""
+    log = read_logs(make_log(tmp_path, 0.0))[0]
+    turned = {n: np.rad2deg(v) for n, v in log.columns.items() if n[:5] in ("qpos.", "ctrl.")}
+    path = write_log(tmp_path / "deg.csv", Log({**log.columns, **turned}, {"model": "arm.xml"}))
+    run(log=str(path), model=None, effects=None, out=tmp_path)
+    assert (
+        "range: Positions are in another unit, or counted from elsewhere: hinge runs" in caplog.text
+    )
+    assert "`unit: deg`" in caplog.text
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
+    """Positions for a motor, and a base of which nobody knows where it was."""
+    path = make_log(tmp_path, 0.0)
+    motor = ARM.replace('<position name="hinge" joint="hinge" kp="1" kv="0.03"/>', "")
+    motor = motor.replace("<actuator>", '<actuator><motor name="hinge" joint="hinge" gear="50"/>')
+    (tmp_path / "motor.xml").write_text(motor)
+    with pytest.raises(Sim2RealError, match="the model has motors there"):
+        run(log=str(path), model=str(tmp_path / "motor.xml"), effects=None, out=tmp_path)
+    free = ARM.replace("<worldbody><body>", '<worldbody><body><freejoint/><geom size=".1"/><body>')
+    (tmp_path / "free.xml").write_text(free.replace("</worldbody>", "</body></worldbody>"))
+    with pytest.raises(Sim2RealError, match=r"base .* is free, and `qpos\..* is not logged"):
+        run(log=str(path), model=str(tmp_path / "free.xml"), effects=None, out=tmp_path)
+
+
+def test_lost_readings_count_in_no_error(tmp_path: Path) -> None:
+    """The rest is as it was."""
+    path = make_log(tmp_path, 0.02)
+    text = path.read_text().split("\n")
+    for line in (40, 41, 90):
+        *cells, _ = text[line].split(",")
+        text[line] = ",".join([*cells, ""])
+    (tmp_path / "lost.csv").write_text("\n".join(text))
+    (tmp_path / "lost.json").write_text(path.with_suffix(".json").read_text())
+    gap = run(log=str(tmp_path / "lost.csv"), model=None, effects=None, out=tmp_path)[0]
+    (whole,) = run(log=str(path), model=None, effects=None, out=tmp_path)
+    assert np.isnan(gap.measured).sum() == 3
+    kept = np.isfinite(gap.measured[:, 0])
+    error = (whole.simulated - whole.measured)[kept]
+    assert gap.errors()["hinge"]["rmse"] == pytest.approx(np.sqrt(np.mean(error**2)))

@@ -12,7 +12,7 @@ from sim2real.diagnosis.attribution.free_form import caught, foreseen
 from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
-from tests.sim2real.diagnosis import arm
+from tests.sim2real.diagnosis import arm, motors
 
 NOISE = 5e-4
 
@@ -47,6 +47,13 @@ def test_what_rubs_is_foreseen_by_what_was_before(tmp_path: Path) -> None:
     present = replace(data, settings=replace(data.settings, residual=limits))
     now, before = (caught(error, foreseen(d, error)) for d in (present, data))
     assert before > 2 * now
+
+
+def test_friction_of_a_joint_that_no_servo_holds_is_foreseen(tmp_path: Path) -> None:
+    """Torques are logged: what rubs shows as its double integral from a window's start."""
+    data = Data.of([motors.make_log(0.3, 12.0)], motors.model(tmp_path))
+    error = Problem(data, Simulator(data, [])).held_out((), np.zeros((2, 0)))
+    assert caught(error, foreseen(data, error)) > 0.3
 
 
 def test_noise_is_not_foreseen(tmp_path: Path) -> None:

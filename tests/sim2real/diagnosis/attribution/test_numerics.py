@@ -8,8 +8,9 @@ import pytest
 
 from envs.effects import make
 from hardware.log import Log
-from sim2real.diagnosis.attribution.numerics import better, is_numerics, null_test
+from sim2real.diagnosis.attribution.numerics import _words, better, is_numerics, null_test
 from sim2real.diagnosis.data.trial import piece, trial
+from sim2real.diagnosis.settings import DEFAULT
 
 ARM = """
 <mujoco><option timestep="{dt}" integrator="implicitfast"/>
@@ -34,6 +35,14 @@ def log_of(spec: mujoco.MjSpec, effects: list) -> Log:
     recording = piece(Log(columns), 0, 0, len(time)).recording(spec.copy().compile())
     (path,) = trial(spec, [recording], fixed=effects)
     return Log({**columns, "qpos.hinge": path[:, 0]})
+
+
+@pytest.mark.parametrize("changed", [0.5, 0.501, 0.499])
+def test_a_gap_that_stays_is_not_called_larger(changed: float) -> None:
+    """Numerics move the replay and leave the gap: no advice to put them into the model."""
+    text = _words("a shorter time step", 0.5, changed, 0.8, DEFAULT.numerics)
+    assert "the gap stays at 0.5" in text and "put that into the model" not in text
+    assert "% larger" in _words("a shorter time step", 0.5, 0.9, 0.8, DEFAULT.numerics)
 
 
 def test_a_gap_of_physics_is_ok() -> None:

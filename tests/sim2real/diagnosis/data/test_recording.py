@@ -51,7 +51,12 @@ def model() -> mujoco.MjModel:
         ('timestep="0.001"', 'timestep="-0.01"', "timestep=-0.01 s is not between"),
         ('timestep="0.001"', 'timestep="nan"', "timestep=nan s is not between"),
         ('<position name="leg" joint="leg" kp="2" kv="0.05"/>', "", "has no actuators"),
-        ("<worldbody>", '<asset><mesh name="m" file="no.stl"/></asset><worldbody>', "no.stl"),
+        (
+            "<worldbody>",
+            '<asset><mesh name="m" file="no.stl"/></asset>'
+            '<worldbody><geom type="mesh" mesh="m" density="0"/>',
+            "the mesh 'no.stl' is missing, and its geom touches other bodies",
+        ),
         ('mass="1"', 'mass="0"', "mass and inertia"),
     ],
 )

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hardware.log import Log, read_logs
+from hardware.log import Log, read_log, read_logs, write_log
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.trial import piece, trial
@@ -138,17 +138,57 @@ def test_degrees_are_named_where_speeds_are_logged(columns: tuple[str, ...]) -> 
     assert "speeds" in degrees.finding
 
 
-def test_degrees_show_in_a_range_that_a_model_has() -> None:
-    """A log that hardly moves, all of it in degrees: the joint's own range tells."""
+def test_speeds_in_degrees_are_no_flipped_sign() -> None:
+    """A replay that started at 57 times the speed is better from any other start."""
+    log = without(make_log(), "sensor")
+    found = preflight([changed(log, ["qvel.shoulder", "qvel.elbow"], 180 / np.pi)], [spec()])
+    checks = {f.check for f in found}
+    assert "sign" not in checks and checks & {"degrees", "speed", "rate"}
+
+
+def test_another_unit_shows_in_a_range_that_a_model_has() -> None:
+    """A log that hardly moves, all of it in degrees: no replay tells which unit, so it is asked."""
     limited = ARM.replace('name="elbow"', 'name="elbow" range="-90 90" limited="true"')
     log = without(make_log(), "sensor")
     still = changed(log, ["qpos.elbow", "ctrl.b", "qvel.elbow"], 0.01, 1.0)
     names = [n for n in log.columns if n.split(".")[0] in ("qpos", "ctrl", "qvel")]
     model = mujoco.MjSpec.from_string(limited)
     found = preflight([changed(still, names, 180 / np.pi)], [model])
-    (degrees,) = [f for f in found if f.check == "degrees"]
-    assert "elbow reaches 5" in degrees.finding and "pi/180" in degrees.fix
-    assert "degrees" not in {f.check for f in preflight([still], [model])}
+    (unit,) = [f for f in found if f.check == "range"]
+    assert "elbow runs from" in unit.finding and "columns.yaml" in unit.fix
+    assert not {"degrees", "range"} & {f.check for f in preflight([still], [model])}
+
+
+@pytest.mark.parametrize("zero", [0, 2048])
+def test_counts_of_an_encoder_are_named(zero: int) -> None:
+    """Whole numbers, of positions and commands, with the mapping that converts them."""
+    log = without(make_log(), "sensor", "qvel")
+    counts = {
+        name: np.round(values * 4096 / (2 * np.pi)) + zero
+        for name, values in log.columns.items()
+        if name.startswith(("qpos.", "ctrl."))
+    }
+    found = preflight([Log({**log.columns, **counts})], [spec()])
+    (unit,) = [f for f in found if f.check == "unit"]
+    assert f"`unit: counts/4096` and `zero: {zero}`" in unit.fix
+
+
+def test_a_turn_in_command_and_reading_is_no_degrees() -> None:
+    """Any numbers that are too large gain by a smaller unit: the right one leaves a tenth."""
+    limited = ARM.replace('name="elbow"', 'name="elbow" range="-150 150" limited="true"')
+    log = without(make_log(), "sensor", "qvel")
+    turned = changed(log, ["qpos.elbow", "ctrl.b"], shift=2 * np.pi)
+    found = preflight([turned], [mujoco.MjSpec.from_string(limited)])
+    assert "degrees" not in {f.check for f in found}
+    assert ("range", "elbow") in {(f.check, f.where) for f in found}
+
+
+def test_what_was_mended_at_reading_is_told(tmp_path: Path) -> None:
+    """As a note: whoever knows the log can say whether that is right."""
+    log = without(make_log(), "sensor")
+    path = write_log(tmp_path / "a.csv", Log({**log.columns, "time": 1e3 * log.time}))
+    (note,) = [f for f in preflight([read_log(path)], [spec()]) if f.check == "reading"]
+    assert "a.csv: time is read as milliseconds" in note.finding and "reading" in NOTES
 
 
 def test_a_wrong_zero_is_named_with_its_effect() -> None:
@@ -225,6 +265,19 @@ def test_a_late_speed_is_a_note() -> None:
     (late,) = [f for f in found if f.check == "velocity_filter"]
     assert late.where == "elbow"
     assert "30 ms" in late.finding
+    assert "clock" not in {f.check for f in found}, "a filter is late: that is no other clock"
+
+
+def test_a_gain_that_is_lower_is_told_by_how_much() -> None:
+    """The model's gain is fifty times the servo's."""
+    stiff = mujoco.MjSpec.from_string(ARM.replace('kp="4"', 'kp="200"'))
+    found = preflight([without(make_log(), "sensor")], [stiff])
+    factors = [
+        float(re.findall(r"at most ([\d.]+) times the model's", f.finding)[0])
+        for f in found
+        if f.check == "saturation"
+    ]
+    assert factors and all(0.005 < factor < 0.3 for factor in factors)
 
 
 def test_a_lag_that_jumps_within_a_log_is_found() -> None:

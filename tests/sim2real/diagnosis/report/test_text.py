@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sim2real.diagnosis.report import text
+from sim2real.diagnosis.schema import Cause
 
 
 @pytest.mark.parametrize(
@@ -79,3 +80,14 @@ def test_what_the_simulator_was_tested_for_is_one_sentence() -> None:
         "Timestep makes no difference to it.",
         "Friction: halves the gap",
     ]
+
+
+def test_a_cause_of_all_joints_is_not_at_the_robot() -> None:
+    """As people say it: at all joints alike; a delay of the robot needs no place."""
+    numbers = {"side": None, "value": 0.1, "value_ci": (0.1, 0.1), "unit": "", "extra": {}}
+    for effect, shared, said in (
+        ("coulomb_friction", True, "Coulomb friction at all joints alike"),
+        ("command_delay", False, "command delay"),
+    ):
+        cause = Cause(effect, None, **numbers, confidence=1.0, closed=1.0, shared=shared)
+        assert text.name(*text.place_of(cause)) == said

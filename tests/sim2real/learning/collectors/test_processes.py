@@ -37,7 +37,8 @@ def test_a_training_in_two_processes_repeats_and_ends() -> None:
             taken = algorithm.policy.actor.get_dist(data.clone())
         torch.testing.assert_close(taken.log_prob(data["action"]), data["action_log_prob"])
         ends.append(data["action"].clone())
-        collecting._collector.shutdown()
+        algorithm.close()
+        algorithm.close()  # once more is nothing
         assert not multiprocessing.active_children()
     assert torch.equal(*ends)
 

@@ -1,0 +1,106 @@
+"""What actuators with a state remember at each row of a log: integrated speeds, filtered commands.
+
+    logs = [with_states(log, model) for log in logs]        # columns act.<actuator>
+    state_of(log, model)                                    # (na,) in the first row
+
+No log has these columns; its commands imply them (MuJoCo, "Actuation model"):
+
+* an integrator (`intvelocity`) adds commands up, from where its joint stood: act' = ctrl;
+* a filter follows them: act' = (ctrl - act) / τ, from the first command on.
+
+What depends on more than commands (muscles, DC motors, one's own) is refused by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from hardware.log import Log
+from sim2real.runs.errors import Sim2RealError
+
+INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
+FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
+NONE = int(mujoco.mjtDyn.mjDYN_NONE)
+
+
+def with_states(log: Log, model: mujoco.MjModel) -> Log:
+    """Return the log with the state of each actuator that has one in columns `act.<actuator>`.
+
+    Raises:
+        Sim2RealError: an actuator whose state a log does not imply.
+    """
+    columns = {
+        f"act.{model.actuator(i).name}": np.concatenate(
+            [_path(part.columns, model, i) for part in log.episodes()]
+        )
+        for i in stateful(model)
+    }
+    return replace(log, columns={**log.columns, **columns}) if columns else log
+
+
+def state_of(log: Log, model: mujoco.MjModel) -> np.ndarray | None:
+    """Return the actuators' states in the first row, (na,); None where the model has none."""
+    chosen = stateful(model)
+    if not chosen:
+        return None
+    state = np.zeros(model.na)
+    for i in chosen:
+        name = f"act.{model.actuator(i).name}"
+        own = log.columns.get(name)
+        first = _path(log.columns, model, i)[0] if own is None else own[0]
+        state[int(model.actuator_actadr[i])] = first
+    return state
+
+
+def stateful(model: mujoco.MjModel) -> Sequence[int]:
+    """Return the actuators with a state that commands imply.
+
+    Raises:
+        Sim2RealError: an actuator with another state.
+    """
+    found = [i for i in range(model.nu) if model.actuator_dyntype[i] != NONE]
+    for i in found:
+        kind = mujoco.mjtDyn(int(model.actuator_dyntype[i])).name.removeprefix("mjDYN_").lower()
+        if model.actuator_dyntype[i] not in (INTEGRATOR, *FILTERS) or model.actuator_actnum[i] != 1:
+            raise Sim2RealError(
+                f"the actuator {model.actuator(i).name!r} has a state ({kind}) that no log tells: "
+                "give a model in which it has none, such as <position> or <motor>"
+            )
+    return found
+
+
+def _path(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) -> np.ndarray:
+    """Return the state of an actuator in each row of an episode, (T,)."""
+    name, time = model.actuator(index).name, columns["time"]
+    ctrl = columns.get(f"ctrl.{name}", np.zeros(len(time)))
+    if model.actuator_ctrllimited[index]:
+        ctrl = np.clip(ctrl, *model.actuator_ctrlrange[index])
+    low, high = (-np.inf, np.inf)
+    if model.actuator_actlimited[index]:
+        low, high = model.actuator_actrange[index]
+    steps = np.diff(time)
+    path = np.empty(len(time))
+    if model.actuator_dyntype[index] == INTEGRATOR:
+        path[0] = _stands(columns, model, index)
+        gains = steps * ctrl[:-1]
+        for row, gain in enumerate(gains.tolist()):
+            path[row + 1] = min(max(path[row] + gain, low), high)
+        return path
+    kept = np.exp(-steps / max(float(model.actuator_dynprm[index, 0]), mujoco.mjMINVAL))
+    path[0] = ctrl[0]
+    for row, (share, sent) in enumerate(zip(kept.tolist(), ctrl[:-1].tolist(), strict=True)):
+        path[row + 1] = min(max(sent + share * (path[row] - sent), low), high)
+    return path
+
+
+def _stands(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) -> float:
+    """Return where an integrator begins: at its joint's position, times its gear."""
+    if model.actuator_trntype[index] != mujoco.mjtTrn.mjTRN_JOINT:
+        return 0.0
+    joint = model.joint(int(model.actuator_trnid[index, 0])).name
+    first = columns.get(f"qpos.{joint}", np.zeros(1))[0]
+    return float(model.actuator_gear[index, 0] * first)

@@ -1,0 +1,267 @@
+"""An exam of logs with a mistake in them: is it named for what it is, and never explained away.
+
+    python -m sim2real +experiment=blindcheck_logs                              # 60 cases
+    python -m sim2real +experiment=blindcheck_logs resume=outputs/mine exam.most=12
+
+The robots are emulated ones; in some of them an effect is hidden as well. Rules:
+
+* A mistake is named if a cause of kind `log`, or an equivalent of it, has its kind and its place,
+  and a size within `NEAR`. Of a mistake in all joints, the robot or any joint is its place.
+* An answer is wrong for good if it is called `explained` and no cause is a mistake of the log: the
+  robot is then blamed for what was written.
+* A hidden effect is found if a cause of kind `robot` has its name and place.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hardware.config import load_robot
+from hardware.errors import HardwareError
+from hardware.log import Log, write_log
+from sim2real.exam.answer import REPORT
+from sim2real.exam.cases import check_limits, evenly, write_task
+from sim2real.exam.hiding import EFFECTS
+from sim2real.exam.hold import ANSWERS, DROPPED, KEYS, opened
+from sim2real.exam.log_mistakes import KINDS, PAIRED, Mistake, draw_mistake
+from sim2real.exam.logs import drive, exam_robot, plans
+from sim2real.exam.outline import KEY, Outline
+from sim2real.exam.score import wilson, words
+from sim2real.exam.sizes import Hidden, entries, hide
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import write_text
+from sim2real.runs.tables import Table
+
+log_ = logging.getLogger(__name__)
+NEAR = 0.1  # relative error of a mistake's size that passes
+COLUMNS = ("episode", "time", "ctrl", "qpos", "qvel", "torque", "stamp", "flag")  # that are logged
+# Effects that a mistake could be taken for are not hidden beside one.
+BESIDE = tuple(
+    name
+    for name in EFFECTS
+    if name not in ("command_delay", "observation_delay", "encoder_offset", "gravity_tilt")
+)
+
+
+@dataclass(frozen=True)
+class LogMark:
+    """What became of one case.
+
+    Args:
+        case: its name.
+        robot: its name.
+        mistake: the mistake in words.
+        hidden: the effect beside it, "" for none.
+        answer: verdict and causes in words.
+        named: whether the mistake is named.
+        blamed: whether the robot is: called `explained` without a mistake of the log.
+        found: whether the effect is named; None where there is none.
+        seconds: the duration of the diagnosis; None if it failed.
+    """
+
+    case: str
+    robot: str
+    mistake: str
+    hidden: str
+    answer: str
+    named: bool
+    blamed: bool
+    found: bool | None
+    seconds: float | None
+
+
+@dataclass(frozen=True)
+class LogExam:
+    """How many cases of which robots.
+
+    Args:
+        robots: names of conf/robot; one of them has two joints.
+        count: cases.
+        beside: of these, cases with a hidden effect as well.
+        longest: time after which a diagnosis counts as failed [s].
+        block: make and seal so many cases before the first of them is diagnosed.
+        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+
+    Raises:
+        Sim2RealError: no robot, no case, or more with an effect than there are.
+    """
+
+    robots: Sequence[str]
+    count: int
+    beside: int
+    longest: float
+    block: int
+    most: int | None = None
+
+    def __post_init__(self) -> None:
+        if not self.robots or self.count < 1 or not 0 <= self.beside <= self.count:
+            raise Sim2RealError(
+                f"an exam of robots={list(self.robots)}, count={self.count} and "
+                f"beside={self.beside} cannot be drawn; name a robot, give a count of at least 1 "
+                "and no more cases with an effect beside than that"
+            )
+        check_limits(self.longest, self.most, self.block)
+
+    def draw(self, seed: int) -> list[Outline]:
+        """Return the cases: every kind and robot equally often, as far as the count allows."""
+        rng = np.random.default_rng([seed, 0])
+        several = [name for name in self.robots if len(load_robot(name).names) > 1]
+        kinds = [kind for kind in KINDS if several or kind not in PAIRED]
+        chosen = evenly(kinds, self.count, rng)
+        robots = evenly(self.robots, self.count, rng)
+        effects = iter(evenly(BESIDE, self.beside, rng))
+        beside = set(rng.choice(self.count, self.beside, replace=False).tolist())
+        seeds = np.random.SeedSequence(seed).generate_state(self.count)
+        outlines = []
+        for i, (kind, robot) in enumerate(zip(chosen, robots, strict=True)):
+            if kind in PAIRED and robot not in several:
+                robot = str(rng.choice(several))
+            hidden = (next(effects),) if i in beside else ()
+            outlines.append(Outline(f"case_{i:03d}", kind, robot, hidden, int(seeds[i])))
+        return outlines
+
+    def make(self, outline: Outline, logs: Path, key: Path) -> bool:
+        """Record a case and write its two folders; False if the robot cannot show its effect.
+
+        Args:
+            outline: the case.
+            logs: the folder that a diagnosis is given.
+            key: the folder that it is not.
+        """
+        robot = exam_robot(outline.robot, logs)
+        hidden: Hidden | None = Hidden((), 0.0, 0.0)
+        if outline.effects:
+            hidden = hide(robot, outline.effects, outline.seed)
+        if hidden is None:
+            return False
+        plan = plans(robot, outline.seed)["a"]
+        try:
+            log = drive(robot, entries(hidden.truths), plan, outline.seed + 2)
+        except HardwareError as stopped:
+            log_.debug("%s: %s", robot.name, stopped)
+            return False
+        mistake = draw_mistake(np.random.default_rng([outline.seed, 4]), log, outline.kind)
+        write_log(logs / "a.csv", mistake.apply(_plain(log)))
+        write_task(logs, ())
+        truth = {
+            "name": outline.name,
+            "robot": outline.robot,
+            "joints": log.joints,
+            "mistake": mistake.to_json(),
+            "truths": hidden.truths,
+        }
+        write_text(key / KEY, json.dumps(truth, indent=1) + "\n")
+        return True
+
+    def report(self, folder: Path, drawn: int, seed: int) -> list[LogMark]:
+        """Open the seals, mark every case that was answered, and write the tables.
+
+        Raises:
+            Sim2RealError: the keys are not the ones that were sealed, or no case was answered.
+        """
+
+        def marked(names: Sequence[str], cases: int) -> list[LogMark]:
+            marks = [_marked(folder, name) for name in names]
+            _write(marks, folder, seed, cases)
+            return marks
+
+        return opened(folder, drawn, marked)
+
+
+def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None) -> LogMark:
+    """Compare an answer with its key.
+
+    Args:
+        key: {name, robot, joints, mistake, truths}.
+        report: report.json; None if the diagnosis failed.
+    """
+    mistake = Mistake.from_json(key["mistake"])
+    causes = [] if report is None else report["causes"]
+    logs = [cause for cause in causes if cause.get("kind") == "log"]
+    truths = [(t["effect"], t["joint"]) for t in key["truths"]]
+    found = {
+        (one["effect"], one["where"])
+        for cause in causes
+        if cause.get("kind", "robot") == "robot"
+        for one in (cause, *cause["equivalent"])
+    }
+    return LogMark(
+        key["name"],
+        key["robot"],
+        mistake.describe(),
+        ", ".join(f"{effect} at {where or 'the robot'}" for effect, where in truths),
+        "failed" if report is None else words(report),
+        any(names(cause, mistake, key["joints"]) for cause in logs),
+        report is not None and report["verdict"] == "explained" and not logs,
+        bool(set(truths) & found) if truths else None,
+        None if report is None else report["seconds"],
+    )
+
+
+def names(cause: Mapping[str, Any], mistake: Mistake, joints: Sequence[str]) -> bool:
+    """Return whether a cause of kind `log` is this mistake."""
+    places = {mistake.joint, mistake.other} - {None}
+    if mistake.joint is None or len(joints) == 1:
+        places = {None, *joints}
+    every = (cause, *cause["equivalent"])
+    if not any(one["effect"] == mistake.kind and one["where"] in places for one in every):
+        return False
+    if cause["effect"] != mistake.kind:  # an equivalent is the mistake: its size is not told
+        return True
+    return abs(cause["value"] - mistake.value) <= NEAR * abs(mistake.value)
+
+
+def _plain(log: Log) -> Log:
+    """Return a log with the columns that any client writes."""
+    kept = {n: v for n, v in log.columns.items() if n.partition(".")[0] in COLUMNS}
+    return replace(log, columns=kept)
+
+
+def _marked(folder: Path, name: str) -> LogMark:
+    key = json.loads((folder / KEYS / name / KEY).read_text(encoding="utf-8"))
+    file = folder / ANSWERS / name / REPORT
+    return mark(key, json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None)
+
+
+def _write(marks: Sequence[LogMark], folder: Path, seed: int, cases: int) -> None:
+    """Write table.md, cases.csv and score.json."""
+    figures = summary(marks)
+    answers = Table(tuple(LogMark.__dataclass_fields__))
+    for one in marks:
+        values = [getattr(one, name) for name in LogMark.__dataclass_fields__]
+        answers.add(*(int(v) if isinstance(v, bool) else v for v in values))
+    dropped = len(list((folder / KEYS).glob(f"*/{DROPPED}")))
+    head = f"{len(marks)} of {cases} cases of seed {seed} were answered"
+    head += f"; {dropped} could not be made." if dropped else "."
+    text = f"# Mistakes of logs\n\n{head}\n\n{figures.markdown()}\n{answers.markdown()}"
+    write_text(folder / "table.md", text)
+    write_text(folder / "cases.csv", answers.csv())
+    about = {"seed": seed, "cases": cases, "answered": len(marks)}
+    rows = {str(row[0]): row[1:] for row in figures.rows}
+    write_text(folder / "score.json", json.dumps(about | {"figures": rows}, indent=1))
+    log_.info("%s", figures.markdown())
+
+
+def summary(marks: Sequence[LogMark]) -> Table:
+    """Return the figures of the exam, each with its number of cases, interval and aim."""
+    table = Table(("figure", "cases", "value", "aim"))
+
+    def add(label: str, hits: list[bool], aim: str) -> None:
+        table.add(label, len(hits), wilson(hits), aim)
+
+    add("mistake named", [one.named for one in marks], "≥ 0.9")
+    add("explained by an effect instead", [one.blamed for one in marks], "0")
+    add("effect beside it named", [one.found for one in marks if one.found is not None], "")
+    for kind in KINDS:
+        own = [one.named for one in marks if one.mistake.startswith(f"{kind} ")]
+        if own:
+            add(f"named, {kind}", own, "")
+    table.notes.append("Brackets: 95 % intervals by Wilson (1927).")
+    return table

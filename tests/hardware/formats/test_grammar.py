@@ -1,0 +1,175 @@
+"""Logs as anybody writes them, drawn from a grammar: each is read right, or refused in a sentence.
+
+A drawing chooses a motion and then how it is written: names, units, the clock's origin and unit,
+lost readings, what separates cells, how numbers are encoded. Where nothing was chosen that only a
+person can know, the log has to be read; whatever is refused names a row or a column, and a remedy.
+"""
+
+from __future__ import annotations
+
+import datetime
+import tempfile
+import time
+import tracemalloc
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hardware.errors import LogError
+from hardware.log import Log, read_log
+
+ROWS, STEP = 60, 0.02
+TIME = np.arange(ROWS) * STEP
+ORIGIN = 1768472890  # s since 1970
+SECONDS, BYTES = 10.0, 2**30  # that a log may take
+UNITS = {"rad": 1.0, "deg": 180 / np.pi, "counts/4096": 4096 / (2 * np.pi)}
+CLOCKS = ("s", "unix", "ms", "us", "ns", "iso", "sec,nanosec")
+REMEDIES = ("write", "remove", "give", "repair", "correct", "map", "log it", "there are", "needed")
+
+
+class Drawn(NamedTuple):
+    """How a log is written.
+
+    Args:
+        joints: names of its joints.
+        clock: origin and unit of its time.
+        unit: of commands and positions.
+        mapped: whether other names are used, with a columns.yaml that tells them.
+        headers: lines of names; other than one only where it is mapped.
+        separator: of cells.
+        lost: rows whose first position is missing.
+        word: what stands there.
+        hole: a row whose command is missing; None for none.
+    """
+
+    joints: tuple[str, ...]
+    clock: str
+    unit: str
+    mapped: bool
+    headers: int
+    separator: str
+    lost: frozenset[int]
+    word: str
+    hole: int | None
+
+
+@st.composite
+def logs(draw: Any) -> Drawn:
+    """Draw a way to write a log."""
+    mapped = draw(st.booleans())
+    return Drawn(
+        tuple(draw(st.lists(st.sampled_from("abcdef"), min_size=1, max_size=3, unique=True))),
+        draw(st.sampled_from(CLOCKS)),
+        draw(st.sampled_from(list(UNITS))) if mapped else "rad",
+        mapped,
+        draw(st.sampled_from((0, 1, 2))) if mapped else 1,
+        draw(st.sampled_from(",;\t")),
+        draw(st.frozensets(st.integers(0, ROWS - 1), max_size=ROWS // 3)),
+        draw(st.sampled_from(("", "nan", "null", "NA"))),
+        draw(st.one_of(st.none(), st.integers(0, ROWS - 1))),
+    )
+
+
+def motions(joint: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return commands and positions of a joint, (ROWS,) [rad]."""
+    phase = ord(joint)
+    return np.sin(3 * TIME + phase), 0.9 * np.sin(3 * TIME + phase - 0.1)
+
+
+def clock(kind: str) -> dict[str, list[Any]]:
+    """Return the columns that tell the time."""
+    whole = TIME + ORIGIN
+    match kind:
+        case "s":
+            return {"time": TIME.tolist()}
+        case "unix":
+            return {"time": [f"{t:.6f}" for t in whole]}
+        case "ms" | "us" | "ns":
+            power = {"ms": 3, "us": 6, "ns": 9}[kind]
+            return {"time": [round(t * 10**3) * 10 ** (power - 3) for t in whole.tolist()]}
+        case "iso":
+            start = datetime.datetime.fromtimestamp(ORIGIN, datetime.UTC)
+            return {"time": [(start + datetime.timedelta(seconds=t)).isoformat() for t in TIME]}
+    nanos = [round(1e9 * float(t)) for t in TIME]
+    return {
+        "sec": [ORIGIN + n // 10**9 for n in nanos],
+        "nanosec": [n % 10**9 for n in nanos],
+    }
+
+
+def write(drawn: Drawn, folder: Path) -> Path:
+    """Write a log, and its columns.yaml where it needs one."""
+    columns: dict[str, list[Any]] = {"episode": [0] * ROWS, **clock(drawn.clock)}
+    factor = UNITS[drawn.unit]
+    for number, joint in enumerate(drawn.joints):
+        command, position = (factor * part for part in motions(joint))
+        if drawn.unit.startswith("counts"):
+            command, position = np.round(command), np.round(position)
+        columns[f"ctrl.{joint}"], columns[f"qpos.{joint}"] = command.tolist(), position.tolist()
+        if number == 0:
+            for row in drawn.lost:
+                columns[f"qpos.{joint}"][row] = drawn.word
+            if drawn.hole is not None:
+                columns[f"ctrl.{joint}"][drawn.hole] = drawn.word
+    names = list(columns)
+    heads = [names]
+    if drawn.mapped:
+        entries: dict[str, dict[str, Any]] = {}
+        sources = [f"x{i}" if drawn.headers else str(i) for i in range(len(names))]
+        heads = [[], [sources], [["x"] * len(names), sources]][drawn.headers]
+        sources = [f"x {name}" for name in sources] if drawn.headers == 2 else sources
+        for name, source in zip(names, sources, strict=True):
+            entries[name] = {"from": source}
+            if name[:5] in ("ctrl.", "qpos."):
+                entries[name]["unit"] = drawn.unit
+        if "sec" in entries:
+            entries["time"] = entries.pop("sec") | {"nanosec": entries.pop("nanosec")["from"]}
+        (folder / "columns.yaml").write_text(yaml.safe_dump({"columns": entries}))
+    rows = [*heads, *zip(*columns.values(), strict=True)]
+    path = folder / "log.csv"
+    path.write_text("\n".join(drawn.separator.join(map(str, row)) for row in rows) + "\n")
+    return path
+
+
+def check(drawn: Drawn, log: Log) -> None:
+    """Hold a log that was read against the motion that was written."""
+    assert np.allclose(log.time, TIME, atol=1e-6)
+    count = 2 * np.pi / 4096 if drawn.unit.startswith("counts") else 1e-9
+    for joint in drawn.joints:
+        command, position = motions(joint)
+        kept = np.ones(ROWS, bool)
+        if joint == drawn.joints[0]:
+            kept[list(drawn.lost)] = False
+        assert np.allclose(log.column(f"ctrl.{joint}"), command, atol=count)
+        assert np.allclose(log.column(f"qpos.{joint}")[kept], position[kept], atol=count)
+        assert np.isfinite(log.column(f"qpos.{joint}")).all()
+    fresh = log.columns.get("flag.fresh", np.ones(ROWS))
+    assert set(np.flatnonzero(fresh == 0)) == set(drawn.lost)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(logs())
+def test_a_log_is_read_right_or_refused_in_a_sentence(drawn: Drawn) -> None:
+    """Read where nothing is missing that nobody can guess; else row, column and remedy."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(drawn, Path(folder))
+        tracemalloc.start()
+        began = time.monotonic()
+        try:
+            log = read_log(path)
+        except LogError as error:
+            sentence = str(error)
+            assert drawn.hole is not None
+            assert f"row {drawn.hole}" in sentence and "column 'ctrl." in sentence
+            assert any(word in sentence for word in REMEDIES) and "\n" not in sentence
+        else:
+            assert drawn.hole is None
+            check(drawn, log)
+        finally:
+            assert time.monotonic() - began < SECONDS
+            assert tracemalloc.get_traced_memory()[1] < BYTES
+            tracemalloc.stop()

@@ -1,0 +1,152 @@
+"""Models of many constructs, each diagnosed against its own log: there is no gap.
+
+`SIM2REAL_MODELS` names a folder of further models (a zoo of MJCF files); those whose actuators act
+on hinges and slides are asked as well.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import make
+from envs.models import load_spec
+from envs.plant import Plant
+from sim2real.diagnosis.data.replay import measure
+from sim2real.diagnosis.diagnose import diagnose
+from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.diagnosis.own_log import COUNT, own_log
+
+ZOO = os.environ.get("SIM2REAL_MODELS")
+ARM = """<mujoco>{options}<worldbody>
+<body name="upper"><joint name="a" axis="0 1 0" armature="0.01" damping="0.1" {joint}/>
+<geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02" mass="0.3"/>{more}</body>
+</worldbody>{rest}<actuator>{actuators}</actuator></mujoco>"""
+LOWER = """<body name="lower" pos="0 0 -.2"><joint name="b" axis="0 1 0" armature="0.01"
+damping="0.1"/><geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02" mass="0.2"/></body>"""
+SERVO = '<position joint="a" kp="8" kv="0.3" forcerange="-3 3"/>'
+FINE = '<option timestep="0.002" integrator="implicitfast"/>'
+FILTER = 'gainprm="8" biastype="affine" biasprm="0 -8 -0.3"'
+MODELS: dict[str, tuple[dict[str, str], float]] = {  # parts of the arm, size of the commands
+    "unnamed position servo": ({}, 0.8),
+    "motor with a gear": ({"actuators": '<motor joint="a" gear="2"/>'}, 0.3),
+    "integrated velocity": (
+        {"actuators": '<intvelocity joint="a" kp="8" kv="0.3" actrange="-1.5 1.5"/>'},
+        2.0,
+    ),
+    "slow exact filter": (
+        {"actuators": f'<general joint="a" dyntype="filterexact" dynprm="0.3" {FILTER}/>'},
+        0.8,
+    ),
+    "filter": ({"actuators": f'<general joint="a" dyntype="filter" dynprm="0.1" {FILTER}/>'}, 0.8),
+    "servo with a time constant": (
+        {"actuators": '<position joint="a" kp="8" kv="0.3" timeconst="0.05"/>'},
+        0.8,
+    ),
+    "servo with a damping ratio": (
+        {"actuators": '<position joint="a" kp="8" dampratio="1"/>'},
+        0.8,
+    ),
+    "velocity servo": ({"actuators": '<velocity joint="a" kv="0.5"/>'}, 2.0),
+    "dry friction": ({"joint": 'frictionloss="0.05"'}, 0.8),
+    "spring": ({"joint": 'stiffness="2" springref="20"'}, 0.8),
+    "range in degrees": ({"joint": 'range="-30 30" limited="true"'}, 0.9),
+    "two joints": (
+        {"more": LOWER, "actuators": SERVO + '<position joint="b" kp="6" kv="0.2"/>'},
+        0.6,
+    ),
+    "joint that nothing drives": ({"more": LOWER.replace('"0.1"', '"0.02"')}, 0.4),
+    "coupled joints": (
+        {
+            "more": LOWER,
+            "rest": '<equality><joint joint1="b" joint2="a" polycoef="0 1 0 0 0"/></equality>',
+        },
+        0.4,
+    ),
+    "slide": ({"joint": 'type="slide"', "actuators": '<position joint="a" kp="50" kv="5"/>'}, 0.3),
+    "wheel": (
+        {"more": '<geom type="cylinder" size=".05 .02" euler="90 0 0" mass="0.5"/>'},
+        0.8,
+    ),
+    "explicit Euler": ({"options": '<option timestep="0.001"/>'}, 0.8),
+    "keyframe": ({"rest": '<keyframe><key name="home" qpos="0.4" ctrl="0.4"/></keyframe>'}, 0.6),
+    "mesh that is not there": (
+        {
+            "options": f'{FINE}<asset><mesh name="shell" file="shell.stl"/></asset>',
+            "more": '<geom type="mesh" mesh="shell" contype="0" conaffinity="0" mass="0"/>',
+        },
+        0.8,
+    ),
+}
+
+
+def write(folder: Path, parts: dict[str, str]) -> Path:
+    """Write the arm with some of its parts changed."""
+    usual = {"options": FINE, "joint": "", "more": "", "rest": "", "actuators": SERVO}
+    path = folder / "model.xml"
+    path.write_text(ARM.format(**(usual | parts)), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_models_own_log_has_no_gap(name: str, tmp_path: Path) -> None:
+    """Replayed whole it is off by a count; in windows that start anywhere nothing is missing."""
+    parts, size = MODELS[name]
+    path = write(tmp_path, parts)
+    log = own_log(path, size)
+    errors = measure(log, load_spec(path)).errors()
+    assert max(error["rmse"] for error in errors.values()) < COUNT
+    assert diagnose(log, path).verdict == "no_gap"
+
+
+@pytest.mark.parametrize(
+    ("actuator", "kind"),
+    [('<muscle joint="a" lengthrange="0.1 1"/>', "muscle")],
+)
+def test_a_state_that_no_log_tells_is_refused(actuator: str, kind: str, tmp_path: Path) -> None:
+    """By the actuator's name, with what to give instead."""
+    path = write(tmp_path, {"actuators": actuator})
+    log = own_log(path, 0.5)
+    with pytest.raises(Sim2RealError, match=rf"actuator 'a' has a state \({kind}\).*<position>"):
+        diagnose(log, path)
+
+
+def test_a_body_centred_on_its_joint_can_be_loaded(tmp_path: Path) -> None:
+    """The engine's short cut for such bodies is not taken where an effect moves their mass."""
+    disc = ARM.replace('type="capsule" fromto="0 0 0 0 0 -.2" size=".02"', 'size=".05"')
+    text = disc.format(
+        options=FINE, joint="", more='<site pos="0 0 -.1"/>', rest="", actuators=SERVO
+    )
+    spec = mujoco.MjSpec.from_string(text)
+    assert spec.copy().compile().body_simple[1]
+    for effect, value in (("payload", 0.3), ("center_of_mass", 0.05), ("link_length", 1.2)):
+        plant = Plant(spec, [make(effect, where="upper")], num_rows=1)
+        row, rest = np.zeros(1, int), np.zeros((1, 1))
+        plant.set_params(row, np.array([[value]]))
+        plant.reset(row, rest + 0.3, rest, np.zeros(1, np.uint64))
+        assert not plant.step(None, rest, 100).any()
+
+
+def zoo() -> list[Path]:
+    """Return the models of the zoo."""
+    return sorted(Path(ZOO).rglob("*.xml")) if ZOO else []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.skipif(not ZOO, reason="SIM2REAL_MODELS names no folder of models")
+@pytest.mark.parametrize("path", zoo(), ids=lambda path: path.stem)
+def test_every_model_of_a_zoo_agrees_with_its_own_log(path: Path) -> None:
+    """Where all actuators act on hinges and slides, with commands of a part of their range."""
+    model = load_spec(path).compile()
+    scalar = model.jnt_type[model.actuator_trnid[:, 0]] >= int(mujoco.mjtJoint.mjJNT_SLIDE)
+    on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    if not model.nu or not (on_joint & scalar).all() or model.nq != model.njnt:
+        pytest.skip("no model of hinges and slides that actuators drive")
+    limits = model.actuator_ctrlrange[model.actuator_ctrllimited.astype(bool)]
+    size = 0.2 * float(np.abs(limits).max(axis=1).min()) if len(limits) else 0.2
+    assert diagnose(own_log(path, size), path).verdict == "no_gap"
