@@ -22,7 +22,8 @@ Columns (SI units):
 
 Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
 name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log
-is finite, so a reader need not ask.
+is finite, so a reader need not ask: what a file lacks, or counts in another unit of time, is mended
+when it is read (`hardware.formats.repair`), said, and kept under `reading` in the metadata.
 """
 
 from __future__ import annotations
