@@ -22,8 +22,10 @@ Columns (SI units):
 
 Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
 name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log
-is finite, so a reader need not ask. A robot's log is `NAME.csv.part` until it is whole
-(`hardware/log_writer.py`); one that was left over by a killed program is read like any other.
+is finite, so a reader need not ask: what a file lacks, or counts in another unit of time, is mended
+when it is read (`hardware.formats.repair`), said, and kept under `reading` in the metadata. A
+robot's log is `NAME.csv.part` until it is whole (`hardware/log_writer.py`); one that was left over
+by a killed program is read like any other.
 """
 
 from __future__ import annotations

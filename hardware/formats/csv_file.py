@@ -79,7 +79,7 @@ def with_time(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     if "time" in columns or not set(SPLIT) <= set(columns):
         return columns
     whole, rest = (columns.pop(name) for name in SPLIT)
-    return {**columns, "time": whole - whole[0] + NANO * rest}
+    return {**columns, "time": whole - whole[0] + NANO * (rest - rest[0])}
 
 
 def separator_of(line: str) -> str:

@@ -1,14 +1,15 @@
 """What a reader mends in a log before anybody works with it, and what it says about that.
 
-    columns, notes = repair(columns, "run.csv", first_line=2)
+    columns, notes = repair(columns, "run.csv", line=2)
 
 A position that is missing, or that no servo can have had, gets a number between its neighbours, so
 that every number is finite, and its row `flag.fresh` = 0, so that no comparison counts it. A
 command that is missing is not guessed. Each note is a sentence for whoever works with the log; they
 lie under `reading` in its metadata.
 
-* Time is counted from each episode's start, in seconds: rows that are 1 or more apart are no
-  seconds but milliseconds, microseconds or nanoseconds.
+* Time is counted in seconds: rows that are 1 or more apart are no seconds but milliseconds,
+  microseconds or nanoseconds. An episode that begins more than 1 s from 0 is of another clock, and
+  counted from its start.
 * Lost answers are cells without a number; a constant that a reading jumps to and back from (0 or
   2³² while the bus was silent); a reading that stands still while the joint moves on, and jumps.
   A jump is faster than `FASTEST` and than `SUDDEN` times the usual change from row to row.
@@ -110,7 +111,7 @@ def _episodes(episode: np.ndarray) -> list[slice]:
 
 
 def _count_time(columns: Columns, parts: list[slice]) -> list[str]:
-    """Count time and stamps in seconds from each episode's start."""
+    """Count time and stamps in seconds, and from the episode's start where another clock did."""
     time = columns["time"]
     steps = np.concatenate([np.diff(time[part]) for part in parts])
     middle = float(np.median(steps)) if steps.size else 0.0
@@ -121,7 +122,9 @@ def _count_time(columns: Columns, parts: list[slice]) -> list[str]:
     for name in clocks:
         values = columns[name].copy()
         for part in parts:
-            values[part] = _from(values[part], float(time[part][0]), 1000**power)
+            start = float(time[part][0])
+            start = start if abs(start) > SLOWEST * 1000**power else 0.0
+            values[part] = _from(values[part], start, 1000**power)
         columns[name] = values
     if not power:
         return []

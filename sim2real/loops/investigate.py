@@ -83,7 +83,7 @@ class Round:
         left: labels of the explanations that stay open; () where there is one, or none.
     """
 
-    format_effect: str
+    name: str
     motions: tuple[str, ...]
     seconds: float
     size: float

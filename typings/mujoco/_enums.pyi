@@ -42,6 +42,12 @@ class mjtFontScale(_Enum):
 class mjtFramebuffer(_Enum):
     mjFB_OFFSCREEN: mjtFramebuffer
 
+class mjtDyn(_Enum):
+    mjDYN_NONE: mjtDyn
+    mjDYN_INTEGRATOR: mjtDyn
+    mjDYN_FILTER: mjtDyn
+    mjDYN_FILTEREXACT: mjtDyn
+
 class mjtGain(_Enum):
     mjGAIN_FIXED: mjtGain
     mjGAIN_SO3: mjtGain

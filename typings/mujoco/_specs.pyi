@@ -190,6 +190,7 @@ class MjsActuator(_Element):
     def set_to_dcmotor(
         self, *, motorconst: ArrayLike, resistance: Float, nominal: ArrayLike = ...
     ) -> None: ...
+    def set_to_motor(self) -> None: ...
     def set_to_position(
         self,
         kp: Float,
@@ -374,6 +375,7 @@ class MjsFrame(_Element):
 class MjsGeom(_Element):
     conaffinity: _Int
     contype: _Int
+    density: _Float
     @property
     def frame(self) -> MjsFrame: ...
     friction: _Floats
@@ -381,6 +383,7 @@ class MjsGeom(_Element):
     group: _Int
     margin: _Float
     mass: _Float
+    meshname: str
     @property
     def parent(self) -> MjsBody: ...
     pos: _Floats

@@ -19,7 +19,10 @@ from mujoco._fields import (
 
 class MjModel:
     def actuator(self, name: str | Int, /) -> _MjModelActuatorViews: ...
+    actuator_actadr: _Ints
+    actuator_actlimited: _Bools
     actuator_actnum: _Ints
+    actuator_actrange: _Floats
     actuator_armature: _Floats
     actuator_biasprm: _Floats
     actuator_biastype: _Ints
@@ -28,6 +31,8 @@ class MjModel:
     actuator_ctrlnum: _Ints
     actuator_ctrlrange: _Floats
     actuator_damping: _Floats
+    actuator_dynprm: _Floats
+    actuator_dyntype: _Ints
     actuator_delay: _Floats
     actuator_forcelimited: _Bools
     actuator_forcerange: _Floats
@@ -41,6 +46,7 @@ class MjModel:
     actuator_trntype: _Ints
     def bind(self, specs: Any) -> Any: ...
     def body(self, name: str | Int, /) -> _MjModelBodyViews: ...
+    body_simple: _Field[NDArray[np.uint8], ArrayLike]
     body_inertia: _Floats
     body_ipos: _Floats
     body_iquat: _Floats
@@ -118,6 +124,10 @@ class MjModel:
     def nactuator(self) -> int: ...
     @property
     def names(self) -> bytes: ...
+    @property
+    def ngravcomp(self) -> int: ...
+    @property
+    def nmesh(self) -> int: ...
     @property
     def nbody(self) -> int: ...
     @property
@@ -204,6 +214,7 @@ class MjData:
     qfrc_actuator: _Floats
     qfrc_applied: _Floats
     qfrc_bias: _Floats
+    qfrc_damper: _Floats
     qfrc_passive: _Floats
     qfrc_smooth: _Floats
     qpos: _Floats

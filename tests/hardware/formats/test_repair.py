@@ -58,6 +58,11 @@ def test_time_may_have_any_origin_and_unit(
     assert told is None or told in log.meta[READING][0]
 
 
+def test_a_log_that_begins_shortly_after_its_episode_is_left_alone(tmp_path: Path) -> None:
+    """The first row of a robot's own log is written a moment after the episode's start."""
+    assert read_log(csv(tmp_path, TIME + 0.0203)).time[0] == 0.0203
+
+
 def test_each_episode_has_its_own_start(tmp_path: Path) -> None:
     """Stamps move with the time."""
     episode = np.repeat([0, 1], 100)

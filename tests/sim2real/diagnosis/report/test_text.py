@@ -90,4 +90,4 @@ def test_a_cause_of_all_joints_is_not_at_the_robot() -> None:
         ("command_delay", False, "command delay"),
     ):
         cause = Cause(effect, None, **numbers, confidence=1.0, closed=1.0, shared=shared)
-        assert text.name(*text.place_of(cause)) == said
+        assert text.format_effect(*text.place_of(cause)) == said
