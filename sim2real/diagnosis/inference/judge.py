@@ -128,7 +128,8 @@ class Judge:
         starts = [*map(make_start, always), *propose()]
         self.say("judging what was proposed")
         tried = {self.given.label: self.given}
-        pool = self._refine(starts, tried)
+        pool = [start for start in starts if len(start.hypothesis.members) == 1]
+        self._refine(starts, tried)
         best = self._choose(tried)
         while 0 < len(best.hypothesis.members) < self.settings.members_max:
             if self.left(best).gain.high <= self.settings.equivalence_tolerance:
@@ -217,8 +218,8 @@ class Judge:
         )
         return Fitter(replayer, likelihood, self.fold[chosen])
 
-    def _refine(self, starts: Sequence[Start], tried: dict[str, Fit]) -> list[Start]:
-        """Fit the starts that screen best into what was tried; return all changes by their rank."""
+    def _refine(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
+        """Fit the starts that screen best into what was tried."""
         fresh = [start for start in starts if start.hypothesis.label not in tried]
         looked = rank_fits(self.glance.fit(fresh, rounds=0))
         best = pick_distinct(looked, self.settings.refits)
@@ -229,8 +230,6 @@ class Judge:
         ):
             if fit.label not in tried or fit.total > tried[fit.label].total:
                 tried[fit.label] = fit
-        single = [fit for fit in looked if len(fit.hypothesis.members) == 1]
-        return list(map(restart, single[: self.settings.pool]))
 
     def _choose(self, tried: dict[str, Fit]) -> Fit:
         """Return the shortest explanation that none longer wins against."""

@@ -1,6 +1,6 @@
 """From one hypothesis to its neighbours: one more change, one fewer.
 
-starts = add_members(best, pool)              # at the values that each was found with
+starts = add_members(best, pool)              # from where each begins
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def restart(fit: Fit) -> Start:
 
 
 def add_members(best: Fit, pool: Sequence[Start]) -> list[Start]:
-    """Return the best with one more change each, at the values that each screened with."""
+    """Return the best with one more change each, from where each begins."""
     found = []
     for hypothesis, points in pool:
         (member,) = hypothesis.members
@@ -51,13 +51,13 @@ def _compatible(one: Member, other: Member) -> bool:
 
 
 def _joined(best: Fit, member: Member, points: np.ndarray) -> Start:
-    """Return a fit with one more member, at points (K, 2, P) of it."""
+    """Return a fit with one more member, at points (K, P) of it."""
     hypothesis = Hypothesis.of([*best.hypothesis.members, member])
     values = np.empty((len(points), FOLDS, len(hypothesis.low)))
     pairs = zip(best.hypothesis.members, best.hypothesis.columns, strict=True)
     own = {m.label: best.values[:, column] for m, column in pairs}
     for one, column in zip(hypothesis.members, hypothesis.columns, strict=True):
-        values[..., column] = points if one is member else own[one.label]
+        values[..., column] = points[:, None] if one is member else own[one.label]
     return Start(hypothesis, values)
 
 

@@ -38,7 +38,7 @@ def make_proposals(search: Search, found: Found) -> list[Start]:
         if known is not None:
             start = Start(known.hypothesis, np.concatenate([known.points, start.points]))
         starts[start.hypothesis.label] = start
-    for guess in search.first.guesses[: search.problem.data.settings.inference.pool]:
+    for guess in search.first.guesses:
         hypothesis, candidate = Hypothesis((guess.candidate,)), guess.candidate
         points = [guess.start, *(candidate.towards(guess.start, scale) for scale in FAR)]
         known = starts.get(hypothesis.label)

@@ -322,15 +322,34 @@ def _stacked(replayer: Replayer, logs: Sequence[_Mended]) -> Simulator:
     return Simulator(mended, replayer.fixed, work=replayer.work)
 
 
+def skip_beginnings(data: Data, rows: int) -> Data:
+    """Return the data with windows that begin at least so many rows after their episode does.
+
+    What was logged at another time is not known there.
+    """
+    windows, mask = list(data.windows), data.mask.copy()
+    for place, window in enumerate(data.windows):
+        log = data.logs[window.log]
+        begin = int(np.argmax(log.episode == window.episode)) + rows
+        kept = window.usable & (window.first + np.arange(len(window.usable)) >= begin)
+        if window.start < begin and kept.sum() > 1:
+            args = (window.log, window.model, data.models[window.model], data.joints)
+            cut = (begin, window.first, window.last)
+            own = cut_one(log, *args, cut, data.settings.windows)
+            windows[place] = own._replace(usable=kept)
+            mask[place, : len(kept)] = kept
+    return replace(data, windows=tuple(windows), mask=mask)
+
+
 def cut_whole_episodes(data: Data) -> list[Window]:
-    """Return every episode as one window, from its first row on."""
+    """Return every episode as one window, from where its first one starts."""
     found: dict[tuple[int, int], Window] = {}
     for window in data.windows:
         log = data.logs[window.log]
         rows = np.flatnonzero(log.episode == window.episode)
         place = window.log, window.episode
         if place not in found:
-            ends = (int(rows[0]), int(rows[0]), int(rows[-1]) + 1)
+            ends = (window.start, window.start, int(rows[-1]) + 1)
             model, own = data.models[window.model], data.settings.windows
             args = (window.log, window.model, model, data.joints, ends, own)
             found[place] = cut_one(log, *args)

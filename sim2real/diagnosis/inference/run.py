@@ -5,6 +5,7 @@ found = run_judge(about)                   # found.made.report, found.floors
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,8 +13,9 @@ from sim2real.diagnosis.attribution.attributed import About, Attributed, Restart
 from sim2real.diagnosis.inference.conclusion import make_conclusion
 from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.log_changes import MOST, list_log_changes
 from sim2real.diagnosis.inference.proposals import make_proposals
+from sim2real.diagnosis.inference.replayer import skip_beginnings
 from sim2real.diagnosis.inference.world_changes import list_world_changes
 
 SEARCHED = 0.9  # share of the work that is done once a search has proposed
@@ -40,9 +42,10 @@ def run_judge(about: About, restart: Restart | None = None) -> Attributed:
         return make_proposals(search, search.run())
 
     with about.work.during("judging"):
-        judge = Judge(about.data, about.fixed, about.rng, about.work, say)
+        known = about.data if restart else skip_beginnings(about.data, math.ceil(MOST))
+        judge = Judge(known, about.fixed, about.rng, about.work, say)
         mistakes = list_log_changes(about.data) if restart is None else []
         judgement = judge.judge(propose, [*mistakes, *list_world_changes(about.data)])
         made = make_conclusion(judgement, search, floors, about.rng)
-    data = replace(about.data, fold=judge.fold)
+    data = replace(about.data, fold=judge.fold)  # with all rows: what pictures show
     return Attributed(data, search, floors, made)

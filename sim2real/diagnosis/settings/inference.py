@@ -90,7 +90,4 @@ class Inference:
     temperature: float = setting(
         0.03, "1", "nats a reading that change the odds of two hypotheses by e", JUDGED
     )
-    pool: int = setting(
-        40, "1", "changes that are tried beside the best hypothesis, those that screen best", COST
-    )
     rivals: int = setting(5, "1", "hypotheses that are compared with the best at the end", COST)

@@ -1,0 +1,37 @@
+"""The windows that a judge looks at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from sim2real.diagnosis.inference.replayer import cut_whole_episodes, skip_beginnings
+from tests.sim2real.diagnosis import arm
+
+ROWS = 6
+
+
+def test_beginnings_of_episodes_are_left_out(tmp_path: Path) -> None:
+    """What was logged at another time is unknown there; other windows stay as they are."""
+    data = arm.data_of(arm.make_log(), tmp_path)
+    later = skip_beginnings(data, ROWS)
+    assert [w.start for w in later.windows] == [max(w.start, ROWS) for w in data.windows]
+    first = later.windows[0]
+    np.testing.assert_array_equal(
+        first.recording.qpos, [data.logs[0].columns[f"qpos.{n}"][ROWS] for n in arm.JOINTS]
+    )
+    lost = max(ROWS - first.first, 0)
+    assert not later.mask[0, :lost].any()
+    assert later.mask[0, lost : len(first.usable)].all()
+    np.testing.assert_array_equal(later.mask[1:], data.mask[1:])
+    assert later.windows[1] is data.windows[1]
+
+
+def test_an_episode_is_one_window(tmp_path: Path) -> None:
+    """From where its first window starts to its last row."""
+    data = arm.data_of(arm.make_log(), tmp_path)
+    (whole,) = cut_whole_episodes(data)
+    assert (whole.first, whole.last) == (0, len(data.logs[0]))
+    (later,) = cut_whole_episodes(skip_beginnings(data, ROWS))
+    assert (later.start, later.first) == (ROWS, ROWS)
