@@ -10,21 +10,24 @@ randomization changes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 from envs.effects.base import Effect
+from envs.effects.registry import named
 from envs.errors import ParameterError
 from envs.randomization import Draw, Randomization
 
 Per = Literal["reset", "row"]
 
 
-def uniform(effects: Sequence[Effect], width: float, per: Per = "reset") -> Randomization:
+def uniform(
+    effects: Sequence[Effect | Mapping[str, Any]], width: float, per: Per = "reset"
+) -> Randomization:
     """Return independent factors, uniform within `width` of 1.
 
     Args:
-        effects: what is scaled, each with how="scale".
+        effects: what is scaled, each with how="scale", or mappings of names as in YAML.
         width: half the range of the factors; 0 leaves the model as it is.
         per: "reset" draws anew for each episode, "row" once for each row.
 
@@ -37,28 +40,34 @@ def uniform(effects: Sequence[Effect], width: float, per: Per = "reset") -> Rand
             f"params.width={width:g} draws factors from {1 - width:g} to {1 + width:g}; "
             "no mass is 0 or negative: give a width from 0 to below 1"
         )
-    _check(effects)
-    return Randomization([Draw(e, "uniform", low=1 - width, high=1 + width) for e in effects], per)
+    low, high = 1 - width, 1 + width
+    return Randomization([Draw(e, "uniform", low=low, high=high) for e in _scaling(effects)], per)
 
 
-def normal(effects: Sequence[Effect], std: float, per: Per = "reset") -> Randomization:
+def normal(
+    effects: Sequence[Effect | Mapping[str, Any]], std: float, per: Per = "reset"
+) -> Randomization:
     """Return independent factors of mean 1, normal.
 
     Args:
-        effects: what is scaled, each with how="scale".
+        effects: what is scaled, each with how="scale", or mappings of names as in YAML.
         std: standard deviation of the factors.
         per: "reset" draws anew for each episode, "row" once for each row.
 
     Raises:
         ParameterError: a deviation that is not positive; an effect that does not scale.
     """
-    _check(effects)
-    return Randomization([Draw(effect, "normal", mean=1.0, std=std) for effect in effects], per)
+    return Randomization([Draw(e, "normal", mean=1.0, std=std) for e in _scaling(effects)], per)
 
 
-def _check(effects: Sequence[Effect]) -> None:
-    for effect in effects:
+def _scaling(effects: Sequence[Effect | Mapping[str, Any]]) -> list[Effect]:
+    found = [
+        effect if isinstance(effect, Effect) else named(effect, f"params.effects[{number}]")
+        for number, effect in enumerate(effects)
+    ]
+    for effect in found:
         if effect.how != "scale":
             raise ParameterError(
                 f"params: {effect.label()} has how={effect.how}, but factors scale; set how: scale"
             )
+    return found

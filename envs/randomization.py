@@ -1,7 +1,7 @@
 """Task distributions: which robots the training sees.
 
 draws = [Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0),
-         Draw(make("ground_friction"), low=1.5, high=2.5)]
+         {"effect": "ground_friction", "low": 1.5, "high": 2.5}]    # as in YAML
 tasks = Randomization(draws)
 simulation = Simulation(Hopper(), num_rows=256, effects=tasks.effects)
 tasks.check(simulation.space)                       # before any work starts
@@ -11,14 +11,15 @@ values = tasks.sample(np.random.default_rng(0), 256)    # (256, 2)
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from scipy.stats import truncnorm
 
 from envs.effects.base import Effect
+from envs.effects.registry import named
 from envs.errors import ParameterError, did_you_mean
 from envs.params import ParamSpace
 
@@ -85,8 +86,11 @@ class Draw:
             raise ParameterError(f"{name}: {self.distribution} also needs {', '.join(missing)}")
         for key in ("low", "high", "mean", "std"):
             value = getattr(self, key)
-            if value is not None and not math.isfinite(value):
-                raise ParameterError(f"{name}: {key}={value:g} must be finite")
+            if value is None:
+                continue
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not number or not math.isfinite(value):
+                raise ParameterError(f"{name}: {key}={value!r} must be a finite number")
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ParameterError(f"{name}: low={self.low:g} is above high={self.high:g}; swap them")
         if self.std is not None and not self.std > 0:
@@ -94,6 +98,26 @@ class Draw:
                 f"{name}: std={self.std:g} must be positive;"
                 " for one value use uniform with low = high"
             )
+
+    @classmethod
+    def of(cls, entry: Mapping[str, Any], place: str) -> Draw:
+        """Return the draw of a mapping such as {effect: link_mass, where: torso, low: 1, high: 9}.
+
+        Args:
+            entry: the effect by its standard name with its arguments, and how it is drawn.
+            place: where the mapping is, for messages.
+
+        Raises:
+            EffectError: an effect, or a key, that is not there.
+            ParameterError: see `Draw`.
+        """
+        law = {key: value for key, value in entry.items() if key in LAW}
+        effect = {key: value for key, value in entry.items() if key not in LAW}
+        made = named(effect, place, LAW)
+        try:
+            return cls(made, **law)
+        except ParameterError as error:
+            raise ParameterError(f"{place}: {error}") from None
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -114,22 +138,33 @@ class Draw:
         return np.asarray(law.rvs(size=shape, random_state=rng))
 
 
+LAW = tuple(one.name for one in fields(Draw) if one.name != "effect")
+
+
 class Randomization:
     """Independent draws of several effects' parameters.
 
     Args:
-        draws: one for each effect.
+        draws: one for each effect, or mappings of its keys; see `Draw.of`.
         per: "reset" draws anew for each episode; "row" once for each row of an environment, which
             keeps its robot.
 
     Raises:
-        ParameterError: an unknown `per`.
+        EffectError: an effect, or a key of a draw, that is not there.
+        ParameterError: an unknown `per`; see also `Draw`.
     """
 
-    def __init__(self, draws: Sequence[Draw] = (), per: Literal["reset", "row"] = "reset") -> None:
+    def __init__(
+        self,
+        draws: Sequence[Draw | Mapping[str, Any]] = (),
+        per: Literal["reset", "row"] = "reset",
+    ) -> None:
         if per not in ("reset", "row"):
             raise ParameterError(f"per={per!r} is unknown; parameters are drawn per: reset, row")
-        self.draws = tuple(draws)
+        self.draws = tuple(
+            draw if isinstance(draw, Draw) else Draw.of(draw, f"draws[{number}]")
+            for number, draw in enumerate(draws)
+        )
         self.per: Literal["reset", "row"] = per
         self.effects = tuple(draw.effect for draw in self.draws)
         self._columns: list[int] | None = None

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +26,15 @@ ROOT = Path(__file__).parents[1]
 ROBOTS = ROOT / "conf" / "robot"
 ASSETS = ROOT / "envs" / "assets"
 NO_MODEL = Path("no model was given")
+COMMON = {"sign": 1, "torque": None}  # of a servo, where its robot's file does not say
 LIMITING = {"dynamixel": "goal_pwm", "feetech": "torque_limit"}  # registers that limit the duty
 
 
 @dataclass(frozen=True)
 class Robot:
     """A robot as its file describes it; `conf/robot/bench1.yaml` explains every key.
+
+    The file's key `servo` holds what its servos share; each may say otherwise.
 
     Args:
         name: carried by calibration files and logs.
@@ -202,8 +205,9 @@ def make_robot(data: Mapping[str, Any], place: str = "robot", needs_model: bool 
     """
     ports = data.get("port") if isinstance(data, Mapping) else None
     several = isinstance(data, Mapping) and "buses" in data
-    data = _with_first_bus(data, place) if several else data
-    values = parse_fields(Robot, data, place)
+    data = _with_first_bus(data, place) if several else mapping(data, place)
+    shared = _shared(data.get("servo"), f"{place}: servo")
+    values = parse_fields(Robot, {k: v for k, v in data.items() if k != "servo"}, place)
     open_model = values["model"] is None and not needs_model
     values["model"] = NO_MODEL if open_model else _model(values["model"], f"{place}: model")
     if not several:
@@ -215,7 +219,7 @@ def make_robot(data: Mapping[str, Any], place: str = "robot", needs_model: bool 
     values["servos"] = tuple(
         Servo(
             **parse_fields(
-                Servo, {"name": name, **mapping(entry, place)}, f"{place}: servos.{name}"
+                Servo, {"name": name, **shared, **mapping(entry, place)}, f"{place}: servos.{name}"
             )
         )
         for name, entry in mapping(values["servos"], f"{place}: servos").items()
@@ -224,6 +228,18 @@ def make_robot(data: Mapping[str, Any], place: str = "robot", needs_model: bool 
     robot = robot.at(ports) if ports is not None else robot
     _check(robot, place)
     return robot
+
+
+def _shared(data: Any, place: str) -> dict[str, Any]:
+    """Return what the servos of a robot have in common, what every robot's have included."""
+    known = [one.name for one in fields(Servo) if one.name not in ("name", "id")]
+    for key in (data := mapping({} if data is None else data, place)):
+        if key not in known:
+            hint = did_you_mean(str(key), known)
+            raise RobotError(
+                f"{place}: unknown key {key!r}{hint}; it can have {format_names(known)}"
+            )
+    return {**COMMON, **data}
 
 
 def _with_first_bus(data: Mapping[str, Any], place: str) -> dict[str, Any]:

@@ -123,4 +123,4 @@ class Supply:
     """The power supply: voltage without load [V], inner resistance [ohm]."""
 
     voltage: float
-    resistance: float
+    resistance: float = 0.0

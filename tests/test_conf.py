@@ -150,3 +150,17 @@ def test_the_defaults_leave_room_for_an_experiment() -> None:
     """An entry for `experiment` in the defaults list would make +experiment=NAME an error."""
     root = yaml.safe_load((CONF / "config.yaml").read_text())
     assert not any("experiment" in str(entry) for entry in root["defaults"])
+
+
+def test_a_saved_tree_with_classes_in_place_of_names_still_builds() -> None:
+    """`config.yaml` of a run made before draws took standard names draws the same robots."""
+    mass = {"_target_": "envs.effects.LinkMass", "where": "torso", "how": "set"}
+    draw = {"_target_": "envs.randomization.Draw", "effect": mass, "low": 6.0, "high": 6.0}
+    old = {"_target_": "envs.randomization.Randomization", "per": "reset", "draws": [draw]}
+    new = build(compose(["params=fixed"])["params"], "params").draws[0]
+    (made,) = build(old, "params").draws
+    assert (made.effect.label(), made.effect.how, made.reach) == (
+        new.effect.label(),
+        new.effect.how,
+        new.reach,
+    )

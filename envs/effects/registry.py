@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from envs.effects.base import Effect
@@ -38,3 +40,42 @@ def make(name: str, **arguments: Any) -> Effect:
         known = ", ".join(sorted(EFFECTS))
         raise EffectError(f"no effect {name!r}{did_you_mean(name, EFFECTS)}; there are: {known}")
     return EFFECTS[name](**arguments)
+
+
+def named(entry: Mapping[str, Any], place: str, more: tuple[str, ...] = ()) -> Effect:
+    """Return the effect of a mapping such as {effect: link_mass, where: torso, how: set}.
+
+    Args:
+        entry: the effect's standard name, and arguments of its class.
+        place: where the mapping is, for messages.
+        more: keys that the mapping may have beside them, for messages.
+
+    Raises:
+        EffectError: no name, or an argument that the effect does not have, with the nearest.
+    """
+    arguments = {str(key): value for key, value in entry.items()}
+    name = arguments.pop("effect", None)
+    if not isinstance(name, str):
+        raise EffectError(
+            f"{place}: effect={name!r} must be the standard name of an effect, such as link_mass"
+        )
+    where = arguments.get("where")
+    if not isinstance(where, str | None):
+        raise EffectError(f"{place}: where={where!r} must be a name of the model, or null")
+    known = (*_arguments(EFFECTS[name]), *more) if name in EFFECTS else ()
+    try:
+        wrong = [key for key in arguments if known and key not in known]
+        if wrong:
+            hint = did_you_mean(wrong[0], known)
+            raise EffectError(f"{name} has no {wrong[0]!r}{hint}; it has: {', '.join(known)}")
+        return make(name, **arguments)
+    except (EffectError, TypeError) as error:
+        raise EffectError(f"{place}: {error}") from None
+
+
+def _arguments(effect: type[Effect]) -> list[str]:
+    """Return the names of an effect's arguments, its extras among them."""
+    kinds = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+    own = [inspect.signature(made.__init__).parameters.values() for made in (Effect, effect)]
+    names = [p.name for p in [*own[0], *own[1]] if p.kind not in kinds and p.name != "self"]
+    return list(dict.fromkeys([*names, *(extra.name for extra in effect.extras)]))

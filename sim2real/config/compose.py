@@ -11,7 +11,7 @@ Hydra.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -36,6 +36,7 @@ from sim2real.config.targets import (
     check,
     check_named,
     import_target,
+    marked,
 )
 from sim2real.runs.files import write_text
 
@@ -55,23 +56,25 @@ OmegaConf.register_new_resolver("mul", lambda a, b: a * b, replace=True)
 OmegaConf.register_new_resolver("asset", lambda name: str(ASSETS / name), replace=True)
 OmegaConf.register_new_resolver("free", free_folder, use_cache=True, replace=True)
 
+Maker = Callable[..., Any]  # of what is made later, with arguments that a run gives
+
 
 @dataclass
 class Config:
     """The root keys and their types; conf/config.yaml holds the values and says what they mean."""
 
-    run: dict[str, Any]
-    env: dict[str, Any]
+    run: Maker
+    env: Maker
     params: dict[str, Any]
     transforms: dict[str, Any]
-    policy: dict[str, Any]
+    policy: Maker
     adapt: dict[str, Any]
-    algorithm: dict[str, Any]
-    collector: dict[str, Any] | None
-    advantage: dict[str, Any] | None
-    loss: dict[str, Any] | None
-    buffer: dict[str, Any] | None
-    optimizer: dict[str, Any] | None
+    algorithm: Maker
+    collector: Maker | None
+    advantage: Maker | None
+    loss: Maker | None
+    buffer: Maker | None
+    optimizer: Maker | None
     eval: dict[str, Any] | None
     logger: dict[str, Any]
     video: dict[str, Any] | None
@@ -93,7 +96,7 @@ class Config:
     seconds: float
     size: float
     budget: float
-    target: dict[str, Any] | None
+    target: Maker | None
     by: str
     log: str | list[str] | None
     candidates: str | list[str] | None
@@ -161,8 +164,10 @@ def validate(config: DictConfig, overrides: list[str] | None = None) -> dict[str
     """
     tree: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     tree = {key: _alone(value, key, overrides or []) for key, value in tree.items()}
+    root = marked({"_target_": "sim2real.config.compose.Config", **tree})
+    tree = {key: value for key, value in root.items() if key != "_target_"}
     try:
-        check({"_target_": "sim2real.config.compose.Config", **tree}, "")
+        check(root, "")
     except ConfigError as error:
         raise _blamed(error, overrides or []) from None
     verb = _verb(tree)

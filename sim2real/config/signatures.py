@@ -30,6 +30,7 @@ _WORDS = {
 }
 _LISTS = ("Sequence", "Iterable", "Collection", "list", "tuple")
 _MAPS = ("Mapping", "MutableMapping", "dict")
+_MAKERS = ("Callable", "partial", "type")  # what makes an object, with arguments of its own
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,19 @@ class Argument:
         """Return the names that the argument can be, if it is one of a closed set."""
         return [str(v) for v in _literals(self.hint, self.module)]
 
+    @property
+    def makes(self) -> bool:
+        """Whether it is what makes an object, not the object."""
+        kinds = {kind for kind, *_ in _alternatives(self.hint, self.module)}
+        return kinds - {"None"} == {"maker"}
+
+    def inner(self) -> Argument:
+        """Return what each item is of a list or a mapping that is given for the argument."""
+        ways = _alternatives(self.hint, self.module)
+        items = [(hint, module) for kind, hint, module in ways if kind in ("list", "map")]
+        hint, module = items[0] if items else (None, self.module)
+        return Argument(self.name, hint, False, module)
+
 
 @dataclass(frozen=True)
 class Signature:
@@ -79,12 +93,14 @@ class Signature:
         arguments: the arguments by name.
         open: whether any other name is taken too.
         is_class: whether it is a class.
+        callable: whether it is a class whose objects can be called.
     """
 
     name: str
     arguments: dict[str, Argument]
     open: bool
     is_class: bool
+    callable: bool = False
 
 
 @cache
@@ -99,6 +115,13 @@ def find(target: str) -> Signature | None:
     if isinstance(node, ast.FunctionDef):
         return Signature(node.name, *_of_function(node, module, skip=0), is_class=False)
     return None
+
+
+def makes(hint: object) -> bool:
+    """Return whether a hint, the text of one, asks for what makes an object; see `Argument`."""
+    if not isinstance(hint, str):
+        return False
+    return Argument("", ast.Constant(hint), True, Module("", Path(), ())).makes
 
 
 def names(module: str) -> list[str]:
@@ -146,19 +169,19 @@ def _definition(module: str, name: str) -> tuple[ast.stmt, Module] | None:
 
 
 def _of_class(node: ast.ClassDef, module: Module) -> Signature:
-    for part in node.body:
-        if isinstance(part, ast.FunctionDef) and part.name == "__init__":
-            return Signature(node.name, *_of_function(part, module, skip=1), is_class=True)
+    own = {part.name: part for part in node.body if isinstance(part, ast.FunctionDef)}
+    parents = [parent for base in node.bases if (parent := _base(base, module)) is not None]
+    called = "__call__" in own or any(parent.callable for parent in parents)
+    if "__init__" in own:
+        takes = _of_function(own["__init__"], module, skip=1)
+        return Signature(node.name, *takes, is_class=True, callable=called)
     arguments: dict[str, Argument] = {}
-    is_open = False
-    for base in node.bases:
-        parent = _base(base, module)
-        if parent is not None:
-            arguments |= parent.arguments
-            is_open |= parent.open
+    for parent in parents:
+        arguments |= parent.arguments
     if _is_dataclass(node):
         arguments |= {a.name: a for a in _fields(node, module)}
-    return Signature(node.name, arguments, is_open, is_class=True)
+    is_open = any(parent.open for parent in parents)
+    return Signature(node.name, arguments, is_open, is_class=True, callable=called)
 
 
 def clear_cache() -> None:
@@ -250,6 +273,8 @@ def _generic(
     elif name in _MAPS:
         value = inner.elts[1] if isinstance(inner, ast.Tuple) and len(inner.elts) == 2 else None
         yield "map", value, module
+    elif name in _MAKERS:
+        yield "maker", None, module
     else:
         yield "any", None, module
 
@@ -259,6 +284,8 @@ def _named(name: str, module: Module) -> Iterator[tuple[str, ast.expr | None, Mo
         yield name, None, module
     elif name in _LISTS or name in _MAPS:
         yield "list" if name in _LISTS else "map", None, module
+    elif name in _MAKERS:
+        yield "maker", None, module
     else:
         found = _definition(module.name, name)
         if found and isinstance(found[0], ast.Assign):
@@ -290,7 +317,7 @@ def _fits_one(value: Any, kind: str, inner: ast.expr | None, module: Module) -> 
         return kind not in (*_SCALARS, "Literal", "None")
     if kind == "any":
         return True
-    if kind == "object":
+    if kind in ("object", "maker"):
         return isinstance(value, dict)
     if kind == "None":
         return value is None
@@ -315,7 +342,7 @@ def _describe(hint: ast.expr | None, module: Module) -> str:
             )
         elif kind == "map":
             words.append("a mapping of names to values")
-        elif kind == "object":
+        elif kind in ("object", "maker"):
             words.append("an object (with a _target_)")
         else:
             words.append(_WORDS.get(kind, "anything"))

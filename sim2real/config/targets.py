@@ -4,8 +4,10 @@
     check(tree, "params")            # quick: reads sources, imports nothing
     tasks = build(tree, "params")    # Randomization(draws=[], per="reset")
 
-`_target_` names a class or a function of this project, or a class of TorchRL or torch; `_partial_:
-true` leaves arguments for later. No other code can be reached, so a tree from a stranger is data.
+`_target_` names a class or a function of this project, or a class of TorchRL or torch. Where an
+argument is what makes an object (`Callable[..., X]`), the object is made later, with arguments of
+the program's; elsewhere `_partial_: true` says so. No other code can be reached, so a tree from a
+stranger is data.
 """
 
 from __future__ import annotations
@@ -46,6 +48,30 @@ def check(tree: Any, where: str) -> None:
         signature = _signature(node["_target_"], place)
         if signature is not None:
             _check_arguments(signature, arguments, place, bool(node.get("_partial_", False)))
+
+
+def marked(tree: Any, argument: signatures.Argument | None = None) -> Any:
+    """Return a tree with `_partial_: true` at every object that is made later.
+
+    These are the objects that stand for an argument of one of our classes or functions which is
+    what makes an object, unless the object can itself be called.
+
+    Args:
+        tree: mappings, lists, numbers, text, None.
+        argument: what the tree is given for.
+    """
+    if isinstance(tree, list):
+        return [marked(one, argument and argument.inner()) for one in tree]
+    if not isinstance(tree, dict):
+        return tree
+    if "_target_" not in tree:
+        return {key: marked(one, argument and argument.inner()) for key, one in tree.items()}
+    target = tree["_target_"]
+    found = signatures.find(target) if isinstance(target, str) else None
+    takes = found.arguments if found else {}
+    later = argument is not None and argument.makes and not (found and found.callable)
+    made = {key: marked(one, takes.get(key)) for key, one in tree.items()}
+    return {"_partial_": True, **made} if later else made
 
 
 def build(tree: Any, where: str) -> Any:
@@ -173,17 +199,33 @@ def _build(tree: Any, where: str) -> Any:
         return [_build(value, f"{where}[{i}]") for i, value in enumerate(tree)]
     if not isinstance(tree, dict):
         return tree
+    make = import_target(tree["_target_"], where) if "_target_" in tree else None
+    foreign = make if make and tree["_target_"].split(".")[0] in FOREIGN else None
+    tree = _marked_foreign(foreign, tree) if foreign else tree
     built = {
         key: _build(value, f"{where}.{key}") for key, value in tree.items() if key not in MARKS
     }
-    if "_target_" not in tree:
+    if make is None:
         return built
-    make = import_target(tree["_target_"], where)
-    if tree["_target_"].split(".")[0] in FOREIGN:
-        _check_foreign(make, built, where)
+    if foreign:
+        _check_foreign(foreign, built, where)
     later = DeferredObject(make, **built)
     later.place = where
     return later if tree.get("_partial_", False) else later()
+
+
+def _marked_foreign(make: Callable[..., Any], tree: dict[str, Any]) -> dict[str, Any]:
+    """Do for a class of TorchRL or torch what `marked` does for ours: its source is not read."""
+    takes = inspect.signature(make).parameters
+    return {
+        key: {"_partial_": True, **value}
+        if isinstance(value, dict)
+        and "_target_" in value
+        and key in takes
+        and signatures.makes(takes[key].annotation)
+        else value
+        for key, value in tree.items()
+    }
 
 
 class DeferredObject(functools.partial):

@@ -26,7 +26,7 @@ import yaml
 from sim2real.evaluation.transfer import TransferScores, read
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.metrics import MetricsFile
-from sim2real.runs.run_files import DECISIVE
+from sim2real.runs.settings import decisive
 from sim2real.runs.tree import flatten
 
 PATTERN = "transfer-*.json"
@@ -209,7 +209,7 @@ def _runs(file: Path) -> list[Run]:
     folder = file.parent
     try:
         tree = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
-        settings = flatten({key: tree.get(key) for key in DECISIVE if key != "seed"})
+        settings = flatten(decisive(tree))
         expect = dict(tree.get("expect") or {})
     except (OSError, AttributeError, TypeError, ValueError, yaml.YAMLError) as error:
         raise RunsError(

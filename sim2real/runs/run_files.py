@@ -22,12 +22,11 @@ import yaml
 from sim2real.runs.checkpoint import FOLDER, CheckpointStore, Stateful, restore, run_folder
 from sim2real.runs.errors import CheckpointError, DiskError, Sim2RealError
 from sim2real.runs.metrics import MetricsFile
+from sim2real.runs.settings import decisive
 
 log = logging.getLogger(__name__)
 STEP = "train/iteration"
 SCORE = "train/return"
-# Keys of the configuration that decide what is computed.
-DECISIVE = ("env", "effects", "params", "policy", "adapt", "algorithm")
 PACKAGES = ("mujoco", "numpy", "torch")
 
 
@@ -98,7 +97,8 @@ class RunFiles:
                 f"resume={source}: that run has seed={then.get('seed')}, this one "
                 f"seed={now.get('seed')}; a run goes on with its own: give seed={then.get('seed')}"
             )
-        differ = [key for key in DECISIVE if then and now and then.get(key) != now.get(key)]
+        pairs = (decisive(then), decisive(now)) if then and now else ({}, {})
+        differ = [key for key, value in pairs[0].items() if value != pairs[1][key]]
         versions = _versions()
         differ += [name for name, version in (found.get("versions") or {}).items()
                    if versions.get(name) != version]  # fmt: skip

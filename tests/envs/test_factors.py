@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from envs import HopperPolito, Simulation, make
-from envs.errors import ParameterError
+from envs.errors import EffectError, ParameterError
 from envs.factors import normal, uniform
 
 MASSES = [make("link_mass", where=body, how="scale") for body in ("thigh", "leg", "foot")]
@@ -66,3 +66,11 @@ def test_only_what_scales_takes_a_factor() -> None:
     """A mass that is set would become a mass of about a kilogram."""
     with pytest.raises(ParameterError, match=r"how=set, but factors scale; set how: scale"):
         uniform([make("link_mass", where="leg", how="set")], width=0.1)
+
+
+def test_effects_are_named_as_in_yaml() -> None:
+    """A mapping with a standard name is that effect; a wrong one is refused with its place."""
+    (draw,) = uniform([{"effect": "link_mass", "where": "leg", "how": "scale"}], width=0.5).draws
+    assert (draw.effect.label(), draw.reach) == ("link_mass.leg", (0.5, 1.5))
+    with pytest.raises(EffectError, match=r"^params.effects\[0\]: no effect 'mass'"):
+        normal([{"effect": "mass"}], std=0.1)

@@ -77,8 +77,8 @@ def test_the_generator_decides() -> None:
         ({"distribution": "normal", "mean": 1.0, "std": 0.0}, "std=0 must be positive"),
         ({"distribution": "gauss", "low": 1.0, "high": 2.0}, "'gauss' is unknown.*uniform, normal"),
         ({"distribution": "unifrom", "low": 1, "high": 2}, r"did you mean 'uniform'"),
-        ({"low": float("nan"), "high": 2.0}, "low=nan must be finite"),
-        ({"low": 0.0, "high": float("inf")}, "high=inf must be finite"),
+        ({"low": float("nan"), "high": 2.0}, "low=nan must be a finite number"),
+        ({"low": 0.0, "high": float("inf")}, "high=inf must be a finite number"),
     ],
 )
 def test_a_wrong_draw_is_refused(arguments: dict[str, Any], message: str) -> None:
@@ -119,3 +119,39 @@ def test_an_unknown_place_lists_the_names() -> None:
         EffectError, match=r"'torsoo'.*did you mean 'torso'.*torso, thigh, leg, foot"
     ):
         space(make("link_mass", where="torsoo"))
+
+
+def test_a_mapping_is_the_draw_that_it_names() -> None:
+    """Standard name, arguments of the effect and law lie side by side, as in YAML."""
+    entry = {"effect": "link_mass", "where": "torso", "inertia": "scaled", "low": 0.1, "high": 2}
+    (read,) = Randomization([entry]).draws
+    effect = read.effect
+    assert (effect.name, effect.where, effect.how) == ("link_mass", "torso", "add")
+    assert effect.options() == {"inertia": "scaled"}
+    assert (read.distribution, read.reach) == ("uniform", (0.1, 2))
+    (tilted,) = Randomization(
+        [{"effect": "stribeck_friction", "speed": 0.2, "low": 0, "high": 1}]
+    ).draws
+    assert tilted.effect.extra["speed"] == 0.2
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"effect": "link_mas", "low": 0}, r"no effect 'link_mas' \(did you mean 'link_mass'\?\)"),
+        (
+            {"effect": "goal", "hihg": 1},
+            r"goal has no 'hihg' \(did you mean 'high'\?\); it has: .*axes",
+        ),
+        ({"effect": "goal", "axis": 2}, r"goal has no 'axis' \(did you mean 'axes'\?\)"),
+        ({"low": 0, "high": 1}, "effect=None must be the standard name of an effect"),
+        ({"effect": "link_mass", "where": 3}, "where=3 must be a name of the model"),
+        ({"effect": "goal", "how": "scale"}, "goal cannot 'scale' a value; it can: set"),
+        ({"effect": "goal", "low": 0}, "goal: uniform also needs high"),
+        ({"effect": "goal", "low": "0", "high": 1}, "goal: low='0' must be a finite number"),
+    ],
+)
+def test_a_mapping_that_names_no_draw_says_where(entry: dict[str, Any], message: str) -> None:
+    """Place, value and the nearest name that there is."""
+    with pytest.raises((EffectError, ParameterError), match=rf"^draws\[1\]: .*{message}"):
+        Randomization([Draw(FRICTION, low=1.0, high=2.0), entry])

@@ -7,6 +7,7 @@ import copy
 import pytest
 import yaml
 
+from envs.tasks.servo.robot import read_machine
 from hardware.config import NO_MODEL, ROBOTS, load_robot, make_robot
 from hardware.errors import RobotError
 from hardware.tables import servo_types
@@ -24,6 +25,21 @@ def test_every_robot_is_read(path):
     lines = path.read_text(encoding="utf-8").splitlines()
     plain = [i for i, line in enumerate(lines) if line[:1].isalpha()]
     assert all(lines[i - 1].startswith("#") for i in plain), "a key without a comment above it"
+
+
+def test_servos_share_what_they_do_not_say():
+    """A servo's own value counts more than the robot's, and that more than sign 1 without limit."""
+    data = copy.deepcopy(BENCH)
+    hinge = data["servos"]["hinge"]
+    shared = {key: hinge.pop(key) for key in ("model", "sign", "zero", "velocity", "torque")}
+    assert make_robot(data | {"servo": shared}) == make_robot(BENCH)
+    del shared["sign"], shared["torque"]
+    assert make_robot(data | {"servo": shared}) == make_robot(BENCH)
+    hinge["velocity"] = 2.0
+    assert make_robot(data | {"servo": shared}).servos[0].velocity == 2.0
+    machine = read_machine(data | {"servo": shared}, ["hinge"])
+    assert machine.kinds == ("xl330-m288",)
+    assert machine.most_step.tolist() == [2.0 / 50.0]
 
 
 def test_counts_and_angles_are_inverse():
@@ -54,6 +70,9 @@ def test_counts_and_angles_are_inverse():
         (("servos", "hinge", "position"), [1, -1], r"position \[1.0, -1.0\]"),
         (("servos", "hinge", "position"), 1, r"1 is not a pair of numbers"),
         (("servos", "hinge", "model"), "xl330-m280", r"unknown servo type.*'xl330-m288'"),
+        (("servo",), {"velocty": 8.0}, r"servo: unknown key 'velocty' \(did you mean 'velocity'"),
+        (("servo",), {"id": 1}, r"servo: unknown key 'id'"),
+        (("servo",), 8.0, r"servo: 8.0 is not a table"),
         (("registers", "position_gain"), 1, r"no register 'position_gain' \(did you mean"),
         (("registers", "present_position"), 1, r"'present_position' can only be read"),
         (("watchdog",), 3, r"watchdog: 3.0 s; it can be 0 \(off\) to 2.54"),

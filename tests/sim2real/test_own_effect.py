@@ -57,13 +57,8 @@ NOTHING = Fit((), np.zeros((2, 0)), np.zeros(2))
 DRAWN = """
 # how hard the spring at the ankle pulls
 _target_: envs.randomization.Randomization
-per: reset
 draws:
-  - _target_: envs.randomization.Draw
-    effect: {_target_: my_springs.ReturnSpring, where: leg_joint}
-    distribution: uniform
-    low: 1.0
-    high: 5.0
+  - {effect: return_spring, where: leg_joint, low: 1.0, high: 5.0}
 """
 
 

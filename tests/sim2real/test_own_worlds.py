@@ -74,8 +74,8 @@ FILES = {
     "my_task.py": TASK,
     "my_algorithm.py": ALGORITHM,
     "my_check.py": CHECK,
-    "env/point.yaml": "# mine\n_target_: my_env.Point\n_partial_: true\n",
-    "env/backwards.yaml": "# mine\n_target_: envs.mujoco.MujocoEnv\n_partial_: true\n"
+    "env/point.yaml": "# mine\n_target_: my_env.Point\n",
+    "env/backwards.yaml": "# mine\n_target_: envs.mujoco.MujocoEnv\n"
     "task: {_target_: my_task.Backwards, max_steps: 20}\n",
     "algorithm/patient.yaml": "# mine\ndefaults: [ppo_sb3]\n_target_: my_algorithm.Patient\n",
 }

@@ -62,7 +62,7 @@ def read_machine(robot: str | Mapping[str, Any], actuators: Sequence[str]) -> Se
     """
     data = robot if isinstance(robot, Mapping) else _read(robot)
     try:
-        servos = [data["servos"][name] for name in actuators]
+        servos = [{**(data.get("servo") or {}), **data["servos"][name]} for name in actuators]
         rate = float(data["rate"])
         speed = np.array([float(servo["velocity"]) for servo in servos])
         return ServoRobotSpec(

@@ -21,7 +21,7 @@ from sim2real.config.catalogue import CONF
 from sim2real.config.compose import compose, device, save, sweep_jobs
 from sim2real.config.folders import run_folder
 from sim2real.config.inherited import with_checkpoint
-from sim2real.config.targets import ConfigError, build, check, check_named
+from sim2real.config.targets import ConfigError, build, check, check_named, marked
 
 PROGRAM = """
 import contextlib, io, json, sys
@@ -316,7 +316,7 @@ def test_missing_arguments_are_named() -> None:
 SOURCE = """
 from __future__ import annotations
 from dataclasses import dataclass
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, Literal
 from made_up import Elsewhere
 Colour = Literal["red", "green"]
@@ -332,6 +332,10 @@ class Record:
     share: float = 0.0
     on: "bool" = True
 def open_ended(*, a: int, **rest: int) -> None: ...
+Maker = Callable[..., Record]
+class Called(Child):
+    def __call__(self) -> None: ...
+def takes(one: Maker, some: Sequence[Maker], by_name: Mapping[str, Maker] | None, made: Record): ...
 """
 
 
@@ -383,3 +387,28 @@ def test_values_are_held_against_type_hints(
     assert found is not None
     assert all(found.arguments[argument].accepts(value) for value in good)
     assert not any(found.arguments[argument].accepts(value) for value in bad)
+
+
+def test_what_an_argument_makes_later_is_marked(module: str) -> None:
+    """An argument's type says whether the object or what makes it is meant, also in lists."""
+    later, child = {"_target_": f"{module}.Record"}, {"_target_": f"{module}.Called", "size": 1}
+    tree = {"_target_": f"{module}.takes", "one": later, "some": [later], "made": dict(later)}
+    tree["by_name"] = {"first": later, "second": child}
+    made = later | {"_partial_": True}
+    assert marked(tree) == tree | {
+        "one": made,
+        "some": [made],
+        "by_name": {"first": made, "second": child},  # whose objects are called themselves
+    }
+    check(marked(tree | {"made": later | {"names": [], "limits": {}, "other": 1}}), "x")
+    with pytest.raises(ConfigError, match=r"x\.one=3: it must be an object"):
+        check(tree | {"one": 3}, "x")
+
+
+def test_a_class_of_torchrl_is_given_what_makes_its_layers() -> None:
+    """A hint of the library says so in place of `_partial_`, which may still stand."""
+    tanh = {"_target_": "torch.nn.Tanh"}
+    for activation in (tanh, tanh | {"_partial_": True}):
+        tree = {"_target_": "torchrl.modules.MLP", "in_features": 2, "out_features": 1}
+        tree |= {"num_cells": [3], "activation_class": activation}
+        assert [type(layer).__name__ for layer in build(tree, "x")] == ["Linear", "Tanh", "Linear"]

@@ -64,14 +64,14 @@ def policy(env):
     from sim2real.learning.modules.actor_critic import Policy
     return Policy(nn.Linear(11, 3), None)
 """
-NETWORK = "{{_target_: my_parts.Sine, _partial_: true, width: {}}}"
+NETWORK = "{{_target_: my_parts.Sine, width: {}}}"
 FILES = {
     "transforms/mine.yaml": "# mine\ndoubled: {_target_: my_parts.Doubled, factor: 2.0}\n",
     "policy/mine.yaml": "# mine\n_target_: sim2real.learning.modules.actor_critic.actor_critic\n"
-    f"_partial_: true\nactor: {NETWORK.format(8)}\ncritic: {NETWORK.format(5)}\n",
-    "policy/bare.yaml": "# mine\n_target_: my_parts.policy\n_partial_: true\n",
-    "loss/mine.yaml": "# mine\n_target_: my_parts.Timid\n_partial_: true\n",
-    "loss/needy.yaml": "# mine\n_target_: my_parts.Needy\n_partial_: true\n",
+    f"actor: {NETWORK.format(8)}\ncritic: {NETWORK.format(5)}\n",
+    "policy/bare.yaml": "# mine\n_target_: my_parts.policy\n",
+    "loss/mine.yaml": "# mine\n_target_: my_parts.Timid\n",
+    "loss/needy.yaml": "# mine\n_target_: my_parts.Needy\n",
 }
 SMALL = ["algorithm=ppo_sb3", "env.task.max_steps=20", "algorithm.num_rows=4"]
 SMALL += ["algorithm.steps=16", "algorithm.minibatch_size=32", "algorithm.epochs=1"]
