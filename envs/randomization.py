@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import truncnorm
 
 from envs.effects.base import Effect
-from envs.errors import ParameterError, did_you_mean
+from envs.errors import ParameterError, refuse_unknown
 from envs.params import ParamSpace
 
 Distribution = Literal["uniform", "normal", "truncated_normal", "ends"]
@@ -75,11 +75,7 @@ class Draw:
             "ends": ("low", "high"),
         }
         needs["truncated_normal"] = needs["uniform"] + needs["normal"]
-        if self.distribution not in needs:
-            raise ParameterError(
-                f"{name}: distribution={self.distribution!r} is unknown"
-                f"{did_you_mean(str(self.distribution), needs)}; it can be: {', '.join(needs)}"
-            )
+        refuse_unknown(f"{name}: distribution", self.distribution, needs, ParameterError)
         missing = [key for key in needs[self.distribution] if getattr(self, key) is None]
         if missing:
             raise ParameterError(f"{name}: {self.distribution} also needs {', '.join(missing)}")
@@ -127,8 +123,7 @@ class Randomization:
     """
 
     def __init__(self, draws: Sequence[Draw] = (), per: Literal["reset", "row"] = "reset") -> None:
-        if per not in ("reset", "row"):
-            raise ParameterError(f"per={per!r} is unknown; parameters are drawn per: reset, row")
+        refuse_unknown("per", per, ("reset", "row"), ParameterError)
         self.draws = tuple(draws)
         self.per: Literal["reset", "row"] = per
         self.effects = tuple(draw.effect for draw in self.draws)
