@@ -39,7 +39,6 @@ from sim2real.learning.modules.value import Critic
 from sim2real.learning.population.rollout import Played, Watch, play
 from sim2real.learning.told import Told, believe
 
-Tensor = torch.Tensor
 Net = TypeVar("Net", bound=nn.Module)
 
 
