@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 import yaml
-from scipy.stats import binomtest
 
+from benchmarks.cases import share
 from benchmarks.contract_walk import Change, Fault, Named, walk
 from benchmarks.policies.tasks import POLICIES
 from benchmarks.study import command
@@ -32,7 +32,6 @@ from envs.tasks.servo import ServoTask
 from sim2real.diagnosis.contract.answer import Answer
 from sim2real.diagnosis.contract.check import check_contract
 from sim2real.diagnosis.contract.description import Description, History, read_description
-from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results"
@@ -272,9 +271,7 @@ def _words(faults: Sequence[Named]) -> str:
 
 def _add(made: Table, what: str, cases: Sequence[dict[str, Any]]) -> None:
     if cases:
-        right = sum(one["named"] for one in cases)
-        low, high = binomtest(right, len(cases)).proportion_ci(0.95)
-        made.add(what, len(cases), Interval(right / len(cases), float(low), float(high)))
+        made.add(what, len(cases), share([one["named"] for one in cases]))
 
 
 if __name__ == "__main__":

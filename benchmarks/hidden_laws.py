@@ -49,7 +49,6 @@ from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
-log_ = logging.getLogger(__name__)
 RESULTS = Path(__file__).parent / "results"
 ROBOT, SIZE, SECONDS = "arm2", 0.5, 8.0  # of each log
 ROBOTS, FRESH, DRAWS = 8, 200, 500

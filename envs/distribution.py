@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from envs.effects.base import Effect
-from envs.errors import ParameterError
+from envs.errors import ParameterError, refuse_unknown
 from envs.marginals import Marginal
 from envs.params import ParamSpace
 
@@ -87,10 +87,7 @@ class Distribution:
     per: Literal["reset", "row"] = "reset"
 
     def __post_init__(self) -> None:
-        if self.per not in ("reset", "row"):
-            raise ParameterError(
-                f"per={self.per!r} is unknown; parameters are drawn per: reset, row"
-            )
+        refuse_unknown("per", self.per, ("reset", "row"), ParameterError)
         if not self.entries:
             raise ParameterError("a distribution needs at least one entry")
         for entry in self.entries:

@@ -26,6 +26,22 @@ class RenderError(EnvsError):
     """No picture can be drawn on this machine, or of this environment."""
 
 
+def refuse_unknown(
+    name: str, value: object, allowed: Iterable[str], error: type[EnvsError] = EffectError
+) -> None:
+    """Raise an error for a value that is none of the allowed names, with the nearest of them.
+
+    Args:
+        name: of the argument, as it was given.
+        value: what was given.
+        allowed: the names.
+        error: its class.
+    """
+    if value not in (allowed := list(allowed)):
+        hint = did_you_mean(str(value), allowed)
+        raise error(f"{name}={value!r} is unknown{hint}; it can be: {', '.join(allowed)}")
+
+
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     """Return " (did you mean 'x'?)" for the nearest of the allowed names, or ""."""
     close = difflib.get_close_matches(name, list(allowed), n=1)

@@ -16,7 +16,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from envs.errors import ParameterError, did_you_mean
+from envs.errors import ParameterError, refuse_unknown
 
 Kind = Literal["normal", "uniform", "lognormal", "particles"]
 KINDS: tuple[str, ...] = get_args(Kind)
@@ -47,11 +47,7 @@ class Marginal:
     high: float
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ParameterError(
-                f"law={self.kind!r} is unknown{did_you_mean(str(self.kind), KINDS)}; "
-                f"it can be: {', '.join(KINDS)}"
-            )
+        refuse_unknown("law", self.kind, KINDS, ParameterError)
         for name in ("mean", "std", "low", "high"):
             if not math.isfinite(getattr(self, name)):
                 raise ParameterError(f"{name}={getattr(self, name)} must be a finite number")

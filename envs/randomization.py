@@ -20,7 +20,7 @@ from scipy.stats import truncnorm
 
 from envs.effects.base import Effect
 from envs.effects.registry import named
-from envs.errors import ParameterError, did_you_mean
+from envs.errors import ParameterError, refuse_unknown
 from envs.params import ParamSpace
 
 Distribution = Literal["uniform", "normal", "truncated_normal", "ends"]
@@ -76,11 +76,7 @@ class Draw:
             "ends": ("low", "high"),
         }
         needs["truncated_normal"] = needs["uniform"] + needs["normal"]
-        if self.distribution not in needs:
-            raise ParameterError(
-                f"{name}: distribution={self.distribution!r} is unknown"
-                f"{did_you_mean(str(self.distribution), needs)}; it can be: {', '.join(needs)}"
-            )
+        refuse_unknown(f"{name}: distribution", self.distribution, needs, ParameterError)
         missing = [key for key in needs[self.distribution] if getattr(self, key) is None]
         if missing:
             raise ParameterError(f"{name}: {self.distribution} also needs {', '.join(missing)}")
@@ -159,8 +155,7 @@ class Randomization:
         draws: Sequence[Draw | Mapping[str, Any]] = (),
         per: Literal["reset", "row"] = "reset",
     ) -> None:
-        if per not in ("reset", "row"):
-            raise ParameterError(f"per={per!r} is unknown; parameters are drawn per: reset, row")
+        refuse_unknown("per", per, ("reset", "row"), ParameterError)
         self.draws = tuple(
             draw if isinstance(draw, Draw) else Draw.of(draw, f"draws[{number}]")
             for number, draw in enumerate(draws)

@@ -24,7 +24,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar
 
 from dynamixel_sdk import PacketHandler
 
@@ -53,18 +53,6 @@ class Reply:
     data: bytes
 
 
-class PacketParser(Protocol):
-    """What cuts bytes into packets."""
-
-    def clear(self) -> None:
-        """Forget an unfinished packet."""
-        ...
-
-    def feed(self, data: bytes) -> list[Packet]:
-        """Take bytes and return the packets that they complete."""
-        ...
-
-
 class BusClient:
     """Requests and answers over one port.
 
@@ -76,6 +64,7 @@ class BusClient:
     """
 
     overhead = 11  # bytes of an answer beside its data
+    parser: ClassVar[type[Parser]] = Parser  # what cuts bytes into packets
 
     def __init__(
         self, port: PortHandler, clock: Clock, latency: float, return_delay: float = 0.0005
@@ -86,13 +75,10 @@ class BusClient:
         self.group = Counters()  # of answers that several servos share
         self._lock = PortLock(port.port_name)
         self._handler = PacketHandler(2.0)
-        self._parser = self._make_parser()
+        self._parser = self.parser()
         self._doubtful = False  # an answer failed to come; it may still be on its way
         self.patience = clock.jitter  # s that an answer may be late by the machine's fault
         self.lateness = 0.0  # s by which the newest good answer was later than the wire explains
-
-    def _make_parser(self) -> PacketParser:
-        return Parser()
 
     def open(self, baud: int) -> None:
         """Open the port at this speed.

@@ -21,7 +21,6 @@ verified. Ctrl-C and SIGTERM switch torque off at once.
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -53,7 +52,7 @@ class HardwareEnv(RowsEnv):
 
     Args:
         task: the task, of this robot.
-        backend: the robot; see `hardware/backends.py` and `hardware/replayed.py`.
+        backend: the robot; see `hardware/backends.py`.
         folder: where each episode's log goes; None writes none.
         device: where tensors go.
         dtype: the dtype of observations, actions and rewards.
@@ -133,12 +132,7 @@ class HardwareEnv(RowsEnv):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 

@@ -19,7 +19,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from hardware.errors import HardwareError
 
 SCHEMA = 1
 TOLERANCE = 4e-6  # of the actions' range; sums of float32 in another order differ by some 1e-6
-Squash = Literal["none", "tanh", "clip"]
 
 
 class PolicyError(HardwareError):

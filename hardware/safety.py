@@ -21,7 +21,6 @@ import logging
 import math
 from collections import deque
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, NamedTuple, NoReturn, Self
 
 import numpy as np
@@ -77,13 +76,8 @@ class Guard:
         self._ending.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._ending.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._ending.__exit__(*error)
 
     @property
     def health(self) -> list[Health | None]:

@@ -9,7 +9,6 @@ with them is connected. `differences` are all that `python -m hardware setup` wr
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 from hardware.bus_client import BusClient
@@ -19,7 +18,6 @@ from hardware.registers import read_register
 MOVES_BY_ITSELF, REVERSED_OR_TIMED = 8, 5
 NO_SECOND_ID = 255
 LAST_ID = 252
-Read = Callable[[str], int]
 
 
 class Difference(NamedTuple):

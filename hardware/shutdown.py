@@ -19,7 +19,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Self
 
 # Ctrl-C, kill, a terminal or SSH session that closes, Ctrl-\\; Windows lacks the last two
@@ -58,12 +58,7 @@ class ShutdownHook:
         gc.freeze()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         try:
             self._stop()
         finally:
@@ -72,7 +67,7 @@ class ShutdownHook:
             for number, handler in self._before.items():
                 signal.signal(number, handler)
             self._before.clear()
-        if error is None:
+        if error[1] is None:
             self._act()
 
     @contextmanager

@@ -25,6 +25,8 @@ def _no_folder_stays_in_use() -> Iterator[None]:
     path, variable = list(sys.path), os.environ.get(extensions.VARIABLE)
     yield
     if signatures.OWN:
+        for name in signatures.OWN:
+            sys.modules.pop(name, None)
         signatures.OWN.clear()
         signatures.clear_cache()
         sys.path[:] = path

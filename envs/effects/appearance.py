@@ -17,7 +17,6 @@ from envs.errors import EffectError
 from envs.params import Parameter
 
 UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0])  # a geom of this colour shows its material's
-FLOOR = "world"  # the body that carries the floor and everything else that is fixed
 
 
 class Appearance(Effect):

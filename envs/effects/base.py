@@ -33,6 +33,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.extras import Extra, Sizes
+from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.errors import EffectError, did_you_mean
@@ -130,7 +131,7 @@ class Measurement(BoundEffect, ABC):
         """Turn measured qpos (n, nq) and qvel (n, nv) into true ones in place, as far as known."""
 
 
-class Effect(ABC):
+class Effect:
     """A named way to differ from the model; a plant binds it.
 
     Args:
@@ -157,7 +158,11 @@ class Effect(ABC):
     extras: ClassVar[tuple[Extra, ...]] = ()
     # What real robots show, in the first way; a fit starts inside.
     typical: ClassVar[tuple[float, float]] = (0.0, 1.0)
-    factors: ClassVar[tuple[float, ...]] = (0.5, 0.75, 1.3, 1.8)  # where a search looks first
+    limits: ClassVar[tuple[float, float]] = (-np.inf, np.inf)  # of its value
+    neutral: ClassVar[float | None] = None  # its value where it is absent; None: that of the way
+    # Where a search looks first: factors of what it scales; values (K,) or (K, k), see `probes`.
+    factors: ClassVar[tuple[float, ...]] = (0.5, 0.75, 1.3, 1.8)
+    first_values: ClassVar[Any] = None
 
     # For people. Sentences without a full stop.
     display_name: ClassVar[str] = ""  # the name in words; "": the standard name without underscores
@@ -166,11 +171,13 @@ class Effect(ABC):
     experiment: ClassVar[str]  # the recording that isolates it
 
     # For the simulator.
+    law: ClassVar[type[Any]]  # what acts on a plant, made of plant and effect; see `bind`
     constants: ClassVar[bool] = False  # whether the model's derived constants depend on it
     moves_mass: ClassVar[bool] = False  # whether it moves a centre of mass or turns principal axes
     composes: ClassVar[bool] = False  # whether it may stand twice at a place, added or multiplied
 
     # For diagnosis and exam; see also `variants`, `probes`, `batch`, `mjcf_limitation`, `to_mjcf`.
+    group: ClassVar[str] = ""  # PLAIN, RULES or "", alone: what it is simulated side by side with
     visible_in_replay: ClassVar[bool] = True  # False: noise, what a camera sees
     shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
     needs_measured_channel: ClassVar[bool] = False  # it explains only what a channel measured, too
@@ -264,7 +271,7 @@ class Effect(ABC):
         own: dict[str, Any] = {
             "side": self.side,
             "unit": self.unit,
-            "neutral": {"add": 0.0, "scale": 1.0, "set": 0.0}[self.how],
+            "neutral": float(self.how == "scale") if self.neutral is None else self.neutral,
             "how": self.how,
         }
         return Parameter(self.label(*scalar), self.name, self.where, **{**own, **changes})
@@ -290,7 +297,7 @@ class Effect(ABC):
             return values[:, values.shape[1] - len(free) + free.index(name)]
         return np.full(len(values), self.extra[name])
 
-    def edit(self, spec: mujoco.MjSpec) -> None:  # noqa: B027 - most effects need no structure
+    def edit(self, spec: mujoco.MjSpec) -> None:
         """Add to the model's structure what the effect needs."""
 
     @property
@@ -298,13 +305,24 @@ class Effect(ABC):
         """Whether the effect adds to the model's structure, so that it has to be compiled anew."""
         return type(self).edit is not Effect.edit
 
-    @abstractmethod
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the parameters on this model; raises EffectError if it cannot have the effect."""
+    def check(self, model: mujoco.MjModel) -> None:
+        """Raise EffectError for a model that cannot have the effect: it lacks the joint, say."""
+        if self.place == "joint":
+            joints(model, self.where)
 
-    @abstractmethod
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the parameters on this model: by default its value, then the free extras.
+
+        Raises:
+            EffectError: the model cannot have the effect.
+        """
+        self.check(model)
+        low, high = self.limits
+        return (self.parameter(low=low, high=high), *self.free_parameters())
+
     def bind(self, plant: PlantView) -> BoundEffect:
-        """Connect the effect to a plant."""
+        """Connect the effect to a plant: by default its `law`."""
+        return self.law(plant, self)
 
     @classmethod
     def in_words(cls) -> str:
@@ -360,6 +378,8 @@ class Effect(ABC):
         Returns:
             (K,), or (K, k) for its first k parameters; the others stay neutral.
         """
+        if self.first_values is not None:
+            return np.array(self.first_values)
         if self.how == "scale":
             return np.array(self.factors)
         low, high = self.typical
@@ -372,7 +392,7 @@ class Effect(ABC):
         `PLAIN` for effects that write model fields alone, `RULES` for those that are stepped from
         Python; by itself where it adds to the structure, or does not say.
         """
-        return self.name
+        return self.group or self.name
 
     def mjcf_limitation(self) -> str | None:
         """Return why MJCF cannot say the effect; None where it can."""

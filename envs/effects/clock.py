@@ -6,8 +6,6 @@ import numpy as np
 
 from envs.effects.base import PLAIN, BoundEffect, Effect
 from envs.effects.plant_view import PlantView
-from envs.effects.scale import RobotScale
-from envs.params import Parameter
 
 
 class _Rate(BoundEffect):
@@ -41,19 +39,10 @@ class ClockDrift(Effect):
     symptom = "swings and ramps that are all too long or too short by the same fraction"
     source = "t_log = (1 + d) t; quartz: 1e-5 to 1e-4, rates that were taken as nominal: 1e-2"
     experiment = "a free swing of known length, or readings with stamps of another clock"
-
-    def parameters(self, model: object) -> tuple[Parameter, ...]:
-        """Return the share."""
-        return (self.parameter(low=-0.5, high=1.0),)
+    first_values = (-0.03, -0.008, 0.008, 0.03)
+    group = PLAIN
+    limits = (-0.5, 1.0)
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Scale the time step of each row."""
         return _Rate(plant)
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return a wrong rate, both ways; a quartz's error hides below any floor."""
-        return np.array([-0.03, -0.008, 0.008, 0.03])
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import mujoco
 import numpy as np
 
 from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
@@ -12,7 +11,6 @@ from envs.effects.extras import phase
 from envs.effects.places import block, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
-from envs.params import Parameter
 
 
 class _Cogging(SubstepRule):
@@ -65,24 +63,14 @@ class Cogging(Effect):
     symptom = "an error that repeats with the position, whatever the speed and direction"
     source = "tau = A sin(N q + phase); MuJoCo XML reference, dcmotor/cogging"
     experiment = "a slow ramp over the whole range, there and back"
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the amplitude, and the free extras."""
-        joints(model, self.where)
-        return (self.parameter(low=0.0), *self.free_parameters())
-
-    def bind(self, plant: PlantView) -> SubstepRule:
-        """Apply the torque before each substep."""
-        return _Cogging(plant, self)
+    limits = (0.0, np.inf)
+    group = RULES
+    law = _Cogging
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return rough ones: the error of a replay shows better ones."""
         size = 0.05 * scale.torque_at(self.where)
         return np.array([(size, 12.0, phase) for phase in np.arange(4) * np.pi / 2])
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
 
     @classmethod
     def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:

@@ -60,6 +60,8 @@ class CommandDelay(Effect):
     symptom = "everything happens later by the same time, at all speeds and amplitudes"
     source = "u(t) = u_cmd(t - d); MuJoCo XML reference, actuator/delay"
     experiment = "steps from rest (dead time), and a chirp: the phase is linear in frequency"
+    first_values = (0.003, 0.01, 0.03, 0.07)
+    group = PLAIN
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Give each actuator a delay line."""
@@ -78,14 +80,6 @@ class CommandDelay(Effect):
         """Write the actuators' delays."""
         every = np.arange(plant.model.nactuator)
         return FieldBound(plant.field("actuator_delay"), (every,), self.parameters(plant.model)[0])
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return delays from a bus at its fastest to a slow camera."""
-        return np.array([0.003, 0.01, 0.03, 0.07])
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN
 
 
 class _Loss(CommandRule):
@@ -131,10 +125,7 @@ class PacketLoss(Effect):
     symptom = "now and then a step of the command is missing in the motion"
     source = "held commands with independent losses; bus error counters"
     experiment = "count the failed status packets; no motion is needed"
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the probability."""
-        return (self.parameter(low=0.0, high=1.0),)
+    limits = (0.0, 1.0)
 
     def bind(self, plant: PlantView) -> CommandRule:
         """Hold commands at random."""
@@ -275,16 +266,9 @@ class _ProfileEffect(ActuatorEffect):
     no_mjcf = "MJCF has no limit on the motion of a goal"
     comparable = True
     limit: ClassVar[Literal["velocity", "acceleration"]]
-
-    @staticmethod
-    def can(model: mujoco.MjModel, actuator: int) -> bool:
-        """Return whether it is a position servo on a joint."""
-        return is_joint_servo(model, actuator)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the limit."""
-        self.actuators(model)
-        return (self.parameter(low=1e-6, high=NO_LIMIT, neutral=NO_LIMIT),)
+    limits, neutral = (1e-6, NO_LIMIT), NO_LIMIT
+    group = RULES
+    can = staticmethod(is_joint_servo)
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Write into the plant's one profile."""
@@ -292,10 +276,6 @@ class _ProfileEffect(ActuatorEffect):
         plant.shared_mechanism("profile targets", lambda: _Targets(profile))
         columns = np.flatnonzero(np.isin(profile.index, self.actuators(plant.model)))
         return _Limit(profile, self.limit, columns)
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
 
 
 class ProfileVelocity(_ProfileEffect):

@@ -14,7 +14,7 @@ from envs.effects.field import BoundFieldGroup, FieldEffect
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
-from envs.errors import EffectError
+from envs.errors import EffectError, refuse_unknown
 from envs.params import How, Parameter
 
 FrictionMode = Literal["contact", "seed"]
@@ -141,10 +141,7 @@ class GroundFriction(_ContactEffect, FieldEffect):
         **arguments: Any,
     ) -> None:
         super().__init__(where, how, **arguments)
-        if friction_mode not in ("contact", "seed"):
-            raise EffectError(
-                f"friction_mode={friction_mode!r} is unknown; it can be: contact, seed"
-            )
+        refuse_unknown("friction_mode", friction_mode, ("contact", "seed"))
         self.friction_mode = friction_mode
 
     def options(self) -> dict[str, Any]:
@@ -260,6 +257,7 @@ class ContactStiffness(_ContactEffect):
         "MuJoCo documentation, Modeling, solver parameters: stiffness goes with 1 / time constant²"
     )
     experiment = "drop tests from two heights"
+    group = PLAIN
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the factor.
@@ -283,10 +281,6 @@ class ContactStiffness(_ContactEffect):
     def _shared(self, model: mujoco.MjModel) -> bool:
         """Return whether other geoms than this one can touch the same ground."""
         return len(soles(model)) > len(self._feet(model))
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Write the contacts' reference of each row."""

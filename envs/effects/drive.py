@@ -16,7 +16,7 @@ from envs.effects.places import block, joint_driven
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.effects.servo import ActuatorEffect, is_joint_servo, is_linear, limited
-from envs.params import How, Parameter
+from envs.params import How
 
 NO_KNEE = 1e6  # rad/s: a motor whose torque does not fall with its speed
 
@@ -118,6 +118,8 @@ class TorqueSpeedKnee(ActuatorEffect):
     symptom = "fast motions under load fall behind, slow ones with the same torque do not"
     source = "|tau| <= tau_max min(1, (w0 - |w|) / (w0 - wk)): a motor's back-EMF at full voltage"
     experiment = "the largest steps, up and down, at two supply voltages: the slope has a ceiling"
+    group = RULES
+    limits, neutral = (1e-3, NO_KNEE), NO_KNEE
 
     @staticmethod
     def can(model: mujoco.MjModel, actuator: int) -> bool:
@@ -125,22 +127,12 @@ class TorqueSpeedKnee(ActuatorEffect):
         limit = bool(model.actuator_forcelimited[actuator])
         return limit and joint_driven(model, actuator) and is_linear(model, actuator)
 
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the knee's speed, and the free extras."""
-        self.actuators(model)
-        knee = self.parameter(low=1e-3, high=NO_KNEE, neutral=NO_KNEE)
-        return (knee, *self.free_parameters())
-
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return knees at parts of the speed that was reached, which is below the no-load speed."""
         reached = scale.reached_at(self.where)
         return np.array(
             [(part * reached, 2.0) for part in (0.35, 0.55, 0.75, 1.0)] + [(0.8 * reached, 1.3)]
         )
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Narrow the range before each substep."""
@@ -187,6 +179,9 @@ class ActuatorLag(ActuatorEffect):
     symptom = "the torque builds up late: overshoot and ringing where the gains should be damped"
     source = "T dtau/dt = tau_law - tau; MuJoCo XML reference, dyntype filterexact, on the torque"
     experiment = "small fast steps at a high gain; log the current if the servo reports it"
+    limits = (0.0, np.inf)
+    first_values = (0.003, 0.01, 0.03)
+    group = RULES
 
     @staticmethod
     def can(model: mujoco.MjModel, actuator: int) -> bool:
@@ -196,19 +191,6 @@ class ActuatorLag(ActuatorEffect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Switch the force range on, which carries the torque."""
         limited(spec, self.where)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the time constant."""
-        self.actuators(model)
-        return (self.parameter(low=0.0),)
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return time constants from a quick current loop to a slow one."""
-        return np.array([0.003, 0.01, 0.03])
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Let each substep's torque follow the law."""
@@ -252,28 +234,14 @@ class IntegralAction(ActuatorEffect):
     symptom = "a hold creeps to its goal within seconds, and a loaded step overshoots"
     source = "u = kp e + ki ∫ e dt; Dynamixel Position I Gain (82); Åström and Hägglund 1995"
     experiment = "loaded holds of several seconds, reached from both sides"
-
-    @staticmethod
-    def can(model: mujoco.MjModel, actuator: int) -> bool:
-        """Return whether it is a position servo on a joint."""
-        return is_joint_servo(model, actuator)
+    limits = (0.0, np.inf)
+    first_values = (0.1, 0.5, 2.0, 10.0)
+    group = RULES
+    can = staticmethod(is_joint_servo)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Switch the force range on, which stops the sum."""
         limited(spec, self.where)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the rate."""
-        self.actuators(model)
-        return (self.parameter(low=0.0),)
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return rates from ten seconds to a tenth of one."""
-        return np.array([0.1, 0.5, 2.0, 10.0])
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Add the sum to the law before each substep."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from envs.effects.base import RULES, Effect, Measurement, SubstepRule
@@ -11,7 +10,6 @@ from envs.effects.places import block, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.effects.servo import is_joint_servo
-from envs.params import Parameter
 
 STEPS = 4  # of Newton's method, which starts within the amplitude of the answer
 SEEN = 1.5  # rad: in less of a turn the sine is an offset and a slope
@@ -100,11 +98,9 @@ class EncoderEccentricity(Effect):
     symptom = "an error that repeats once a turn, the same in both directions and at any speed"
     source = "e sin(q + phase), e = offset over radius; ams AS5600 data sheet: up to 1 degree"
     experiment = "one slow turn there and back, against a second encoder or marks on the housing"
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the amplitude, below which readings are still in order, and the phase."""
-        joints(model, self.where)
-        return (self.parameter(low=0.0, high=0.9), *self.free_parameters())
+    limits = (0.0, 0.9)
+    first_values = tuple((0.02, phase) for phase in (0.0, np.pi / 2, np.pi, -np.pi / 2))
+    group = RULES
 
     def bind(self, plant: PlantView) -> Measurement:
         """Change what is read, and what the joint's servos see."""
@@ -121,11 +117,3 @@ class EncoderEccentricity(Effect):
     def mimics(self, scale: RobotScale) -> str | None:
         """Return the shifted encoder where the joint turned little."""
         return "encoder_offset" if scale.span(str(self.where)) < SEEN else None
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return one size at four phases."""
-        return np.array([(0.02, phase) for phase in (0.0, np.pi / 2, np.pi, -np.pi / 2)])
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES

@@ -64,6 +64,7 @@ class FieldEffect(Effect):
     column: ClassVar[int | None] = None  # the entry of a row of the field, where it has several
     composes: ClassVar[bool] = True
     no_mjcf: ClassVar[str | None] = None
+    group = PLAIN
 
     def elements(self, model: mujoco.MjModel) -> tuple[Any, ...]:
         """Return the index into the field, without the row axis."""
@@ -102,7 +103,3 @@ class FieldEffect(Effect):
         """Give the field a value per row."""
         (parameter,) = self.parameters(plant.model)
         return FieldBound(plant.field(self.field), self.elements(plant.model), parameter)
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN

@@ -19,7 +19,6 @@ from envs.effects.friction import PARTS, NoCreepFriction, stiffen
 from envs.effects.places import block, joint_driven, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
-from envs.params import Parameter
 
 BENT = np.array([0.012, 0.02, 0.034, 0.058, 0.1, 0.17])  # of a motor's torque: steep friction
 
@@ -53,6 +52,17 @@ class _FrictionRule(SubstepRule):
         self.loss[self.at] += torque
 
 
+class _RuledFriction(Effect):
+    """Friction of a joint by a rule."""
+
+    place = "joint"
+    group = RULES
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Make the joint stick where it had no friction."""
+        stiffen(spec, self.where)
+
+
 class _Stribeck(_FrictionRule):
     """See `StribeckFriction`."""
 
@@ -83,7 +93,7 @@ class _Stribeck(_FrictionRule):
             self.bristles.faded[ids] = self.own - excess
 
 
-class StribeckFriction(Effect):
+class StribeckFriction(_RuledFriction):
     """More dry friction near standstill than in motion, by value exp(-|w / speed|^shape).
 
     With `bristle` the joint gives way elastically before it breaks away: the LuGre model, through
@@ -91,7 +101,6 @@ class StribeckFriction(Effect):
     """
 
     name = "stribeck_friction"
-    place = "joint"
     unit = "N·m"
     extras = (
         Extra(
@@ -136,19 +145,8 @@ class StribeckFriction(Effect):
         " bristles: Canudas de Wit, Olsson, Åström, Lischinsky 1995, in linearly implicit steps"
     )
     experiment = "ramps at several slow speeds, one after the other, with reversals"
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Make the joint stick where it had no friction."""
-        stiffen(spec, self.where)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the static excess, and the free extras."""
-        joints(model, self.where)
-        return (self.parameter(low=0.0), *self.free_parameters())
-
-    def bind(self, plant: PlantView) -> SubstepRule:
-        """Write the friction loss before each substep."""
-        return _Stribeck(plant, self)
+    limits = (0.0, np.inf)
+    law = _Stribeck
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the motor's torque, each with two speeds, and closer ones on bristles.
@@ -159,10 +157,6 @@ class StribeckFriction(Effect):
         rigid = [(part, speed, 0.0) for part in PARTS for speed in (0.25, 0.8)]
         bent = [(part, 0.13, 0.004) for part in BENT]
         return np.array([*rigid, *bent]) * [torque, 1.0, 1.0]
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
 
     @classmethod
     def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
@@ -207,7 +201,7 @@ class _LoadDependent(_FrictionRule):
         self.add(self.own * np.abs(motor + self.part * bias))
 
 
-class LoadDependentFriction(Effect):
+class LoadDependentFriction(_RuledFriction):
     """Friction in proportion to what the gear carries: value |tau_motor - external tau_external|.
 
     The external torque is that of gravity and inertia, minus the engine's bias force; contacts are
@@ -219,7 +213,6 @@ class LoadDependentFriction(Effect):
     """
 
     name = "load_dependent_friction"
-    place = "joint"
     unit = ""
     extras = (
         Extra(
@@ -247,27 +240,9 @@ class LoadDependentFriction(Effect):
     experiment = (
         "slow reversals with two payloads, or through poses with and without gravity torque"
     )
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Make the joint stick where it had no friction."""
-        stiffen(spec, self.where)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the coefficient, and the free extras."""
-        joints(model, self.where)
-        return (self.parameter(low=0.0, high=1.0), *self.free_parameters())
-
-    def bind(self, plant: PlantView) -> SubstepRule:
-        """Write the friction loss before each substep."""
-        return _LoadDependent(plant, self)
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return coefficients, with and without the external torque."""
-        return np.array(list(itertools.product((0.03, 0.12, 0.4), (0.0, 1.0))))
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
+    limits = (0.0, 1.0)
+    first_values = tuple(itertools.product((0.03, 0.12, 0.4), (0.0, 1.0)))
+    law = _LoadDependent
 
 
 class _OneWay(_FrictionRule):
@@ -286,7 +261,7 @@ class _OneWay(_FrictionRule):
         self.applied[self.at] -= self.own / 2
 
 
-class AsymmetricFriction(Effect):
+class AsymmetricFriction(_RuledFriction):
     """More dry friction in one direction of motion: against positive speeds where it is positive.
 
     Friction K + value one way and K the other is friction K + value / 2 both ways and a constant
@@ -296,7 +271,6 @@ class AsymmetricFriction(Effect):
     """
 
     name = "asymmetric_friction"
-    place = "joint"
     unit = "N·m"
     extras = (
         Extra(
@@ -315,25 +289,9 @@ class AsymmetricFriction(Effect):
     symptom = "one direction of motion lags or stops short more than the other, in every pose"
     source = "tau = -(K + v) for w > 0, K for w < 0; Armstrong-Hélouvry 1991; Kelly et al. 2000"
     experiment = "the same slow ramp there and back in poses without gravity torque"
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Make the joint stick where it had no friction."""
-        stiffen(spec, self.where)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the difference between the directions, and the free extras."""
-        joints(model, self.where)
-        return (self.parameter(), *self.free_parameters())
+    law = _OneWay
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the motor's torque, for either direction, with and without a rise."""
         sizes = PARTS[1:] * scale.torque_at(self.where)
         return np.array(list(itertools.product((*sizes, *-sizes), (0.5, 0.0))))
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
-
-    def bind(self, plant: PlantView) -> SubstepRule:
-        """Apply both parts before each substep."""
-        return _OneWay(plant, self)

@@ -144,6 +144,7 @@ class _ImuEffect(Effect):
 
     place = "robot"
     no_mjcf = READ
+    group = PLAIN
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return one value for each axis."""
@@ -154,10 +155,6 @@ class _ImuEffect(Effect):
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
         """Return one way to try it, where an IMU says how the base turns."""
         return [{}] if scale.feels else []
-
-    def batch(self) -> str:
-        """Return the group of effects without rules."""
-        return PLAIN
 
 
 class ImuMounting(_ImuEffect):
@@ -175,6 +172,7 @@ class ImuMounting(_ImuEffect):
     symptom = "the base is never level, whatever the feet say, and its tilt turns with the robot"
     source = "measured orientation = true orientation times the mounting's rotation"
     experiment = "stand on level ground, then turn the robot round on the spot and stand again"
+    first_values = np.concatenate([0.05 * np.eye(len(AXES)), -0.05 * np.eye(len(AXES))])
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the rotation about each axis."""
@@ -184,10 +182,6 @@ class ImuMounting(_ImuEffect):
     def bind(self, plant: PlantView) -> Measurement:
         """Turn what is measured."""
         return _Mounting(plant)
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return three degrees about each axis, both ways."""
-        return np.concatenate([0.05 * np.eye(len(AXES)), -0.05 * np.eye(len(AXES))])
 
 
 class ImuDelay(_ImuEffect):
@@ -205,6 +199,7 @@ class ImuDelay(_ImuEffect):
     symptom = "the base turns later than its legs make it turn"
     source = "y(t) = q(t - d): filters of the part, its rate, and the serial line"
     experiment = "rock the standing robot with its legs at two frequencies"
+    first_values = (0.005, 0.015, 0.04)
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the delay."""
@@ -214,10 +209,6 @@ class ImuDelay(_ImuEffect):
     def bind(self, plant: PlantView) -> Measurement:
         """Report how the base was turned some time ago."""
         return _Delay(plant, self.extra["longest"])
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return delays from a fast part to a slow filter."""
-        return np.array([0.005, 0.015, 0.04])
 
 
 class GyroBias(_ImuEffect):
@@ -231,14 +222,11 @@ class GyroBias(_ImuEffect):
     symptom = "the gyro says that the base turns while the orientation stays"
     source = "w + b; MEMS gyros: up to 0.05 rad/s before calibration, and more with temperature"
     experiment = "log the robot at rest"
+    first_values = np.concatenate([0.1 * np.eye(len(AXES)), -0.1 * np.eye(len(AXES))])
 
     def bind(self, plant: PlantView) -> Measurement:
         """Add to the measured angular velocity."""
         return _Bias(plant, len(AXES))
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return a large bias about each axis, both ways."""
-        return np.concatenate([0.1 * np.eye(len(AXES)), -0.1 * np.eye(len(AXES))])
 
 
 class GyroScale(_ImuEffect):

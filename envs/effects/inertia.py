@@ -13,7 +13,7 @@ from envs.effects.field import FieldEffect
 from envs.effects.places import find, members
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
-from envs.errors import EffectError, did_you_mean
+from envs.errors import EffectError, refuse_unknown
 from envs.params import How, Parameter
 
 LIGHTEST = 1e-3  # kg: below this the engine's constants become ill conditioned
@@ -73,11 +73,7 @@ class LinkMass(FieldEffect):
         **arguments: Any,
     ) -> None:
         super().__init__(where, how, **arguments)
-        if inertia not in INERTIA:
-            raise EffectError(
-                f"{self.label()}: inertia={inertia!r} is unknown{did_you_mean(inertia, INERTIA)}; "
-                f"it can be: {', '.join(INERTIA)}"
-            )
+        refuse_unknown(f"{self.label()}: inertia", inertia, INERTIA)
         self.inertia: Inertia = inertia
 
     def options(self) -> dict[str, Any]:
@@ -207,6 +203,7 @@ class CenterOfMass(Effect):
     )
     source = "rigid body; CAD models are off by 5 to 20 %"
     experiment = "torque-off swings: the period separates inertia from gravity's lever arm"
+    group = PLAIN
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the distance."""
@@ -221,10 +218,6 @@ class CenterOfMass(Effect):
         """Return parts of the link's length, both ways."""
         length = float(np.linalg.norm(far_end(scale.model, scale.body(self.where))))
         return np.array([-0.4, -0.12, -0.03, 0.03, 0.12, 0.4]) * length
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN
 
 
 class _Point(BoundEffect):
@@ -294,6 +287,7 @@ class Payload(Effect):
     symptom = "more sag and slower swings, most of all at the joints that lift the body"
     source = "point mass: m r x and the parallel axis theorem"
     experiment = "holds with the arm stretched out, with and without the tool"
+    group = PLAIN
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the mass."""
@@ -307,10 +301,6 @@ class Payload(Effect):
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the robot's mass."""
         return np.array([0.01, 0.03, 0.12, 0.4]) * scale.mass
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN
 
 
 class _Tilt(BoundEffect):
@@ -340,6 +330,8 @@ class GravityTilt(Effect):
     symptom = "constant errors that depend on the pose, as if gravity came from the side"
     source = "rotated gravity; tables are tilted by 1 to 5 degrees"
     experiment = "the same holds with the base turned by 180 degrees about the vertical"
+    first_values = ((0.06, 0.0), (-0.06, 0.0), (0.0, 0.06), (0.0, -0.06))
+    group = PLAIN
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the two angles."""
@@ -348,11 +340,3 @@ class GravityTilt(Effect):
     def bind(self, plant: PlantView) -> BoundEffect:
         """Write the gravity of each row."""
         return _Tilt(plant)
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return three degrees, to all four sides."""
-        return np.array([[0.06, 0.0], [-0.06, 0.0], [0.0, 0.06], [0.0, -0.06]])
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN

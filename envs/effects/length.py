@@ -143,6 +143,7 @@ class LinkLength(Effect):
     symptom = "swings are slower and loads heavier, as of a longer lever"
     source = "affine map of the mass: second moments S -> A S A, inertia tr(S) 1 - S"
     experiment = "free swings of the link, whose period tells its length"
+    group = PLAIN
 
     @classmethod
     def places(cls, scale: RobotScale) -> list[str | None]:
@@ -159,7 +160,3 @@ class LinkLength(Effect):
     def bind(self, plant: PlantView) -> BoundEffect:
         """Stretch the body of each row."""
         return _Stretch(plant, find(plant.model, "body", self.where))
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN

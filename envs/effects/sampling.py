@@ -9,7 +9,6 @@ import numpy as np
 
 from envs.effects.base import PLAIN, Effect, Extra, Measurement, Sizes
 from envs.effects.plant_view import PlantView
-from envs.effects.scale import RobotScale
 from envs.effects.sensing import READ
 from envs.params import Parameter
 
@@ -140,6 +139,8 @@ class ObservationDelay(Effect):
         "steps from rest next to a second, fast sensor; else the same as command_delay"
         " in an open-loop log"
     )
+    first_values = (0.003, 0.01, 0.03, 0.07)
+    group = PLAIN
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the delay."""
@@ -148,11 +149,3 @@ class ObservationDelay(Effect):
     def bind(self, plant: PlantView) -> Measurement:
         """Report what was true some time ago."""
         return SamplingDelay(plant, self.extra["longest"])
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return delays from a bus at its fastest to a slow camera."""
-        return np.array([0.003, 0.01, 0.03, 0.07])
-
-    def batch(self) -> str:
-        """Return the group of effects without rules of their own."""
-        return PLAIN

@@ -20,7 +20,6 @@ from envs.effects.scale import RobotScale
 from envs.effects.servo import is_joint_servo
 from envs.errors import EffectError
 from envs.noise import normal
-from envs.params import Parameter
 
 READ = "it changes what is read, not how the robot moves"
 
@@ -44,11 +43,7 @@ class _SensorEffect(Effect):
     place = "joint"
     visible_in_replay = False
     no_mjcf = READ
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the one parameter, from 0 up."""
-        joints(model, self.where)
-        return (self.parameter(low=0.0),)
+    limits = (0.0, np.inf)
 
 
 class _Offset(_JointSensor, CommandRule):
@@ -120,20 +115,14 @@ class EncoderOffset(_SensorEffect):
     )
     source = "measured = true + value; XL330: 0.014 to 0.022 rad (Rhoban's BAM logs)"
     experiment = "holds over the whole range, without load or with the base turned by 90 degrees"
+    limits = (-np.inf, np.inf)
+    first_values = (-0.05, -0.012, 0.012, 0.05)
+    law = _Offset
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         if self.free or self.extra["servo"] not in (0.0, 1.0):
             raise EffectError(f"{self.label()}: servo is 0 or 1, and no parameter; try both")
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the offset."""
-        joints(model, self.where)
-        return (self.parameter(),)
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Shift the measured positions, and the goals of the joint's servos."""
-        return _Offset(plant, self)
 
     @property
     def variant(self) -> str:
@@ -144,10 +133,6 @@ class EncoderOffset(_SensorEffect):
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
         """Return both kinds of a wrong zero."""
         return [{"servo": 1.0}, {"servo": 0.0}]
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return offsets from under a degree to three degrees, both ways."""
-        return np.array([-0.05, -0.012, 0.012, 0.05])
 
     def batch(self) -> str:
         """Return the group of effects without rules, or that of offsets of the log."""
@@ -199,10 +184,7 @@ class SensorNoise(_SensorEffect):
     symptom = "readings that scatter while the joint rests"
     source = "q + N(0, value²); 3 counts of 4096 reported for Dynamixel"
     experiment = "log a joint at rest"
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Add noise that depends on the episode's seed alone."""
-        return _Noise(plant, self)
+    law = _Noise
 
 
 class _Rounding(_JointSensor):
@@ -223,10 +205,7 @@ class Quantization(_SensorEffect):
     symptom = "readings in steps of one size"
     source = "round(q / step) step; 2π/4096 = 1.53 mrad for Dynamixel X"
     experiment = "log a very slow ramp"
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Round the measured positions."""
-        return _Rounding(plant, self)
+    law = _Rounding
 
 
 class _Filter(_JointSensor):
@@ -271,7 +250,4 @@ class VelocityFilter(_SensorEffect):
     symptom = "the reported speed is late and rounded against the slope of the positions"
     source = "tau dy/dt = w - y; STS registers lag by about 20 ms"
     experiment = "compare the speed with the slope of the positions; no model is needed"
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Filter the measured speeds."""
-        return _Filter(plant, self)
+    law = _Filter

@@ -38,6 +38,10 @@ class ActuatorEffect(Effect):
         """Return whether this actuator can have the effect."""
         raise NotImplementedError
 
+    def check(self, model: mujoco.MjModel) -> None:
+        """Raise EffectError where no actuator, or the named one, can have the effect."""
+        self.actuators(model)
+
     def actuators(self, model: mujoco.MjModel) -> np.ndarray:
         """Return the ids of the actuators that the effect acts on, (k,).
 
@@ -68,12 +72,10 @@ def _possible(model: mujoco.MjModel, actuators: list[int]) -> str:
     return f"it can have: {', '.join(names) or 'none of these effects'}"
 
 
-def is_linear(model: mujoco.MjModel, i: int) -> bool:
+def is_linear(model: mujoco.MjModel, actuator: int) -> bool:
     """Return whether an actuator's force is affine in control, length and velocity."""
-    return int(model.actuator_gaintype[i]) == FIXED and int(model.actuator_biastype[i]) in (
-        NONE,
-        AFFINE,
-    )
+    fixed = int(model.actuator_gaintype[actuator]) == FIXED
+    return fixed and int(model.actuator_biastype[actuator]) in (NONE, AFFINE)
 
 
 def is_servo(model: mujoco.MjModel, i: int) -> bool:
@@ -93,11 +95,8 @@ class _Gain(ActuatorEffect):
     tied = "gain"
     bias_column: ClassVar[int]
     with_gain: ClassVar[bool]
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the factor."""
-        self.actuators(model)
-        return (self.parameter(low=0.0),)
+    limits = (0.0, np.inf)
+    group = PLAIN
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Scale the law of each row."""
@@ -108,10 +107,6 @@ class _Gain(ActuatorEffect):
         if self.with_gain and plain.size:
             fields.append(FieldBound(plant.field("actuator_gainprm"), (plain, 0), parameter))
         return BoundFieldGroup(fields)
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN
 
 
 class PositionGain(_Gain):
@@ -313,28 +308,18 @@ class DeadZone(ActuatorEffect):
         "(answers.ros.org 303081); the compliance margin and punch of the AX-12's manual"
     )
     experiment = "very slow ramps without load, at two gains"
+    limits = (0.0, np.inf)
+    first_values = tuple(itertools.product((0.004, 0.012, 0.035), (1.0, 0.0)))
+    group = RULES
 
     @staticmethod
     def can(model: mujoco.MjModel, actuator: int) -> bool:
         """Return whether it is a position servo on a joint."""
         return is_joint_servo(model, actuator)
 
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return half the zone's width, and the free extras."""
-        self.actuators(model)
-        return (self.parameter(low=0.0), *self.free_parameters())
-
     def bind(self, plant: PlantView) -> SubstepRule:
         """Switch the proportional part off and on before each substep."""
         return _DeadZone(plant, self.actuators(plant.model), self)
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return zones from a quarter of a degree to two degrees, left at once or from the edge."""
-        return np.array(list(itertools.product((0.004, 0.012, 0.035), (1.0, 0.0))))
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
 
 
 def is_joint_servo(model: mujoco.MjModel, actuator: int) -> bool:

@@ -16,7 +16,7 @@ from envs.effects.field import FieldBound
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.effects.servo import ActuatorEffect, is_linear
-from envs.errors import EffectError, did_you_mean
+from envs.errors import refuse_unknown
 from envs.params import How, Parameter
 
 Braking = Literal["scaled", "kept"]
@@ -76,6 +76,8 @@ class MotorStrength(ActuatorEffect):
     )
     source = "kt -> (1 + e) kt; identified motor constants differ by 12 to 42 % from data sheets"
     experiment = "the largest torque against a stop or a weight, next to steps without load"
+    group = PLAIN
+    can = staticmethod(is_linear)
 
     def __init__(
         self,
@@ -85,11 +87,7 @@ class MotorStrength(ActuatorEffect):
         **arguments: Any,
     ) -> None:
         super().__init__(where, how, **arguments)
-        if braking not in BRAKING:
-            raise EffectError(
-                f"{self.label()}: braking={braking!r} is unknown{did_you_mean(braking, BRAKING)}; "
-                f"it can be: {', '.join(BRAKING)}"
-            )
+        refuse_unknown(f"{self.label()}: braking", braking, BRAKING)
         self.braking: Braking = braking
 
     def options(self) -> dict[str, Any]:
@@ -107,11 +105,6 @@ class MotorStrength(ActuatorEffect):
         both = bool(scale.model.actuator_damping.any())
         return [{"braking": one} for one in (BRAKING if both else BRAKING[:1])]
 
-    @staticmethod
-    def can(model: mujoco.MjModel, actuator: int) -> bool:
-        """Return whether its force is affine in the command."""
-        return is_linear(model, actuator)
-
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the factor."""
         self.actuators(model)
@@ -127,7 +120,3 @@ class MotorStrength(ActuatorEffect):
             law=True,
             damping=self.braking == "scaled",
         )
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN

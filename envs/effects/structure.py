@@ -28,8 +28,8 @@ from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale, link_inertia
 from envs.effects.servo import is_joint_servo
-from envs.errors import EffectError, did_you_mean
-from envs.params import How, Parameter, Side
+from envs.errors import EffectError, did_you_mean, refuse_unknown
+from envs.params import How, Side
 
 FROZEN = 1e9  # kg·m²: a joint that does not move
 BETWEEN = 0.05  # of the link's inertia: what lies between a spring and a play at one joint
@@ -116,6 +116,7 @@ class SeriesEffect(Effect):
     no_mjcf = None
     sides: ClassVar[tuple[Side, ...]] = ("motor", "link")
     bound: ClassVar[type[Series]]
+    limits = (0.0, np.inf)
 
     def __init__(
         self,
@@ -126,12 +127,8 @@ class SeriesEffect(Effect):
         **arguments: Any,
     ) -> None:
         super().__init__(where, how, side, **arguments)
-        if encoder not in (None, *self.sides):
-            hint = did_you_mean(str(encoder), self.sides)
-            raise EffectError(
-                f"{self.label()}: encoder={encoder!r} is unknown{hint}; the log's encoder can be on"
-                f" the side of: {', '.join(self.sides)}"
-            )
+        if encoder is not None:
+            refuse_unknown(f"{self.label()}: encoder", encoder, self.sides)
         self.encoder = encoder or self.side
 
     def options(self) -> dict[str, Any]:
@@ -188,11 +185,6 @@ class SeriesEffect(Effect):
 
     def shape(self, joint: Any, timestep: float) -> None:
         """Set the limits or the spring of the added joint, an MjsJoint."""
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the size, and the free extras."""
-        joints(model, self.where)
-        return (self.parameter(low=0.0), *self.free_parameters())
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Make the added joints part of the plant's layout, and of what the encoder sees."""
@@ -306,15 +298,12 @@ class Backlash(SeriesEffect):
     experiment = (
         "slow reversals without load: a gap that does not depend on the load; a preload removes it"
     )
+    first_values = (0.004, 0.015, 0.05, 0.15)
 
     def shape(self, joint: Any, timestep: float) -> None:
         """Give the joint stiff ends."""
         joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-1.0, 1.0]
         joint.solref_limit, joint.solimp_limit = [2 * timestep, 1.0], STIFF_LIMIT
-
-    def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return plays from a quarter of a degree to nine degrees."""
-        return np.array([0.004, 0.015, 0.05, 0.15])
 
 
 class Spring(Series):

@@ -22,7 +22,7 @@ from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.effects.servo import ActuatorEffect, is_linear, is_servo
 from envs.effects.strength import LawScale
-from envs.errors import EffectError
+from envs.errors import EffectError, refuse_unknown
 from envs.params import How, Parameter
 
 Drive = Literal["voltage", "current"]
@@ -50,6 +50,7 @@ class SupplyVoltage(Effect):
     symptom = "the top speed and the largest torque change together; slow, light motions little"
     source = "|tau| <= (kt/R)(V duty_max - kt w)"
     experiment = "full-speed moves at two supply voltages; log the voltage"
+    group = PLAIN
 
     def __init__(
         self,
@@ -59,10 +60,8 @@ class SupplyVoltage(Effect):
         **arguments: Any,
     ) -> None:
         super().__init__(where, how, **arguments)
-        if drive not in (None, "voltage", "current"):
-            raise EffectError(
-                f"supply_voltage: drive={drive!r} is unknown; it can be: voltage, current"
-            )
+        if drive is not None:
+            refuse_unknown("supply_voltage: drive", drive, ("voltage", "current"))
         self.drive = drive
 
     def options(self) -> dict[str, Any]:
@@ -96,10 +95,6 @@ class SupplyVoltage(Effect):
         parts: list[Any] = [LawScale(plant, voltage, parameter, law=True, damping=False)]
         parts.append(LawScale(plant, current, parameter, law=False, damping=False))
         return BoundFieldGroup(parts)
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN
 
 
 class _Weakening(SubstepRule):
@@ -189,6 +184,7 @@ class SupplySag(Effect):
         " (Rhoban's BAM logs)"
     )
     experiment = "one joint holds a load while another makes steps; log the voltage"
+    group = RULES
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the supply's resistance."""
@@ -208,10 +204,6 @@ class SupplySag(Effect):
         """Return resistances at which all motors together pull the supply down by a part."""
         volts, constant = self.extra["voltage"], self.extra["torque_constant"]
         return np.array([0.1, 0.4, 1.5]) * volts * constant / sum(scale.torque.values())
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
 
 
 def _linear(model: mujoco.MjModel) -> np.ndarray:
@@ -291,16 +283,9 @@ class ThermalDerating(ActuatorEffect):
     experiment = (
         "the same loaded motion before and after a minute of hard work; log the temperature"
     )
-
-    @staticmethod
-    def can(model: mujoco.MjModel, actuator: int) -> bool:
-        """Return whether its force is affine in the command."""
-        return is_linear(model, actuator)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the loss, and the free extras."""
-        self.actuators(model)
-        return (self.parameter(low=0.0), *self.free_parameters())
+    limits = (0.0, np.inf)
+    group = RULES
+    can = staticmethod(is_linear)
 
     def bind(self, plant: PlantView) -> SubstepRule:
         """Weaken the actuators before each substep."""
@@ -310,10 +295,6 @@ class ThermalDerating(ActuatorEffect):
         """Return losses by which the hardest log takes parts of the strength, and of braking."""
         losses = np.array([0.15, 0.6, 2.5]) / max(scale.heat_at(self.where), 1e-9)
         return np.array(list(itertools.product(losses, (0.0, 1.0))))
-
-    def batch(self) -> str:
-        """Return the group of rules that are stepped from Python."""
-        return RULES
 
     @classmethod
     def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:

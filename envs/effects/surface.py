@@ -129,6 +129,7 @@ class Restitution(_SurfaceEffect):
     symptom = "what falls on it bounces higher, or not at all"
     source = "e = exp(-2 z acos(z) / sqrt(1 - z²)) of the damping ratio z; MuJoCo reference, solref"
     experiment = "drop a ball and compare the heights"
+    group = PLAIN
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the coefficient, whose neutral value is that of the model's own damping."""
@@ -140,7 +141,3 @@ class Restitution(_SurfaceEffect):
     def bind(self, plant: PlantView) -> BoundEffect:
         """Write the references of each row."""
         return _Bounce(plant, np.array(self._feet(plant.model)), self.parameters(plant.model)[0])
-
-    def batch(self) -> str:
-        """Return the group of effects that only write model fields."""
-        return PLAIN

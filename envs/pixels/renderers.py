@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from envs.errors import TaskError, did_you_mean
+from envs.errors import TaskError, refuse_unknown
 from envs.pixels.base import Renderer
 from envs.pixels.gl import GLRenderer
 from envs.pixels.rays import RayRenderer
@@ -23,9 +23,5 @@ def make_renderer(
         TaskError: an unknown kind, a size out of range, or a camera that the model lacks.
         RenderError: `gl` on a machine where nothing can be drawn.
     """
-    if kind not in RENDERERS:
-        raise TaskError(
-            f"renderer={kind!r} is unknown{did_you_mean(kind, RENDERERS)};"
-            f" it can be: {', '.join(RENDERERS)}"
-        )
+    refuse_unknown("renderer", kind, RENDERERS, TaskError)
     return RENDERERS[kind](simulation, size, camera)

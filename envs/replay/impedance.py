@@ -28,7 +28,6 @@ from envs.errors import TaskError
 from envs.plant import Plant
 
 MARK = "impedance"  # name of the text in a model that lists its actuators under impedance control
-WIDTH = 4  # numbers of a law: kp, kd, desired speed, feed-forward
 REFERENCE = 1.0  # the gain of a law that is 0 throughout
 GAIN, SPEED, FORCE = 1, 2, 0  # places in a bias: of position, speed, and constant
 

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import mujoco
 import numpy as np
 
-from envs.errors import TaskError, did_you_mean
+from envs.errors import TaskError, refuse_unknown
 from envs.tasks.base import State, Task, effort, gymnasium_model
 
 Forces = Literal["off", "exact"]
@@ -43,13 +43,7 @@ class Ant(Task):
     contact_clip = 1.0  # N and N·m
 
     def __init__(self, contact_forces: Forces = "off", max_steps: int = 1000) -> None:
-        if contact_forces not in get_args(Forces):
-            allowed = get_args(Forces)
-            hint = did_you_mean(str(contact_forces), allowed)
-            raise TaskError(
-                f"contact_forces={contact_forces!r} is unknown{hint};"
-                f" it can be: {', '.join(allowed)}"
-            )
+        refuse_unknown("contact_forces", contact_forces, get_args(Forces), TaskError)
         self.contact_forces = contact_forces == "exact"
         self.max_steps = max_steps
 

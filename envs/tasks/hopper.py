@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.errors import TaskError, did_you_mean
+from envs.errors import TaskError, refuse_unknown
 from envs.tasks.base import State, Task, effort, forward_velocity, gymnasium_model
 
 
@@ -90,15 +90,8 @@ class HopperPolito(Hopper):
         max_steps: int = 500,
     ) -> None:
         super().__init__(max_steps)
-        for name, value, allowed in (
-            ("domain", domain, ("source", "target")),
-            ("masses", masses, POLITO_MASSES),
-        ):
-            if value not in allowed:
-                raise TaskError(
-                    f"{name}={value!r} is unknown{did_you_mean(value, allowed)};"
-                    f" it can be: {', '.join(allowed)}"
-                )
+        refuse_unknown("domain", domain, ("source", "target"), TaskError)
+        refuse_unknown("masses", masses, POLITO_MASSES, TaskError)
         self.domain, self.masses = domain, masses
 
     def spec(self) -> mujoco.MjSpec:

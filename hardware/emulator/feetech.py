@@ -209,7 +209,7 @@ class FeetechBus(Bus):
 
     def __init__(self, world: EmulatedRobot, part: Robot | None = None) -> None:
         super().__init__(world, part)
-        self._parser = protocol.Parser(answers=False)  # type: ignore[assignment]
+        self._parser = protocol.Parser(answers=False)
         self.shells = []
         for servo, core in zip(self.part.servos, self._servos, strict=True):
             assert isinstance(servo, InnerServo)

@@ -28,9 +28,7 @@ class FeetechClient(BusClient):
     """Requests and answers over one port; see `BusClient`."""
 
     overhead = 6
-
-    def _make_parser(self) -> protocol.Parser:
-        return protocol.Parser()
+    parser = protocol.Parser
 
     def _send(self, number: int, instruction: int, body: bytes) -> int:
         data = protocol.packet(number, instruction, body)

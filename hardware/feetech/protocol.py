@@ -14,6 +14,7 @@ Source: Feetech, "Magnetic encoder series servo memory table and protocol manual
 
 from __future__ import annotations
 
+from hardware import protocol
 from hardware.protocol import ALERT, BROADCAST, STATUS, Packet
 
 PING, READ, WRITE, REG_WRITE, ACTION, SYNC_READ, SYNC_WRITE = 1, 2, 3, 4, 5, 0x82, 0x83
@@ -37,33 +38,16 @@ def checksum(body: bytes) -> int:
     return ~sum(body) & 0xFF
 
 
-class Parser:
-    """Cuts a stream of bytes into packets; noise between them and damaged ones do no harm.
+class Parser(protocol.Parser):
+    """Cuts a stream of bytes into packets, as the other protocol's does.
 
     Answers are given as those of the other protocol are: their first parameter is the error byte,
     which here can only say that the servo reports a hardware error.
     """
 
     def __init__(self, answers: bool = True) -> None:
-        self._buffer = bytearray()
+        super().__init__()
         self._answers = answers
-
-    @property
-    def pending(self) -> int:
-        """How many bytes wait for the rest of their packet."""
-        return len(self._buffer)
-
-    def clear(self) -> None:
-        """Forget an unfinished packet."""
-        self._buffer.clear()
-
-    def feed(self, data: bytes) -> list[Packet]:
-        """Take bytes and return the packets that they complete, damaged ones included."""
-        self._buffer += data
-        packets = []
-        while found := self._next():
-            packets.append(found)
-        return packets
 
     def _next(self) -> Packet | None:
         buffer = self._buffer

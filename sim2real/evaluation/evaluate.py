@@ -295,30 +295,6 @@ def report(scores: GridScores, evaluation: Evaluation, seed: int, out: Path) -> 
         )
 
 
-def evaluate_grid(
-    algorithm: Algorithm,
-    evaluation: Evaluation,
-    seed: int,
-    out: Path,
-    *,
-    name: str = "",
-    progress: Report | None = None,
-) -> GridScores:
-    """Evaluate one trained policy and write everything into `out`.
-
-    Args:
-        algorithm: the trained policy and its way to adapt.
-        evaluation: what to run.
-        seed: the seed of all randomness.
-        out: folder for the files; see `report`.
-        name: the name of the training run; its seed, say.
-        progress: called with the tasks done and the tasks in all.
-    """
-    scores = run_cells(algorithm, evaluation, seed, name or "run", progress)
-    report(scores, evaluation, seed, Path(out))
-    return scores
-
-
 def find_runs(checkpoint: str | Path | Sequence[str | Path] | None) -> dict[str, Path]:
     """Return the checkpoint files that a user means, by the names of their runs.
 

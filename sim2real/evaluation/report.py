@@ -15,7 +15,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,7 +25,6 @@ from sim2real.evaluation.study import Group, Run, Study
 from sim2real.runs.statistics import FEW, Interval, bootstrap, iqm, probability_of_improvement
 from sim2real.runs.tables import Cell, Table
 
-log = logging.getLogger(__name__)
 DRAWS = 5000  # resamples of each interval
 FIGURES = "figures"
 

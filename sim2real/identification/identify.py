@@ -7,7 +7,6 @@ outcome.judged.coverage            # of held-out readings, by the 90 % band of d
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,7 +23,6 @@ from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.runs.errors import Sim2RealError
 
-log_ = logging.getLogger(__name__)
 JUDGING = 1  # the stream of randomness of draws on held-out recordings
 
 

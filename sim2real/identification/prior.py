@@ -8,7 +8,6 @@ prior = of_candidates(["coulomb_friction"], data)  # effects by name, wherever t
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -27,8 +26,6 @@ from sim2real.diagnosis.schema import Cause, Report
 from sim2real.identification.data import Recordings
 from sim2real.identification.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
-
-log_ = logging.getLogger(__name__)
 
 
 def prior_from_tasks(

@@ -40,7 +40,6 @@ from sim2real.learning.modules.randomness import TorchRandomStream, drawn
 from sim2real.learning.modules.value import Critic
 from sim2real.learning.population.rollout import EpisodeResults, Watch, run_episodes
 
-Tensor = torch.Tensor
 Net = TypeVar("Net", bound=nn.Module)
 
 

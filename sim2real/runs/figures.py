@@ -22,7 +22,6 @@ from scipy import stats as scipy_stats
 from envs.params import Parameter
 from hardware.files import atomic_write
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.statistics import Interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -178,48 +177,6 @@ def _curve(
             rng=rng,
         ).confidence_interval
         ax.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
-
-
-def bars(
-    values: Mapping[str, Interval | float],
-    path: str | Path,
-    *,
-    title: str = "",
-    unit: str = "Mean return",
-) -> None:
-    """Draw one horizontal bar for each name, with its interval where there is one.
-
-    Args:
-        values: what the bars show, from top to bottom.
-        path: where the picture goes.
-        title: above the picture.
-        unit: label of the value axis.
-    """
-    with figure(path, 1, 1, (6.0, 0.8 + 0.38 * len(values))) as (_, axes):
-        ax = axes[0, 0]
-        for row, (colour, value) in enumerate(
-            zip(cycle(len(values)), values.values(), strict=True)
-        ):
-            known = (
-                value
-                if isinstance(value, Interval)
-                else Interval(float(value), float(value), float(value))
-            )
-            ax.barh(row, known.value, height=0.62, color=colour)
-            if known.high > known.low:
-                ax.plot(
-                    [known.low, known.high],
-                    [row, row],
-                    color=INK,
-                    linewidth=1.4,
-                    solid_capstyle="butt",
-                )
-        ax.set_yticks(range(len(values)), list(values))
-        ax.tick_params(axis="y", length=0)
-        ax.invert_yaxis()
-        ax.grid(axis="x")
-        ax.set_xlabel(unit)
-        ax.set_title(title)
 
 
 def finish(ax: Axes, x: str, y: str) -> None:

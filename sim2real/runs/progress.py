@@ -12,7 +12,6 @@ import logging
 import sys
 import time
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any, TextIO
 
 from tqdm import tqdm
@@ -102,12 +101,7 @@ class Progress:
         """Return itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the bar."""
         self.close()
 

@@ -1,21 +1,8 @@
 """The verb `deploy`: a trained policy on the robot, as it is and after adapting there.
 
-    python -m sim2real run=deploy checkpoint=outputs/train/quad8_es/2026-11-21_10-00-00 robot=quad8
-    python -m sim2real run=deploy checkpoint=RUN robot=quad8 robot.hidden=effects.yaml adapt=batch
-    python -m sim2real run=deploy checkpoint=RUN robot=bench1 robot.hidden=PATH adapt=identify
-    python -m sim2real run=deploy checkpoint=RUN robot=bench1 port=/dev/ttyUSB0 dry_run=true
-    python -m sim2real run=deploy checkpoint=RUN robot=bench1 port=/dev/ttyUSB0 arm=true
-    python -m sim2real run=deploy checkpoint=RUN robot=quad8 port=/dev/a imu_port=/dev/b arm=true
-    python -m sim2real run=deploy checkpoint=RUN robot=bench1 resume=outputs/deploy/default/...
-
-Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. Everything is
-checked before torque goes on: the interface that the policy was trained for, the calibration, each
-servo, the rate that the bus can reach. The robot goes slowly to where each episode starts, and
-parks when all is done, or anything else ends it.
-
-The policy is run as trained; then it adapts, one episode after the other, as `adapt` says; then the
-result is run from the same starts. After each episode all is on disk: what was interrupted goes on
-with `resume=` the run's folder.
+The policy is run as trained; then it adapts, one episode after the other; then the result is run
+from the same starts. After each episode all is on disk. The robot parks when all is done, or
+anything else ends it.
 """
 
 from __future__ import annotations

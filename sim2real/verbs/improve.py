@@ -1,17 +1,4 @@
-r"""The verb `improve`: deploy a policy, find what its simulator lacks, retrain, deploy again.
-
-    python -m sim2real run=improve robot=quad8 checkpoint=RUN
-    python -m sim2real run=improve robot=quad8 checkpoint=RUN robot.hidden=effects.yaml rounds=2
-    python -m sim2real run=improve robot=bench1 checkpoint=RUN port=/dev/ttyUSB0 arm=true
-    python -m sim2real run=improve robot=bench1 checkpoint=RUN log=logs/ port=/dev/ttyUSB0 arm=true
-    python -m sim2real run=improve robot=quad8 checkpoint=RUN resume=outputs/improve/default/...
-    python -m sim2real +experiment=hopper_gap checkpoint=RUN
-    python -m sim2real run=improve by=returns +experiment=udr +env@target=hopper_polito
-
-Without a port the robot is the emulated one, or `target`, a task that stands for it. A real one
-moves only with `arm=true`, and its operator is asked before it does. docs/improve.md explains
-rounds, files and ends.
-"""
+"""The verb `improve`: deploy a policy, find what its simulator lacks, retrain, deploy again."""
 
 from __future__ import annotations
 

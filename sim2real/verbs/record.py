@@ -1,13 +1,4 @@
-"""The verb `record`: drive a robot along motions that show what it is like, and write a log.
-
-    python -m sim2real run=record robot=bench1                       # the emulated robot
-    python -m sim2real run=record robot=bench1 robot.hidden=effects.yaml motions=[ramp,swing]
-    python -m sim2real run=record robot=bench1 port=/dev/ttyUSB0 calibration=bench1.json arm=true
-    python -m sim2real run=record robot=bench1 'stops={return_time: 10}'
-
-Without a port the same bytes go to an emulated bus whose servos move a MuJoCo robot. A real robot
-moves only with `arm=true`; torque is off again when the motion, or anything else, ends it.
-"""
+"""The verb `record`: drive a robot along motions that show what it is like, and write a log."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from mujoco import sysid
 from benchmarks import diagnosis
 from benchmarks.ground import KNEE
 from benchmarks.report import document, table
-from benchmarks.rows.base import Timing
+from benchmarks.rows.base import Row, Timing
 from benchmarks.rows.diagnosis import (
     HIDDEN,
     Diagnose,
@@ -90,15 +90,20 @@ def test_a_row_prices_causes() -> None:
     assert "| worth_quad8 | 60.0 | 120 |  | yes |" in table(document([one], [], machine))
 
 
+def timed(row: Row) -> Timing:
+    """Return what a row takes."""
+    row.build()
+    try:
+        return row.run()
+    finally:
+        row.close()
+
+
 @pytest.mark.slow
 def test_a_row_diagnoses_walks() -> None:
     """The knee's friction is found in walks whose base nobody logged."""
     row = DiagnoseWalks("diagnose_quad8_walks", 4)
-    row.build()
-    try:
-        timing = row.run()
-    finally:
-        row.close()
+    timing = timed(row)
     assert timing.steps == pytest.approx(4 * 3.0 - 2 * 1.0, abs=0.2)
     assert row.found
     assert row.found.values[0] == pytest.approx(KNEE["value"], abs=0.03)
@@ -108,11 +113,7 @@ def test_a_row_diagnoses_walks() -> None:
 def test_a_row_diagnoses_in_its_own_process() -> None:
     """The row records, diagnoses, and tells the memory of its process."""
     row = Diagnose("diagnose_3_joints", 3, 9.0, 1)
-    row.build()
-    try:
-        timing = row.run()
-    finally:
-        row.close()
+    timing = timed(row)
     assert timing.steps == pytest.approx(9.0, abs=0.1)
     assert row.peak() > 5e7  # type: ignore[operator]
     assert row.found

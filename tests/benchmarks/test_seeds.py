@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -158,19 +159,29 @@ def test_new_results_fill_a_row(tmp_path: Path) -> None:
     assert sum(row.run for row in filled.values()) == 1
 
 
-def test_a_training_is_done_once_and_its_figures_stay(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A complete run is skipped; the rows of runs that are elsewhere stay in the table."""
-    jobs = []
+def trainings(
+    monkeypatch: pytest.MonkeyPatch, level: Callable[[int], float | None]
+) -> list[tuple[str, ...]]:
+    """Let jobs leave scores by their number, None for one that fails; return their words."""
+    jobs: list[tuple[str, ...]] = []
 
     def job(*words: str) -> bool:
         jobs.append(words)
         folder = Path(next(w for w in words if w.startswith("hydra.run.dir=")).split("=", 1)[1])
-        leave_scores(folder)
-        return True
+        more = level(len(jobs))
+        if more is not None:
+            leave_scores(folder, more)
+        return more is not None
 
     monkeypatch.setattr(train, "sim2real", job)
+    return jobs
+
+
+def test_a_training_is_done_once_and_its_figures_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A complete run is skipped; the rows of runs that are elsewhere stay in the table."""
+    jobs = trainings(monkeypatch, lambda number: 0.0)
     plan = train.Plan({"toy": ["+experiment=nav2d"]}, tmp_path / "out", tmp_path / "seeds.csv")
     plan.table.write_text(",".join(train.COLUMNS) + "\nold,7,after,1.5,10,0.1,c,v\n", "utf-8")
     assert train.run("toy", [0, 1], plan) == 0
@@ -192,17 +203,8 @@ def test_an_evaluation_after_training_gives_the_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It follows the training, is what counts, and is all that is done again where it failed."""
-    jobs: list[tuple[str, ...]] = []
-
-    def job(*words: str) -> bool:
-        jobs.append(words)
-        folder = Path(next(w for w in words if w.startswith("hydra.run.dir=")).split("=", 1)[1])
-        if len(jobs) == 2:
-            return False
-        leave_scores(folder, 10.0 if folder.name == "then" else 0.0)
-        return True
-
-    monkeypatch.setattr(train, "sim2real", job)
+    levels = {2: None, 3: 10.0}
+    jobs = trainings(monkeypatch, lambda number: levels.get(number, 0.0))
     out, table = tmp_path / "out", tmp_path / "seeds.csv"
     plan = train.Plan({"toy": ["+experiment=nav2d"]}, out, table, {"toy": ["adapt=batch"]})
     assert train.run("toy", [0], plan) == 1 and train.read(table) == []
@@ -239,15 +241,7 @@ def test_a_policy_is_trained_once_for_several_evaluations(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each has figures of its own, and the policy's own stay where they are."""
-    jobs: list[tuple[str, ...]] = []
-
-    def job(*words: str) -> bool:
-        jobs.append(words)
-        folder = Path(next(w for w in words if w.startswith("hydra.run.dir=")).split("=", 1)[1])
-        leave_scores(folder, float(len(jobs)))
-        return True
-
-    monkeypatch.setattr(train, "sim2real", job)
+    jobs = trainings(monkeypatch, lambda number: float(number))
     do, then = ["+experiment=nav2d"], ["adapt=noisy"]
     names, of = ("toy", "one", "other"), {"one": "toy", "other": "toy"}
     plan = train.Plan(

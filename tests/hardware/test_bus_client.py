@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from itertools import product
+from typing import Any
 
 import dynamixel_sdk as sdk
 import numpy as np
@@ -193,13 +194,17 @@ def test_unknown_port_and_speed():
         client.open(4_500_000)
 
 
+def says(data: bytes) -> Any:
+    """Return a port on which these bytes come whenever it is read."""
+    port: Any = sdk.PortHandler("nothing")
+    port.is_open, port.ser = True, None
+    port.clearPort, port.writePort, port.readPort = lambda: None, len, lambda _: data
+    return port
+
+
 def test_setting_the_date_does_no_harm(monkeypatch):
     """A wall clock that runs back, or leaps, neither hangs a read nor cuts it short."""
-    stopped = sdk.PortHandler("nothing")
-    stopped.is_open, stopped.ser = True, None
-    monkeypatch.setattr(stopped, "clearPort", lambda: None)
-    monkeypatch.setattr(stopped, "writePort", len)
-    monkeypatch.setattr(stopped, "readPort", lambda _: b"")
+    stopped = says(b"")
     wall = iter(range(10**9, 0, -(10**5)))
     monkeypatch.setattr(stopped, "getCurrentTime", lambda: next(wall))
     clock = RealClock()
@@ -209,13 +214,9 @@ def test_setting_the_date_does_no_harm(monkeypatch):
     assert 0.01 < clock.now() - began < 1.0
 
 
-def test_a_port_that_floods_is_left_in_time(monkeypatch):
+def test_a_port_that_floods_is_left_in_time():
     """Bytes that never end neither hang a read nor a scan."""
-    flood = sdk.PortHandler("nothing")
-    flood.is_open, flood.ser = True, None
-    monkeypatch.setattr(flood, "clearPort", lambda: None)
-    monkeypatch.setattr(flood, "writePort", len)
-    monkeypatch.setattr(flood, "readPort", lambda _: b"\x55" * 64)
+    flood = says(b"\x55" * 64)
     clock = RealClock()
     client = BusClient(flood, clock, latency=0.001)
     began = clock.now()

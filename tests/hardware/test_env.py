@@ -26,9 +26,8 @@ from hardware.emulator.firmware import TICK, Firmware
 from hardware.emulator.pty import serve
 from hardware.emulator.world import EmulatedRobot
 from hardware.env import HardwareEnv
-from hardware.errors import LogError, RobotError, SafetyError, SerialPortError
+from hardware.errors import RobotError, SafetyError, SerialPortError
 from hardware.log import read_log
-from hardware.replayed import LogBackend
 from hardware.rows import RobotRows
 from hardware.safety import StopLimits
 from tests.hardware.rig import in_real_time
@@ -190,23 +189,6 @@ def test_each_step_is_logged(tmp_path):
     counters = second.meta["counters"]["hinge"]
     assert counters["timeout"] >= second.column("sensor.lost_hinge")[-1] - counters["stale"]
     assert second.meta["missed"] >= 0
-
-
-@pytest.mark.parametrize(("task", "name"), [(Bench1, "bench1"), (Quad8, "quad8")])
-def test_a_log_in_place_of_the_robot_gives_the_same_observations(task, name, tmp_path):
-    """Log, replay, and every observation and reward is there again."""
-    rows = RobotRows(task(seconds=0.6), loopback(name), tmp_path)
-    actions = np.random.default_rng(1).uniform(-0.2, 0.2, (30, rows.action_size))
-    here = play(rows, actions)
-    rows.close()
-    log = read_log(tmp_path / "episode-0000.csv")
-    again = RobotRows(task(seconds=0.6), LogBackend(log, load_robot(name)))
-    np.testing.assert_allclose(play(again, actions), here, atol=1e-12)
-    rewards = again.log.last
-    assert rewards is not None
-    np.testing.assert_allclose(rewards.column("reward"), log.column("reward"), atol=1e-12)
-    with pytest.raises(LogError, match="all its episodes"):
-        again.reset(ROW, NO_VALUES, SEED)
 
 
 def test_a_dry_run_writes_nothing(monkeypatch):

@@ -5,7 +5,6 @@ The module below is all that the user writes.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from envs.plant import Plant
 from envs.simulation import Simulation
 from envs.tasks import Hopper
 from hardware.log import Log
-from sim2real.config import extensions, signatures
+from sim2real.config import extensions
 from sim2real.config.compose import compose
 from sim2real.config.targets import build
 from sim2real.diagnosis.attribution.candidates import candidates
@@ -63,22 +62,17 @@ draws:
 
 
 @pytest.fixture(autouse=True)
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def own(tmp_path: Path) -> Iterator[None]:
     """Name the user's folder as `--config-dir` does, and import its modules as a verb does."""
     assert len(MODULE.strip().splitlines()) <= 20
     folder = tmp_path / "mine"
     (folder / "params").mkdir(parents=True)
     (folder / "my_springs.py").write_text(MODULE, encoding="utf-8")
     (folder / "params" / "springs.yaml").write_text(DRAWN, encoding="utf-8")
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setenv(extensions.VARIABLE, "")
     extensions.activate(folder)
     extensions.load()
     yield
-    signatures.OWN.clear()
-    signatures.clear_cache()
     EFFECTS.pop("return_spring", None)
-    sys.modules.pop("my_springs", None)
 
 
 def sprung() -> mujoco.MjSpec:

@@ -7,8 +7,6 @@ Each module below is all that the user writes. Transform, actor and loss are in
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -16,7 +14,7 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.config import extensions, signatures
+from sim2real.config import extensions
 from sim2real.config.compose import compose, instantiate
 from sim2real.diagnosis.preflight import checks
 from sim2real.learning.algorithms.base import build
@@ -84,21 +82,14 @@ SMALL += ["algorithm.epochs=1"]
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder, in use."""
     for name, text in FILES.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
-    path, known = list(sys.path), list(checks.CHECKS)
-    monkeypatch.delenv(extensions.VARIABLE, raising=False)
+    monkeypatch.setattr(checks, "CHECKS", list(checks.CHECKS))
     extensions.activate(tmp_path)
-    yield tmp_path
-    monkeypatch.delenv(extensions.VARIABLE, raising=False)
-    signatures.OWN.clear()
-    signatures.clear_cache()
-    sys.path[:], checks.CHECKS[:] = path, known
-    for name in ("my_env", "my_task", "my_algorithm", "my_check"):
-        sys.modules.pop(name, None)
+    return tmp_path
 
 
 @pytest.mark.parametrize("text", [ENV, TASK, ALGORITHM, CHECK])

@@ -25,7 +25,7 @@ import numpy as np
 
 from envs.effects.base import Effect
 from envs.effects.registry import make
-from envs.errors import TaskError, did_you_mean
+from envs.errors import TaskError, refuse_unknown
 from envs.noise import uniform
 from envs.quiet import no_deprecation_notice
 from envs.tasks.base import CommandState, State, Task
@@ -66,12 +66,7 @@ class ServoTask(Task):
     frame_skip: int
 
     def __init__(self, fidelity: Fidelity, robot: str | Mapping[str, Any], seconds: float) -> None:
-        if fidelity not in get_args(Fidelity):
-            hint = did_you_mean(str(fidelity), get_args(Fidelity))
-            raise TaskError(
-                f"fidelity={fidelity!r} is unknown{hint};"
-                f" it can be: {', '.join(get_args(Fidelity))}"
-            )
+        refuse_unknown("fidelity", fidelity, get_args(Fidelity), TaskError)
         self.fidelity, self.robot, self.seconds = fidelity, robot, seconds
         with no_deprecation_notice():
             spec = mujoco.MjSpec.from_file(str(ASSETS / self.asset))

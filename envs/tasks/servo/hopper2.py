@@ -9,7 +9,7 @@ from typing import Any, Literal, Self, get_args
 import mujoco
 import numpy as np
 
-from envs.errors import TaskError, did_you_mean
+from envs.errors import TaskError, refuse_unknown
 from envs.tasks.base import State
 from envs.tasks.servo.base import Fidelity, ServoTask, clock, commanded
 from envs.tasks.servo.legs import Gait, joints
@@ -53,11 +53,7 @@ class Hopper2(ServoTask):
         robot: str | Mapping[str, Any] = "hopper2",
         seconds: float = 3.0,
     ) -> None:
-        if goal not in get_args(Goal):
-            hint = did_you_mean(str(goal), get_args(Goal))
-            raise TaskError(
-                f"goal={goal!r} is unknown{hint}; it can be: {', '.join(get_args(Goal))}"
-            )
+        refuse_unknown("goal", goal, get_args(Goal), TaskError)
         self.goal = goal
         super().__init__(fidelity, robot, seconds)
 

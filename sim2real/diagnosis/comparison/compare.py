@@ -11,7 +11,6 @@ cannot follow cancels. Nothing is named that exchanging before and after makes a
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -37,7 +36,6 @@ from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
 
-log_ = logging.getLogger(__name__)
 Logs = str | Path | Log | Iterable[str | Path | Log]
 UNITS_MIN = 3  # robots of a fleet: of two, nobody can say which one deviates
 

@@ -48,7 +48,6 @@ KINDS = {
     "other": Kind(0, ("size",), "numbers that the log does not hold"),
 }
 UNLOGGED = ("command", "linear_velocity", "other")  # may be without channels
-SITED = ("gyro", "gravity", "accelerometer", "quaternion", "roll_pitch")
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from sim2real.runs.errors import Sim2RealError
 
 STIFFNESS = 15_000.0  # N/m of a foot: two of a robot of a kilogram give by 0.3 mm
 DISSIPATION = 1.0  # s/m of the same
-FREE = 6  # speeds of a base
 
 
 class Foot(NamedTuple):

@@ -25,8 +25,6 @@ from envs.randomization import Tasks
 from sim2real.learning.modules.functional_actor import FunctionalActor, log_prob
 from sim2real.runs.errors import Sim2RealError
 
-Tensor = torch.Tensor
-
 
 class TaskBatch:
     """A task distribution whose draws are held by as many rows each.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from types import TracebackType
 
 import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
@@ -42,12 +41,7 @@ class TorchRandomStream:
     def __enter__(self) -> None:
         self._outside = self._swap(self.state)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.state = self._swap(self._outside)
 
 

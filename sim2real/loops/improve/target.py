@@ -14,7 +14,6 @@ errors stays measurable.
 from __future__ import annotations
 
 import csv
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -35,7 +34,6 @@ from sim2real.loops.improve.site import DEPLOYED, check_trials
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import atomic_folder, write_text
 
-log_ = logging.getLogger(__name__)
 PIECE = 0.25  # s between restarts from a recorded state: longer ones diverge by themselves
 RETURNS = "returns.csv"
 STARTS = 1  # stream of randomness: the episodes, the same for all policies

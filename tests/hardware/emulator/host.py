@@ -56,3 +56,11 @@ class Host:
         """Say nothing for a while [s]."""
         self.time += seconds
         self.world.advance(self.time)
+
+
+def put(world: EmulatedRobot, **registers: int) -> None:
+    """Write registers of all servos by hand, in the order given."""
+    for name, value in registers.items():
+        for servo in world.servos:
+            register = servo.memory.kind.registers[name]
+            assert servo.write(register.address, register.encode(value), world.time) == 0

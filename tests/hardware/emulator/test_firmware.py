@@ -15,17 +15,10 @@ from hardware.emulator.hidden import HiddenEffects, make_hidden
 from hardware.emulator.profile import Profile
 from hardware.emulator.world import EmulatedRobot
 from hardware.protocol import BROADCAST, REBOOT, WRITE, instruction_packet
+from tests.hardware.emulator.host import put
 
 STEP = 2 * np.pi / 4096
 K, R = 0.386, 3.40  # of an XL330-M288
-
-
-def put(world: EmulatedRobot, **registers: int) -> None:
-    """Write registers of all servos by hand, in the order given."""
-    for name, value in registers.items():
-        for servo in world.servos:
-            register = servo.memory.kind.registers[name]
-            assert servo.write(register.address, register.encode(value), world.time) == 0
 
 
 def started(robot: Robot, hidden: HiddenEffects | None = None, **kwargs) -> EmulatedRobot:

@@ -15,6 +15,7 @@ from hardware.emulator.hidden import EFFECTS, IMU_EFFECTS, make_hidden, read_hid
 from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 from hardware.protocol import READ, WRITE, Parser, instruction_packet
+from tests.hardware.emulator.host import put
 
 STEP = 2 * np.pi / 4096
 K, R = 0.386, 3.40  # of an XL330-M288
@@ -32,14 +33,6 @@ def world_with(robot=None, faults=(), on: bool = True, **effect) -> EmulatedRobo
     world = EmulatedRobot(robot, make_hidden(entries, robot), faults=faults)
     put(world, position_p_gain=800, torque_enable=int(on))
     return world
-
-
-def put(world: EmulatedRobot, **registers: int) -> None:
-    """Write registers of all servos by hand."""
-    for name, value in registers.items():
-        for servo in world.servos:
-            register = servo.memory.kind.registers[name]
-            assert servo.write(register.address, register.encode(value), world.time) == 0
 
 
 def settle(world: EmulatedRobot, goal: float, seconds: float = 1.0) -> float:

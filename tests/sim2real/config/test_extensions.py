@@ -10,7 +10,7 @@ import pytest
 
 from hardware.config import load_robot
 from hardware.formats import FORMATS
-from sim2real.config import extensions, signatures
+from sim2real.config import extensions
 from sim2real.config.catalogue import CONF, lines, options
 from sim2real.config.compose import compose
 from sim2real.config.targets import ConfigError, build, check
@@ -28,7 +28,7 @@ class Plain:
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def own(tmp_path: Path) -> Iterator[Path]:
     """A folder with a module, a group's choice, a robot and an experiment."""
     folder = tmp_path / "my parts"
     for group in ("adapt", "robot", "experiment"):
@@ -38,15 +38,9 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (folder / "robot" / "mine.yaml").write_text((CONF / "robot" / "bench1.yaml").read_text())
     text = "# @package _global_\n# a try\ndefaults:\n  - override /adapt: plain\n"
     (folder / "experiment" / "try.yaml").write_text(text)
-    formats, path, known = list(FORMATS), list(sys.path), set(sys.modules)
-    monkeypatch.delenv(extensions.VARIABLE, raising=False)
+    formats = list(FORMATS)
     yield folder
-    monkeypatch.delenv(extensions.VARIABLE, raising=False)
-    signatures.OWN.clear()
-    signatures.clear_cache()
-    FORMATS[:], sys.path[:] = formats, path
-    for name in {n for n in sys.modules if n.startswith("my_")} - known:
-        del sys.modules[name]
+    FORMATS[:] = formats
 
 
 def test_groups_and_modules_are_found(own: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from sim2real.config import extensions, signatures
+from sim2real.config import extensions
 from sim2real.config.compose import compose, instantiate
 from sim2real.config.targets import ConfigError
 from sim2real.learning.algorithms.base import build
@@ -78,20 +77,13 @@ SMALL += ["algorithm.steps=16", "algorithm.minibatch_size=32", "algorithm.epochs
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def own(tmp_path: Path) -> Path:
     """A folder with a module and a choice of three groups, in use."""
     for name, text in {**FILES, "my_parts.py": MODULE}.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
-    path = list(sys.path)
-    monkeypatch.delenv(extensions.VARIABLE, raising=False)
     extensions.activate(tmp_path)
-    yield tmp_path
-    monkeypatch.delenv(extensions.VARIABLE, raising=False)
-    signatures.OWN.clear()
-    signatures.clear_cache()
-    sys.path[:] = path
-    sys.modules.pop("my_parts", None)
+    return tmp_path
 
 
 def test_a_user_s_transform_actor_and_loss_are_trained_with(own: Path) -> None:

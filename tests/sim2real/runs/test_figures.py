@@ -16,7 +16,6 @@ from sim2real.evaluation.grid import Grid
 from sim2real.evaluation.grid_plots import heatmaps
 from sim2real.runs import figures as plots
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.statistics import Interval
 
 GRID = Grid(
     [
@@ -110,16 +109,6 @@ def test_a_curve_without_its_column_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Sim2RealError, match="no row with both"):
         plots.learning_curve({"": [path]}, tmp_path / "curve.png", y="eval/return")
     assert not (tmp_path / "curve.png").exists()
-
-
-def test_bars_carry_their_intervals(tmp_path: Path, drawn: list[Figure]) -> None:
-    """The bar ends at the value, the line spans the interval; a plain number has no line."""
-    values = {"a": Interval(2.0, 1.0, 4.0), "b": 3.0}
-    plots.bars(values, tmp_path / "bars.png", title="Whole grid")
-    ax = drawn[0].axes[0]
-    assert [bar.get_width() for bar in ax.patches if isinstance(bar, Rectangle)] == [2.0, 3.0]
-    assert [np.asarray(line.get_xdata()).tolist() for line in ax.lines] == [[1.0, 4.0]]
-    assert [text.get_text() for text in ax.get_yticklabels()] == ["a", "b"]
 
 
 def test_labels_say_what_a_value_does_to_the_model() -> None:

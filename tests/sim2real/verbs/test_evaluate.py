@@ -15,7 +15,7 @@ from envs.errors import ParameterError
 from envs.randomization import Tasks
 from envs.toys import BiasedCartPole, Nav2D, NavGoals, ToyEnv
 from sim2real.config.compose import compose, instantiate
-from sim2real.evaluation.evaluate import Evaluation, evaluate_grid, find_runs, run_cells
+from sim2real.evaluation.evaluate import Evaluation, find_runs, report, run_cells
 from sim2real.evaluation.grid import Grid
 from sim2real.learning.adapt import Adaptation, HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import Algorithm, Components, build
@@ -149,7 +149,9 @@ def test_progress_ends_with_all_tasks_done() -> None:
 
 def test_a_report_is_complete(tmp_path: Path) -> None:
     """Table, cells, picture and description are there and agree with each other."""
-    scores = evaluate_grid(Still(CLIMB), evaluation(), 0, tmp_path, name="seed 0")
+    asked = evaluation()
+    scores = run_cells(Still(CLIMB), asked, 0, "seed 0")
+    report(scores, asked, 0, tmp_path)
     about = json.loads((tmp_path / "evaluation.json").read_text(encoding="utf-8"))
     assert about["seed"] == 0
     assert about["runs"] == [
@@ -170,17 +172,17 @@ def test_pictures_follow_the_number_of_axes(tmp_path: Path, axes: int, pictures:
     from envs.toys import NoisyNav2D
 
     make = partial(NoisyNav2D, noise="gaussian", scale=1.0)
-    evaluate_grid(Still(CLIMB, make), evaluation(grid), 0, tmp_path)
+    asked = evaluation(grid)
+    report(run_cells(Still(CLIMB, make), asked, 0, "run"), asked, 0, tmp_path)
     assert [file.name for file in sorted(tmp_path.glob("plots/*"))] == pictures
     assert (tmp_path / "table.csv").exists()
 
 
-def test_a_grid_outside_the_space_is_refused_before_any_episode(tmp_path: Path) -> None:
-    """The unknown name comes with the known ones, and nothing is written."""
+def test_a_grid_outside_the_space_is_refused_before_any_episode() -> None:
+    """The unknown name comes with the known ones."""
     wrong = evaluation(Grid([{"parameter": "goal.z", "values": [0.0, 1.0]}]))
     with pytest.raises(ParameterError, match=r"no parameter 'goal\.z'.*goal\.x, goal\.y"):
-        evaluate_grid(Still(CLIMB), wrong, 0, tmp_path)
-    assert not any(tmp_path.iterdir())
+        run_cells(Still(CLIMB), wrong, 0, "run")
 
 
 def test_a_grid_is_checked_before_training() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
@@ -56,27 +56,25 @@ def transitions(count: int) -> TensorDict:
     return TensorDict({"observation": seen, "action": action, "next": following}, [count])
 
 
-def copy_weights(ours: SAC, theirs: Any) -> None:
-    """Give the networks of Stable-Baselines3 our weights."""
+def matched(ours: SAC, theirs: Any) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+    """Yield each parameter of our networks with that of Stable-Baselines3's policy."""
     loss, actor = ours._loss, theirs.actor
     layers = [m for m in ours.policy.actor.modules() if isinstance(m, nn.Linear)]
     hidden = [m for m in actor.latent_pi if isinstance(m, nn.Linear)]
-    with torch.no_grad():
+    count = actor.mu.out_features
+    critics = (loss.qvalue_network_params, theirs.critic)
+    targets = (loss.target_qvalue_network_params, theirs.critic_target)
+    for part in ("weight", "bias"):
         for own, other in zip(layers, hidden, strict=False):
-            other.load_state_dict(own.state_dict())
-        count = actor.mu.out_features
-        for head, rows in ((actor.mu, slice(0, count)), (actor.log_std, slice(count, None))):
-            head.weight.copy_(layers[-1].weight[rows])
-            head.bias.copy_(layers[-1].bias[rows])
-        for params, critic in (
-            (loss.qvalue_network_params, theirs.critic),
-            (loss.target_qvalue_network_params, theirs.critic_target),
-        ):
+            yield getattr(own, part), getattr(other, part)
+        last = getattr(layers[-1], part)
+        yield last[:count], getattr(actor.mu, part)
+        yield last[count:], getattr(actor.log_std, part)
+        for params, critic in (critics, targets):
             for which, network in enumerate(critic.q_networks):
                 for place, layer in enumerate(network):
                     if isinstance(layer, nn.Linear):
-                        layer.weight.copy_(params["module", str(place), "weight"][which])
-                        layer.bias.copy_(params["module", str(place), "bias"][which])
+                        yield params["module", str(place), part][which], getattr(layer, part)
 
 
 def numbers(ours: SAC) -> dict[str, torch.Tensor]:
@@ -117,7 +115,9 @@ def test_an_update_is_that_of_stable_baselines3(
     ours = learner(f"loss={loss}", *SMALL, base=partial(MujocoEnv, task=Hopper()), batch_size=32)
     kwargs = {"net_arch": [32, 32]}
     theirs = sb3.SAC("MlpPolicy", "Hopper-v5", device="cpu", policy_kwargs=kwargs)
-    copy_weights(ours, theirs.policy)
+    with torch.no_grad():
+        for own, other in matched(ours, theirs.policy):
+            other.copy_(own)
     batch = transitions(32)
     noise = torch.randn(2, 32, 3, generator=torch.Generator().manual_seed(4))
     drawn: list[torch.Tensor] = []
@@ -139,34 +139,15 @@ def test_an_update_is_that_of_stable_baselines3(
     assert not drawn
     after = learner(f"loss={loss}", *SMALL, base=partial(MujocoEnv, task=Hopper()), batch_size=32)
     found = numbers(ours)
-    copy_back(after, theirs.policy, float(theirs.log_ent_coef.detach()))
+    with torch.no_grad():
+        after._loss.log_alpha.copy_(theirs.log_ent_coef[0])
+        for own, other in matched(after, theirs.policy):
+            own.copy_(other)
     compared = {"critic": ("actor_network", "log_alpha"), "actor": ("qvalue_network", "target")}
     for name, value in numbers(after).items():
         if name.startswith(compared[still]) and value.is_floating_point():
             assert (found[name] - before[name]).abs().max() > 1e-6, name
             torch.testing.assert_close(found[name], value, atol=2e-6, rtol=0, msg=name)
-
-
-def copy_back(ours: SAC, theirs: Any, log_alpha: float) -> None:
-    """Give our networks the weights of Stable-Baselines3."""
-    loss, actor = ours._loss, theirs.actor
-    layers = [m for m in ours.policy.actor.modules() if isinstance(m, nn.Linear)]
-    hidden = [m for m in actor.latent_pi if isinstance(m, nn.Linear)]
-    with torch.no_grad():
-        loss.log_alpha.fill_(log_alpha)
-        for own, other in zip(layers, hidden, strict=False):
-            own.load_state_dict(other.state_dict())
-        layers[-1].weight.copy_(torch.cat([actor.mu.weight, actor.log_std.weight]))
-        layers[-1].bias.copy_(torch.cat([actor.mu.bias, actor.log_std.bias]))
-        for params, critic in (
-            (loss.qvalue_network_params, theirs.critic),
-            (loss.target_qvalue_network_params, theirs.critic_target),
-        ):
-            for which, network in enumerate(critic.q_networks):
-                for place, layer in enumerate(network):
-                    if isinstance(layer, nn.Linear):
-                        params["module", str(place), "weight"][which].copy_(layer.weight)
-                        params["module", str(place), "bias"][which].copy_(layer.bias)
 
 
 @pytest.mark.parametrize("kept", [pytest.param(10_000, marks=pytest.mark.slow), 350])
