@@ -17,8 +17,8 @@ run: setup
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-test-long: setup $(VENV)/.engines
-	$(BIN)/python -m pytest -m slow
+test-long: setup $(VENV)/.engines $(VENV)/.gpu
+	SIM2REAL_GPU_EXTRA=1 $(BIN)/python -m pytest -m slow
 
 # The default suite, each branch counted; pyproject.toml says of what.
 coverage: setup
@@ -57,6 +57,11 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 # Drake and DART have no wheels for every machine: without them their tests are skipped, and say so.
 $(VENV)/.engines: $(VENV)/.installed
 	$(PIP) --editable '.[dev,engines]' || echo "no Drake or DART for this machine: their tests are skipped"
+	@touch $@
+
+# MuJoCo Warp, whose CPU device the tests use; its kernels' cache is in $(VENV), too.
+$(VENV)/.gpu: $(VENV)/.installed
+	$(PIP) --editable '.[dev,gpu]'
 	@touch $@
 
 $(VENV)/.bench: $(VENV)/.installed

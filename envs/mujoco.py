@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import torch
 
 from envs.effects.base import Effect
+from envs.physics import Engine
 from envs.plant import Fixed
 from envs.randomization import Tasks
 from envs.simulation import Simulation
@@ -33,9 +34,12 @@ class MujocoEnv(RowsEnv):
         tasks: draws each episode's parameters (see `RowsEnv`).
         fixed: effects that every row has, with their values, as `load_effects` returns them.
         cut: whether actions are cut at their limits (see `RowsEnv`).
+        physics: what steps the rows: `batch`, on the CPU's threads, or `warp`, where the tensors
+            are (see `envs.physics`). With `warp` nothing but which rows ended goes to the host.
 
     Raises:
-        EffectError: an effect that the robot cannot have.
+        EffectError: an effect that the robot or the engine cannot have.
+        TaskError: an engine that is not there, or that cannot step the task.
     """
 
     def __init__(
@@ -50,8 +54,9 @@ class MujocoEnv(RowsEnv):
         tasks: Tasks | None = None,
         fixed: Sequence[Fixed] = (),
         cut: bool = True,
+        physics: Engine = "batch",
     ) -> None:
-        simulation = Simulation(task, num_envs, effects, threads, fixed)
+        simulation = Simulation(task, num_envs, effects, threads, fixed, physics, device)
         super().__init__(simulation, device, dtype, seed, tasks, cut)
 
     @property

@@ -9,7 +9,11 @@ before or beside it.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+
+from envs.physics.arrays import Array
 
 _GOLDEN = np.uint64(
     0x9E3779B97F4A7C15
@@ -24,15 +28,37 @@ def _mix(x: np.ndarray) -> np.ndarray:
     return x ^ (x >> np.uint64(31))
 
 
-def uniform(seeds: np.ndarray, stream: int | np.ndarray, size: int) -> np.ndarray:
+def _mix_signed(x: Array) -> Array:
+    """Return the same bits of signed integers, as torch has them: `>>` repeats their sign."""
+    x = (x ^ ((x >> 30) & ((1 << 34) - 1))) * _signed(_MIX1)
+    x = (x ^ ((x >> 27) & ((1 << 37) - 1))) * _signed(_MIX2)
+    return x ^ ((x >> 31) & ((1 << 33) - 1))
+
+
+def _signed(x: np.uint64) -> int:
+    return int(x) - (1 << 64) if int(x) >> 63 else int(x)
+
+
+def _uniform_signed(seeds: Array, stream: Array, size: int, xp: Any) -> Array:
+    golden = _signed(_GOLDEN)
+    start = _mix_signed(_mix_signed(seeds + golden) ^ _mix_signed(stream * golden + _signed(_MIX2)))
+    counter = (xp.arange(size, dtype=xp.int64, device=seeds.device) + 1) * golden
+    bits = _mix_signed(start[..., None] + counter)
+    return xp.astype((bits >> 11) & ((1 << 53) - 1), xp.float64) * 2.0**-53
+
+
+def uniform(seeds: Array, stream: int | Array, size: int, xp: Any = np) -> Array:
     """Return uniform numbers in [0, 1), (n, size) float64.
 
     Args:
-        seeds: uint64, (n,).
+        seeds: uint64, (n,); of another namespace int64 of the same bits.
         stream: which of the independent sequences of each seed (a purpose, a time step); an int
             or (n,).
         size: numbers per seed.
+        xp: the namespace of the arrays.
     """
+    if xp is not np:
+        return _uniform_signed(seeds, stream, size, xp)
     seeds = np.asarray(seeds, dtype=np.uint64)
     with np.errstate(over="ignore"):
         start = _mix(
@@ -43,10 +69,10 @@ def uniform(seeds: np.ndarray, stream: int | np.ndarray, size: int) -> np.ndarra
     return (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
-def normal(seeds: np.ndarray, stream: int | np.ndarray, size: int) -> np.ndarray:
+def normal(seeds: Array, stream: int | Array, size: int, xp: Any = np) -> Array:
     """Return standard normal numbers, (n, size) float64, by Box and Muller's transform."""
     pairs = (size + 1) // 2
-    u = uniform(seeds, stream, 2 * pairs)
-    radius = np.sqrt(-2.0 * np.log1p(-u[..., :pairs]))
+    u = uniform(seeds, stream, 2 * pairs, xp)
+    radius = xp.sqrt(-2.0 * xp.log1p(-u[..., :pairs]))
     angle = 2.0 * np.pi * u[..., pairs:]
-    return np.concatenate([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)[..., :size]
+    return xp.concat([radius * xp.cos(angle), radius * xp.sin(angle)], axis=-1)[..., :size]

@@ -18,6 +18,8 @@ Contracts:
   which rows that was.
 * `fixed` effects have values of their own and are no parameters; drawn effects come after them and
   compose with them.
+* Parameters and starts are NumPy arrays of the host whatever steps the simulations; what moves with
+  them (`qpos`, `ctrl`, readings) are arrays of the engine, `arrays` (see `envs.physics`).
 """
 
 from __future__ import annotations
@@ -28,15 +30,18 @@ from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch, SimulationError
+from mujoco.batch import Batch
 
 from envs.effects.base import BoundEffect, CommandRule, Effect, Measurement, SubstepRule
 from envs.effects.goal import Goal
 from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, edited
+from envs.effects.registry import refuse_elsewhere
 from envs.errors import EffectError, TaskError
 from envs.memory import check_memory, row_bytes
 from envs.params import ParamSpace
+from envs.physics import Engine, make_physics
+from envs.physics.arrays import Array
 from envs.quiet import quiet_engine
 from envs.sparse_fault import warn_of_sparse_fault
 from envs.substeps import Substeps
@@ -58,6 +63,8 @@ class Plant:
         fixed: effects that all rows have, each with its values, as `load_effects` returns them.
         goal: whether a task gives the rows a goal; without one the effect `goal` is refused.
         nominal: the spec compiled, where that has been done; it is kept, not changed.
+        physics: what steps the simulations, `batch` or `warp`.
+        device: where `warp` steps them.
 
     Attributes:
         qpos: true positions [m, rad], (N, nq) of the model as given; read only where effects added
@@ -67,10 +74,12 @@ class Plant:
         applied: torques and forces that substep rules add to the simulated model's dofs, (N, nv of
             `model`).
         time: the time of each simulation [s], (N,).
+        arrays: where the engine's arrays are.
 
     Raises:
-        EffectError: an effect that the robot cannot have, or the same one fixed and drawn where
-            they do not compose.
+        EffectError: an effect that the robot or the engine cannot have, or the same one fixed and
+            drawn where they do not compose.
+        TaskError: an engine that is not there or cannot step the model.
         ParameterError: a fixed value outside its range.
         EnvsError: more simulations than the machine has memory for.
     """
@@ -85,11 +94,14 @@ class Plant:
         fixed: Sequence[Fixed] = (),
         goal: bool = False,
         nominal: mujoco.MjModel | None = None,
+        physics: Engine = "batch",
+        device: Any = "cpu",
     ) -> None:
         if num_rows < 1:
             raise TaskError(f"num_rows={num_rows} must be at least 1")
         _refuse_doubles(effects, [effect for effect, _ in fixed])
         every = [effect for effect, _ in fixed] + list(effects)
+        refuse_elsewhere(every, physics)
         if not goal and any(isinstance(effect, Goal) for effect in every):
             raise EffectError(
                 "goal is what a task asks for, and there is no task with one here: no robot, "
@@ -110,11 +122,14 @@ class Plant:
         needed = num_rows * row_bytes(self.model)
         check_memory(needed, f"{num_rows} simulations side by side", "fewer rows")
         self.batch = Batch(self.model, num_rows, threads, persistent)
+        self.physics = make_physics(physics, self.batch, device)
+        self.arrays = self.physics.arrays
         self.num_rows = num_rows
         self.ctrl, self.applied, self.time = (
-            self.batch.bind(n) for n in ("ctrl", "qfrc_applied", "time")
+            self.physics.bind(n) for n in ("ctrl", "qfrc_applied", "time")
         )
-        self.layout = Layout(self.batch, self.nominal, keep)
+        self._held = self.batch.bind("ctrl")  # on the host
+        self.layout = Layout(self.batch, self.nominal, keep, self.physics)
         self.qpos, self.qvel = self.layout.qpos, self.layout.qvel
         # live values of the fields that effects write, (N, ...)
         self._fields: dict[str, np.ndarray] = {}
@@ -127,9 +142,6 @@ class Plant:
         self._drawn = list(zip(self._bound[len(fixed) :], columns, strict=True))
         self._collect(every)
 
-        self._warnings = self.batch.warning[
-            ..., 1
-        ]  # (N, kinds), how often each was raised in the running step
         self.params = self.space.points(num_rows)  # (N, P), the values in force
         self._set(np.arange(num_rows), self.params)
 
@@ -154,7 +166,7 @@ class Plant:
         self._fresh = np.zeros(self.num_rows, dtype=bool)  # reset, and no command seen yet
         self.measures = bool(self._measurements)  # whether `measured` differs from the true state
         if self.measures:
-            self._sensed = self.qpos.copy(), self.qvel.copy()
+            self._sensed = self._copies(slice(None))
         self._constants = any(effect.constants for effect in effects)
 
     @property
@@ -174,10 +186,7 @@ class Plant:
 
     def take_warnings(self) -> np.ndarray:
         """Return the rows in which the engine warned since the last look (n,), and forget it."""
-        warned = np.flatnonzero(self._warnings.any(axis=1))
-        if warned.size:
-            self._warnings[warned] = 0
-        return warned
+        return np.flatnonzero(self.arrays.host(self.physics.broken(slice(None))))
 
     def field(self, name: str) -> np.ndarray:
         """Return a model field's values per row, (N, ...), for a bound effect to write."""
@@ -235,6 +244,7 @@ class Plant:
         self._substeps.written(ids)
         if self._constants:
             self.batch.set_const(ids)
+        self.physics.written(ids)
         self.params[ids] = values
 
     def reset(
@@ -275,10 +285,12 @@ class Plant:
             self._start(ids, ctrl)
         with quiet_engine():
             self.batch.forward(ids)
-        self._warnings[ids] = 0
-        self._sense(ids)
+        self.physics.started(ids)
+        rows = self.arrays.rows(ids)
+        self.layout.read(rows)
+        self._sense(rows)
 
-    def step(self, ids: np.ndarray | None, ctrl: np.ndarray, nstep: int) -> np.ndarray:
+    def step(self, ids: np.ndarray | None, ctrl: Array, nstep: int) -> Array:
         """Advance by nstep substeps under constant controls.
 
         Args:
@@ -291,38 +303,35 @@ class Plant:
             diverged state).
         """
         broken = self.advance(ids, ctrl, nstep)
-        rows = slice(None) if ids is None else ids
+        rows = self.arrays.rows(ids)
         self.layout.read(rows)
         self._sense(rows)
         return broken
 
-    def advance(self, ids: np.ndarray | None, ctrl: np.ndarray, nstep: int) -> np.ndarray:
+    def advance(self, ids: np.ndarray | None, ctrl: Array, nstep: int) -> Array:
         """Do as `step` does, but read no sensors: `qpos`, `qvel` and `measured` stay behind.
 
         Whoever replays many steps reads `layout.raw_qpos`, and turns the whole path into readings.
         """
-        rows = slice(None) if ids is None else ids
-        self.ctrl[rows] = self._received(rows, ctrl) if self._starters or self._commands else ctrl
-        broken = np.zeros(self.num_rows, dtype=bool)
+        rows = self.arrays.rows(ids)
+        sent = self._received(ids, rows, ctrl) if self._starters or self._commands else ctrl
+        self.ctrl[rows] = sent
         if self._substeps.rules:
             for _ in range(nstep):
                 self._substeps.apply(ids, self.applied)
-                self._advance(ids, 1, broken)
+                self.physics.step(ids, 1)
         else:
-            self._advance(ids, nstep, broken)
-        if self._warnings.any():
-            warned = self._warnings[rows].any(axis=1)  # (n,)
-            # the engine's own reset clears counts: only what rose from 0 can be told
-            self._warnings[rows] = 0
-            return broken[rows] | warned
-        return broken[rows]
+            self.physics.step(ids, nstep)
+        return self.physics.broken(rows)
 
-    def _received(self, rows: np.ndarray | slice, ctrl: np.ndarray) -> np.ndarray:
-        """Return what arrives of the commands (n, nu) in the rows."""
-        ctrl = np.array(ctrl, dtype=np.float64)
-        fresh = self._fresh[rows]
+    def _received(self, ids: np.ndarray | None, rows: Any, ctrl: Array) -> Array:
+        """Return what arrives of the commands (n, nu) in the rows ids, which the engine indexes."""
+        ctrl = self.arrays.xp.asarray(ctrl, dtype=self.arrays.dtype, copy=True)
+        fresh = self._fresh if ids is None else self._fresh[ids]
         if fresh.any():
-            self._start(np.arange(self.num_rows)[rows][fresh], ctrl[fresh])
+            here = np.arange(self.num_rows) if ids is None else ids
+            self._start(here[fresh], self.arrays.host(ctrl[self.arrays.own(fresh)]))
+            self.physics.started(here[fresh])
         for rule in self._commands:
             rule.command(rows, ctrl)
         return ctrl
@@ -332,31 +341,33 @@ class Plant:
         held = np.array(ctrl, dtype=np.float64)
         for bound in self._starters:
             bound.on_episode_start(ids, held)
-        self.ctrl[ids] = held
+        self._held[ids] = held
         self._fresh[ids] = False
 
-    def _advance(self, ids: np.ndarray | None, nstep: int, broken: np.ndarray) -> None:
-        try:
-            with quiet_engine():
-                self.batch.step(ids, nstep)
-        except SimulationError as error:
-            broken[error.ids] = True
+    def _copies(self, rows: Any) -> tuple[Array, Array]:
+        xp = self.arrays.xp
+        return xp.asarray(self.qpos[rows], copy=True), xp.asarray(self.qvel[rows], copy=True)
 
-    def _sense(self, rows: np.ndarray | slice) -> None:
+    def _sense(self, rows: Any) -> None:
         if not self.measures:
             return
-        qpos, qvel = self.qpos[rows].copy(), self.qvel[rows].copy()
+        qpos, qvel = self._copies(rows)
         with np.errstate(all="ignore"):
             for measurement in self._measurements:
                 measurement.measure(rows, qpos, qvel)
         self._sensed[0][rows], self._sensed[1][rows] = qpos, qvel
 
-    def measured(self, ids: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def measured(self, ids: np.ndarray | None) -> tuple[Array, Array]:
         """Return what sensors say of qpos (n, nq) and qvel (n, nv) in the rows ids (None: all)."""
-        rows = slice(None) if ids is None else ids
+        return self.readings(self.arrays.rows(ids))
+
+    def readings(self, rows: Any) -> tuple[Array, Array]:
+        """Return the same in rows that the engine's arrays index."""
         if not self.measures:
             return self.qpos[rows], self.qvel[rows]
-        return self._sensed[0][rows].copy(), self._sensed[1][rows].copy()
+        xp = self.arrays.xp
+        qpos, qvel = (xp.asarray(sensed[rows], copy=True) for sensed in self._sensed)
+        return qpos, qvel
 
 
 def _refuse_doubles(drawn: Sequence[Effect], fixed: Sequence[Effect]) -> None:

@@ -10,7 +10,7 @@ Contracts:
 * An episode is a pure function of the actions it is given, of its parameter values and of its seed.
   Which row it runs in, what the other rows do, and the number of threads change no bit of it.
   Resuming a run, spreading it over machines and comparing two policies with common random numbers
-  all rest on that.
+  all rest on that. On a GPU it holds to rounding only: the same parameters and start, in float32.
 """
 
 from __future__ import annotations
@@ -20,20 +20,25 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from envs.params import ParamSpace
+from envs.physics.arrays import NUMPY, Array, Arrays
 
 
 class Step(NamedTuple):
-    """What one control step of n rows returned."""
+    """What one control step of n rows returned, as arrays of the rows."""
 
-    observation: np.ndarray  # (n, O) float64
-    reward: np.ndarray  # (n,) float64
-    terminated: np.ndarray  # (n,) bool: the task ended the episode
-    truncated: np.ndarray  # (n,) bool: the time limit ended it
-    failed: np.ndarray  # (n,) bool: the simulation broke (also terminated); its reward is 0
+    observation: Array  # (n, O) float64, float32 on a device
+    reward: Array  # (n,) float64, float32 on a device
+    terminated: Array  # (n,) bool: the task ended the episode
+    truncated: Array  # (n,) bool: the time limit ended it
+    failed: Array  # (n,) bool: the simulation broke (also terminated); its reward is 0
 
 
 class Rows(Protocol):
-    """N rows of episodes of one task; see the module's docstring."""
+    """N rows of episodes of one task; see the module's docstring.
+
+    Rows whose observations, actions and rewards are no NumPy arrays say so by an attribute
+    `arrays` (see `arrays_of`).
+    """
 
     num_rows: int
     observation_size: int
@@ -43,7 +48,7 @@ class Rows(Protocol):
     action_high: np.ndarray  # (A,)
     space: ParamSpace
 
-    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> Array:
         """Start an episode in each of the rows ids.
 
         Args:
@@ -52,10 +57,15 @@ class Rows(Protocol):
             seeds: uint64, (n,): all the randomness of the episode.
 
         Returns:
-            The first observations, (n, O) float64.
+            The first observations, (n, O).
         """
         ...
 
-    def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
+    def step(self, ids: np.ndarray | None, action: Array) -> Step:
         """Advance the rows ids (None: all of them) by one control step of action (n, A)."""
         ...
+
+
+def arrays_of(rows: Rows) -> Arrays:
+    """Return what the rows' observations, actions and rewards are made of: NumPy's, or others."""
+    return getattr(rows, "arrays", NUMPY)

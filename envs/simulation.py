@@ -1,4 +1,4 @@
-"""A task in many rows at once, on NumPy arrays: the fast path under every environment.
+"""A task in many rows at once, on an engine's arrays: the fast path under every environment.
 
     sim = Simulation(Hopper(), num_rows=256, effects=[make("link_mass", where="torso", how="set")])
     observation = sim.reset(np.arange(256), values, seeds)
@@ -16,6 +16,7 @@ the other rows do not notice. Reset it before it goes on, as after any other end
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from envs.contact_forces import ContactForces
 from envs.effects.base import Effect
 from envs.effects.goal import Goals
 from envs.errors import EffectError, TaskError
+from envs.physics import Engine
+from envs.physics.arrays import Array
 from envs.plant import Fixed, Plant
 from envs.quiet import no_deprecation_notice
 from envs.rows import Step
@@ -38,10 +41,13 @@ class Simulation:
         effects: what may differ per row.
         threads: CPU threads; 0 for all cores.
         fixed: effects that every row has, with their values, as `load_effects` returns them.
+        physics: what steps the rows, `batch` or `warp`.
+        device: where `warp` steps them.
 
     Raises:
-        EffectError: an effect that the robot cannot have.
+        EffectError: an effect that the robot or the engine cannot have.
         ParameterError: a fixed value outside its range.
+        TaskError: an engine that is not there, or that cannot step the task.
     """
 
     def __init__(
@@ -51,6 +57,8 @@ class Simulation:
         effects: Sequence[Effect] = (),
         threads: int = 0,
         fixed: Sequence[Fixed] = (),
+        physics: Engine = "batch",
+        device: Any = "cpu",
     ) -> None:
         self.task = task
         with no_deprecation_notice():
@@ -62,29 +70,37 @@ class Simulation:
                 persistent=task.contact_forces,
                 fixed=_fixed(task, effects, fixed),
                 goal=task.has_goal,
+                physics=physics,
+                device=device,
             )
         self.num_rows = num_rows
+        self.arrays = arrays = self.plant.arrays
         if task.max_steps < 1:
             raise TaskError(f"max_steps={task.max_steps} must be at least 1 control step")
         self.max_steps = task.max_steps
         self.space = self.plant.space
         task.setup(self.plant.nominal)
+        self._task = task.on(arrays)
         self.action_low, self.action_high = task.action_range(self.plant.nominal)  # (A,)
         self.action_size = len(self.action_low)
-        self._extra = None if task.extra_field is None else self.plant.batch.bind(task.extra_field)
+        self._extra = None
+        if task.extra_field is not None:
+            self._extra = self.plant.physics.bind(task.extra_field)
         self._goals = self._shared_goals() if task.has_goal else None  # (N,) or (N, axes)
         self._forces = ContactForces(self.plant) if task.contact_forces else None
-        self._steps = np.zeros(num_rows, dtype=np.int64)  # (N,)
-        self._seeds = np.zeros(num_rows, dtype=np.uint64)  # (N,)
+        self._steps = arrays.zeros(num_rows, np.int64)  # (N,)
+        self._seeds = np.zeros(num_rows, dtype=np.uint64)  # (N,), of the host
         self._rest = task.rest(self.plant.nominal)  # (nu,)
-        self._action = np.zeros((num_rows, self.action_size))
-        self._goal = np.tile(self._rest, (num_rows, 1))
-        self.observation_size = task.observe(self._state(None)).shape[1]
+        self._action = arrays.zeros((num_rows, self.action_size))
+        self._goal = arrays.own(np.tile(self._rest, (num_rows, 1)))
+        self.observation_size = self._task.observe(self._state(slice(None))).shape[1]
 
-    def _shared_goals(self) -> np.ndarray:
+    def _shared_goals(self) -> Array:
         """Return the rows' goals as the task's reward reads them; the effect `goal` writes them."""
         axes = self.task.goal_axes
-        values = self.plant.shared_mechanism("goal", lambda: Goals(self.num_rows, axes)).values
+        values = self.plant.shared_mechanism(
+            "goal", lambda: Goals(self.num_rows, self.arrays, axes)
+        ).values
         if values.shape[1] != axes:
             raise EffectError(
                 f"goal: axes={values.shape[1]}, {type(self.task).__name__} asks for {axes}; give "
@@ -92,7 +108,7 @@ class Simulation:
             )
         return values[:, 0] if axes == 1 else values
 
-    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> Array:
         """Start episodes in the rows ids (n,), with parameters (n, P) and seeds (n,).
 
         Returns:
@@ -103,11 +119,11 @@ class Simulation:
         """
         ids = np.asarray(ids)
         self.plant.set_params(ids, values)
-        self._steps[ids] = 0
+        self._steps[self.arrays.rows(ids)] = 0
         self._seeds[ids] = seeds
         return self.set_state(ids, *self.task.initial(self._seeds[ids]))
 
-    def set_state(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+    def set_state(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> Array:
         """Put rows into a state as if their episodes had started there.
 
         Parameters, seed and the time that counts towards `max_steps` stay.
@@ -133,93 +149,103 @@ class Simulation:
                 )
             if not np.isfinite(given).all():
                 raise TaskError(f"{name} holds NaN or infinity; give finite numbers")
-        self._action[ids], self._goal[ids] = 0.0, self._rest
-        held = self._goal[ids] if self.task.commands else None
-        self.plant.reset(ids, qpos, qvel, self._seeds[ids], held)
+        rows, held = self.arrays.rows(ids), np.tile(self._rest, (len(ids), 1))
+        self._action[rows], self._goal[rows] = 0.0, self.arrays.own(self._rest)
+        self.plant.reset(ids, qpos, qvel, self._seeds[ids], held if self.task.commands else None)
         if self._forces:
             self._forces.clear(ids)
-        return self._observe(ids, self._state(ids))
+        return self._observe(rows, self._state(rows))
 
-    def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
+    def step(self, ids: np.ndarray | None, action: Array) -> Step:
         """Advance the rows ids (None: all) by one control step of action (n, A).
 
         Raises:
             TaskError: an action of the wrong shape.
         """
-        rows = slice(None) if ids is None else ids
+        rows, xp = self.arrays.rows(ids), self.arrays.xp
         n = self.num_rows if ids is None else len(ids)
         action, refused = self._checked(action, n)
         # views of what the step changes, where all rows step
-        before = self.state() if ids is None else self._state(ids)
-        goal = self.task.command(before, action)
+        before = self.state() if ids is None else self._state(rows)
+        goal = self._task.command(before, action)
         failed = self.plant.step(ids, goal, self.task.frame_skip)
         self._steps[rows] += 1
         if self.task.commands:
             self._action[rows], self._goal[rows] = action, goal
         if self._forces:
             self._forces.compute(ids)
-        after = self._state(ids)
+        after = self._state(rows)
         with np.errstate(
             invalid="ignore", over="ignore"
         ):  # a failed row's numbers are replaced below
-            terminated = self.task.terminated(after)
-            reward = self.task.reward(before, after, action, terminated)
-            observation = self._observe(ids, after)
-            failed |= _not_finite(observation) | _not_finite(reward[:, None])
+            terminated = self._task.terminated(after)
+            reward = self._task.reward(before, after, action, terminated)
+            observation = self._observe(rows, after)
+            failed |= self._not_finite(observation) | self._not_finite(reward[:, None])
         if refused is not None:
             failed |= refused
-        if failed.any():
-            reward[failed] = 0.0
-            observation[failed] = 0.0
+        if not self.arrays.on_host or failed.any():  # a device is not asked in between
+            reward = xp.where(failed, 0.0, reward)
+            observation = xp.where(failed[:, None], 0.0, observation)
             terminated = terminated | failed
         truncated = self._steps[rows] >= self.max_steps
         return Step(observation, reward, terminated, truncated, failed)
 
-    def _checked(self, action: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray | None]:
+    def _checked(self, action: Array, n: int) -> tuple[Array, Array | None]:
         """Return the action with 0 in rows that are not finite, and those rows if any."""
         if action.shape != (n, self.action_size):
-            raise TaskError(f"action must have shape ({n}, {self.action_size}), got {action.shape}")
-        finite: np.ndarray = np.isfinite(action)
-        if finite.all():
+            shape = tuple(action.shape)
+            raise TaskError(f"action must have shape ({n}, {self.action_size}), got {shape}")
+        xp = self.arrays.xp
+        finite = xp.isfinite(action)
+        if self.arrays.on_host and finite.all():
             return action, None
-        refused = np.asarray(~finite.all(1))
-        return np.where(refused[:, None], 0.0, action), refused
+        refused = ~xp.all(finite, axis=1)
+        return xp.where(refused[:, None], 0.0, action), refused
+
+    def _not_finite(self, x: Array) -> Array:
+        """Return which rows of x (n, k) hold NaN or infinity, (n,)."""
+        xp = self.arrays.xp
+        finite = xp.isfinite(x)
+        if self.arrays.on_host and finite.all():
+            return np.zeros(len(x), dtype=bool)
+        return ~xp.all(finite, axis=1)
 
     def state(self, ids: np.ndarray | None = None) -> State:
         """Return a copy of the true state of the rows ids (None: all)."""
-        here = self._state(ids)
+        here, xp = self._state(self.arrays.rows(ids)), self.arrays.xp
         return here._replace(
-            qpos=here.qpos.copy(),
-            qvel=here.qvel.copy(),
-            extra=None if here.extra is None else here.extra.copy(),
-            forces=None if here.forces is None else here.forces.copy(),
+            qpos=xp.asarray(here.qpos, copy=True),
+            qvel=xp.asarray(here.qvel, copy=True),
+            extra=None if here.extra is None else xp.asarray(here.extra, copy=True),
+            forces=None if here.forces is None else xp.asarray(here.forces, copy=True),
         )
 
-    def _state(self, ids: np.ndarray | None) -> State:
-        rows = slice(None) if ids is None else ids
+    def _state(self, rows: Any) -> State:
         extra = None if self._extra is None else self._extra[rows]
         forces = None if self._forces is None else self._forces.values[rows]
         goal = None if self._goals is None else self._goals[rows]
         command = self._commanded(rows)
         return State(self.plant.qpos[rows], self.plant.qvel[rows], extra, forces, command, goal)
 
-    def _commanded(self, rows: np.ndarray | slice) -> CommandState | None:
+    def _commanded(self, rows: Any) -> CommandState | None:
         if not self.task.commands:
             return None
-        time = self._steps[rows] * self.task.dt
-        return CommandState(time, self._action[rows].copy(), self._goal[rows].copy())
+        xp, time = self.arrays.xp, self._steps[rows] * self.task.dt
+        action, goal = self._action[rows], self._goal[rows]
+        return CommandState(time, xp.asarray(action, copy=True), xp.asarray(goal, copy=True))
 
     def measured(self, ids: np.ndarray | None = None) -> State:
         """Return the state of the rows ids (None: all) as the robots' sensors report it."""
-        return self._as_measured(ids, self.state(ids))
+        return self._as_measured(self.arrays.rows(ids), self.state(ids))
 
-    def _observe(self, ids: np.ndarray | None, state: State) -> np.ndarray:
-        return self.task.observe(self._as_measured(ids, state))
+    def _observe(self, rows: Any, state: State) -> Array:
+        return self._task.observe(self._as_measured(rows, state))
 
-    def _as_measured(self, ids: np.ndarray | None, state: State) -> State:
+    def _as_measured(self, rows: Any, state: State) -> State:
         if not self.plant.measures:
             return state
-        qpos, qvel = self.plant.measured(ids)
+        qpos, qvel = self.plant.readings(rows)
         return state._replace(qpos=qpos, qvel=qvel)
 
 
@@ -228,9 +254,3 @@ def _fixed(task: Task, effects: Sequence[Effect], fixed: Sequence[Fixed]) -> lis
     given = {(effect.name, effect.where) for effect in [*effects, *(e for e, _ in fixed)]}
     own = [(e, values) for e, values in task.fixed() if (e.name, e.where) not in given]
     return [*own, *fixed]
-
-
-def _not_finite(x: np.ndarray) -> np.ndarray:
-    """Return which rows of x (n, k) hold NaN or infinity, (n,)."""
-    finite: np.ndarray = np.isfinite(x)
-    return np.zeros(len(x), dtype=bool) if finite.all() else np.asarray(~finite.all(1))

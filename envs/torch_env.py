@@ -27,8 +27,9 @@ from torchrl.envs import EnvBase, Transform
 
 from envs.errors import ParameterError, TaskError
 from envs.params import ParamSpace
+from envs.physics.arrays import Array
 from envs.randomization import Tasks
-from envs.rows import Rows
+from envs.rows import Rows, arrays_of
 
 
 class RowsEnv(EnvBase):
@@ -36,7 +37,7 @@ class RowsEnv(EnvBase):
 
     Args:
         rows: the world; its N rows are the batch.
-        device: where tensors go; the simulation itself runs on the CPU.
+        device: where tensors go; the rows themselves may be elsewhere.
         dtype: the dtype of observations, actions and rewards.
         seed: the seed of the episodes; `set_seed` changes it.
         tasks: draws the parameters, as `RandomizeParams` does, but faster: an environment without
@@ -64,13 +65,17 @@ class RowsEnv(EnvBase):
         self._values = rows.space.points(rows.num_rows)  # (N, P)
         self._params = self._params_tensordict()
         count = rows.num_rows
-        self._last = np.zeros((count, rows.observation_size))  # (N, O), the newest observations
+        self._arrays = arrays = arrays_of(rows)
+        self._last = arrays.zeros((count, rows.observation_size))  # (N, O), the newest observations
         self._ids = np.arange(count)
         self._seeds = np.zeros(count, np.uint64)
         self._ages = np.zeros(count, np.int64)  # steps of the episode so far
-        self._actions = np.zeros((0, count, rows.action_size))  # of the episodes so far
-        self._limits = (rows.action_low, rows.action_high) if cut else (-np.inf, np.inf)
-        self.rewards = np.zeros(count)
+        self._places = arrays.own(self._ids), arrays.own(self._ages)  # where the rows have them
+        self._actions = arrays.zeros((0, count, rows.action_size))  # of the episodes so far
+        free = np.full(rows.action_size, np.inf)
+        limits = (rows.action_low, rows.action_high) if cut else (-free, free)
+        self._low, self._high = map(arrays.own, limits)
+        self.rewards: Array = np.zeros(count)
         self._make_specs()
         self._set_seed(seed)
         self.tasks: Tasks | None = None
@@ -150,8 +155,11 @@ class RowsEnv(EnvBase):
         if seeds is None:
             seeds = self.rng.integers(0, 2**63, len(ids)).astype(np.uint64)
         self._seeds[ids], self._ages[ids] = seeds, 0
-        self._last = self._last.copy()  # the rows that go on keep what they saw
-        self._last[ids] = self.rows.reset(ids, self._values[ids], self._seeds[ids])
+        self._places[1][self._arrays.rows(ids)] = 0
+        # the rows that go on keep what they saw
+        self._last = self._arrays.xp.asarray(self._last, copy=True)
+        seen = self.rows.reset(ids, self._values[ids], self._seeds[ids])
+        self._last[self._arrays.rows(ids)] = seen
         no = torch.zeros((self.rows.num_rows, 1), dtype=torch.bool, device=self.device)
         flags = {"done": no.clone(), "terminated": no.clone(), "truncated": no.clone()}
         return {**self._seen(ids), "failed": no, **flags}
@@ -185,19 +193,28 @@ class RowsEnv(EnvBase):
             }
         )
 
-    def taken(self, tensordict: TensorDictBase) -> np.ndarray:
-        """Return the actions that the rows take of an entry "action" (N, A), float64."""
-        action = tensordict.get("action").detach().cpu().numpy().astype(np.float64)
-        low, high = self._limits
-        return np.minimum(np.maximum(action, low), high)  # NaN stays, and fails
+    def taken(self, tensordict: TensorDictBase) -> Array:
+        """Return the actions that the rows take of an entry "action" (N, A); NaN stays, and fails.
 
-    def _note(self, action: np.ndarray) -> None:
+        They are float64 on the host.
+        """
+        action = tensordict.get("action").detach()
+        if self._arrays.on_host:
+            taken = action.cpu().numpy().astype(np.float64)
+            return np.minimum(np.maximum(taken, self._low), self._high)
+        taken = action.to(self._arrays.device, self._arrays.dtype)
+        return torch.minimum(torch.maximum(taken, self._low), self._high)
+
+    def _note(self, action: Array) -> None:
         """Keep the actions (N, A) of the episodes in progress."""
         if self._ages.max() >= len(self._actions):
-            room = np.zeros((max(32, len(self._actions)), *action.shape))
-            self._actions = np.concatenate([self._actions, room])
-        self._actions[self._ages, self._ids] = action
+            room = self._arrays.zeros((max(32, len(self._actions)), *action.shape))
+            self._actions = self._arrays.xp.concat([self._actions, room])
+        ids, ages = self._places
+        self._actions[ages, ids] = action
         self._ages += 1
+        if ages is not self._ages:  # on a device, which is not waited for
+            ages += 1
 
     def episodes(self) -> dict[str, Any]:
         """Return the episodes in progress and the generator of what follows, as plain data."""
@@ -209,7 +226,7 @@ class RowsEnv(EnvBase):
             "drawn": self._drawn.copy(),
             "seeds": self._seeds.copy(),
             "ages": self._ages.copy(),
-            "actions": np.where(now[:, :, None], self._actions[:longest], 0.0),
+            "actions": np.where(now[:, :, None], self._arrays.host(self._actions[:longest]), 0.0),
         }
 
     def resume(self, state: Mapping[str, Any]) -> None:
@@ -227,16 +244,17 @@ class RowsEnv(EnvBase):
         for own, name in ((self._values, "values"), (self._drawn, "drawn"), (self._seeds, "seeds")):
             own[:] = state[name]
         self._start(self._ids, self._seeds.copy())
-        self._ages[:], self._actions = state["ages"], np.array(state["actions"])
+        self._ages[:], self._actions = state["ages"], self._arrays.own(np.array(state["actions"]))
+        self._places[1][:] = self._arrays.own(self._ages)
         for age, action in enumerate(self._actions):
             ids = np.flatnonzero(self._ages > age)
-            self._last[ids] = self.rows.step(ids, action[ids]).observation
+            rows = self._arrays.rows(ids)
+            self._last[rows] = self.rows.step(ids, action[rows]).observation
         self._seen(None)
 
-    def _tensor(self, array: np.ndarray, dtype: torch.dtype) -> torch.Tensor:
-        return torch.from_numpy(array).to(
-            self.device, dtype, copy=True
-        )  # the rows may reuse theirs
+    def _tensor(self, array: Array, dtype: torch.dtype) -> torch.Tensor:
+        own = torch.from_numpy(array) if isinstance(array, np.ndarray) else array
+        return own.to(self.device, dtype, copy=True)  # the rows may reuse theirs
 
     def _tensordict(self, data: dict[str, torch.Tensor]) -> TensorDictBase:
         data["params"] = self._params  # type: ignore[assignment]

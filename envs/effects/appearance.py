@@ -9,7 +9,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.effects.base import BoundEffect, Effect
+from envs.effects.base import BOTH, BoundEffect, Effect
 from envs.effects.inertia import rotations
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
@@ -33,6 +33,7 @@ class Colour(Appearance):
     """The colour of a body's geoms, in shares of full brightness; the body `world` is the floor."""
 
     name = "colour"
+    engines = BOTH
     place = "body"
     unit = "1"
     composes = True
@@ -80,6 +81,7 @@ class LightLevel(Appearance):
     """A factor on what all the lights of the model give; the camera's own headlight stays."""
 
     name = "light_level"
+    engines = BOTH
     place = "robot"
     hows = ("scale",)
     unit = "factor"
@@ -109,6 +111,7 @@ class LightDirection(Appearance):
     """Where the lights shine from: turned about the world's x axis, then about its y axis."""
 
     name = "light_direction"
+    engines = BOTH
     place = "robot"
     unit = "rad"
     constants = True
@@ -140,6 +143,7 @@ class CameraShift(Appearance):
     """How far the cameras stand from where the model has them, along their own axes."""
 
     name = "camera_shift"
+    engines = BOTH
     place = "robot"
     unit = "m"
     constants = True
@@ -169,6 +173,7 @@ class CameraTurn(Appearance):
     """How far the cameras look away from where the model has them look: right, then up."""
 
     name = "camera_turn"
+    engines = BOTH
     place = "robot"
     unit = "rad"
     constants = True

@@ -38,6 +38,7 @@ from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.errors import EffectError, did_you_mean
 from envs.params import How, Parameter, Side
+from envs.physics.base import Engine
 
 Place = Literal["joint", "actuator", "body", "contact", "robot"]
 
@@ -49,11 +50,17 @@ RENAMED = {  # attributes that users' own effects set
     "needs_witness": "needs_measured_channel",
     "why_not_mjcf": "mjcf_limitation",
 }
+BOTH: tuple[Engine, ...] = ("batch", "warp")  # engines of what does not act between steps
 PLAIN, RULES = "plain", "rules"  # groups of effects that can be simulated in one batch
 
 
 class BoundEffect:
-    """An effect connected to one plant, which calls it; each method does nothing by default."""
+    """An effect connected to one plant, which calls it; each method does nothing by default.
+
+    `write`, `reset` and `on_episode_start` get NumPy's arrays. What `command`, `before_substep` and
+    `measure` get is the engine's (`PlantView.arrays`): an effect whose class names another engine
+    than the batch computes there in the Array API.
+    """
 
     order: ClassVar[int] = 100  # among the bound effects of its kind, small first
 
@@ -172,6 +179,7 @@ class Effect:
 
     # For the simulator.
     law: ClassVar[type[Any]]  # what acts on a plant, made of plant and effect; see `bind`
+    engines: ClassVar[tuple[Engine, ...]] = ("batch",)  # that have it; see `works_on`
     constants: ClassVar[bool] = False  # whether the model's derived constants depend on it
     moves_mass: ClassVar[bool] = False  # whether it moves a centre of mass or turns principal axes
     composes: ClassVar[bool] = False  # whether it may stand twice at a place, added or multiplied
@@ -296,6 +304,10 @@ class Effect:
         if name in free:
             return values[:, values.shape[1] - len(free) + free.index(name)]
         return np.full(len(values), self.extra[name])
+
+    def works_on(self, engine: Engine) -> bool:
+        """Return whether an engine has the effect; a loop closed behind a joint needs the batch."""
+        return engine in self.engines and (engine == "batch" or self.side != "link")
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add to the model's structure what the effect needs."""

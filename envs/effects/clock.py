@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.effects.base import PLAIN, BoundEffect, Effect
+from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect
 from envs.effects.plant_view import PlantView
 
 
@@ -29,6 +29,7 @@ class ClockDrift(Effect):
     """
 
     name = "clock_drift"
+    engines = BOTH
     place = "robot"
     unit = ""
     typical = (-0.03, 0.03)

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import (
+    BOTH,
     PLAIN,
     RULES,
     BoundEffect,
@@ -47,6 +48,7 @@ class CommandDelay(Effect):
     """
 
     name = "command_delay"
+    engines = BOTH
     place = "robot"
     unit = "s"
     composes = True

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, BoundEffect, Effect
+from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect
 from envs.effects.field import BoundFieldGroup, FieldEffect
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
@@ -247,6 +247,7 @@ class ContactStiffness(_ContactEffect):
     """
 
     name = "contact_stiffness"
+    engines = BOTH
     unit = ""
     hows: ClassVar[tuple[How, ...]] = ("scale",)
     composes = True

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, BoundEffect, Effect
+from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect
 from envs.effects.places import find, is_pattern, joints, members
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
@@ -59,6 +59,7 @@ class FieldEffect(Effect):
     Subclasses name the `field`; `elements` says which entries of it belong to the place.
     """
 
+    engines = BOTH
     field: ClassVar[str]
     minimum: ClassVar[float] = 0.0  # the smallest value that the field may take
     column: ClassVar[int | None] = None  # the entry of a row of the field, where it has several

@@ -11,10 +11,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from envs.effects.base import BoundEffect, Effect
+from envs.effects.base import BOTH, BoundEffect, Effect
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 from envs.params import How, Parameter
+from envs.physics.arrays import Arrays
 
 
 class Goal(Effect):
@@ -31,6 +32,7 @@ class Goal(Effect):
     """
 
     name = "goal"
+    engines = BOTH
     place = "robot"
     unit = "1"
     hows = ("set",)
@@ -61,7 +63,9 @@ class Goal(Effect):
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Keep the goal of each row where the task's reward finds it."""
-        return plant.shared_mechanism(self.name, lambda: Goals(plant.num_rows, self.axes))
+        return plant.shared_mechanism(
+            self.name, lambda: Goals(plant.num_rows, plant.arrays, self.axes)
+        )
 
 
 class Goals(BoundEffect):
@@ -69,12 +73,13 @@ class Goals(BoundEffect):
 
     Args:
         num_rows: N.
+        arrays: of the engine.
         axes: numbers of a goal.
     """
 
-    def __init__(self, num_rows: int, axes: int = 1) -> None:
-        self.values = np.zeros((num_rows, axes))
+    def __init__(self, num_rows: int, arrays: Arrays, axes: int = 1) -> None:
+        self._arrays, self.values = arrays, arrays.zeros((num_rows, axes))
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Put goals (n, axes) into the rows ids."""
-        self.values[ids] = values
+        self.values[self._arrays.rows(ids)] = self._arrays.own(values)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.effects.base import Extra
+from envs.effects.base import BOTH, Extra
 from envs.effects.friction import STIFF_SOLIMP
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -35,6 +35,7 @@ class HystereticCompliance(SeriesEffect):
     """
 
     name = "hysteretic_compliance"
+    engines = BOTH
     unit = "rad/(N·m)"
     extras = (
         Extra(

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, get_args
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, BoundEffect, Effect, Sizes
+from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect, Sizes
 from envs.effects.field import FieldEffect
 from envs.effects.places import find, members
 from envs.effects.plant_view import PlantView
@@ -188,6 +188,7 @@ class CenterOfMass(Effect):
 
     name = "center_of_mass"
     moves_mass = True
+    engines = BOTH
     place = "body"
     unit = "m"
     constants = True
@@ -275,6 +276,7 @@ class Payload(Effect):
 
     name = "payload"
     moves_mass = True
+    engines = BOTH
     place = "body"
     unit = "kg"
     constants = True
@@ -321,6 +323,7 @@ class GravityTilt(Effect):
     """A base that is not level: turned about its x axis, then about its new y axis."""
 
     name = "gravity_tilt"
+    engines = BOTH
     place = "robot"
     unit = "rad"
     composes = True

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from envs.physics.arrays import Array
+from envs.physics.base import Physics
 from envs.quiet import quiet_engine
 
 SERIES = "/series/"  # in the name of a joint that an effect added
@@ -110,22 +112,35 @@ def _addresses(model: mujoco.MjModel, joints: np.ndarray) -> tuple[np.ndarray, n
 class Layout:
     """Keeps (N, nq) and (N, nv) in the nominal layout over a batch with more joints.
 
+    Args:
+        batch: the simulations, in which episodes start.
+        nominal: the model as given.
+        keep: its joints in the simulated model; None: all are.
+        physics: what steps them.
+
     Attributes:
-        qpos: the link side's positions; the batch's own rows where no joint was added.
+        raw_qpos: the engine's positions, with those of added joints.
+        raw_qvel: its velocities.
+        qpos: the link side's positions; the engine's own rows where no joint was added.
         qvel: the link side's velocities.
         joints: the added joints; their effects append themselves.
     """
 
-    def __init__(self, batch: Batch, nominal: mujoco.MjModel, keep: np.ndarray | None) -> None:
+    def __init__(
+        self, batch: Batch, nominal: mujoco.MjModel, keep: np.ndarray | None, physics: Physics
+    ) -> None:
         self._batch, self._model, self._keep = batch, batch.model, keep
-        self.raw_qpos, self.raw_qvel = batch.bind("qpos"), batch.bind("qvel")
+        self._start_qpos, self._start_qvel = batch.bind("qpos"), batch.bind("qvel")
+        self.raw_qpos, self.raw_qvel = physics.bind("qpos"), physics.bind("qvel")
         self.joints: list[SeriesJoint] = []
         if keep is None:
             self.qpos, self.qvel = self.raw_qpos, self.raw_qvel
             return
         self._q, self._v = _addresses(self._model, keep)
-        self.qpos = np.tile(nominal.qpos0, (batch.nsim, 1))
-        self.qvel = np.zeros((batch.nsim, nominal.nv))
+        arrays = physics.arrays
+        self._kept = arrays.own(self._q), arrays.own(self._v)
+        self.qpos = arrays.own(np.tile(nominal.qpos0, (batch.nsim, 1)))
+        self.qvel = arrays.zeros((batch.nsim, nominal.nv))
         self._nominal_of = {int(j): i for i, j in enumerate(keep)}
         self._nominal = nominal
         self._bias = batch.bind("qfrc_bias")  # bound here: a field is zero until the call after it
@@ -147,14 +162,14 @@ class Layout:
             measured: whether the encoders of motor-side joints say qpos.
         """
         if self._keep is None:
-            self.raw_qpos[ids], self.raw_qvel[ids] = qpos, qvel
+            self._start_qpos[ids], self._start_qvel[ids] = qpos, qvel
             return
         raw_qpos, raw_qvel = (
             np.tile(self._model.qpos0, (len(ids), 1)),
             np.zeros((len(ids), self._model.nv)),
         )
         raw_qpos[:, self._q], raw_qvel[:, self._v] = qpos, qvel
-        self.raw_qpos[ids], self.raw_qvel[ids] = raw_qpos, raw_qvel
+        self._start_qpos[ids], self._start_qvel[ids] = raw_qpos, raw_qvel
         with quiet_engine():
             self._batch.forward(ids)
         load = self._bias[ids]  # what the joints must carry, (n, nv)
@@ -163,8 +178,7 @@ class Layout:
             raw_qpos[:, joint.q] = rest
             if not (measured and joint.motor_side):
                 raw_qpos[:, self._model.jnt_qposadr[joint.motor]] -= rest
-        self.raw_qpos[ids] = raw_qpos
-        self.read(ids)
+        self._start_qpos[ids] = raw_qpos
 
     def encoder_positions(self, raw: np.ndarray) -> np.ndarray:
         """Return what encoders see of positions of the simulated model: (..., nq) of the nominal.
@@ -189,12 +203,14 @@ class Layout:
                 qvel[..., self.address(joint.motor)[1]] += raw[..., joint.v]
         return qvel
 
-    def read(self, rows: np.ndarray | slice) -> None:
-        """Bring qpos and qvel up to date with the batch."""
+    def read(self, rows: Any) -> None:
+        """Bring qpos and qvel up to date with the engine, in rows that it indexes."""
         if self._keep is None:
             return
         raw_qpos, raw_qvel = self.raw_qpos[rows], self.raw_qvel[rows]
-        qpos, qvel = raw_qpos[:, self._q], raw_qvel[:, self._v]
+        q, v = self._kept
+        qpos: Array = raw_qpos[:, q]
+        qvel: Array = raw_qvel[:, v]
         for joint in self.joints:
             q, v = self.address(joint.motor)
             qpos[:, q] += raw_qpos[:, joint.q]

@@ -11,7 +11,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, BoundEffect, Effect
+from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect
 from envs.effects.inertia import far_end, quaternions, rotations
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
@@ -133,6 +133,7 @@ class LinkLength(Effect):
 
     name = "link_length"
     moves_mass = True
+    engines = BOTH
     place = "body"
     unit = ""
     hows: ClassVar[tuple[How, ...]] = ("scale",)

@@ -17,6 +17,8 @@ import numpy as np
 from mujoco.batch import Batch
 
 from envs.effects.layout import Layout
+from envs.physics.arrays import Array, Arrays
+from envs.physics.base import Physics
 
 T = TypeVar("T")
 
@@ -27,7 +29,9 @@ class PlantView(Protocol):
     Attributes:
         nominal: the model as given.
         model: the simulated one, with the joints that effects added.
-        batch: its simulations.
+        batch: its simulations, which hold the parameters and start the episodes.
+        physics: what steps them.
+        arrays: where its arrays are.
         num_rows: N.
         layout: where the nominal model's state is in the simulated one's.
         ctrl: the commands in force, (N, nu).
@@ -38,11 +42,13 @@ class PlantView(Protocol):
     nominal: mujoco.MjModel
     model: mujoco.MjModel
     batch: Batch
+    physics: Physics
+    arrays: Arrays
     num_rows: int
     layout: Layout
-    ctrl: np.ndarray
-    applied: np.ndarray
-    time: np.ndarray
+    ctrl: Array
+    applied: Array
+    time: Array
 
     def field(self, name: str) -> np.ndarray:
         """Return a model field's values per row, (N, ...), to be written."""

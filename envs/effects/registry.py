@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 from envs.effects.base import Effect
 from envs.errors import EffectError, did_you_mean
+from envs.physics.base import Engine
 
 EFFECTS: dict[str, type[Effect]] = {}
 E = TypeVar("E", bound=type[Effect])
@@ -79,3 +80,16 @@ def _arguments(effect: type[Effect]) -> list[str]:
     own = [inspect.signature(made.__init__).parameters.values() for made in (Effect, effect)]
     names = [p.name for p in [*own[0], *own[1]] if p.kind not in kinds and p.name != "self"]
     return list(dict.fromkeys([*names, *(extra.name for extra in effect.extras)]))
+
+
+def refuse_elsewhere(effects: Iterable[Effect], engine: Engine) -> None:
+    """Raise EffectError, with those that work, for an effect that an engine does not have."""
+    for effect in effects:
+        if not effect.works_on(engine):
+            there = sorted(name for name, one in EFFECTS.items() if engine in one.engines)
+            variant = f" ({effect.variant})" if effect.variant else ""
+            raise EffectError(
+                f"{effect.label()}{variant} does not work with physics={engine}; leave it out, or "
+                f"use physics={effect.engines[0]}. With physics={engine} there are: "
+                f"{', '.join(there)}"
+            )

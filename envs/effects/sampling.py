@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, Effect, Extra, Measurement, Sizes
+from envs.effects.base import BOTH, PLAIN, Effect, Extra, Measurement, Sizes
 from envs.effects.plant_view import PlantView
 from envs.effects.sensing import READ
 from envs.params import Parameter
+from envs.physics.arrays import Array
 
 
 class SamplingDelay(Measurement):
@@ -22,15 +24,18 @@ class SamplingDelay(Measurement):
     def __init__(self, plant: PlantView, longest: float) -> None:
         model = plant.nominal
         n, k = plant.num_rows, math.ceil(longest / model.opt.timestep) + 2
-        self.now, self.value = plant.time, np.zeros(n)
-        self.times = np.zeros((n, k))
-        self.qpos, self.qvel = np.zeros((n, k, model.nq)), np.zeros((n, k, model.nv))
-        self.newest = np.zeros(n, dtype=np.int64)
-        self.fresh = np.ones(n, dtype=bool)
+        self.arrays = arrays = plant.arrays
+        self.now, self.value = plant.time, arrays.zeros(n)
+        self.times = arrays.zeros((n, k))
+        self.qpos, self.qvel = arrays.zeros((n, k, model.nq)), arrays.zeros((n, k, model.nv))
+        self.newest = arrays.zeros(n, np.int64)
+        self.fresh = arrays.own(np.ones(n, dtype=bool))
+        self._every, self._samples = arrays.own(np.arange(n)), arrays.own(np.arange(k))
         scalar = [
             j for j in range(model.njnt) if model.jnt_type[j] >= int(mujoco.mjtJoint.mjJNT_SLIDE)
         ]
-        self.q, self.v = model.jnt_qposadr[scalar], model.jnt_dofadr[scalar]
+        found = model.jnt_qposadr[scalar], model.jnt_dofadr[scalar]
+        self.q, self.v = (arrays.own(one.astype(np.int64)) for one in found)
         turned = [j for j in range(model.njnt) if j not in scalar]
         ends = {0: 3, 1: 0}  # where the quaternion begins: free, ball
         self.quaternions = [
@@ -39,28 +44,27 @@ class SamplingDelay(Measurement):
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Put delays (n, 1) into the rows ids."""
-        self.value[ids] = values[:, 0]
+        self.value[self.arrays.rows(ids)] = self.arrays.own(values[:, 0])
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         """Forget what the rows ids showed before."""
-        self.fresh[ids] = True
+        self.fresh[self.arrays.rows(ids)] = True
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
         """Put what was true before in the place of what is true now."""
-        rows = np.arange(len(self.now))[ids]
+        xp, rows = self.arrays.xp, self._every[ids]
         self._remember(rows, qpos, qvel)
         samples = self.times.shape[1]
         when = self.now[rows] - self.value[rows]
-        slots = (
-            self.newest[rows][:, None] + 1 + np.arange(samples)
-        ) % samples  # oldest first, (n, K)
-        times = np.take_along_axis(self.times[rows], slots, 1)
-        after = np.clip((times <= when[:, None]).sum(1), 1, samples - 1)
-        every = np.arange(len(rows))
+        # oldest first, (n, K)
+        slots = (self.newest[rows][:, None] + 1 + self._samples) % samples
+        times = xp.take_along_axis(self.times[rows], slots, axis=1)
+        after = xp.clip(xp.sum(times <= when[:, None], axis=1), 1, samples - 1)
+        every = self._every[: len(rows)]
         old, new = slots[every, after - 1], slots[every, after]
         t0, t1 = times[every, after - 1], times[every, after]
-        dt = np.where(t1 > t0, t1 - t0, 1.0)[:, None]
-        s = np.clip((when - t0)[:, None] / dt, 0.0, 1.0)
+        dt = xp.where(t1 > t0, t1 - t0, 1.0)[:, None]
+        s = xp.clip((when - t0)[:, None] / dt, 0.0, 1.0)
         q0, q1, v0, v1 = (
             self.qpos[rows, old],
             self.qpos[rows, new],
@@ -83,13 +87,13 @@ class SamplingDelay(Measurement):
 
     def _between(
         self,
-        q0: np.ndarray,
-        q1: np.ndarray,
-        v0: np.ndarray,
-        v1: np.ndarray,
-        s: np.ndarray,
-        dt: np.ndarray | float,
-    ) -> np.ndarray:
+        q0: Array,
+        q1: Array,
+        v0: Array,
+        v1: Array,
+        s: Array,
+        dt: Array | float,
+    ) -> Array:
         """Return positions at a share s (n, 1) of the way between states: cubic in time."""
         past = q0 + s * (q1 - q0)
         w = s * (1.0 - s)
@@ -97,12 +101,11 @@ class SamplingDelay(Measurement):
         past[:, self.q] += bend - w * (1 - 2 * s) * (q1 - q0)[:, self.q]
         for first in self.quaternions:
             quaternion = past[:, first : first + 4]
-            past[:, first : first + 4] = quaternion / np.linalg.norm(
-                quaternion, axis=1, keepdims=True
-            )
+            length = self.arrays.xp.linalg.vector_norm(quaternion, axis=1, keepdims=True)
+            past[:, first : first + 4] = quaternion / length
         return past
 
-    def _remember(self, rows: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    def _remember(self, rows: Array, qpos: Array, qvel: Array) -> None:
         new = self.fresh[rows]
         if new.any():
             started, samples = rows[new], self.times.shape[1]
@@ -124,6 +127,7 @@ class ObservationDelay(Effect):
     """
 
     name = "observation_delay"
+    engines = BOTH
     place = "robot"
     unit = "s"
     extras = (

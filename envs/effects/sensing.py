@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, CommandRule, Effect, Extra, Measurement, Sizes
+from envs.effects.base import BOTH, PLAIN, CommandRule, Effect, Extra, Measurement, Sizes
 from envs.effects.command import stream
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
@@ -20,6 +20,7 @@ from envs.effects.scale import RobotScale
 from envs.effects.servo import is_joint_servo
 from envs.errors import EffectError
 from envs.noise import normal
+from envs.physics.arrays import Array
 
 READ = "it changes what is read, not how the robot moves"
 
@@ -28,13 +29,13 @@ class _JointSensor(Measurement):
     """Acts on the measured position or speed of k joints with one value a row."""
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
-        found = joints(plant.model, effect.where)
+        found, self.arrays = joints(plant.model, effect.where), plant.arrays
         addresses = np.array([plant.layout.address(int(j)) for j in found])
-        self.q, self.v = addresses[:, 0], addresses[:, 1]
-        self.value = np.zeros((plant.num_rows, 1))
+        self.q, self.v = (self.arrays.own(addresses[:, i]) for i in (0, 1))
+        self.value = self.arrays.zeros((plant.num_rows, 1))
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        self.value[ids] = values[:, :1]
+        self.value[self.arrays.rows(ids)] = self.arrays.own(values[:, :1])
 
 
 class _SensorEffect(Effect):
@@ -160,17 +161,17 @@ class _Noise(_JointSensor):
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect)
-        self.count, self.seeds = (
-            np.zeros(plant.num_rows, np.int64),
-            np.zeros(plant.num_rows, np.uint64),
-        )
+        self.count = self.arrays.zeros(plant.num_rows, np.int64)
+        self.seeds = self.arrays.zeros(plant.num_rows, np.uint64)
         self.stream = stream(effect.label())
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.count[ids], self.seeds[ids] = 0, seeds
+        rows = self.arrays.rows(ids)
+        self.count[rows], self.seeds[rows] = 0, self.arrays.own(np.asarray(seeds, np.uint64))
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        draws = normal(self.seeds[ids], self.stream + self.count[ids], len(self.q))
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
+        streams = self.stream + self.count[ids]
+        draws = normal(self.seeds[ids], streams, len(self.q), self.arrays.xp)
         qpos[:, self.q] += self.value[ids] * draws
         self.count[ids] += 1
 
@@ -179,6 +180,7 @@ class SensorNoise(_SensorEffect):
     """White Gaussian noise on each reading of the position; the value is its standard deviation."""
 
     name = "sensor_noise"
+    engines = BOTH
     unit = "rad"
     typical = (0.0, 0.005)
     symptom = "readings that scatter while the joint rests"
@@ -190,16 +192,17 @@ class SensorNoise(_SensorEffect):
 class _Rounding(_JointSensor):
     order = 50
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        step = self.value[ids]
-        counts = np.round(qpos[:, self.q] / np.where(step > 0, step, 1.0))
-        qpos[:, self.q] = np.where(step > 0, counts * step, qpos[:, self.q])
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
+        xp, step = self.arrays.xp, self.value[ids]
+        counts = xp.round(qpos[:, self.q] / xp.where(step > 0, step, 1.0))
+        qpos[:, self.q] = xp.where(step > 0, counts * step, qpos[:, self.q])
 
 
 class Quantization(_SensorEffect):
     """The encoder's resolution: the smallest step between two readings of the position."""
 
     name = "quantization"
+    engines = BOTH
     unit = "rad"
     typical = (0.0, 0.006)
     symptom = "readings in steps of one size"
@@ -213,27 +216,24 @@ class _Filter(_JointSensor):
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect)
-        self.now = plant.time
-        shape = (plant.num_rows, len(self.v))
-        self.last, self.input, self.output = (
-            np.full(plant.num_rows, -1.0),
-            np.zeros(shape),
-            np.zeros(shape),
-        )
+        self.now, shape = plant.time, (plant.num_rows, len(self.v))
+        self.last = self.arrays.own(np.full(plant.num_rows, -1.0))
+        self.input, self.output = self.arrays.zeros(shape), self.arrays.zeros(shape)
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.last[ids] = -1.0  # the first reading is the filter's resting state
+        # the first reading is the filter's resting state
+        self.last[self.arrays.rows(ids)] = -1.0
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        speed, tau = qvel[:, self.v], self.value[ids]
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
+        xp, speed, tau = self.arrays.xp, qvel[:, self.v], self.value[ids]
         first = self.last[ids][:, None] < 0
-        dt = np.maximum(self.now[ids] - self.last[ids], 0.0)[:, None]
-        safe = np.where(tau > 0, tau, 1.0)
-        kept = np.exp(-dt / safe)
-        slope = (speed - self.input[ids]) / np.where(dt > 0, dt, 1.0)
+        dt = xp.clip(self.now[ids] - self.last[ids], 0.0, None)[:, None]
+        safe = xp.where(tau > 0, tau, 1.0)
+        kept = xp.exp(-dt / safe)
+        slope = (speed - self.input[ids]) / xp.where(dt > 0, dt, 1.0)
         lagging = speed - slope * safe  # where the filter of a ramp ends up, (n, k)
         filtered = lagging + (self.output[ids] - (self.input[ids] - slope * safe)) * kept
-        out = np.where(first | (tau <= 0), speed, filtered)
+        out = xp.where(first | (tau <= 0), speed, filtered)
         qvel[:, self.v] = out
         self.last[ids], self.input[ids], self.output[ids] = self.now[ids], speed, out
 
@@ -245,6 +245,7 @@ class VelocityFilter(_SensorEffect):
     """
 
     name = "velocity_filter"
+    engines = BOTH
     unit = "s"
     typical = (0.0, 0.05)
     symptom = "the reported speed is late and rounded against the slope of the positions"

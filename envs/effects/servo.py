@@ -12,7 +12,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
+from envs.effects.base import BOTH, PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
 from envs.effects.field import BoundFieldGroup, FieldBound, FieldEffect
 from envs.effects.history import DelayedCommands
 from envs.effects.places import block, members
@@ -113,6 +113,7 @@ class PositionGain(_Gain):
     """The proportional gain of a position servo, as a factor."""
 
     name = "position_gain"
+    engines = BOTH
     bias_column = 1
     with_gain = True
     servo_rank = 0
@@ -141,6 +142,7 @@ class DerivativeGain(_Gain):
     """The derivative gain of a servo, as a factor."""
 
     name = "derivative_gain"
+    engines = BOTH
     bias_column = 2
     with_gain = False
     servo_rank = 1

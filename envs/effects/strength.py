@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, get_args
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, BoundEffect, Sizes
+from envs.effects.base import BOTH, PLAIN, BoundEffect, Sizes
 from envs.effects.field import FieldBound
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
@@ -62,6 +62,7 @@ class MotorStrength(ActuatorEffect):
     """
 
     name = "motor_strength"
+    engines = BOTH
     unit = ""
     hows: ClassVar[tuple[How, ...]] = ("scale",)
     constants = True

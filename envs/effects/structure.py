@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import BoundEffect, Effect, Extra, Measurement, Sizes, SubstepRule
+from envs.effects.base import BOTH, BoundEffect, Effect, Extra, Measurement, Sizes, SubstepRule
 from envs.effects.layout import SERIES
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
@@ -282,6 +282,7 @@ class Backlash(SeriesEffect):
     """
 
     name = "backlash"
+    engines = BOTH
     unit = "rad"
     shared = True
     typical = (0.0, 0.06)
@@ -346,6 +347,7 @@ class JointCompliance(SeriesEffect):
     """
 
     name = "joint_compliance"
+    engines = BOTH
     unit = "rad/(N·m)"
     extras = (
         Extra(

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
+from envs.effects.base import BOTH, PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
 from envs.effects.field import BoundFieldGroup
 from envs.effects.places import block, joint_driven
 from envs.effects.plant_view import PlantView
@@ -38,6 +38,7 @@ class SupplyVoltage(Effect):
     """
 
     name = "supply_voltage"
+    engines = BOTH
     place = "robot"
     unit = ""
     hows: ClassVar[tuple[How, ...]] = ("scale",)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, BoundEffect
+from envs.effects.base import BOTH, PLAIN, BoundEffect
 from envs.effects.contact import _ContactEffect
 from envs.effects.field import FieldEffect
 from envs.effects.places import members
@@ -122,6 +122,7 @@ class Restitution(_SurfaceEffect):
     """
 
     name = "restitution"
+    engines = BOTH
     unit = ""
     hows: ClassVar[tuple[How, ...]] = ("set",)
     typical = (0.1, 0.9)

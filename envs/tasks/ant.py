@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 import mujoco
-import numpy as np
 
 from envs.errors import TaskError, refuse_unknown
-from envs.tasks.base import State, Task, effort, gymnasium_model
+from envs.physics.arrays import Array
+from envs.tasks.base import State, Task, gymnasium_model
 
 Forces = Literal["off", "exact"]
 
@@ -29,6 +29,7 @@ class Ant(Task):
         TaskError: another value of contact_forces.
     """
 
+    array_api = True
     frame_skip = 5
     camera = "track"
     extra_field = (
@@ -51,35 +52,32 @@ class Ant(Task):
         """Return Gymnasium's ant.xml."""
         return gymnasium_model("ant.xml")
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (height, orientation, angles, velocities[, clipped forces]), (n, 27 or 105)."""
         seen = [state.qpos[:, 2:], state.qvel]
         if state.forces is not None:
             seen.append(
                 self._clipped(state.forces)[:, 1:].reshape(len(state.qpos), -1)
             )  # without the world
-        return np.concatenate(seen, axis=1)
+        return self.xp.concat(seen, axis=1)
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return whether the torso is too low or too high, or the state is not finite, (n,)."""
         low, high = self.healthy_height
         height = state.qpos[:, 2]
-        finite = np.isfinite(state.qpos).all(1) & np.isfinite(state.qvel).all(1)
-        return ~(finite & (low <= height) & (height <= high))
+        return ~(self.finite(state) & (low <= height) & (height <= high))
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return forward velocity + 1 while healthy - control cost [- contact cost], (n,)."""
         velocity = self.velocity(before, after)
-        cost = self.control_cost * effort(action)
+        cost = self.control_cost * self.effort(action)
         if after.forces is not None:
-            cost = cost + self.contact_cost * np.square(self._clipped(after.forces)).reshape(
-                len(action), -1
-            ).sum(1)
+            cost = cost + self.contact_cost * self.effort(
+                self._clipped(after.forces).reshape(len(action), -1)
+            )
         return velocity + ~terminated - cost
 
-    def velocity(self, before: State, after: State) -> np.ndarray:
+    def velocity(self, before: State, after: State) -> Array:
         """Return the torso's velocity along x, (n,) [m/s]."""
         if before.extra is None or after.extra is None:
             raise TaskError(
@@ -87,5 +85,5 @@ class Ant(Task):
             )
         return (after.extra[:, self.torso, 0] - before.extra[:, self.torso, 0]) / self.dt
 
-    def _clipped(self, forces: np.ndarray) -> np.ndarray:
-        return np.clip(forces, -self.contact_clip, self.contact_clip)  # (n, bodies, 6)
+    def _clipped(self, forces: Array) -> Array:
+        return self.xp.clip(forces, -self.contact_clip, self.contact_clip)  # (n, bodies, 6)

@@ -12,6 +12,7 @@ import numpy as np
 
 from envs.models import load_spec
 from envs.noise import uniform
+from envs.physics.arrays import Array
 from envs.tasks.base import State, Task
 
 MODEL = Path(__file__).parents[1] / "assets" / "ball_balance.xml"
@@ -30,6 +31,7 @@ class BallBalance(Task):
         max_steps: control steps an episode (0.1 s each).
     """
 
+    array_api = True
     frame_skip = 50
     camera = "front"
     commands = True
@@ -67,31 +69,31 @@ class BallBalance(Task):
         """Return -1 and 1, (3,) each."""
         return -np.ones(model.nu), np.ones(model.nu)
 
-    def command(self, state: State, action: np.ndarray) -> np.ndarray:
+    def command(self, state: State, action: Array) -> Array:
         """Return the knees' goals [rad], (n, 3): those before, moved for a control step."""
         assert state.command is not None
-        moved = state.command.goal + self.dt * self.speed * np.clip(action, -1.0, 1.0)
-        return np.clip(moved, self._low, self._high)
+        moved = state.command.goal + self.dt * self.speed * self.xp.clip(action, -1.0, 1.0)
+        return self.xp.clip(moved, self._low, self._high)
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (knees, their speeds, the ball, its velocity), (n, 12)."""
         ball, speed = _ball(state)
-        return np.hstack([state.qpos[:, KNEES], state.qvel[:, KNEE_SPEEDS], ball, speed])
+        return self.xp.concat(
+            [state.qpos[:, KNEES], state.qvel[:, KNEE_SPEEDS], ball, speed], axis=1
+        )
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return whether the ball is below the tray, (n,)."""
         return ~(state.qpos[:, BALL + 2] >= self.lowest)
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return what a ball pays that is near and slow, (n,)."""
         ball, velocity = _ball(after)
-        off = ball - [0.0, 0.0, self.wanted]
-        distance = np.sqrt(off**2 @ [1.0, 1.0, 2.0])
-        return 1 / (1 + distance) ** 2 / (1 + np.linalg.norm(velocity, axis=1))
+        x, y, z = ball.T
+        distance = self.xp.sqrt(x**2 + y**2 + 2.0 * (z - self.wanted) ** 2)
+        return 1 / (1 + distance) ** 2 / (1 + self.xp.linalg.vector_norm(velocity, axis=1))
 
 
-def _ball(state: State) -> tuple[np.ndarray, np.ndarray]:
+def _ball(state: State) -> tuple[Array, Array]:
     """Return the ball's position [m] and velocity [m/s], (n, 3) each."""
     return state.qpos[:, BALL : BALL + 3], state.qvel[:, BALL_SPEED : BALL_SPEED + 3]

@@ -1,22 +1,26 @@
 """A task: observation, reward, and when an episode ends.
 
 Its functions are pure functions of (n, ·) arrays. A task knows its model and its numbers, and
-holds no state of an episode: one object serves any number of rows.
+holds no state of an episode: one object serves any number of rows. `initial` gets and returns
+NumPy's arrays; what runs at each step computes in `self.xp`, the Array API's namespace, so that one
+text serves NumPy and torch (see `Task.on`).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import mujoco
 import numpy as np
 
 from envs.errors import TaskError
 from envs.noise import normal, uniform
+from envs.physics.arrays import Array, Arrays
 from envs.quiet import no_deprecation_notice
 
 if TYPE_CHECKING:
@@ -26,20 +30,20 @@ if TYPE_CHECKING:
 class State(NamedTuple):
     """The state of n simulations, and what a task asked to have derived from it."""
 
-    qpos: np.ndarray  # (n, nq) [m, rad]
-    qvel: np.ndarray  # (n, nv) [m/s, rad/s]
-    extra: np.ndarray | None = None  # (n, ...): the task's `extra_field` of MjData
-    forces: np.ndarray | None = None  # (n, bodies, 6) [N·m, N]: on each body, MjData's cfrc_ext
+    qpos: Array  # (n, nq) [m, rad]
+    qvel: Array  # (n, nv) [m/s, rad/s]
+    extra: Array | None = None  # (n, ...): the task's `extra_field` of MjData
+    forces: Array | None = None  # (n, bodies, 6) [N·m, N]: on each body, MjData's cfrc_ext
     command: CommandState | None = None  # of a task that makes commands of its actions
-    goal: np.ndarray | None = None  # (n,) or (n, axes) of a task that has one; for the reward alone
+    goal: Array | None = None  # (n,) or (n, axes) of a task that has one; for the reward alone
 
 
 class CommandState(NamedTuple):
     """What was asked of n robots last, and when in their episodes they are."""
 
-    time: np.ndarray  # (n,) s from the episode's start
-    action: np.ndarray  # (n, A) the last one, 0 before the first
-    goal: np.ndarray  # (n, nu) the command that was made of it, the pose of the start before
+    time: Array  # (n,) s from the episode's start
+    action: Array  # (n, A) the last one, 0 before the first
+    goal: Array  # (n, nu) the command that was made of it, the pose of the start before
 
 
 class Task(ABC):
@@ -59,7 +63,13 @@ class Task(ABC):
             actions.
         has_goal: whether its reward asks for a goal, the parameter `goal`; see `envs.effects.Goal`.
         goal_axes: numbers of a goal: 1, or 2 for a point of the plane.
+        array_api: whether `command`, `observe`, `reward` and `terminated` call `xp` for all they
+            do with arrays, so that the task also runs where torch's are; see `on`.
+        xp: the Array API's namespace of the arrays that these functions get.
     """
+
+    array_api: ClassVar[bool] = False
+    xp: Any = np
 
     has_goal: ClassVar[bool] = False
     goal_axes: ClassVar[int] = 1
@@ -81,6 +91,26 @@ class Task(ABC):
         self.dt = model.opt.timestep * self.frame_skip
         self.start = model.qpos0.copy()
         self.nv = model.nv
+
+    def on(self, arrays: Arrays) -> Self:
+        """Return the task for an engine's arrays: itself for NumPy's, else a copy with its own.
+
+        Raises:
+            TaskError: a task that is written for NumPy alone.
+        """
+        if arrays.on_host:
+            return self
+        if not self.array_api or self.contact_forces:
+            raise TaskError(
+                f"{type(self).__name__} computes with NumPy alone"
+                f"{', contact forces' if self.contact_forces else ''}; use physics=batch, or write "
+                "its functions with self.xp and set array_api = True"
+            )
+        other = copy(self)
+        other.xp = arrays.xp
+        for name, value in vars(self).items():
+            setattr(other, name, arrays.own(value))
+        return other
 
     def initial(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the states in which episodes of the seeds (n,) start: (n, nq), (n, nv)."""
@@ -108,27 +138,34 @@ class Task(ABC):
         """Return the command held before an episode of a task that commands, (nu,)."""
         return np.zeros(model.nu)
 
-    def command(self, state: State, action: np.ndarray) -> np.ndarray:
+    def command(self, state: State, action: Array) -> Array:
         """Return the actuators' commands, (n, nu), for actions (n, A) in a state (n)."""
         return action
 
     @abstractmethod
-    def observe(self, state: State) -> np.ndarray:
-        """Return the observations, (n, O) float64."""
+    def observe(self, state: State) -> Array:
+        """Return the observations, (n, O)."""
 
     @abstractmethod
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return the rewards of one control step, (n,); action (n, A) as the policy gave it."""
 
-    def velocity(self, before: State, after: State) -> np.ndarray:
+    def velocity(self, before: State, after: State) -> Array:
         """Return the forward velocity between two states, (n,) [m/s]: of the first coordinate."""
         return forward_velocity(before.qpos, after.qpos, self.dt)
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return which episodes the task ends here, (n,) bool; none by default."""
-        return np.zeros(len(state.qpos), dtype=bool)
+        return self.xp.zeros_like(state.qpos[:, 0], dtype=self.xp.bool)
+
+    def effort(self, action: Array) -> Array:
+        """Return the sum of squares of each action (n, A), (n,)."""
+        return self.xp.sum(self.xp.square(action), axis=1)
+
+    def finite(self, state: State) -> Array:
+        """Return in which states (n) all positions and velocities are finite, (n,)."""
+        xp = self.xp
+        return xp.all(xp.isfinite(state.qpos), axis=1) & xp.all(xp.isfinite(state.qvel), axis=1)
 
 
 def gymnasium_model(name: str) -> mujoco.MjSpec:
@@ -147,11 +184,6 @@ def gymnasium_model(name: str) -> mujoco.MjSpec:
     return spec
 
 
-def forward_velocity(before: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
+def forward_velocity(before: Array, after: Array, dt: float) -> Array:
     """Return the velocity along the first coordinate of qpos (n, nq) over dt [s], (n,) [m/s]."""
     return (after[:, 0] - before[:, 0]) / dt
-
-
-def effort(action: np.ndarray) -> np.ndarray:
-    """Return the sum of squares of each action (n, A), (n,)."""
-    return np.square(action).sum(1)

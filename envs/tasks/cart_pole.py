@@ -15,6 +15,7 @@ from envs.effects import make
 from envs.effects.base import Effect
 from envs.models import load_spec
 from envs.noise import uniform
+from envs.physics.arrays import Array
 from envs.tasks.base import State, Task
 
 MODEL = Path(__file__).parents[1] / "assets" / "cartpole.xml"
@@ -37,6 +38,7 @@ class CartPole(Task):
         max_steps: control steps an episode (20 ms each).
     """
 
+    array_api = True
     frame_skip = 4
     camera = "front"
     commands = True
@@ -66,23 +68,21 @@ class CartPole(Task):
         """Return -1 and 1, (1,) each."""
         return -np.ones(1), np.ones(1)
 
-    def command(self, state: State, action: np.ndarray) -> np.ndarray:
+    def command(self, state: State, action: Array) -> Array:
         """Return the drive's goals [m], (n, 1)."""
-        return self.reach * np.clip(action, -1.0, 1.0)
+        return self.reach * self.xp.clip(action, -1.0, 1.0)
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (cart position and velocity, pole angle and velocity), (n, 4)."""
-        return np.stack([state.qpos, state.qvel], axis=2).reshape(len(state.qpos), 4)
+        return self.xp.stack([state.qpos, state.qvel], axis=2).reshape(len(state.qpos), 4)
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return whether the cart is beyond its edge or the pole below the horizontal, (n,)."""
-        kept = np.abs(state.qpos) <= [self.edge, self.lowest]  # a NaN is not kept
-        return np.asarray(~kept.all(axis=1))
+        cart, pole = self.xp.abs(state.qpos).T
+        return ~((cart <= self.edge) & (pole <= self.lowest))  # a NaN is not kept
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return what an upright, quiet pole pays, or the fall's -2, (n,)."""
-        cart, pole = np.abs(after.qvel).T
+        cart, pole = self.xp.abs(after.qvel).T
         paid = 1.0 - after.qpos[:, 1] ** 2 - 0.01 * cart - 0.005 * pole
-        return np.where(terminated, self.fall, paid)
+        return self.xp.where(terminated, self.fall, paid)

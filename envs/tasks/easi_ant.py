@@ -12,11 +12,12 @@ import numpy as np
 
 from envs.models import load_spec
 from envs.noise import uniform
-from envs.tasks.base import State, Task, effort
+from envs.physics.arrays import Array
+from envs.tasks.base import State, Task
 
 MODEL = Path(__file__).parents[1] / "assets" / "easi_ant.xml"
 FREE = 7  # numbers of the torso's pose
-TARGET = np.array([1000.0, 0.0])  # m, where it runs to
+TARGET = (1000.0, 0.0)  # m, where it runs to
 
 
 class EasiAnt(Task):
@@ -34,6 +35,7 @@ class EasiAnt(Task):
         max_steps: control steps an episode (1/60 s each).
     """
 
+    array_api = True
     frame_skip = 4
     camera = "track"
     commands = True
@@ -58,6 +60,7 @@ class EasiAnt(Task):
         """Read off the joints' ranges, too."""
         super().setup(model)
         self._low, self._high = model.jnt_range[1:].T  # (8,) each
+        self._target = np.array(TARGET)
         self.start[2] = self.start_height
         self.start[FREE:] = np.clip(0.0, self._low, self._high)
 
@@ -69,17 +72,17 @@ class EasiAnt(Task):
         qvel[:, FREE - 1 :] = self.speeds * speeds
         return qpos, qvel
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return what the class says, (n, 60)."""
         assert state.command is not None and state.extra is not None
-        axes = _axes(state.qpos[:, 3:FREE])  # (n, 3, 3)
-        velocity = np.einsum("nij,ni->nj", axes, state.qvel[:, :3])
-        yaw = np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
-        roll = np.arctan2(axes[:, 2, 1], axes[:, 2, 2])
-        way = TARGET - state.qpos[:, :2]
-        off = _wrapped(np.arctan2(way[:, 1], way[:, 0]) - yaw)
-        turned = np.stack([yaw, roll, off, axes[:, 2, 2], self._ahead(state)], axis=1)
-        return np.hstack(
+        xp, axes = self.xp, self._axes(state)  # (n, 3, 3)
+        velocity = xp.sum(axes * state.qvel[:, :3, None], axis=1)
+        yaw = xp.atan2(axes[:, 1, 0], axes[:, 0, 0])
+        roll = xp.atan2(axes[:, 2, 1], axes[:, 2, 2])
+        way = self._target - state.qpos[:, :2]
+        off = _wrapped(xp.atan2(way[:, 1], way[:, 0]) - yaw)
+        turned = xp.stack([yaw, roll, off, axes[:, 2, 2], self._ahead(state)], axis=1)
+        return xp.concat(
             [
                 state.qpos[:, 2:3],
                 velocity,
@@ -89,53 +92,58 @@ class EasiAnt(Task):
                 self.speed_scale * state.qvel[:, 6:],
                 self.force_scale * state.extra,
                 state.command.action,
-            ]
+            ],
+            axis=1,
         )
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return whether the torso is too low, (n,)."""
         return ~(state.qpos[:, 2] >= self.lowest)
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return what the class says, (n,)."""
-        action = np.clip(action, -1.0, 1.0)
-        ahead = np.minimum(self._ahead(after) / self.ahead_from, 1.0)
-        up = _axes(after.qpos[:, 3:FREE])[:, 2, 2] > self.up_from
-        cost = self.action_cost * effort(action)
-        cost += self.energy_cost * np.abs(action * self.speed_scale * after.qvel[:, 6:]).sum(1)
-        cost += self.limit_cost * (self._scaled(after) > self.at_limit).sum(1)
+        xp = self.xp
+        action = xp.clip(action, -1.0, 1.0)
+        ahead = xp.clip(self._ahead(after) / self.ahead_from, None, 1.0)
+        up = self._axes(after)[:, 2, 2] > self.up_from
+        cost = self.action_cost * self.effort(action)
+        used = xp.abs(action * self.speed_scale * after.qvel[:, 6:])
+        cost += self.energy_cost * xp.sum(used, axis=1)
+        cost += self.limit_cost * xp.sum(self._scaled(after) > self.at_limit, axis=1)
         paid = self.velocity(before, after) + self.alive + self.upright * up + self.heading * ahead
-        return np.where(terminated, self.death, paid - cost)
+        return xp.where(terminated, self.death, paid - cost)
 
-    def velocity(self, before: State, after: State) -> np.ndarray:
+    def velocity(self, before: State, after: State) -> Array:
         """Return the speed towards the target, (n,) [m/s]."""
-        far = [np.linalg.norm(TARGET - state.qpos[:, :2], axis=1) for state in (before, after)]
-        return (far[0] - far[1]) / self.dt
+        return (self._far(before) - self._far(after)) / self.dt
 
-    def _ahead(self, state: State) -> np.ndarray:
+    def _far(self, state: State) -> Array:
+        """Return the distance to the target, (n,) [m]."""
+        return self.xp.linalg.vector_norm(self._target - state.qpos[:, :2], axis=1)
+
+    def _ahead(self, state: State) -> Array:
         """Return the cosine between the torso's forward axis and the way to the target, (n,)."""
-        way = TARGET - state.qpos[:, :2]
-        way = way / np.linalg.norm(way, axis=1, keepdims=True)
-        return (_axes(state.qpos[:, 3:FREE])[:, :2, 0] * way).sum(1)
+        xp = self.xp
+        way = self._target - state.qpos[:, :2]
+        way = way / xp.linalg.vector_norm(way, axis=1, keepdims=True)
+        return xp.sum(self._axes(state)[:, :2, 0] * way, axis=1)
 
-    def _scaled(self, state: State) -> np.ndarray:
+    def _scaled(self, state: State) -> Array:
         """Return the joints' angles in [-1, 1] of their ranges, (n, 8)."""
         return (2 * state.qpos[:, FREE:] - self._low - self._high) / (self._high - self._low)
 
+    def _axes(self, state: State) -> Array:
+        """Return the rotation matrices of the torso, (n, 3, 3); columns are its axes."""
+        xp, quats = self.xp, state.qpos[:, 3:FREE]
+        w, x, y, z = (quats / xp.linalg.vector_norm(quats, axis=1, keepdims=True)).T
+        rows = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+        return xp.stack([xp.stack(row, axis=1) for row in rows], axis=1)
 
-def _axes(quats: np.ndarray) -> np.ndarray:
-    """Return the rotation matrices of quaternions (n, 4), (n, 3, 3); columns are the axes."""
-    w, x, y, z = (quats / np.linalg.norm(quats, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
-
-def _wrapped(angle: np.ndarray) -> np.ndarray:
+def _wrapped(angle: Array) -> Array:
     """Return angles within ± pi."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -12,10 +12,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 
-import numpy as np
-
+from envs.physics.arrays import Array
 from envs.tasks.ant import Ant
-from envs.tasks.base import State, Task, effort
+from envs.tasks.base import State, Task
 from envs.tasks.half_cheetah import HalfCheetah
 from envs.tasks.swimmer import Swimmer
 from envs.tasks.walker2d import Walker2d
@@ -34,22 +33,20 @@ class GoalTask(Task):
     alive: float = 0.0
 
     @abstractmethod
-    def goal_reward(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
+    def goal_reward(self, before: State, after: State, goal: Array) -> Array:
         """Return what the goals (n,) or (n, axes) pay for the motion between two states, (n,)."""
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return what the goal pays + alive - cost of the effort, (n,)."""
         assert after.goal is not None
         paid = self.goal_reward(before, after, after.goal)
-        return paid + self.alive * ~terminated - self.effort_cost * effort(action)
+        return paid + self.alive * ~terminated - self.effort_cost * self.effort(action)
 
 
 class Direction(GoalTask):
     """The goal is 1 for forward and -1 for backward; it pays goal * velocity [m/s]."""
 
-    def goal_reward(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
+    def goal_reward(self, before: State, after: State, goal: Array) -> Array:
         """Return the velocity towards the goal, (n,)."""
         return goal * self.velocity(before, after)
 
@@ -57,9 +54,9 @@ class Direction(GoalTask):
 class Velocity(GoalTask):
     """The goal is a forward velocity [m/s]; it pays -|velocity - goal|."""
 
-    def goal_reward(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
+    def goal_reward(self, before: State, after: State, goal: Array) -> Array:
         """Return minus the distance from the velocity asked for, (n,)."""
-        return -np.abs(self.velocity(before, after) - goal)
+        return -self.xp.abs(self.velocity(before, after) - goal)
 
 
 class HalfCheetahDirection(Direction, HalfCheetah):
@@ -107,10 +104,9 @@ class _Lasting(Ant):
     A fall ends Gymnasium's. Where each step costs, that would reward a fall.
     """
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return which states are not finite, (n,)."""
-        finite = np.isfinite(state.qpos).all(1) & np.isfinite(state.qvel).all(1)
-        return np.asarray(~finite)
+        return ~self.finite(state)
 
 
 class AntDirection(Direction, _Lasting):
@@ -129,10 +125,10 @@ class AntPosition(GoalTask, _Lasting):
 
     goal_axes = 2
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (x, y, then what Ant observes), (n, 29 or 107)."""
-        return np.concatenate([state.qpos[:, :2], super().observe(state)], axis=1)
+        return self.xp.concat([state.qpos[:, :2], super().observe(state)], axis=1)
 
-    def goal_reward(self, before: State, after: State, goal: np.ndarray) -> np.ndarray:
+    def goal_reward(self, before: State, after: State, goal: Array) -> Array:
         """Return minus the distance to the point, summed over x and y, (n,)."""
-        return -np.abs(after.qpos[:, :2] - goal).sum(axis=1)
+        return -self.xp.sum(self.xp.abs(after.qpos[:, :2] - goal), axis=1)

@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import mujoco
-import numpy as np
 
 from envs.errors import TaskError, refuse_unknown
-from envs.tasks.base import State, Task, effort, forward_velocity, gymnasium_model
+from envs.physics.arrays import Array
+from envs.tasks.base import State, Task, forward_velocity, gymnasium_model
 
 
 class Hopper(Task):
@@ -23,6 +23,7 @@ class Hopper(Task):
         max_steps: control steps an episode (8 ms each).
     """
 
+    array_api = True
     frame_skip = 4
     camera = "track"
     reset_noise = 5e-3
@@ -39,30 +40,28 @@ class Hopper(Task):
         """Return Gymnasium's hopper.xml."""
         return gymnasium_model("hopper.xml")
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (height, angles, velocities) without the horizontal position, (n, 11)."""
         qvel = (
             state.qvel
             if self.velocity_clip is None
-            else np.clip(state.qvel, -self.velocity_clip, self.velocity_clip)
+            else self.xp.clip(state.qvel, -self.velocity_clip, self.velocity_clip)
         )
-        return np.concatenate([state.qpos[:, 1:], qvel], axis=1)
+        return self.xp.concat([state.qpos[:, 1:], qvel], axis=1)
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return whether the hopper fell or left the healthy range, (n,)."""
-        q = state.qpos
-        upright = (q[:, 1] > self.healthy_height) & (np.abs(q[:, 2]) < self.healthy_angle)
-        sane = (np.abs(q[:, 2:]) < self.healthy_state).all(1) & (
-            np.abs(state.qvel) < self.healthy_state
-        ).all(1)
+        xp, q = self.xp, state.qpos
+        upright = (q[:, 1] > self.healthy_height) & (xp.abs(q[:, 2]) < self.healthy_angle)
+        sane = xp.all(xp.abs(q[:, 2:]) < self.healthy_state, axis=1) & xp.all(
+            xp.abs(state.qvel) < self.healthy_state, axis=1
+        )
         return ~(upright & sane)
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return forward velocity + 1 while healthy - control cost, (n,)."""
         velocity = forward_velocity(before.qpos, after.qpos, self.dt)
-        return velocity + ~terminated - self.control_cost * effort(action)
+        return velocity + ~terminated - self.control_cost * self.effort(action)
 
 
 POLITO_MASSES = {  # kg, of the target; legacy is what mujoco-py computed for the same capsules
@@ -108,11 +107,9 @@ class HopperPolito(Hopper):
             _set_mass(spec, model, body, mass)
         return spec
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return forward velocity + 1 - control cost, (n,); the falling step is paid too."""
-        return super().reward(before, after, action, np.zeros_like(terminated))
+        return super().reward(before, after, action, self.xp.zeros_like(terminated))
 
 
 def _set_mass(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str, mass: float) -> None:

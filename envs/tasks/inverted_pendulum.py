@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
+from envs.physics.arrays import Array
 from envs.tasks.base import State, Task, gymnasium_model
 
 
@@ -15,6 +15,7 @@ class InvertedPendulum(Task):
         max_steps: control steps an episode (40 ms each).
     """
 
+    array_api = True
     frame_skip = 2
     reset_noise = 0.01
     healthy_angle = 0.2  # rad, of the pole
@@ -26,17 +27,14 @@ class InvertedPendulum(Task):
         """Return Gymnasium's inverted_pendulum.xml."""
         return gymnasium_model("inverted_pendulum.xml")
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (cart position, pole angle, their velocities), (n, 4)."""
-        return np.concatenate([state.qpos, state.qvel], axis=1)
+        return self.xp.concat([state.qpos, state.qvel], axis=1)
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return whether the pole fell or the state is not finite, (n,)."""
-        finite = np.isfinite(state.qpos).all(1) & np.isfinite(state.qvel).all(1)
-        return ~(finite & (np.abs(state.qpos[:, 1]) <= self.healthy_angle))
+        return ~(self.finite(state) & (self.xp.abs(state.qpos[:, 1]) <= self.healthy_angle))
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return 1 for a step that ends upright and 0 for the one on which the pole falls, (n,)."""
-        return (~terminated).astype(np.float64)
+        return self.xp.where(terminated, 0.0, 1.0)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
-from envs.tasks.base import State, Task, effort, gymnasium_model
+from envs.physics.arrays import Array
+from envs.tasks.base import State, Task, gymnasium_model
 
 
 class Swimmer(Task):
@@ -15,6 +15,7 @@ class Swimmer(Task):
         max_steps: control steps an episode (40 ms each).
     """
 
+    array_api = True
     frame_skip = 4
     camera = "track"
     reset_noise = 0.1
@@ -27,12 +28,10 @@ class Swimmer(Task):
         """Return Gymnasium's swimmer.xml."""
         return gymnasium_model("swimmer.xml")
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (angles, velocities) without the position in the plane, (n, 8)."""
-        return np.concatenate([state.qpos[:, 2:], state.qvel], axis=1)
+        return self.xp.concat([state.qpos[:, 2:], state.qvel], axis=1)
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return forward velocity - control cost, (n,)."""
-        return self.velocity(before, after) - self.control_cost * effort(action)
+        return self.velocity(before, after) - self.control_cost * self.effort(action)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
-from envs.tasks.base import State, Task, effort, gymnasium_model
+from envs.physics.arrays import Array
+from envs.tasks.base import State, Task, gymnasium_model
 
 
 class Walker2d(Task):
@@ -15,6 +15,7 @@ class Walker2d(Task):
         max_steps: control steps an episode (8 ms each).
     """
 
+    array_api = True
     frame_skip = 4
     camera = "track"
     reset_noise = 5e-3
@@ -30,19 +31,17 @@ class Walker2d(Task):
         """Return Gymnasium's walker2d_v5.xml."""
         return gymnasium_model("walker2d_v5.xml")
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (height, angles, clipped velocities) without the horizontal position, (n, 17)."""
-        qvel = np.clip(state.qvel, -self.velocity_clip, self.velocity_clip)
-        return np.concatenate([state.qpos[:, 1:], qvel], axis=1)
+        qvel = self.xp.clip(state.qvel, -self.velocity_clip, self.velocity_clip)
+        return self.xp.concat([state.qpos[:, 1:], qvel], axis=1)
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return whether the walker fell or jumped out of the healthy range, (n,)."""
         height, angle = state.qpos[:, 1], state.qpos[:, 2]
         low, high = self.healthy_height
-        return ~((low < height) & (height < high) & (np.abs(angle) < self.healthy_angle))
+        return ~((low < height) & (height < high) & (self.xp.abs(angle) < self.healthy_angle))
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return forward velocity + 1 while healthy - control cost, (n,)."""
-        return self.velocity(before, after) + ~terminated - self.control_cost * effort(action)
+        return self.velocity(before, after) + ~terminated - self.control_cost * self.effort(action)

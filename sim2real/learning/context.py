@@ -25,8 +25,9 @@ from torchrl.envs import Transform, TransformedEnv
 
 from envs.distribution import Distribution
 from envs.params import Parameter, ParamSpace
+from envs.physics.arrays import Array
 from envs.randomization import Tasks
-from envs.rows import Rows, Step
+from envs.rows import Rows, Step, arrays_of
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
@@ -226,24 +227,25 @@ class ContextRows:
         self.action_low, self.action_high = rows.action_low, rows.action_high
         self.action_size = rows.action_size
         self.observation_size = transform.output_size(rows.observation_size)
-        self._said = np.zeros((rows.num_rows, transform.told.size))
+        self.arrays = arrays_of(rows)
+        self._said = self.arrays.zeros((rows.num_rows, transform.told.size))
 
-    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> Array:
         """Start an episode in each of the rows ids (n,); see `Rows`."""
-        told = self._transform.told
+        told, rows = self._transform.told, self.arrays.rows(ids)
         true = self._transform.truth  # what is told of a robot is not what it is
         known = values if true else np.tile(told.center, (len(ids), 1))
-        self._said[ids] = told.normalize(known, self._transform.limit)
-        return self._longer(self._rows.reset(ids, values, seeds), self._said[ids])
+        self._said[rows] = self.arrays.own(told.normalize(known, self._transform.limit))
+        return self._longer(self._rows.reset(ids, values, seeds), self._said[rows])
 
-    def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
+    def step(self, ids: np.ndarray | None, action: Array) -> Step:
         """Advance the rows ids (None: all of them) by one control step; see `Rows`."""
         step = self._rows.step(ids, action)
-        said = self._said if ids is None else self._said[ids]
+        said = self._said[self.arrays.rows(ids)]
         return step._replace(observation=self._longer(step.observation, said))
 
-    def _longer(self, seen: np.ndarray, said: np.ndarray) -> np.ndarray:
+    def _longer(self, seen: Array, said: Array) -> Array:
         parts = [seen, said]
         if self._transform.products:
             parts += [seen * one[:, None] for one in said.T]
-        return np.hstack(parts)
+        return self.arrays.xp.concat(parts, axis=1)

@@ -73,6 +73,19 @@ class EnvironmentFactory:
         return isinstance(self.base.func, type) and issubclass(self.base.func, MujocoEnv)
 
     @property
+    def on_device(self) -> bool:
+        """Whether its robots are simulated where tensors are, by MuJoCo Warp."""
+        return self.simulated and self.base.keywords.get("physics", "batch") == "warp"
+
+    @property
+    def on_host(self) -> EnvironmentFactory:
+        """Return the same world simulated on the CPU: to look at it, or for who reads its state."""
+        if not self.on_device:
+            return self
+        given = {**self.base.keywords, "physics": "batch"}
+        return replace(self, base=partial(self.base.func, *self.base.args, **given))
+
+    @property
     def task(self) -> Task | None:
         """What is simulated; None for a world that is no task on a robot."""
         return _argument(self.base, "task") if self.simulated else None
@@ -238,7 +251,7 @@ class EnvironmentFactory:
             )
         return base
 
-    def rows(self, num_rows: int, threads: int = 1) -> Rows:
+    def rows(self, num_rows: int, threads: int = 1, device: torch.device | str = "cpu") -> Rows:
         """Make the world as rows, which restart one by one and where each may have its own policy.
 
         Rows of a simulator are taken as they are, unless transforms change what they show by more
@@ -250,7 +263,7 @@ class EnvironmentFactory:
         telling = [one for one in self.transforms.values() if not _randomizes(one)]
         guessing = any("student" in _keywords(one) for one in telling)
         if self.has_transforms or (len(telling) == 1 and _tells(telling[0]) and not guessing):
-            base = self._base(num_rows, threads, "cpu")
+            base = self._base(num_rows, threads, device)
             if isinstance(base, RowsEnv):
                 rows = base.rows
                 for one in telling:
@@ -258,15 +271,17 @@ class EnvironmentFactory:
                 return rows
             base.close()
         others = {name: one for name, one in self.transforms.items() if not _randomizes(one)}
-        return EnvRows(replace(self, transforms=others).make(num_rows, threads))
+        return EnvRows(replace(self.on_host, transforms=others).make(num_rows, threads))
 
     def base_rows(self, num_rows: int, threads: int = 0) -> Any:
         """Make the rows under the environment, without what transforms do to what they show.
 
+        They are simulated on the CPU.
+
         Raises:
             Sim2RealError: a world that is not one over rows.
         """
-        base = self._base(num_rows, threads, "cpu")
+        base = self.on_host._base(num_rows, threads, "cpu")
         if not isinstance(base, RowsEnv):
             raise Sim2RealError(f"{self.name} is no world of rows; choose one such as env=hopper")
         return base.rows

@@ -125,7 +125,7 @@ class TrainedPolicy:
         made = self.environment if environment is None else environment
         if self.told is not None:
             made = made.with_context_spec(self.told)
-        env = made.make(num_envs, threads, seed=seed, extra=self.primers())
+        env = made.on_host.make(num_envs, threads, seed=seed, extra=self.primers())
         env.transform.load_state_dict(drop_per_row_state(self.statistics), strict=False)
         env.transform.eval()
         return env

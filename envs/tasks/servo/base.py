@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, get_args
 
@@ -27,6 +28,7 @@ from envs.effects.base import Effect
 from envs.effects.registry import make
 from envs.errors import TaskError, refuse_unknown
 from envs.noise import uniform
+from envs.physics.arrays import Array, Arrays
 from envs.quiet import no_deprecation_notice
 from envs.tasks.base import CommandState, State, Task
 from envs.tasks.servo.drive import COUNT, ideal, max_torque_rate, servo
@@ -60,6 +62,7 @@ class ServoTask(Task):
     """
 
     asset: ClassVar[str]
+    array_api = True
     commands = True
     extra_field = "actuator_force"
     camera = "side"
@@ -108,6 +111,14 @@ class ServoTask(Task):
         self.q, self.v = model.jnt_qposadr[joints], model.jnt_dofadr[joints]  # (n,) each
         self._damping = model.actuator_damping.copy()  # (n,) back-EMF
 
+    def on(self, arrays: Arrays) -> Self:
+        """Return the task, its robot's limits included, for an engine's arrays."""
+        other = super().on(arrays)
+        if other is not self:
+            own = {key: arrays.own(value) for key, value in vars(self.machine).items()}
+            other.machine = replace(self.machine, **own)
+        return other
+
     def fixed(self) -> Sequence[tuple[Effect, Sequence[float]]]:
         """Return what readings go through, and a slow voltage where the registers ask for it."""
         if self.fidelity == "ideal":
@@ -134,15 +145,16 @@ class ServoTask(Task):
         qpos[:, self.q] += START_NOISE * noise
         return qpos, np.zeros((len(seeds), self.nv))
 
-    def command(self, state: State, action: np.ndarray) -> np.ndarray:
+    def command(self, state: State, action: Array) -> Array:
         """Return the goals to send [rad], (n, servos): within the robot's limits, in counts."""
         machine, last = self.machine, commanded(state).goal
-        goal = np.clip(self.target_angles(state, action), machine.low, machine.high)
-        goal = np.clip(goal, last - machine.most_step, last + machine.most_step)
-        return goal if self.fidelity == "ideal" else np.round(goal / COUNT) * COUNT
+        xp = self.xp
+        goal = xp.clip(self.target_angles(state, action), machine.low, machine.high)
+        goal = xp.clip(goal, last - machine.most_step, last + machine.most_step)
+        return goal if self.fidelity == "ideal" else xp.round(goal / COUNT) * COUNT
 
     @abstractmethod
-    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: Array) -> Array:
         """Return the goals that an action asks for [rad], (n, servos), before any limit."""
 
     def state_from_measurement(
@@ -192,7 +204,7 @@ class ServoTask(Task):
         """
         return None
 
-    def torque(self, state: State) -> np.ndarray:
+    def torque(self, state: State) -> Array:
         """Return the motors' torques [N·m], (n, servos): what the law asks less back-EMF."""
         if state.extra is None:
             raise TaskError(
@@ -201,9 +213,9 @@ class ServoTask(Task):
             )
         return state.extra - self._damping * state.qvel[:, self.v]
 
-    def power(self, state: State) -> np.ndarray:
+    def power(self, state: State) -> Array:
         """Return the sum of |torque x speed| over the servos [W], (n,)."""
-        return np.abs(self.torque(state) * state.qvel[:, self.v]).sum(1)
+        return self.xp.sum(self.xp.abs(self.torque(state) * state.qvel[:, self.v]), axis=1)
 
 
 def settled_pose(model: mujoco.MjModel) -> np.ndarray:
@@ -230,6 +242,6 @@ def commanded(state: State) -> CommandState:
     return state.command
 
 
-def clock(state: State, frequency: float) -> np.ndarray:
+def clock(state: State, frequency: float) -> Array:
     """Return the phase of a rhythm [1/s] at the state's time [rad], (n,)."""
     return 2.0 * np.pi * frequency * commanded(state).time

@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from envs.physics.arrays import Array
 from envs.tasks.base import State
 from envs.tasks.servo.base import Fidelity, ServoTask, commanded
 
@@ -43,35 +44,34 @@ class Bench1(ServoTask):
         """Return how far the goal may lead [rad], (1,) each."""
         return np.array([-self.reach]), np.array([self.reach])
 
-    def reference(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def reference(self, time: Array) -> tuple[Array, Array]:
         """Return where the pendulum shall be [rad] and how fast [rad/s] at times (n,), (n,) each.
 
         Each sine grows over the first second, from rest.
         """
-        ramp = np.clip(time, 0.0, 1.0)
-        angle, speed = np.zeros_like(time), np.zeros_like(time)
+        xp = self.xp
+        ramp = xp.clip(time, 0.0, 1.0)
+        angle, speed = xp.zeros_like(time), xp.zeros_like(time)
         for size, frequency, phase in SINES:
             turn = 2.0 * np.pi * frequency * time + phase
-            angle += size * ramp * np.sin(turn)
-            speed += size * ramp * 2.0 * np.pi * frequency * np.cos(turn)
-            speed += size * (time < 1.0) * np.sin(turn)
+            angle += size * ramp * xp.sin(turn)
+            speed += size * ramp * 2.0 * np.pi * frequency * xp.cos(turn)
+            speed += size * (time < 1.0) * xp.sin(turn)
         return angle, speed
 
-    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: Array) -> Array:
         """Return where the pendulum shall be one step later, plus the action."""
         return self.reference(commanded(state).time + self.dt)[0][:, None] + action
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (angle, speed, reference now, next, its speed, last action), (n, 6)."""
         command = commanded(state)
         now, _ = self.reference(command.time)
         following, speed = self.reference(command.time + self.dt)
         seen = [state.qpos[:, self.q[0]], state.qvel[:, self.v[0]], now, following, speed]
-        return np.column_stack([*seen, command.action])
+        return self.xp.concat([self.xp.stack(seen, axis=1), command.action], axis=1)
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return -|error| dt [rad s], (n,)."""
         shall, _ = self.reference(commanded(after).time)
-        return -np.abs(after.qpos[:, self.q[0]] - shall) * self.dt
+        return -self.xp.abs(after.qpos[:, self.q[0]] - shall) * self.dt

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from envs.errors import TaskError
+from envs.physics.arrays import Array
 from envs.tasks.base import State
 from envs.tasks.servo.base import ASSETS, Fidelity, ServoTask, commanded
 
@@ -75,30 +76,28 @@ class Follow(ServoTask):
         """Return how far the goals may lead [rad], (n,) each."""
         return np.full(model.nu, -self.reach), np.full(model.nu, self.reach)
 
-    def reference(self, time: np.ndarray) -> np.ndarray:
+    def reference(self, time: Array) -> Array:
         """Return where the joints shall be [rad] at times (n,), (n, servos).
 
         Each goes from home to its sine over the first second.
         """
-        ramp = np.clip(time, 0.0, 1.0)[:, None]
-        swing = self._size * np.sin(2.0 * np.pi * self._frequency * time[:, None])
+        ramp = self.xp.clip(time, 0.0, 1.0)[:, None]
+        swing = self._size * self.xp.sin(2.0 * np.pi * self._frequency * time[:, None])
         home = self.start[self.q]
         return home + ramp * (self._middle + swing - home)
 
-    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: Array) -> Array:
         """Return where the joints shall be one step later, plus the action."""
         return self.reference(commanded(state).time + self.dt) + action
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (angles, speeds, reference one step later, last action), (n, 4 servos)."""
         command = commanded(state)
         following = self.reference(command.time + self.dt)
         seen = [state.qpos[:, self.q], state.qvel[:, self.v], following, command.action]
-        return np.concatenate(seen, axis=1)
+        return self.xp.concat(seen, axis=1)
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return -(mean |error|) dt [rad s], (n,)."""
         error = after.qpos[:, self.q] - self.reference(commanded(after).time)
-        return -np.abs(error).mean(axis=1) * self.dt
+        return -self.xp.mean(self.xp.abs(error), axis=1) * self.dt

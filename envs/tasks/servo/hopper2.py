@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from envs.errors import TaskError, refuse_unknown
+from envs.physics.arrays import Array
 from envs.tasks.base import State
 from envs.tasks.servo.base import Fidelity, ServoTask, clock, commanded
 from envs.tasks.servo.legs import Gait, joints
@@ -66,35 +67,34 @@ class Hopper2(ServoTask):
         """Return the least and largest offsets [rad], (2,) each."""
         return np.full(2, -self.reach), np.full(2, self.reach)
 
-    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: Array) -> Array:
         """Return the rhythm with the action's swing and extension added [rad], (n, 2)."""
-        swing, extension = self.gait.pattern(clock(state, self.gait.frequency)[:, None])
-        return joints(swing + action[:, :1], extension + action[:, 1:], self.home_bend)
+        swing, extension = self.gait.pattern(clock(state, self.gait.frequency)[:, None], self.xp)
+        legs = swing + action[:, :1], extension + action[:, 1:]
+        return joints(*legs, self.home_bend, self.xp)
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (angles, speeds, sine and cosine of the phase, last action), (n, 8)."""
-        phase = clock(state, self.gait.frequency)
-        rhythm = np.stack([np.sin(phase), np.cos(phase)], axis=1)
+        xp, phase = self.xp, clock(state, self.gait.frequency)
+        rhythm = xp.stack([xp.sin(phase), xp.cos(phase)], axis=1)
         seen = [state.qpos[:, self.q], state.qvel[:, self.v], rhythm, commanded(state).action]
-        return np.concatenate(seen, axis=1)
+        return xp.concat(seen, axis=1)
 
-    def height(self, state: State) -> np.ndarray:
+    def height(self, state: State) -> Array:
         """Return how high the body is [m], (n,)."""
         return self.floor + state.qpos[:, 1]
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return whether the body is down, (n,)."""
         return self.height(state) < self.lowest
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return what distance or height is worth, less the energy's price, (n,)."""
         if self.goal == "distance":
             speed = (after.qpos[:, 0] - before.qpos[:, 0]) / self.dt
-            gain = np.minimum(speed, self.fastest)
+            gain = self.xp.clip(speed, None, self.fastest)
         else:
-            gain = self.height_reward * np.maximum(self.height(after) - self.straight, 0.0)
+            gain = self.height_reward * self.xp.clip(self.height(after) - self.straight, 0.0, None)
         return (gain - self.energy_cost * self.power(after)) * self.dt
 
     def with_distance_reward(self) -> Self | None:

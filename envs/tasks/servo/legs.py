@@ -11,9 +11,11 @@ Minitaur's legs (Tan et al. 2018, "Sim-to-Real: Learning Agile Locomotion for Qu
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from envs.physics.arrays import Array
 
 
 class Gait(NamedTuple):
@@ -23,27 +25,33 @@ class Gait(NamedTuple):
     swing: float  # s [rad]
     extension: float  # e [rad]
 
-    def pattern(self, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return swings and extensions [rad] at phases [rad], each of their shape."""
-        return self.swing * np.sin(phase), -self.extension * np.cos(phase)
+    def pattern(self, phase: Array, xp: Any = np) -> tuple[Array, Array]:
+        """Return swings and extensions [rad] at phases [rad], each of their shape.
+
+        Args:
+            phase: an array of the namespace `xp`.
+            xp: the Array API's namespace; `joints`, `spread` and `roll_pitch` take one, too.
+        """
+        return self.swing * xp.sin(phase), -self.extension * xp.cos(phase)
 
 
-def joints(swing: np.ndarray, extension: np.ndarray, home: float) -> np.ndarray:
+def joints(swing: Array, extension: Array, home: float, xp: Any = np) -> Array:
     """Return hip and knee angles of l legs [rad], (n, 2 l): hip, knee, hip, knee, ...
 
     Args:
         swing: the swing of each leg, forward [rad], (n, l).
         extension: the extension of each leg [rad], (n, l).
         home: bend of a leg at extension 0 [rad].
+        xp: the arrays' namespace.
     """
     bend = home - extension
-    return np.stack([bend - swing, -2.0 * bend], axis=-1).reshape(len(swing), -1)
+    return xp.stack([bend - swing, -2.0 * bend], axis=-1).reshape(len(swing), -1)
 
 
-def spread(abduction: np.ndarray, angles: np.ndarray) -> np.ndarray:
+def spread(abduction: Array, angles: Array, xp: Any = np) -> Array:
     """Return abduction, hip and knee of l legs [rad], (n, 3 l), of (n, l) and joints (n, 2 l)."""
     legs = angles.reshape(*abduction.shape, 2)
-    return np.concatenate([abduction[..., None], legs], axis=-1).reshape(len(angles), -1)
+    return xp.concat([abduction[..., None], legs], axis=-1).reshape(len(angles), -1)
 
 
 def reach(angles: np.ndarray, link: float) -> np.ndarray:
@@ -52,9 +60,9 @@ def reach(angles: np.ndarray, link: float) -> np.ndarray:
     return link * (np.cos(hip) + np.cos(hip + knee))
 
 
-def roll_pitch(quaternion: np.ndarray) -> np.ndarray:
+def roll_pitch(quaternion: Array, xp: Any = np) -> Array:
     """Return roll about x and pitch about y [rad], (n, 2), of unit quaternions w x y z, (n, 4)."""
     w, x, y, z = quaternion.T
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    return np.stack([roll, pitch], axis=1)
+    roll = xp.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = xp.asin(xp.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    return xp.stack([roll, pitch], axis=1)

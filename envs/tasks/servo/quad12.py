@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
+from envs.physics.arrays import Array
 from envs.tasks.base import State
 from envs.tasks.servo.base import Fidelity
 from envs.tasks.servo.legs import Gait, spread
@@ -37,6 +36,6 @@ class Quad12(Quadruped):
     ) -> None:
         super().__init__(fidelity, robot, seconds)
 
-    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: Array) -> Array:
         """Return the trot with the action's swings, extensions, abductions [rad], (N, 12)."""
-        return spread(action[:, 8:], super().target_angles(state, action))
+        return spread(action[:, 8:], super().target_angles(state, action), self.xp)

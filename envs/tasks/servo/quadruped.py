@@ -12,11 +12,12 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 
+from envs.physics.arrays import Array
 from envs.tasks.base import State
 from envs.tasks.servo.base import ServoTask, clock
 from envs.tasks.servo.legs import Gait, joints, roll_pitch
 
-OFFSETS = np.array([0.0, np.pi, np.pi, 0.0])  # rad, of the legs fl, fr, bl, br: a trot
+OFFSETS = (0.0, np.pi, np.pi, 0.0)  # rad, of the legs fl, fr, bl, br: a trot
 
 
 class Quadruped(ServoTask):
@@ -37,34 +38,40 @@ class Quadruped(ServoTask):
     energy_cost = 0.005  # 1/W of the reward a second
     most_tilt = 0.6  # rad
 
+    def setup(self, model: mujoco.MjModel) -> None:
+        """Read off the model, and where each leg is in the trot."""
+        super().setup(model)
+        self._offsets = np.array(OFFSETS)
+
     def action_range(self, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
         """Return the least and largest offsets [rad], (n,) each."""
         return np.full(model.nu, -self.reach), np.full(model.nu, self.reach)
 
-    def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
+    def target_angles(self, state: State, action: Array) -> Array:
         """Return hips and knees of the trot with swings and extensions added [rad], (N, 8)."""
-        phase = clock(state, self.gait.frequency)[:, None] + OFFSETS  # (N, 4)
-        swing, extension = self.gait.pattern(phase)
-        return joints(swing + action[:, :4], extension + action[:, 4:8], self.home_bend)
+        phase = clock(state, self.gait.frequency)[:, None] + self._offsets  # (N, 4)
+        swing, extension = self.gait.pattern(phase, self.xp)
+        legs = swing + action[:, :4], extension + action[:, 4:8]
+        return joints(*legs, self.home_bend, self.xp)
 
-    def observe(self, state: State) -> np.ndarray:
+    def observe(self, state: State) -> Array:
         """Return (roll, pitch, servo angles, sine and cosine of the phase), (N, n + 4)."""
         phase = clock(state, self.gait.frequency)
-        tilt = roll_pitch(state.qpos[:, 3:7])
-        rhythm = np.stack([np.sin(phase), np.cos(phase)], axis=1)
-        return np.concatenate([tilt, state.qpos[:, self.q], rhythm], axis=1)
+        xp, tilt = self.xp, roll_pitch(state.qpos[:, 3:7], self.xp)
+        rhythm = xp.stack([xp.sin(phase), xp.cos(phase)], axis=1)
+        return xp.concat([tilt, state.qpos[:, self.q], rhythm], axis=1)
 
-    def terminated(self, state: State) -> np.ndarray:
+    def terminated(self, state: State) -> Array:
         """Return whether the robot tilts too far, (N,)."""
-        tilt = np.abs(roll_pitch(state.qpos[:, 3:7])).max(axis=1)  # (N,)
-        return np.asarray(tilt > self.most_tilt)
+        tilt = self.xp.abs(roll_pitch(state.qpos[:, 3:7], self.xp))  # (N, 2)
+        return self.xp.max(tilt, axis=1) > self.most_tilt
 
-    def reward(
-        self, before: State, after: State, action: np.ndarray, terminated: np.ndarray
-    ) -> np.ndarray:
+    def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
         """Return distance walked, at no more than the paid speed, less the energy's price, (N,)."""
         speed = (after.qpos[:, 0] - before.qpos[:, 0]) / self.dt
-        return (np.minimum(speed, self.fastest) - self.energy_cost * self.power(after)) * self.dt
+        return (
+            self.xp.clip(speed, None, self.fastest) - self.energy_cost * self.power(after)
+        ) * self.dt
 
     def with_distance_reward(self) -> Self:
         """Return the task without a largest speed that is paid."""

@@ -1,7 +1,7 @@
 """ES-MAML: evolution strategies over policies that are scored after they have adapted.
 
     parts = Components(environment, policy, adapt=HillClimb(...), seed=0)
-    algorithm = ESMAML(parts, ESMAMLSettings(num_rows=64, shards=2, sigma=0.05, ...))
+    algorithm = ESMAML(parts, ESMAMLSettings(num_rows=64, shards=None, sigma=0.05, ...))
     while algorithm.frames < 20_000_000:
         metrics = algorithm.iterate()
 
@@ -22,11 +22,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from envs.rows import Rows
 from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.adapt.first_order import FirstOrder, FirstOrderCohort
 from sim2real.learning.algorithms.base import Algorithm, Components
-from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.algorithms.shards import make_shards
 from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.modules.randomness import TorchRandomStream
 from sim2real.learning.modules.value import Critic
@@ -45,35 +44,18 @@ from sim2real.learning.transforms import affine
 from sim2real.runs.errors import CheckpointError, Sim2RealError
 
 
-def make_shards(environment: EnvironmentFactory, num_rows: int, shards: int) -> list[Rows]:
-    """Split rows over as many environments of one thread each.
-
-    Args:
-        environment: makes them.
-        num_rows: rows in all.
-        shards: environments; one per core uses the machine fully.
-
-    Raises:
-        Sim2RealError: for more shards than rows, or a world that has none.
-    """
-    if not 1 <= shards <= num_rows:
-        raise Sim2RealError(f"shards={shards} must be between 1 and num_rows={num_rows}")
-    counts = [num_rows // shards + (i < num_rows % shards) for i in range(shards)]
-    return [environment.rows(count) for count in counts]
-
-
 @dataclass(frozen=True, kw_only=True)
 class RowsSettings:
     """Where episodes run; the numbers change the speed and no result.
 
     Args:
         num_rows: episodes that run side by side, in all shards.
-        shards: environments with a thread each.
+        shards: environments that share the cores; None chooses, see `make_shards`.
         refill: see `Population`.
     """
 
     num_rows: int
-    shards: int
+    shards: int | None
     refill: int
 
 
@@ -169,9 +151,9 @@ class ESMAML(Algorithm):
     def __init__(self, parts: Components, settings: ESMAMLSettings) -> None:
         self.parts, self.tasks, self.adapt = parts, parts.tasks, parts.adapt
         self._settings = settings
-        rows = make_shards(parts.environment, settings.num_rows, settings.shards)
+        rows = make_shards(parts.environment, settings.num_rows, settings.shards, parts.device)
         with TorchRandomStream(parts.seed, "cpu"):
-            env = parts.environment.make(1, threads=1)
+            env = parts.environment.on_host.make(1, threads=1)
             self.policy = flat_policy(parts.policy(env), env, settings.critic)
         self._raw = affine(env)  # (O,) each: of what the base shows; None: the policy sees others
         self.population: Population = Population(rows, self.policy, settings.refill)
@@ -246,7 +228,7 @@ class ESMAML(Algorithm):
         """Return the parameters, (P,), that the policy adapts to on a robot of values (P,)."""
         if isinstance(self.adapt, NoAdaptation):
             return None
-        (rows,) = make_shards(self.parts.environment, 1, 1)
+        (rows,) = make_shards(self.parts.environment.on_host, 1, 1)
         cohort = self._operator().start_many(self.theta[None], [rng])
         seeds = draw_seeds(rng, (1, self.adapt.episodes))
         members = PopulationRequest(cohort, values[None], values[None], seeds)

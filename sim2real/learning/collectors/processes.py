@@ -49,6 +49,11 @@ class ProcessCollector(MultiSyncCollector):
             raise Sim2RealError(
                 f"collector.workers={workers} does not divide algorithm.num_rows={rows}"
             )
+        if env.made.on_device:
+            raise Sim2RealError(
+                "collector=processes steps its rows on the CPU, not with physics=warp; use "
+                "collector=fast or collector=sync"
+            )
         chain: Any = env.transform
         if drop_per_row_state(chain.state_dict()) or len(chain) > len(env.made.transforms):
             names = ", ".join(type(one).__name__ for one in chain)

@@ -127,6 +127,11 @@ class Population:
         """Rows of all shards."""
         return sum(shard.num_rows for shard in self._shards)
 
+    @property
+    def in_use(self) -> float:
+        """Part of the last run's row steps that were an episode's; the rest waited for others."""
+        return float(np.mean([shard.in_use for shard in self._shards]))
+
     def run(self, members: PopulationRequest, normalizer: Normalizer | None) -> PopulationResult:
         """Run all episodes of all members.
 
@@ -135,6 +140,11 @@ class Population:
             normalizer: mean and std of the observations, frozen meanwhile; None feeds them raw.
         """
         if isinstance(members.cohort, LearnerCohort):
+            if not self._shards[0].arrays.on_host:
+                raise Sim2RealError(
+                    "physics=warp runs no members that learn from their steps; use adapt=hillclimb "
+                    "or adapt=none, or physics=batch"
+                )
             return self._learn(members, members.cohort, normalizer)
         job = Job(members, self.policy.observation_size, len(self._shards))
         job.normalize(normalizer)

@@ -54,7 +54,7 @@ def record(
         observation[alive] = step.observation
         returns[alive] += step.reward
         lengths[alive] += 1
-        over = step.terminated | step.truncated
+        over = np.logical_or(step.terminated, step.truncated)
         _note(robot, alive[over & ~step.failed], command[over & ~step.failed], episodes)
         alive = alive[~over]
     return RecordedEpisodes(returns, lengths, _log(robot, [np.array(rows) for rows in episodes]))

@@ -15,7 +15,8 @@ from typing import Protocol
 
 import numpy as np
 
-from envs.rows import Rows
+from envs.rows import Rows, arrays_of
+from sim2real.learning.population.device_slots import Slots
 from sim2real.learning.population.flat_policy import FlatPolicy
 
 
@@ -70,10 +71,13 @@ class Shard:
     def __init__(self, rows: Rows, policy: FlatPolicy, refill: int) -> None:
         count, size = rows.num_rows, policy.observation_size
         self.num_rows, self._refill = count, refill
-        self.rows, self._slots = rows, policy.slots(count)
-        self._observation = np.zeros((count, size))
-        self._sums, self._squares = np.zeros((count, size)), np.zeros((count, size))
-        self._returns, self._lengths = np.zeros(count), np.zeros(count, np.int64)
+        self.arrays = arrays = arrays_of(rows)
+        on_host = arrays.on_host
+        self.rows, self._slots = rows, policy.slots(count) if on_host else Slots(policy, rows)
+        self._observation = arrays.zeros((count, size))
+        self._sums, self._squares = arrays.zeros((count, size)), arrays.zeros((count, size))
+        self._returns, self._lengths = arrays.zeros(count), arrays.zeros(count, np.int64)
+        self._steps = self._idle = 0  # control steps of rows with and without an episode
         self._member, self._episode = np.zeros(count, np.int64), np.zeros(count, np.int64)
         self._active = np.zeros(count, bool)
         self._ids = np.flatnonzero(self._active)  # (n,) rows with an episode in them
@@ -81,12 +85,18 @@ class Shard:
     def run(self, job: SharedEpisodeQueue) -> None:
         """Work until the job is done."""
         self.clear()
+        self._steps = self._idle = 0
         while not job.done:
             self.fill(job)
             if self.active:
                 self.step(job)
             else:
                 job.wait()
+
+    @property
+    def in_use(self) -> float:
+        """Part of the last run's row steps that were an episode's."""
+        return self._steps / max(1, self._steps + self._idle)
 
     @property
     def active(self) -> int:
@@ -110,39 +120,49 @@ class Shard:
         self._member[ids], self._episode[ids] = members, episodes
         thetas, values, seeds = job.inputs(members, episodes)
         self._slots.load(ids, thetas)
-        self._observation[ids] = self.rows.reset(ids, values, seeds)
+        rows = self.arrays.rows(ids)
+        self._observation[rows] = self.rows.reset(ids, values, seeds)
         for book in (self._sums, self._squares, self._returns, self._lengths):
-            book[ids] = 0
+            book[rows] = 0
         self._active[ids] = True
         self._ids = np.flatnonzero(self._active)
 
     def step(self, job: EpisodeQueue) -> None:
-        """Advance every running episode by one control step."""
-        full = len(self._ids) == self.num_rows
+        """Advance every running episode by one control step.
+
+        A device steps all its rows, those without an episode, too.
+        """
+        full = len(self._ids) == self.num_rows or not self.arrays.on_host
         ids, view = (None, slice(None)) if full else (self._ids, self._ids)
+        self._steps += len(self._ids)
+        self._idle += self.num_rows - len(self._ids)
         observation = self._observation[view]
         if job.collect:
-            observation = observation - job.mean  # (n, O)
+            observation = observation - self.arrays.own(job.mean)  # (n, O)
             self._sums[view] += observation
             self._squares[view] += observation**2
-            observation = observation * job.scale
+            observation = observation * self.arrays.own(job.scale)
         step = self.rows.step(ids, self._slots.act(ids, observation))
         self._observation[view] = step.observation
         self._returns[view] += step.reward
         self._lengths[view] += 1
-        over = step.terminated | step.truncated
+        over = self.arrays.host(step.terminated | step.truncated)
+        if full and len(self._ids) < self.num_rows:
+            over = over & self._active
         if over.any():
-            self._finish(job, self._ids[over], step.failed[over])
+            ended = np.flatnonzero(over) if full else self._ids[over]
+            self._finish(job, ended, self.arrays.host(step.failed)[over])
 
     def _finish(self, job: EpisodeQueue, ids: np.ndarray, failed: np.ndarray) -> None:
         """Write down the outcomes of episodes that are over and free their rows."""
         members, episodes = self._member[ids], self._episode[ids]
-        job.returns[members, episodes] = self._returns[ids]
-        job.lengths[members, episodes] = self._lengths[ids]
+        rows, host = self.arrays.rows(ids), self.arrays.host
+        job.returns[members, episodes] = host(self._returns[rows])
+        job.lengths[members, episodes] = host(self._lengths[rows])
         job.failed[members, episodes] = failed
         if job.collect:
-            job.sums[members, episodes] = self._sums[ids]
-            job.squares[members, episodes] = self._squares[ids]
+            job.sums[members, episodes] = host(self._sums[rows])
+            job.squares[members, episodes] = host(self._squares[rows])
         self._active[ids] = False
         self._ids = np.flatnonzero(self._active)
         job.complete(members, episodes)

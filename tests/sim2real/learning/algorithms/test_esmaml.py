@@ -19,7 +19,8 @@ from envs.tasks.hopper import Hopper
 from envs.toys import AngleBias, BiasedCartPole, Nav2D, NavGoals, NoisyNav2D, ToyEnv
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import Components
-from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings, make_shards
+from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
+from sim2real.learning.algorithms.shards import make_shards
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.mlp_policy import mlp_policy
 from sim2real.learning.population.population import evaluate_adaptation
