@@ -32,7 +32,8 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from envs.effects.base import BoundEffect, CommandRule, Effect, Measurement, SubstepRule
+from envs.effects.base import Effect
+from envs.effects.bound import BoundEffect, CommandRule, Measurement, SubstepRule
 from envs.effects.goal import Goal
 from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, edited

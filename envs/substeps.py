@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from envs.effects.base import SubstepRule
+from envs.effects.bound import SubstepRule
 from envs.effects.places import spaced
 
 

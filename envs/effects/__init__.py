@@ -15,15 +15,8 @@ from envs.effects.appearance import (
     LightDirection,
     LightLevel,
 )
-from envs.effects.base import (
-    BoundEffect,
-    CommandRule,
-    Effect,
-    Extra,
-    Measurement,
-    Sizes,
-    SubstepRule,
-)
+from envs.effects.base import Effect, Extra, Sizes
+from envs.effects.bound import BoundEffect, CommandRule, Measurement, SubstepRule
 from envs.effects.clock import ClockDrift
 from envs.effects.cogging import Cogging
 from envs.effects.command import CommandDelay, PacketLoss, ProfileAcceleration, ProfileVelocity

@@ -9,7 +9,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, BoundEffect, Effect
+from envs.effects.base import BOTH, Effect
+from envs.effects.bound import BoundEffect
 from envs.effects.inertia import rotations
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView

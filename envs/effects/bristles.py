@@ -22,7 +22,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.effects.base import SubstepRule
+from envs.effects.bound import SubstepRule
 from envs.effects.places import Block, block, spaced
 from envs.effects.plant_view import PlantView
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect
+from envs.effects.base import BOTH, PLAIN, Effect
+from envs.effects.bound import BoundEffect
 from envs.effects.plant_view import PlantView
 
 

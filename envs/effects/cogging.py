@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
+from envs.effects.base import RULES, Effect, Extra, Sizes
+from envs.effects.bound import SubstepRule
 from envs.effects.extras import phase
 from envs.effects.places import block, joints
 from envs.effects.plant_view import PlantView

@@ -9,17 +9,8 @@ from typing import ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import (
-    BOTH,
-    PLAIN,
-    RULES,
-    BoundEffect,
-    CommandRule,
-    Effect,
-    Extra,
-    Sizes,
-    SubstepRule,
-)
+from envs.effects.base import BOTH, PLAIN, RULES, Effect, Extra, Sizes
+from envs.effects.bound import BoundEffect, CommandRule, SubstepRule
 from envs.effects.field import FieldBound
 from envs.effects.history import control_range
 from envs.effects.places import block, spaced

@@ -9,7 +9,8 @@ from typing import Any, ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect
+from envs.effects.base import BOTH, PLAIN, Effect
+from envs.effects.bound import BoundEffect
 from envs.effects.field import BoundFieldGroup, FieldEffect
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView

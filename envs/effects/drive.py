@@ -10,7 +10,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import RULES, BoundEffect, Extra, SubstepRule
+from envs.effects.base import RULES, Extra
+from envs.effects.bound import BoundEffect, SubstepRule
 from envs.effects.history import DelayedCommands
 from envs.effects.places import block, joint_driven
 from envs.effects.plant_view import PlantView

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.effects.base import RULES, Effect, Measurement, SubstepRule
+from envs.effects.base import RULES, Effect
+from envs.effects.bound import Measurement, SubstepRule
 from envs.effects.extras import phase
 from envs.effects.places import block, joints
 from envs.effects.plant_view import PlantView

@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect
+from envs.effects.base import BOTH, PLAIN, Effect
+from envs.effects.bound import BoundEffect
 from envs.effects.places import find, is_pattern, joints, members
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError

@@ -11,7 +11,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import BoundEffect, Sizes
+from envs.effects.base import Sizes
+from envs.effects.bound import BoundEffect
 from envs.effects.field import FieldBound, FieldEffect
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView

@@ -13,7 +13,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import RULES, Effect, Extra, Sizes, SubstepRule
+from envs.effects.base import RULES, Effect, Extra, Sizes
+from envs.effects.bound import SubstepRule
 from envs.effects.bristles import Bristles
 from envs.effects.friction import PARTS, NoCreepFriction, stiffen
 from envs.effects.places import block, joint_driven, joints

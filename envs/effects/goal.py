@@ -11,7 +11,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, BoundEffect, Effect
+from envs.effects.base import BOTH, Effect
+from envs.effects.bound import BoundEffect
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 from envs.params import How, Parameter

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.effects.base import BoundEffect, SubstepRule
+from envs.effects.bound import BoundEffect, SubstepRule
 from envs.effects.places import Block, block, spaced
 from envs.effects.plant_view import PlantView
 

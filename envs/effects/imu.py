@@ -12,7 +12,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, Effect, Measurement
+from envs.effects.base import PLAIN, Effect
+from envs.effects.bound import Measurement
 from envs.effects.contact import soles
 from envs.effects.plant_view import PlantView
 from envs.effects.sampling import ObservationDelay, SamplingDelay

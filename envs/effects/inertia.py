@@ -8,7 +8,8 @@ from typing import Any, ClassVar, Literal, get_args
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect, Sizes
+from envs.effects.base import BOTH, PLAIN, Effect, Sizes
+from envs.effects.bound import BoundEffect
 from envs.effects.field import FieldEffect
 from envs.effects.places import find, members
 from envs.effects.plant_view import PlantView

@@ -11,7 +11,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, BoundEffect, Effect
+from envs.effects.base import BOTH, PLAIN, Effect
+from envs.effects.bound import BoundEffect
 from envs.effects.inertia import far_end, quaternions, rotations
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView

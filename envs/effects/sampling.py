@@ -8,7 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, Effect, Extra, Measurement, Sizes
+from envs.effects.base import BOTH, PLAIN, Effect, Extra, Sizes
+from envs.effects.bound import Measurement
 from envs.effects.plant_view import PlantView
 from envs.effects.sensing import READ
 from envs.params import Parameter

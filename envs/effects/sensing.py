@@ -12,7 +12,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, CommandRule, Effect, Extra, Measurement, Sizes
+from envs.effects.base import BOTH, PLAIN, Effect, Extra, Sizes
+from envs.effects.bound import CommandRule, Measurement
 from envs.effects.command import stream
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView

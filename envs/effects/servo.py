@@ -12,7 +12,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
+from envs.effects.base import BOTH, PLAIN, RULES, Effect, Extra, Sizes
+from envs.effects.bound import BoundEffect, SubstepRule
 from envs.effects.field import BoundFieldGroup, FieldBound, FieldEffect
 from envs.effects.history import DelayedCommands
 from envs.effects.places import block, members

@@ -11,7 +11,8 @@ from typing import Any, ClassVar, Literal, get_args
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, BoundEffect, Sizes
+from envs.effects.base import BOTH, PLAIN, Sizes
+from envs.effects.bound import BoundEffect
 from envs.effects.field import FieldBound
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale

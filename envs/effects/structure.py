@@ -22,7 +22,8 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, BoundEffect, Effect, Extra, Measurement, Sizes, SubstepRule
+from envs.effects.base import BOTH, Effect, Extra, Sizes
+from envs.effects.bound import BoundEffect, Measurement, SubstepRule
 from envs.effects.layout import SERIES
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView

@@ -15,7 +15,8 @@ from typing import Any, ClassVar, Literal
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, RULES, BoundEffect, Effect, Extra, Sizes, SubstepRule
+from envs.effects.base import BOTH, PLAIN, RULES, Effect, Extra, Sizes
+from envs.effects.bound import BoundEffect, SubstepRule
 from envs.effects.field import BoundFieldGroup
 from envs.effects.places import block, joint_driven
 from envs.effects.plant_view import PlantView

@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import BOTH, PLAIN, BoundEffect
+from envs.effects.base import BOTH, PLAIN
+from envs.effects.bound import BoundEffect
 from envs.effects.contact import _ContactEffect
 from envs.effects.field import FieldEffect
 from envs.effects.places import members

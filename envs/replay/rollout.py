@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from mujoco.batch import SimulationError
 
-from envs.effects.base import Measurement
+from envs.effects.bound import Measurement
 from envs.plant import Plant
 from envs.quiet import quiet_engine
 from envs.replay.impedance import ImpedanceGains

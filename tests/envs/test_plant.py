@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from envs.effects import make
-from envs.effects.base import BoundEffect, Effect, SubstepRule
+from envs.effects.base import Effect
+from envs.effects.bound import BoundEffect, SubstepRule
 from envs.errors import EffectError, ParameterError, TaskError
 from envs.params import Parameter
 from envs.plant import Plant

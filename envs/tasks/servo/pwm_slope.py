@@ -8,7 +8,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.effects.base import Effect, SubstepRule
+from envs.effects.base import Effect
+from envs.effects.bound import SubstepRule
 from envs.effects.plant_view import PlantView
 from envs.params import Parameter
 

@@ -20,7 +20,8 @@ import mujoco
 import numpy as np
 
 from envs.effects import BoundEffect, Effect
-from envs.effects.base import RULES, SubstepRule
+from envs.effects.base import RULES
+from envs.effects.bound import SubstepRule
 from envs.effects.extras import Extra
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
