@@ -12,21 +12,30 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from hardware.assets import find_model
 from hardware.errors import RobotError, did_you_mean, format_names
-from hardware.parts import IMUS, QUANTITIES, Bus, BusSettings, Imu, ImuErrors, Servo, Supply
+from hardware.parts import (
+    IMUS,
+    QUANTITIES,
+    Bus,
+    BusSettings,
+    Imu,
+    ImuErrors,
+    Servo,
+    Supply,
+    shared_of_servos,
+)
 from hardware.typed import mapping, parse_fields
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = ROOT / "conf" / "robot"
-ASSETS = ROOT / "envs" / "assets"
 NO_MODEL = Path("no model was given")
-COMMON = {"sign": 1, "torque": None}  # of a servo, where its robot's file does not say
 LIMITING = {"dynamixel": "goal_pwm", "feetech": "torque_limit"}  # registers that limit the duty
 
 
@@ -206,10 +215,10 @@ def make_robot(data: Mapping[str, Any], place: str = "robot", needs_model: bool 
     ports = data.get("port") if isinstance(data, Mapping) else None
     several = isinstance(data, Mapping) and "buses" in data
     data = _with_first_bus(data, place) if several else mapping(data, place)
-    shared = _shared(data.get("servo"), f"{place}: servo")
+    shared = shared_of_servos(data.get("servo"), f"{place}: servo")
     values = parse_fields(Robot, {k: v for k, v in data.items() if k != "servo"}, place)
     open_model = values["model"] is None and not needs_model
-    values["model"] = NO_MODEL if open_model else _model(values["model"], f"{place}: model")
+    values["model"] = NO_MODEL if open_model else find_model(values["model"], f"{place}: model")
     if not several:
         values["bus"] = BusSettings(**parse_fields(BusSettings, values["bus"], f"{place}: bus"))
     values["supply"] = Supply(**parse_fields(Supply, values["supply"], f"{place}: supply"))
@@ -228,18 +237,6 @@ def make_robot(data: Mapping[str, Any], place: str = "robot", needs_model: bool 
     robot = robot.at(ports) if ports is not None else robot
     _check(robot, place)
     return robot
-
-
-def _shared(data: Any, place: str) -> dict[str, Any]:
-    """Return what the servos of a robot have in common, what every robot's have included."""
-    known = [one.name for one in fields(Servo) if one.name not in ("name", "id")]
-    for key in (data := mapping({} if data is None else data, place)):
-        if key not in known:
-            hint = did_you_mean(str(key), known)
-            raise RobotError(
-                f"{place}: unknown key {key!r}{hint}; it can have {format_names(known)}"
-            )
-    return {**COMMON, **data}
 
 
 def _with_first_bus(data: Mapping[str, Any], place: str) -> dict[str, Any]:
@@ -399,19 +396,3 @@ def _check_effort(servo: Servo, place: str) -> None:
     value = getattr(servo, reports)
     if value is not None and not 0 < value <= (1.0 if reports == "load" else math.inf):
         raise RobotError(f"{place}: {reports} {value}; it is above 0, a load at most 1")
-
-
-def _model(name: Any, place: str) -> Path:
-    if name is None:
-        raise RobotError(
-            f"{place}: this robot's MJCF is not part of the project; give robot.model=PATH "
-            "(python -m hardware: model=PATH), with an actuator for each servo, of the same name"
-        )
-    for path in (Path(name), ASSETS / name):
-        if path.is_file():
-            return path
-    known = sorted(file.name for file in ASSETS.glob("*.xml"))
-    hint = did_you_mean(str(name), known)
-    raise RobotError(
-        f"{place}: there is no file {str(name)!r}{hint}; {ASSETS} has {format_names(known)}"
-    )

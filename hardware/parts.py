@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
+from hardware.errors import RobotError, did_you_mean, format_names
 from hardware.tables import ServoType, servo_type
+from hardware.typed import mapping
 
 IMUS = ("bno085-rvc",)  # part and mode
 QUANTITIES = ("orientation", "gyro", "acceleration")  # that an emulated IMU can measure
+
+COMMON = {"sign": 1, "torque": None}  # of a servo, where its robot's file does not say
 
 
 @dataclass(frozen=True)
@@ -124,3 +129,15 @@ class Supply:
 
     voltage: float
     resistance: float = 0.0
+
+
+def shared_of_servos(data: Any, place: str) -> dict[str, Any]:
+    """Return what the servos of a robot have in common, what every robot's have included."""
+    known = [one.name for one in fields(Servo) if one.name not in ("name", "id")]
+    for key in (data := mapping({} if data is None else data, place)):
+        if key not in known:
+            hint = did_you_mean(str(key), known)
+            raise RobotError(
+                f"{place}: unknown key {key!r}{hint}; it can have {format_names(known)}"
+            )
+    return {**COMMON, **data}

@@ -6,8 +6,8 @@
     rows.close()
 
 It has the members of `envs.rows.Rows` with one row, so whatever runs simulations runs it, and needs
-no torch. A task is any object with `initial`, `measured`, `observe`, `command`, `reward` and
-`terminated`, as `envs.tasks.servo.ServoTask` has them.
+no torch. A task is any object with `initial`, `state_from_measurement`, `observe`, `command`,
+`reward` and `terminated`, as `envs.tasks.servo.ServoTask` has them.
 
 An episode ends as in simulation, and, with `failed` set, when the guard stops the robot; `stopped`
 then says why, and the next reset raises until `arm` was called.
@@ -92,7 +92,7 @@ class RobotRows:
         self._rest: np.ndarray = np.asarray(task.rest(model))[None]  # (1, n)
         self._measured: RobotMeasurement | None = None
         blank = Commanded(np.zeros(1), np.zeros((1, self.action_size)), self._rest)
-        self._state = task.measured(self._rest, np.zeros_like(self._rest), blank)
+        self._state = task.state_from_measurement(self._rest, np.zeros_like(self._rest), blank)
         self.observation_size = task.observe(self._state).shape[1]
         self._last = np.zeros((1, self.observation_size))
         self.note = self._blank_note()
@@ -111,7 +111,7 @@ class RobotRows:
             return self.task.reward(plain, state, action, np.zeros(1, bool))
 
         for name, value in odd.items():
-            other = self.task.measured(self._rest, zero, command, **{name: value})
+            other = self.task.state_from_measurement(self._rest, zero, command, **{name: value})
             if not np.array_equal(self.task.observe(other), self.task.observe(plain)):
                 seen.add(name)
             elif not np.array_equal(reward(other), reward(plain)):
@@ -212,7 +212,7 @@ class RobotRows:
             if name in SIZES
         }
         self._measured = measured
-        self._state = self.task.measured(
+        self._state = self.task.state_from_measurement(
             reading.position[order][None],
             reading.velocity[order][None],
             Commanded(np.array([measured.step * self.task.dt]), action, goal),

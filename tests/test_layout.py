@@ -60,7 +60,7 @@ FLOORS = (
     "report",
     "comparison",
     "outcome",
-    "whole",
+    "whole_replay",
     "design",
     "additions",
     "diagnose",

@@ -30,7 +30,7 @@ class Shell:
         monkeypatch.setattr(robots, "find", lambda folder: folder)
         monkeypatch.setattr(robots, "read_metadata", lambda folder: {"iteration": 40})
         monkeypatch.setattr(
-            robots, "prepare", lambda words, out: (self.ride, {"words": words, "o": out})
+            robots, "instantiate", lambda words, out: (self.ride, {"words": words, "o": out})
         )
         monkeypatch.setattr(robots, "compose", lambda words: words)
 

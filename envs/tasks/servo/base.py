@@ -1,7 +1,7 @@
 """A task on a servo robot: the same functions for its simulation and for the robot itself.
 
     task = Quad8(fidelity="servo")
-    state = task.measured(angle, speed, commanded, orientation=quaternion, position=tracked)
+    state = task.state_from_measurement(angle, speed, commanded, orientation=quaternion)
     goal = task.command(state, policy(task.observe(state)))        # rad, within the robot's limits
 
 `observe`, `command`, `reward` and `terminated` depend on nothing but the state, and that on nothing

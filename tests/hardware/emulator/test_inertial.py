@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.hardware.test_several import data_of
 
 from hardware.body import EmulatedBody
 from hardware.config import Robot, load_robot, make_robot
@@ -18,6 +17,7 @@ from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 from hardware.imu import rvc
 from hardware.parts import ImuErrors
+from tests.hardware.test_multi_bus import data_of
 
 READINGS = 4000  # so that a mean is known to 1.6 % of the noise
 

@@ -15,7 +15,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from tests.hardware.test_several import data_of
 
 from hardware.clock import VirtualClock
 from hardware.config import Robot, load_robot, make_robot
@@ -25,6 +24,7 @@ from hardware.errors import RobotError, SerialPortError
 from hardware.imu import rvc
 from hardware.imu.reader import FIRST, STALE, SerialImu
 from hardware.parts import Imu
+from tests.hardware.test_multi_bus import data_of
 
 UPRIGHT = (0.5, 0.5, -0.5, 0.5)  # its x axis points down
 HELD = 4000  # bytes that a terminal surely holds for who reads it

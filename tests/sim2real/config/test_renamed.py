@@ -17,7 +17,12 @@ def test_a_class_of_a_saved_run_is_found_under_its_present_name(old: str, new: s
 
 def test_a_saved_tree_builds_what_it_described() -> None:
     """The same object comes of the old name and of the new one."""
-    argument = {"_target_": "sim2real.learning.adapt.HillClimb", "queries": 7, "parallel": 7}
+    argument = {
+        "_target_": "sim2real.learning.adapt.HillClimb",
+        "queries": 7,
+        "parallel": 7,
+        "sigma": 0.1,
+    }
     trees = [
         {"_target_": f"sim2real.learning.adapt.{name}", "operator": {**argument, "mode": "batch"}}
         for name in ("Noisy", "NoisyReturns")

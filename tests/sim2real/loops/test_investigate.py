@@ -72,7 +72,7 @@ def test_it_records_what_parts_two_laws(tmp_path: Path, monkeypatch: pytest.Monk
     def diagnosed(logs: list[Log], *_: object, on_verdict: object) -> Diagnosis:
         asked.append(len(logs))
         left = pair if len(logs) == 1 else ()
-        return ANSWER._replace(alike=left, floors={"hinge": 5e-4})
+        return ANSWER._replace(equivalents=left, floors={"hinge": 5e-4})
 
     monkeypatch.setattr("sim2real.loops.investigate.run_diagnosis", diagnosed)
     monkeypatch.setattr("sim2real.loops.investigate.write", lambda *_: None)
@@ -101,7 +101,7 @@ def test_two_that_are_one_do_not_end_it(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(
         "sim2real.loops.investigate.run_diagnosis",
         lambda logs, *_, **__: ANSWER._replace(
-            alike=three if len(logs) == 1 else three[:2], floors={"hinge": 5e-4}
+            equivalents=three if len(logs) == 1 else three[:2], floors={"hinge": 5e-4}
         ),
     )
     monkeypatch.setattr("sim2real.loops.investigate.write", lambda *_: None)
@@ -123,7 +123,7 @@ def test_a_spent_budget_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     )
     monkeypatch.setattr(
         "sim2real.loops.investigate.run_diagnosis",
-        lambda *_, **__: ANSWER._replace(alike=pair, floors={"hinge": 5e-4}),
+        lambda *_, **__: ANSWER._replace(equivalents=pair, floors={"hinge": 5e-4}),
     )
     monkeypatch.setattr("sim2real.loops.investigate.write", lambda *_: None)
     record = recorder(hide(tmp_path, "- {effect: viscous_friction, where: hinge, value: 0.03}\n"))

@@ -15,8 +15,8 @@ from sim2real.runs.files import atomic_folder, folder_lock, write_text
 
 HOLDER = """
 import sys
-from sim2real.runs.files import claimed
-with claimed(sys.argv[1]) as mine:
+from sim2real.runs.files import folder_lock
+with folder_lock(sys.argv[1]) as mine:
     print(mine, flush=True)
     sys.stdin.read()
 """

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hardware.config import ASSETS
+from hardware.assets import ASSETS
 from hardware.log import read_logs
 from sim2real.config.compose import compose, instantiate
 

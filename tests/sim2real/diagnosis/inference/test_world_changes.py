@@ -9,7 +9,7 @@ import pytest
 
 from envs.effects import Effect
 from envs.plant import Plant
-from envs.replay import roll
+from envs.replay import rollout
 from sim2real.diagnosis.inference.hypotheses import get_kind
 from sim2real.diagnosis.inference.world_changes import GravityCompensation, list_world_changes
 from tests.sim2real.diagnosis import arm
@@ -24,7 +24,7 @@ def swing(gravcomp: float, effects: list[Effect], value: float) -> np.ndarray:
     every, start = np.zeros(1, int), np.array([[0.8, 0.3]])
     plant.set_params(every, np.full((1, len(effects)), value))
     plant.reset(every, start, 0 * start, np.zeros(1, np.uint64), start, measured=True)
-    return roll(plant, start[:, None].repeat(250, axis=1))[0, -1]
+    return rollout(plant, start[:, None].repeat(250, axis=1))[0, -1]
 
 
 @pytest.mark.parametrize(("given", "value", "wanted"), [(0.0, 1.0, 1.0), (1.0, -1.0, 0.0)])

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from hardware.config import ASSETS
+from hardware.assets import ASSETS
 from sim2real.diagnosis.report.html import render
 from sim2real.diagnosis.schema import Report
 from tests.sim2real.diagnosis.report.sample import report, trace

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from envs.models import load_spec
-from hardware.config import ASSETS
+from hardware.assets import ASSETS
 from sim2real.diagnosis.report import motion
 from sim2real.diagnosis.report.html import PAGE
 from tests.sim2real.diagnosis.report.test_browser import drive, sample

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hardware.config import ASSETS
+from hardware.assets import ASSETS
 from sim2real.diagnosis.report.robot_drawing import HEIGHT, WIDTH, robot
 
 

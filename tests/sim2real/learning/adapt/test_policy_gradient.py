@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from tests.sim2real.learning.modules.test_law import policy
 
 from sim2real.learning.adapt import EpisodeTrajectory, LinearGAE, PolicyGradient
 from sim2real.learning.adapt.linear_gae import discounted
 from sim2real.learning.modules.functional_actor import FunctionalActor, log_prob
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.learning.modules.test_functional_actor import policy
 
 JUDGE = LinearGAE(gamma=0.9, lmbda=1.0, ridge=1e-5)
 ADAPT = PolicyGradient(trajectories=3, rate=0.2, surrogate="likelihood", advantage=JUDGE)

@@ -275,7 +275,7 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         FunctionalCritic(TensorDictSequential(shared))  # as of an actor and a critic that share
     operator = one._recipe
     with pytest.raises(Sim2RealError, match=r"algorithm\.critic=true"):
-        operator.cohort(theta[None], np.zeros((1, 0, len(theta))))
-    cohort = operator.cohort(parameters(policy()).numpy()[None], np.zeros((1, 0, 1)))
+        operator.start_batch(theta[None], np.zeros((1, 0, len(theta))))
+    cohort = operator.start_batch(parameters(policy()).numpy()[None], np.zeros((1, 0, 1)))
     with pytest.raises(Sim2RealError, match="told returns alone"):
         cohort.tell(np.array([0]), np.array([0]), np.array([1.0]))

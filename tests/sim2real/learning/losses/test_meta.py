@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 import torch
-from tests.sim2real.learning.modules.test_law import policy
 from torch.func import hessian, vmap
 
 from sim2real.learning.adapt import LinearGAE, PolicyGradient
 from sim2real.learning.adapt.policy_gradient import TransitionBatch
 from sim2real.learning.losses.meta import MetaObjective
 from sim2real.learning.modules.functional_actor import FunctionalActor, divergence, log_prob
+from tests.sim2real.learning.modules.test_functional_actor import policy
 
 Tensor = torch.Tensor
 TASKS, STEPS = 3, 12
