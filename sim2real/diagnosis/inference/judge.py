@@ -241,14 +241,16 @@ class Judge:
         return best
 
     def _pick_simplest(self, fits: Sequence[Fit]) -> Fit:
-        """Return the best, or one of fewer values that is not significantly worse.
+        """Return the best, or one of fewer free values that is not significantly worse.
 
-        Of these one without mistakes of the log goes first: they are common, and yet what a log
-        cannot tell from an effect of the robot is called that.
+        A whole number, such as of rows or turns, is not free to follow anything. Then those without
+        mistakes of the log go first: what cannot be told from an effect of the robot is called one.
         """
         top = max(fits, key=lambda fit: fit.total)
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
-        return min(near, key=lambda f: (f.values.shape[1], len(f.hypothesis.changes), -f.total))
+        return min(
+            near, key=lambda f: (f.hypothesis.smooth.sum(), len(f.hypothesis.changes), -f.total)
+        )
 
     def _prune(self, tried: dict[str, Fit]) -> Fit:
         """Return the best explanation, each of whose members wins what it has to."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sim2real.diagnosis.data.noise_floor import rounding
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 
@@ -33,7 +34,7 @@ def compute_unknowns(
         none = np.zeros((*base.error.shape, 0))
         return base.error, cap_directions(replayer, replayer.ballistic()), none
     step = max(model.opt.timestep for model in replayer.data.models)
-    clock = step * base.slope[..., None]
+    clock = rounding(step) * base.slope[..., None]  # a command acts at the next step
     local = np.concatenate([replayer.starts(hypothesis, values), clock], axis=-1)
     common = _principal(replayer, replayer.usual(hypothesis, values))
     return base.error, cap_directions(replayer, local), cap_directions(replayer, common)
