@@ -6,7 +6,7 @@
     report.verdict, report.causes, report.gap
 
     env = make_env(compose(["+experiment=udr"]), num_envs=256)  # a TorchRL environment
-    action = load_policy("outputs/train/udr/TIME").pilot()(observation)
+    action = load_policy("outputs/train/udr/TIME").controller()(observation)
 
 A name's module is imported when the name is first used: `import sim2real` alone costs nothing.
 """

@@ -1,10 +1,10 @@
 """A trained policy: what acts, in which world, and its parameters as one vector.
 
     trained = algorithm.trained()
-    env = trained.make_env(50)                             # its environment, statistics frozen
-    played = trained.play(seeds)                        # an episode for each seed
-    pilot = trained.pilot(trained.theta)                # a function of what a robot shows
-    action = pilot(observation)                         # (n, O) to (n, A), step after step
+    env = trained.make_env(50)                          # its environment, statistics frozen
+    played = trained.run_episodes(seeds)                # an episode for each seed
+    controller = trained.controller(trained.theta)      # a function of what a robot shows
+    action = controller(observation)                    # (n, O) to (n, A), step after step
 
 It hides which algorithm trained the policy. Evolution strategies keep their parameters in one
 vector already; of any other policy the vector is that of its actor's parameters, in their order.

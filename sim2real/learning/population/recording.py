@@ -1,6 +1,6 @@
 """Episodes of a simulated robot with their log, as a real one would write it.
 
-recorded = record(robot, trained.pilot(num_rows=50), seeds, values)
+recorded = record(robot, trained.controller(num_rows=50), seeds, values)
 recorded.returns, recorded.log              # (50,), and one log of 50 episodes
 """
 

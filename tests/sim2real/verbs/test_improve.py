@@ -204,7 +204,7 @@ def test_nothing_found_on_the_ground_ends_it(
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("text", "message"),
     [
         (("trials=1",), "trials=1: at least 2 episodes"),
         (("rounds=0",), "rounds=0 must be at least 1"),
