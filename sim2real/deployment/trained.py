@@ -1,8 +1,8 @@
 """A trained policy taken out of a checkpoint.
 
 trained = load_policy("outputs/train/udr/2026-11-21_10-00-00")
-controller = trained.controller()                         # raw observations (n, O) to actions (n, A)
-controller = trained.controller(candidate)                # the same network with other parameters
+controller = trained.controller()             # raw observations (n, O) to actions (n, A)
+controller = trained.controller(candidate)    # the same network with other parameters
 """
 
 from __future__ import annotations

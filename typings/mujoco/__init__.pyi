@@ -14,6 +14,7 @@ from mujoco._structs import *
 __version__: str
 sysid: Any  # packages with sources of their own
 viewer: Any
+mjMAXVAL: float
 mjMINVAL: float
 mjNGAIN: int
 mjNGROUP: int

@@ -1,7 +1,7 @@
 """Compiled models and their states."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from mujoco._fields import (
@@ -18,6 +18,7 @@ from mujoco._fields import (
 )
 
 class MjModel:
+    _setconst_outputs: ClassVar[Any]  # of `mujoco.batch`: fields that `set_const` derives
     def actuator(self, name: str | Int, /) -> _MjModelActuatorViews: ...
     actuator_actadr: _Ints
     actuator_actlimited: _Bools
@@ -124,6 +125,8 @@ class MjModel:
     def nactuator(self) -> int: ...
     @property
     def names(self) -> bytes: ...
+    @property
+    def neq(self) -> int: ...
     @property
     def ngravcomp(self) -> int: ...
     @property

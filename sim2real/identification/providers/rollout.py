@@ -107,7 +107,7 @@ def collect_transitions(
         step = rows.step(None, action)
         found.append(np.hstack([observation, action, step.observation - observation]))
         observation = np.array(step.observation)
-        over = np.flatnonzero(step.terminated | step.truncated)
+        over = np.flatnonzero(np.asarray(step.terminated | step.truncated))
         if over.size:
             observation[over] = rows.reset(over, values[over], _seeds(rng, len(over)))
     return np.stack(found, axis=1)

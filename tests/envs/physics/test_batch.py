@@ -31,7 +31,7 @@ def test_an_engine_steps_the_rows_it_is_asked_to() -> None:
     data = mujoco.MjData(model)
     data.qpos[:], data.ctrl[:] = 0.3, 0.5
     mujoco.mj_step(model, data, 5)
-    assert np.array_equal(qpos, [data.qpos, [0.3], data.qpos])
+    assert np.array_equal(qpos, np.array([data.qpos[:], [0.3], data.qpos[:]]))
     assert not physics.broken(slice(None)).any()
 
 

@@ -17,7 +17,7 @@ def episode(env: Nav2D, values: np.ndarray, seeds: np.ndarray, action: np.ndarra
     while len(ids):
         step = env.step(ids, np.tile(action, (len(ids), 1)))
         totals[ids] += step.reward
-        ids = ids[~(step.terminated | step.truncated)]
+        ids = ids[~np.asarray(step.terminated | step.truncated)]
     return totals
 
 

@@ -15,25 +15,30 @@ from envs.effects import make
 from envs.mujoco import MujocoEnv
 from envs.randomization import Draw, Randomization
 from envs.tasks import Hopper
-from sim2real.config.compose import compose, prepare
+from sim2real.config.compose import compose, instantiate
 from sim2real.learning.adapt import HillClimb
 from sim2real.learning.algorithms.base import build
-from sim2real.learning.environment import Environment
+from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.device_slots import Slots
-from sim2real.learning.population.population import Members, Population, Results, draw_seeds
+from sim2real.learning.population.population import (
+    Population,
+    PopulationRequest,
+    PopulationResult,
+    draw_seeds,
+)
 from sim2real.runs.errors import Sim2RealError
 
 if find_spec("mujoco_warp") is None and "SIM2REAL_GPU_EXTRA" not in os.environ:
     pytest.skip("needs MuJoCo Warp: pip install 'sim2real[gpu]'", allow_module_level=True)
 
 
-def adapted(physics: str) -> tuple[Results, float]:
+def adapted(physics: str) -> tuple[PopulationResult, float]:
     """Five members that adapt by hill climbing, in four rows of an engine; the part in use."""
     draws = Randomization([Draw(make("link_mass", where="torso"), low=0.0, high=2.0)])
     base: Any = partial(MujocoEnv, task=Hopper(max_steps=30), physics=physics)
-    environment = Environment(base, draws)
+    environment = EnvironmentFactory(base, draws)
     with_policy = compose(["policy=linear"])
-    _, given = prepare(with_policy, Path())
+    _, given = instantiate(with_policy, Path())
     policy = given["parts"].policy(environment.on_host.make(1, threads=1))
     rows = environment.rows(4, 1)
     draws.check(rows.space)
@@ -44,7 +49,7 @@ def adapted(physics: str) -> tuple[Results, float]:
     values = draws.sample(rng, 5)
     seeds = draw_seeds(rng, (5, adapt.episodes + 1))
     population = Population([rows], policy)
-    return population.run(Members(cohort, values, values, seeds), None), population.in_use
+    return population.run(PopulationRequest(cohort, values, values, seeds), None), population.in_use
 
 
 @pytest.mark.slow
@@ -66,7 +71,7 @@ def test_training_collects_where_the_tensors_are(algorithm: str) -> None:
         "ppo": ["algorithm.num_rows=4", "algorithm.steps=32", "algorithm.minibatch_size=32"],
         "sac": ["algorithm.num_rows=4", "algorithm.steps=8", "algorithm.warmup_frames=16"],
     }[algorithm]
-    _, given = prepare(
+    _, given = instantiate(
         compose([f"algorithm={algorithm}", "env.physics=warp", "params=mass_friction", *small]),
         Path(),
     )
