@@ -140,7 +140,7 @@ class Population:
             normalizer: mean and std of the observations, frozen meanwhile; None feeds them raw.
         """
         if isinstance(members.cohort, LearnerCohort):
-            if not self._shards[0].arrays.on_host:
+            if any(not shard.arrays.on_host for shard in self._shards):
                 raise Sim2RealError(
                     "physics=warp runs no members that learn from their steps; use adapt=hillclimb "
                     "or adapt=none, or physics=batch"

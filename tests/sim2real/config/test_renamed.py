@@ -29,7 +29,7 @@ def test_a_saved_tree_builds_what_it_described() -> None:
     ]
     first, second = (build(tree, "adapt") for tree in trees)
     assert type(first) is type(second)
-    assert first.operator.queries == 7
+    assert first.operator.sigma == second.operator.sigma == 0.1
 
 
 def test_an_old_public_name_is_taken_with_a_warning() -> None:
