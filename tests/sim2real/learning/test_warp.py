@@ -80,7 +80,7 @@ def test_training_collects_where_the_tensors_are(algorithm: str) -> None:
         found = learner.iterate()
     assert learner.frames == 3 * 4 * (32 if algorithm == "ppo" else 8)
     assert all(np.isfinite(v) for k, v in found.items() if k.startswith("train/loss"))
-    assert learner.trained().play(np.arange(2, dtype=np.uint64)).returns.shape == (2,)
+    assert learner.trained().run_episodes(np.arange(2, dtype=np.uint64)).returns.shape == (2,)
 
 
 def test_what_a_device_cannot_act_by_is_refused_by_name() -> None:
