@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.load import ForeignLoad, own_memory
+from benchmarks.load import TICKS, ForeignLoad, own_memory
 from benchmarks.report import THRESHOLDS, document, table, write
 from benchmarks.rows.base import Row, Timing
 from benchmarks.rows.batched import BatchedEnv, Collected, make_env
@@ -279,4 +279,4 @@ def test_dead_grandchildren_of_a_living_child_are_own_work() -> None:
         now = load._read()
         process.communicate(b"")
     assert now is not None
-    assert now[2] - start[2] >= 0.5  # s of CPU time
+    assert now[2] - start[2] >= 0.5 - 4 / TICKS  # s of CPU time; user and system, in whole ticks
