@@ -41,7 +41,7 @@ class ReturnSpring(FieldEffect):
 
     name, place, unit, hows = "return_spring", "joint", "N·m/rad", ("add", "scale", "set")
     field = "jnt_stiffness"
-    words = "spring to the rest angle"
+    display_name = "spring to the rest angle"
     symptom = "the joint is pulled to its rest angle, the more the farther it is away"
     source = "MuJoCo XML reference, joint/stiffness"
     experiment = "let go of the joint from several angles"
