@@ -59,7 +59,10 @@ def with_run(overrides: list[str]) -> list[str]:
                 f"{key}={value}: the run in {folder} has {key}={was}, and resume= goes on with it "
                 "as it is; leave it out, or begin a new run (start= takes over its policy)"
             )
-    return [line for line in own if key_of(line) not in given] + overrides
+    kept = [line for line in own if key_of(line) not in given]
+    return [
+        line for line in kept if root_of(line) in FIXED or root_of(line) not in given
+    ] + overrides
 
 
 def _value(folder: Path, own: list[str], key: str) -> Any:

@@ -179,7 +179,7 @@ def resumable(folder: Path, *words: str) -> Path:
 
 def test_a_resumed_run_is_configured_as_it_was(tmp_path: Path) -> None:
     """All that it was given holds; how long it goes on and on how many processes may change."""
-    words = ("+experiment=nav2d", "algorithm.pairs=8", "seed=9", "iterations=40")
+    words = ("+experiment=nav2d", "algorithm.pairs=8", "seed=9", "iterations=40", "eval.episodes=3")
     run = resumable(tmp_path / "run", *words, "hydra.run.dir=somewhere")
     alone = compose([f"resume={run}"])
     assert alone == compose([*words, f"resume={run}"]) | {"resume": str(run)}
