@@ -164,7 +164,7 @@ class ServoBackend:
         """Connect, check and set up every servo; torque is off.
 
         Raises:
-            LineError: the port cannot be used.
+            SerialPortError: the port cannot be used.
             ServoError: a servo is not as the robot's file says.
         """
         if self._guard is not None:
@@ -195,7 +195,7 @@ class ServoBackend:
         been out, and a servo that rebooted has lost its settings.
 
         Raises:
-            LineError: the port did not come back.
+            SerialPortError: the port did not come back.
             SafetyError: a servo is outside its limits, or reports an error.
             ServoError: a servo is not as the robot's file says.
         """

@@ -44,7 +44,7 @@ class BodySensors(Protocol):
         """Return the newest values by name; `now` is the clock's time [s].
 
         Raises:
-            LineError: there are none; the robot is then stopped.
+            SerialPortError: there are none; the robot is then stopped.
         """
         ...
 

@@ -84,7 +84,7 @@ class BusClient:
         """Open the port at this speed.
 
         Raises:
-            LineError: there is no such port, it cannot run at this speed, or another program
+            SerialPortError: there is no such port, it cannot run at this speed, or another program
                 holds it.
         """
         with self._cable():
@@ -357,7 +357,7 @@ class BusClient:
 
     @contextmanager
     def _cable(self) -> Iterator[None]:
-        """Turn what the operating system says of a lost port into a LineError."""
+        """Turn what the operating system says of a lost port into a SerialPortError."""
         try:
             yield
         except SerialPortError:

@@ -107,7 +107,7 @@ class Driver(Torque):
         """Open the port and check every servo; nothing is written, nothing moves.
 
         Raises:
-            LineError: the port cannot be used.
+            SerialPortError: the port cannot be used.
             ServoError: a servo is missing, is another one, shares its ID, answers too slowly, or is
                 set so that it would move by itself; the message says what to do.
         """
@@ -141,7 +141,7 @@ class Driver(Torque):
             patience: how long to try [s].
 
         Raises:
-            LineError: the port did not come back in that time.
+            SerialPortError: the port did not come back in that time.
             ServoError: it did, but the servos are not as they were.
         """
         end, pause = self.clock.now() + patience, FIRST_PAUSE

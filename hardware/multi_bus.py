@@ -137,7 +137,7 @@ class MultiBusDriver(Driver):
         """Tell the servos of every bus to switch their torque off, whatever becomes of the others.
 
         Raises:
-            LineError: a port cannot be used; the others were told.
+            SerialPortError: a port cannot be used; the others were told.
         """
         self._on_all(Driver.broadcast_torque_off)
 
@@ -148,7 +148,7 @@ class MultiBusDriver(Driver):
             times: how much longer than usual each answer is waited for.
 
         Raises:
-            LineError: a port cannot be used; on the others torque is off.
+            SerialPortError: a port cannot be used; on the others torque is off.
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
         """
         failed = _failed(self._drivers, Driver.broadcast_torque_off)
@@ -165,7 +165,7 @@ class MultiBusDriver(Driver):
             patience: how long to try [s].
 
         Raises:
-            LineError: a port did not come back in that time.
+            SerialPortError: a port did not come back in that time.
             ServoError: it did, or was never gone, but a servo did not confirm.
         """
         _failed(self._drivers, Driver.broadcast_torque_off)

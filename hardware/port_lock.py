@@ -1,7 +1,7 @@
 """One program at a serial port: others are refused with the name of the holder.
 
     lock = PortLock("/dev/ttyUSB0")
-    lock.take()                 # LineError: ... is held by 'python -m ...' (process 4711) ...
+    lock.take()                 # SerialPortError: ... is held by 'python -m ...' (process 4711) ...
     lock.release()
 
 Two masters on one bus corrupt each other's packets, and no servo reports it. The lock is the
@@ -43,7 +43,7 @@ class PortLock:
         """Take the lock; does nothing if it is held here already.
 
         Raises:
-            LineError: another program has the device open; the message says which.
+            SerialPortError: another program has the device open; the message says which.
             OSError: the device cannot be opened.
         """
         if self._file is not None or find_spec("fcntl") is None or not self._is_device():

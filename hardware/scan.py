@@ -39,7 +39,7 @@ def scan(client: BusClient, maker: str = "dynamixel") -> Iterator[DetectedServo]
     """Yield every servo that answers, speed by speed; the port stays open at the last one.
 
     Raises:
-        LineError: the port is not there, or held by another program.
+        SerialPortError: the port is not there, or held by another program.
     """
     refused: SerialPortError | None = None
     opened = False

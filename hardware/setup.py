@@ -28,7 +28,7 @@ def set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
     """Find, compare, show, ask, write and verify; the port is left open at the robot's speed.
 
     Raises:
-        LineError: the port cannot be used.
+        SerialPortError: the port cannot be used.
         ServoError: a servo does not answer, refuses, or is of another type.
         HardwareError: a person said no, or nobody answered.
     """

@@ -131,7 +131,7 @@ class Torque:
             patience: how long to try [s].
 
         Raises:
-            LineError: the port did not come back in that time.
+            SerialPortError: the port did not come back in that time.
             ServoError: it did, or was never gone, but a servo did not confirm.
         """
         end, attempt = self.clock.now() + patience, 0

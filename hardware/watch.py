@@ -3,7 +3,7 @@
 watch = Watch(driver, StopLimits())
 watch.begin(state)                          # what the servos report before their torque goes on
 watch.reading(reading, expected)            # "hinge is at 0.10 rad and should be at 0.80: ..."
-watch.health(0, driver.health(0), goal, ...)
+watch.health(0, driver.health(0))           # "hinge reports overload; find the reason"
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ class FeetechClient(BusClient):
         """Refuse: these servos reboot only with their supply.
 
         Raises:
-            LineError: always.
+            SerialPortError: always.
         """
         raise SerialPortError(f"servo {number} cannot be rebooted over the bus; switch its supply")
 

@@ -1,7 +1,7 @@
 """The IMU of a robot's file, read over its serial port, as sensors beside the servos.
 
     imu = SerialImu(robot.imu, RealClock())
-    imu.open()                              # LineError: what came instead of frames
+    imu.open()                              # SerialPortError: what came instead of frames
     imu.measure(now)["orientation"]         # of the site, w x y z; "acceleration" [m/s^2]
 
 Every read takes what has come since the last, and the newest frame counts: it is up to 10 ms old,
@@ -56,7 +56,7 @@ class SerialImu:
         """Open the port and wait for good frames.
 
         Raises:
-            LineError: the port cannot be used, or sends no frames of this part.
+            SerialPortError: the port cannot be used, or sends no frames of this part.
         """
         if self._port is not None:
             return
@@ -113,7 +113,7 @@ class SerialImu:
         """Return the newest values: `orientation` (4,), `acceleration` (3,), and counts.
 
         Raises:
-            LineError: no good frame came for `STALE`, or the cable is out.
+            SerialPortError: no good frame came for `STALE`, or the cable is out.
         """
         if self._port is None:
             raise SerialPortError(f"{self._place} is not open")

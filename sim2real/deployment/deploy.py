@@ -130,7 +130,7 @@ def run_deployment(
     Raises:
         Sim2RealError: the policy was trained for another robot, before anything moves.
         SafetyError: the guard stopped the robot; what was done is on disk.
-        Stopped: after Ctrl-C; torque is off.
+        RunInterrupted: after Ctrl-C; torque is off.
     """
     again, rows = f"continue with resume={resume or out}", robot_of(env)
     check_interface(trained, rows.backend.robot)

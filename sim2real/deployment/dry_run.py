@@ -19,9 +19,15 @@ log_ = logging.getLogger(__name__)
 def commands(log: Log) -> Table:
     """Return a row for each servo: goals, steps and distances that would have been commanded."""
     table = Table(
-        ("servo", "least goal [rad]", "largest goal [rad]", "largest step [rad]",
-         "farthest from where it is [rad]", "rows limited")
-    )  # fmt: skip
+        (
+            "servo",
+            "least goal [rad]",
+            "largest goal [rad]",
+            "largest step [rad]",
+            "farthest from where it is [rad]",
+            "rows limited",
+        )
+    )
     for servo, joint in zip(log.actuators, log.joints, strict=True):
         goal, wanted = log.column(f"ctrl.{servo}"), log.column(f"action.{servo}")
         off = np.abs(goal - log.column(f"qpos.{joint}")).max()
@@ -41,5 +47,11 @@ def tell_commands(log: Log | None, out: Path) -> None:
     for servo, low, high, step, off, limited in table.rows:
         log_.info(
             "%s would have been commanded to %.3f to %.3f rad, by at most %.3f rad a step and "
-            "%.3f rad from where it is; %d rows limited", servo, low, high, step, off, limited
-        )  # fmt: skip
+            "%.3f rad from where it is; %d rows limited",
+            servo,
+            low,
+            high,
+            step,
+            off,
+            limited,
+        )

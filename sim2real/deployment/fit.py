@@ -54,8 +54,8 @@ def check_interface(trained: TrainedPolicy, robot: Robot) -> None:
             f"{side_by_side(found)}\nonly limits may differ; deploy a policy that was trained for "
             "this robot, or correct the robot's file"
         )
-    log_.warning("the limits of %s differ from those in training:\n%s", robot.name,
-                 side_by_side(found))  # fmt: skip
+    words = "the limits of %s differ from those in training:\n%s"
+    log_.warning(words, robot.name, side_by_side(found))
 
 
 def of_robot(block: Block, robot: Robot) -> Block:

@@ -91,7 +91,7 @@ def run_training_loop(
     """Iterate until the budget is spent, keeping the run's files.
 
     Raises:
-        Stopped: after a signal; see the module's text.
+        RunInterrupted: after a signal; see the module's text.
     """
     with GracefulStop() as stopping, budget.progress(algorithm) as progress:
         try:
@@ -162,7 +162,7 @@ def train(
     Raises:
         Sim2RealError: input that cannot work, before any work starts.
         DiskError: when the run's files could not be written.
-        Stopped: after a signal.
+        RunInterrupted: after a signal.
     """
     budget = Budget(iterations, frames)
     source = None if resume is None else find(resume)

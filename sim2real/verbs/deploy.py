@@ -79,7 +79,7 @@ def run(
     Raises:
         Sim2RealError: a policy, a robot and settings that do not fit, before anything moves.
         HardwareError: a robot that is not as its file says, or was stopped on the way.
-        Stopped: after Ctrl-C; torque is off.
+        RunInterrupted: after Ctrl-C; torque is off.
     """
     one_checkpoint(checkpoint)
     out, task = Path(out), servo_task(parts.environment)

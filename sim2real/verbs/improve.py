@@ -108,7 +108,7 @@ def run(
         Sim2RealError: a policy, a robot and settings that do not fit, a target beside a port or
             logs, or a real robot that was not armed, before anything moves.
         HardwareError: a robot that is not as its file says.
-        Stopped: after Ctrl-C; torque is off, and what was done is on disk.
+        RunInterrupted: after Ctrl-C; torque is off, and what was done is on disk.
     """
     if by not in WAYS:
         raise Sim2RealError(f"by={by} is none of {', '.join(WAYS)}")

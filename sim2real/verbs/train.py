@@ -65,7 +65,7 @@ def run(
     Raises:
         Sim2RealError: input that cannot work, before any work starts.
         DiskError: when the run's files could not be written.
-        Stopped: after Ctrl-C or SIGTERM, once the iteration in progress is finished and a
+        RunInterrupted: after Ctrl-C or SIGTERM, once the iteration in progress is finished and a
             checkpoint written; a second Ctrl-C abandons the iteration.
     """
 

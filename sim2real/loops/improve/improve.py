@@ -128,7 +128,7 @@ def improve(
     Raises:
         Sim2RealError: a folder of another loop; a step that cannot be done.
         HardwareError: a robot that is wrong or is not there.
-        Stopped: after Ctrl-C; what was done is on disk.
+        RunInterrupted: after Ctrl-C; what was done is on disk.
     """
     loop = _Loop(
         site, parts, training, first, plan, out, ImprovementHistory(plan.tolerance, site.seed)

@@ -52,7 +52,7 @@ def improve_by_returns(
     Raises:
         Sim2RealError: tasks without ranges, a folder of another loop.
         HardwareError: a robot that is wrong, or was stopped on the way.
-        Stopped: after Ctrl-C; what was done is on disk.
+        RunInterrupted: after Ctrl-C; what was done is on disk.
     """
     session = recipe.start(prior_from_tasks(parts.tasks), site.seed)
     source = None if first is None else first.source

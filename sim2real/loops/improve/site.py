@@ -156,7 +156,7 @@ class RobotSetup:
         Raises:
             DeclinedError: the operator did not want it.
             SafetyError: the guard stopped the robot.
-            Stopped: after Ctrl-C; torque is off.
+            RunInterrupted: after Ctrl-C; torque is off.
         """
         plan = self._plan(trained)
         if (folder / STATE).is_file():

@@ -57,7 +57,7 @@ def learn(
         start: a checkpoint whose policy the training goes on from; None for a new one.
 
     Raises:
-        Stopped: after Ctrl-C; its message says how to continue.
+        RunInterrupted: after Ctrl-C; its message says how to continue.
     """
     place = folder / name
     begun = any((place / FOLDER).glob("checkpoint-*"))

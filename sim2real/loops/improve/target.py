@@ -5,10 +5,10 @@
     target.score(trained, effects)              # in the simulator, from the same starts
     target.record(place, number)                # the episodes of the round before, to be diagnosed
 
-It takes the place of `site.Site`. What was recorded of its episodes is diagnosed in pieces that
-restart from the recorded state: a simulation of a robot that nothing holds, such as a hopper in
-flight, leaves the recording soon whatever the model; restarted often, what it makes of the model's
-errors stays measurable.
+It takes the place of `site.RobotSetup`. What was recorded of its episodes is diagnosed in pieces
+that restart from the recorded state: a simulation of a robot that nothing holds, such as a hopper
+in flight, leaves the recording soon whatever the model; restarted often, what it makes of the
+model's errors stays measurable.
 """
 
 from __future__ import annotations
