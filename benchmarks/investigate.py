@@ -32,9 +32,9 @@ from hardware.config import Robot, load_robot
 from hardware.errors import HardwareError
 from hardware.log import Log, read_log
 from sim2real.deployment.record import record_motions
-from sim2real.diagnosis.attribution.experiment_menu import Item, menu
-from sim2real.diagnosis.attribution.next_experiment import next_experiment
 from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.experiments.menu import Item, menu
+from sim2real.diagnosis.experiments.next_experiment import next_experiment
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.exam.hiding import EFFECTS
 from sim2real.exam.logs import exam_robot

@@ -199,22 +199,25 @@ def diagnosed(recorded: Recorded) -> Worked:
 
 def fitted(recorded: Recorded) -> Worked:
     """Fit by this project's Gauss-Newton, both folds side by side."""
-    from sim2real.diagnosis.attribution.candidates import candidates
-    from sim2real.diagnosis.attribution.fit import refine
-    from sim2real.diagnosis.attribution.problem import Problem
     from sim2real.diagnosis.data.dataset import Data
-    from sim2real.diagnosis.data.simulate import Simulator
+    from sim2real.diagnosis.data.work import Work
+    from sim2real.diagnosis.inference.candidates import candidates
+    from sim2real.diagnosis.inference.fit import Start
+    from sim2real.diagnosis.inference.hypotheses import Hypothesis
+    from sim2real.diagnosis.inference.judge import Judge
 
     data = Data.of([log := read_log(recorded.logs[0])], recorded.model)
     wanted = [(name, j) for name in ("coulomb_friction", "position_gain") for j in log.joints]
     by_name = {(c.name, c.place): c for c in candidates(data)}
-    members = [by_name[key] for key in wanted]
+    members = tuple(by_name[key] for key in wanted)
+    judge = Judge(data, work=(work := Work()))
+    before = work.seconds
     begin = time.perf_counter()
-    problem = Problem(data, simulator := Simulator(data))
     neutral = np.concatenate([member.neutral for member in members])[None]
-    fit = refine(problem, members, neutral, ROUNDS)
+    (fit,) = judge.fitter.fit([Start(Hypothesis(members), neutral)], rounds=ROUNDS)
     seconds = time.perf_counter() - begin
-    return Worked(simulator.seconds / _length(log), seconds, _peak(), tuple(fit.mean))
+    replays = (work.seconds - before) / _length(log)
+    return Worked(replays, seconds, _peak(), tuple(fit.mean))
 
 
 def fitted_by_sysid(recorded: Recorded) -> Worked:

@@ -108,7 +108,6 @@ class Config:
     viewer: Literal["rerun"] | None
     effects: str | None
     exclude: list[str]
-    judge: Literal["rules", "likelihood"]
     against: str | None
     actor: str | None
     observation: str | None

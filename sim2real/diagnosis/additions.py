@@ -16,12 +16,12 @@ import numpy as np
 
 from envs.effects import merge_effects
 from hardware.log import Log
-from sim2real.diagnosis.attribution.conclude import Conclusion
-from sim2real.diagnosis.attribution.numerics import NullTest, is_numerics
 from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_of
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.design import design
+from sim2real.diagnosis.experiments.design import design
+from sim2real.diagnosis.inference.conclusion import Conclusion
+from sim2real.diagnosis.numerics import NullTest, is_numerics
 from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of
 from sim2real.diagnosis.preflight.torques import measured_torques
 from sim2real.diagnosis.prepare import PreparedLogs, model_of

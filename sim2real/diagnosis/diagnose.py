@@ -20,7 +20,7 @@ from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -38,30 +38,25 @@ from sim2real.diagnosis.additions import (
     tested,
     witnessed,
 )
-from sim2real.diagnosis.attribution.apart import Member
-from sim2real.diagnosis.attribution.attributed import About, attributed, causes_of
-from sim2real.diagnosis.attribution.candidates import check_names
-from sim2real.diagnosis.attribution.conclude import Conclusion
-from sim2real.diagnosis.attribution.fit import columns
-from sim2real.diagnosis.attribution.grip import check_grip
-from sim2real.diagnosis.attribution.numerics import null_test
-from sim2real.diagnosis.attribution.ties import witnesses
 from sim2real.diagnosis.closed_loop.check import LoadPlayer
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.evidence import Evidence
-from sim2real.diagnosis.inference.run import run_judge
+from sim2real.diagnosis.experiments.apart import Member
+from sim2real.diagnosis.ground.grip import check_grip
+from sim2real.diagnosis.inference.candidates import check_names
+from sim2real.diagnosis.inference.conclusion import Conclusion
+from sim2real.diagnosis.inference.run import About, Causes, find_causes
+from sim2real.diagnosis.numerics import null_test
 from sim2real.diagnosis.outcome import Diagnosis
-from sim2real.diagnosis.preflight.checks import UNITS
 from sim2real.diagnosis.prepare import prepare
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.diagnosis.whole_replay import replayed
 from sim2real.runs.errors import Sim2RealError
 
-Judging = Literal["rules", "likelihood"]
 TELLING = 0.95  # share of the work that is done then
 
 
@@ -77,7 +72,6 @@ def diagnose(
     load_policy: LoadPolicy | None = None,
     load_player: LoadPlayer | None = None,
     actor: str | Path | None = None,
-    judge: Judging = "rules",
 ) -> Report:
     """Locate a gap, name what causes it, and say how much is left once it is added.
 
@@ -95,7 +89,6 @@ def diagnose(
         load_player: makes that policy play in its simulator, such as
             `sim2real.loops.player.load_player`; None leaves the closed loop out.
         actor: the policy that wrote the logs; None for the one that they name, if any.
-        judge: who decides: `rules` of the search, or the `likelihood` of `inference`.
 
     Returns:
         The report; `report.evidence` holds what its pictures show.
@@ -117,7 +110,6 @@ def diagnose(
         load_policy=load_policy,
         load_player=load_player,
         actor=actor,
-        judge=judge,
     ).report
 
 
@@ -133,7 +125,6 @@ def run_diagnosis(
     load_policy: LoadPolicy | None = None,
     load_player: LoadPlayer | None = None,
     actor: str | Path | None = None,
-    judge: Judging = "rules",
 ) -> Diagnosis:
     """Diagnose; the other arguments are those of `diagnose`, logs in memory.
 
@@ -151,18 +142,11 @@ def run_diagnosis(
     prepared = prepare(logs, model, fixed, settings, on_progress)
     interface = check_beforehand(prepared.logs, load_policy, settings, actor)
     findings = [*interface.findings, *prepared.findings]
-    wrong = [finding.finding for finding in findings if finding.check in UNITS]
-    about = About(
-        prepared.data, exclude, fixed, rng, on_progress, Work(), witnesses(findings, fixed)
-    )
-    if judge == "likelihood":
-        found = run_judge(about, prepared.restart)
-    else:
-        found = attributed(about, wrong[0] if wrong else None, prepared.restart)
+    about = About(prepared.data, exclude, fixed, rng, on_progress, Work(), prepared.restart)
+    found = find_causes(about)
+    made, data, floors = found.made, found.data, found.baseline.floors
     if prepared.restart is not None:
-        search = found.search
-        findings += check_grip(search.problem, search.options, search.floor)
-    data, _, floors, made = found
+        findings += check_grip(found.judgement.judge.replayer, found.baseline.floor)
     null = null_test(prepared.logs, prepared.specs, fixed, settings.numerics)
     on_progress("telling what was found", TELLING)
     inputs = _inputs(data, model, seed, exclude)
@@ -177,7 +161,7 @@ def run_diagnosis(
         failed=(*interface.failed, *made.report.failed),
         evidence=_evidence(made, data, inputs),
     )
-    told = _told(report, made, data, fixed, floors)
+    told = _told(report, found, fixed)
     kept = {"logs": prepared.logs, "specs": prepared.specs, "driven": prepared.driven}
     whole = partial(replayed, **kept, settings=settings.hunting)
     told = added(told, "the replay of whole recordings", whole)
@@ -209,17 +193,16 @@ def _evidence(made: Conclusion, data: Data, inputs: dict[str, Any]) -> Evidence:
     )
 
 
-def _told(
-    report: Report, made: Conclusion, data: Data, fixed: Sequence[Fixed], floors: np.ndarray
-) -> Diagnosis:
+def _told(report: Report, found: Causes, fixed: Sequence[Fixed]) -> Diagnosis:
     """Return a report with what programs need of the fit behind it."""
+    made, data, floors = found.made, found.data, found.baseline.floors
     return Diagnosis(
         report,
-        causes_of(made.fit),
+        made.found,
         without_impedance(data.specs[0]),
-        _intervals(made),
+        made.intervals,
         tuple(fixed),
-        tuple(Member(label, causes_of(fit)) for label, fit in made.alike),
+        tuple(Member(*one) for one in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
 
@@ -233,12 +216,6 @@ def _read(logs: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:
     for one in logs:
         found += [one] if isinstance(one, Log) else read_logs(one)
     return found or read_logs([])
-
-
-def _intervals(made: Conclusion) -> tuple[tuple[float, float], ...]:
-    """Return the interval of each cause's first value."""
-    starts = [place.start for place in columns(made.fit.members)]
-    return tuple((float(low), float(high)) for low, high in made.intervals[starts])
 
 
 def _sha256(path: Path) -> str:

@@ -15,7 +15,7 @@ import mujoco
 
 from envs.effects import merge_effects, write_effects
 from envs.plant import Fixed
-from sim2real.diagnosis.attribution.apart import Member
+from sim2real.diagnosis.experiments.apart import Member
 from sim2real.diagnosis.preflight.checks import BLOCKING, NOTES
 from sim2real.diagnosis.report.html import write_html
 from sim2real.diagnosis.report.model_file import write as write_model

@@ -20,7 +20,6 @@ from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.refuse import refuse_slow, refuse_sparse
-from sim2real.diagnosis.data.starts import with_free_starts
 from sim2real.diagnosis.ground.findings import check_ground
 from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.ground.pushes import check_pushes
@@ -85,8 +84,6 @@ def prepare(
     if estimates:
         on_progress("estimating where the base was", 0.0)
         data = grounded(given, estimates, fixed)
-    else:
-        data = with_free_starts(given, fixed)
     specs = [data.specs[model_of(data, number)] for number in range(len(logs))]
     for log, spec in zip(logs, specs, strict=True):
         refuse_kinds(log, spec, settings.kinds)

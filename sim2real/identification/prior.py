@@ -20,8 +20,8 @@ from envs.marginals import Marginal, uniform
 from envs.params import Parameter
 from envs.plant import Plant
 from envs.randomization import Randomization, Tasks
-from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.data.recording import load_model
+from sim2real.diagnosis.inference.candidates import Candidate, candidates
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.identification.data import Recordings
 from sim2real.identification.settings import DEFAULT, Settings

@@ -6,7 +6,7 @@
 
 Each round adds a recording to all earlier ones and diagnoses them together. What the logs cannot
 tell apart then plays against itself in motions of a menu and in drawn ones, each explanation
-refitting to what the other would show (`diagnosis.attribution.apart`); the one in which the most
+refitting to what the other would show (`diagnosis.experiments.apart`); the one in which the most
 similar of those that can be parted part fastest is recorded next.
 """
 
@@ -23,12 +23,12 @@ import numpy as np
 
 from hardware.config import Robot
 from hardware.log import Log
-from sim2real.diagnosis.attribution.experiment_menu import LENGTHS, Item
-from sim2real.diagnosis.attribution.next_experiment import Experiment
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.data.recording import load_model
-from sim2real.diagnosis.design import design
 from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.experiments.design import design
+from sim2real.diagnosis.experiments.menu import LENGTHS, Item
+from sim2real.diagnosis.experiments.next_experiment import Experiment
 from sim2real.diagnosis.outcome import Diagnosis, write
 from sim2real.diagnosis.report.text import format_effect, place_of
 from sim2real.diagnosis.schema import Report

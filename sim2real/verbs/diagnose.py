@@ -11,7 +11,7 @@ from hardware.log import read_logs
 from sim2real.diagnosis.closed_loop.check import Player
 from sim2real.diagnosis.contract.logged import Policy
 from sim2real.diagnosis.data.progress import ProgressLines
-from sim2real.diagnosis.diagnose import Judging, run_diagnosis
+from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, final_message, write
 from sim2real.diagnosis.report.comparison import read_report
 from sim2real.diagnosis.report.text import format_effect, place_of
@@ -28,7 +28,6 @@ def run(
     model: str | None,
     effects: str | None,
     exclude: Sequence[str],
-    judge: Judging,
     against: str | None,
     actor: str | None,
     seed: int,
@@ -41,7 +40,6 @@ def run(
         model: an MJCF for all logs; None takes the one that each log names.
         effects: an effects.yaml of what is known already; put into the model first.
         exclude: names of effects that are left out of the candidates.
-        judge: who decides what a search proposed: `rules`, or the `likelihood`.
         against: an earlier diagnosis, its folder or report.json; comparison.html sets it beside
             this one. None for none.
         actor: the policy that wrote the log: a run, a checkpoint, or an export; None for the one
@@ -87,7 +85,6 @@ def run(
         load_policy=load_policy,
         load_player=load_player,
         actor=actor,
-        judge=judge,
     )
     write_all(found)
     gap = found.report.gap

@@ -12,8 +12,8 @@ import numpy as np
 from hardware.excite import Kind
 from hardware.log import Log, read_log, read_logs
 from sim2real.deployment.record import prepare_robot, record_motions
-from sim2real.diagnosis.attribution.experiment_menu import Item
 from sim2real.diagnosis.data.progress import ProgressLines
+from sim2real.diagnosis.experiments.menu import Item
 from sim2real.diagnosis.outcome import final_message
 from sim2real.loops.investigate import WORDS, Investigation, SearchBudget, investigate
 

@@ -7,9 +7,10 @@ The recorded commands go into the model, and the positions that come out are com
 measured ones, each at the moment when it was read (`stamp.<joint>`, where the log has it). The
 time that the robot's bus takes (`command_delay` in the log's metadata) is part of the model.
 `effects` puts known effects into the simulator first: the difference of the two gaps is what they
-explain. Nothing is fitted. What preflight finds is said before: a mistake of the log makes a gap
-that no robot has. What cannot be compared at all is refused: positions where the model takes
-torques, a base that moves freely and of which neither pose nor IMU was logged.
+explain. What preflight finds is said before, and so are mistakes of the log that explain the gap by
+themselves: they make a gap that no robot has. What cannot be compared at all is refused: positions
+where the model takes torques, a base that moves freely and of which neither pose nor IMU was
+logged.
 """
 
 from __future__ import annotations
@@ -21,12 +22,15 @@ from pathlib import Path
 import mujoco
 
 from envs.effects.file import load_effects
+from envs.plant import Fixed
 from hardware.log import Log, read_logs
+from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.recording import check_log, load_model
 from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow, refuse_sparse
 from sim2real.diagnosis.data.replay import Gap, measure, write
 from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.inference.run import find_mistakes
 from sim2real.diagnosis.preflight.checks import NOTES, preflight
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
@@ -67,6 +71,8 @@ def run(
     for one, spec in zip(seen, specs, strict=True):
         _check(one, spec)
     _look(seen, specs)
+    if not estimates:
+        _look_for_mistakes(seen, model, fixed)
     gaps = [measure(one, spec, fixed) for one, spec in zip(logs, specs, strict=True)]
     write(gaps, Path(out))
     return gaps
@@ -80,6 +86,17 @@ def _check(log: Log, spec: mujoco.MjSpec) -> None:
     refuse_sparse(log)
     refuse_loose_base(log, model, log.joints)
     refuse_kinds(log, spec)
+
+
+def _look_for_mistakes(logs: Sequence[Log], model: str | None, fixed: Sequence[Fixed]) -> None:
+    """Warn of mistakes of a log that explain the gap by themselves."""
+    try:
+        remedies = find_mistakes(Data.of(logs, model), fixed)
+    except Sim2RealError as error:
+        log_.info("mistakes of the log were not looked for: %s", error)
+        return
+    for remedy in remedies:
+        log_.warning("the log looks wrong, and right with this: %s", remedy)
 
 
 def _look(logs: Sequence[Log], specs: Sequence[mujoco.MjSpec]) -> None:

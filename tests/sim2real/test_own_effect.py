@@ -20,12 +20,10 @@ from hardware.log import Log
 from sim2real.config import extensions
 from sim2real.config.compose import compose
 from sim2real.config.targets import build
-from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Fit, refine
-from sim2real.diagnosis.attribution.problem import Problem
-from sim2real.diagnosis.attribution.screen import screen
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.inference.candidates import candidates
+from sim2real.diagnosis.inference.judge import Judge
+from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.report import model_file, text
 from sim2real.evaluation.grid import Grid
 from tests.sim2real.diagnosis import arm
@@ -50,7 +48,6 @@ class ReturnSpring(FieldEffect):
         return np.array([0.05, 0.2, 0.8]) * scale.torque_at(self.where)
 '''
 STIFFNESS = 0.8  # N·m/rad
-NOTHING = Fit((), np.zeros((2, 0)), np.zeros(2))
 
 
 DRAWN = """
@@ -102,13 +99,11 @@ def log() -> Log:
 
 @pytest.mark.slow
 def test_a_diagnosis_finds_it_and_a_report_says_it(tmp_path: Path) -> None:
-    """Of all effects it promises most, and its fit has the true stiffness."""
+    """Of all changes it explains the log, and its fit has the true stiffness."""
     data = Data.of([log()], arm.model(tmp_path))
-    problem = Problem(data, Simulator(data, threads=1))
-    found = screen(problem, NOTHING, candidates(data)).guesses[0]
-    assert found.candidate.label == "return_spring.b"
-    fit = refine(problem, (found.candidate,), np.tile(found.start, (1, 2, 1)), 4)
-    assert fit.mean[0] == pytest.approx(STIFFNESS, rel=0.02)
+    judgement = Judge(data).judge(Vocabulary(data))
+    assert judgement.best.label == "return_spring.b"
+    assert judgement.best.mean[0] == pytest.approx(STIFFNESS, rel=0.02)
     assert text.format_effect("return_spring", "b") == "spring to the rest angle at b"
     assert "return_spring" not in {c.name for c in candidates(data, ["return_spring"])}
 

@@ -15,11 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.plant import Fixed
-from sim2real.diagnosis.attribution.batches import Rows, simulate_each
-from sim2real.diagnosis.attribution.candidates import Candidate, candidates, in_the_way
-from sim2real.diagnosis.attribution.fit import nudges
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.inference.batches import Rows, simulate_each
+from sim2real.diagnosis.inference.candidates import Candidate, candidates, get_nudges, in_the_way
 
 VECTORS = ("gravity_tilt",)  # effects whose values are all one thing
 
@@ -145,7 +144,7 @@ def respond(
     start = 0
     for member in shared:
         value = watch.values[start : start + len(member.neutral)]
-        steps = nudges([member], np.tile(value, (2, 1)))[0]
+        steps = get_nudges((member,), value)
         for place in range(_count(member)):
             point = watch.values.copy()
             point[start + place] += steps[place]

@@ -14,16 +14,17 @@ from __future__ import annotations
 import logging
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.attribution.fit import refine
-from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.comparison.alike import FIELDS
 from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.inference.batches import Rows, simulate_each
+from sim2real.diagnosis.inference.candidates import Candidate, get_nudges
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 log_ = logging.getLogger(__name__)
+SMALL = 1e-6  # of a typical change: a start has to be inside its bounds
 
 
 def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
@@ -38,9 +39,9 @@ def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
     error = errors(simulator, watch, windows)
     worst = windows[np.argsort(-simulator.data.only(windows).window_squares(error))]
     looked = np.sort(worst[: limits.shared_windows])
-    problem, gap = Problem(simulator.data, simulator, looked), _gap(error[np.isin(windows, looked)])
+    gap = _gap(error[np.isin(windows, looked)])
     for step in (_rubbing, *[_joined] * limits.shared_max):
-        tried = step(problem, watch)
+        tried = step(simulator, looked, watch)
         left = gap if tried is None else _gap(errors(simulator, tried, looked))
         if tried is None or left > (1 - limits.shared_worth) * gap:
             if step is _joined:
@@ -52,9 +53,9 @@ def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
     return watch
 
 
-def _rubbing(problem: Problem, watch: Watch) -> Watch | None:
+def _rubbing(simulator: Simulator, windows: np.ndarray, watch: Watch) -> Watch | None:
     """Return the watch with friction at every joint, fitted; None where there is none to fit."""
-    response = respond(problem.simulator, watch, problem.windows, _is_friction)
+    response = respond(simulator, watch, windows, _is_friction)
     taken = {member.label for member in watch.shared}
     own = [k for k, c in enumerate(response.columns) if c.option.label not in taken]
     if not own:
@@ -67,10 +68,9 @@ def _rubbing(problem: Problem, watch: Watch) -> Watch | None:
     ]
     small = [np.clip(o.neutral + o.step, o.low, o.high) for o in options]
     points = np.stack([np.concatenate([watch.values, *point]) for point in (starts, small)])
-    rounds = problem.data.settings.compared.shared_rounds
-    fit = refine(problem, (*watch.shared, *options), points, rounds)
+    values = _fit(simulator, windows, (*watch.shared, *options), points)
     for option in options:
-        watch = watch.having(option, fit.mean)
+        watch = watch.having(option, values)
     return watch
 
 
@@ -78,10 +78,10 @@ def _is_friction(option: Candidate) -> bool:
     return option.name in FIELDS and not option.shared
 
 
-def _joined(problem: Problem, watch: Watch) -> Watch | None:
+def _joined(simulator: Simulator, windows: np.ndarray, watch: Watch) -> Watch | None:
     """Return the watch with the effect more that closes most, fitted; None if none is worth it."""
-    limits = problem.data.settings.compared
-    response = respond(problem.simulator, watch, problem.windows)
+    limits = simulator.data.settings.compared
+    response = respond(simulator, watch, windows)
     taken = {member.label for member in watch.shared}
     free = [c for c, own in enumerate(response.columns) if own.option.label not in taken]
     best = max(free, key=lambda c: _closed(response, c), default=None)
@@ -92,8 +92,47 @@ def _joined(problem: Problem, watch: Watch) -> Watch | None:
     start[place] += _value(response, best)
     points = [np.clip(start, option.low, option.high), option.neutral]
     starts = np.stack([np.concatenate([watch.values, point]) for point in points])
-    fit = refine(problem, (*watch.shared, option), starts, limits.shared_rounds)
-    return watch.having(option, fit.mean)
+    return watch.having(option, _fit(simulator, windows, (*watch.shared, option), starts))
+
+
+def _fit(
+    simulator: Simulator, windows: np.ndarray, members: tuple[Candidate, ...], starts: np.ndarray
+) -> np.ndarray:
+    """Return the values, (P,), of effects that leave the least squared error in some windows.
+
+    Args:
+        simulator: of all windows.
+        windows: to fit to, (n,).
+        members: the effects.
+        starts: values to begin from, of which the best is refined, (K, P).
+    """
+
+    def replay(points: np.ndarray) -> np.ndarray:
+        rows = [
+            Rows(members, windows, np.tile(p, (len(windows), 1))) for p in np.atleast_2d(points)
+        ]
+        return np.stack([made.error.ravel() for made in simulate_each(simulator, rows)])
+
+    def slopes(point: np.ndarray) -> np.ndarray:
+        steps = get_nudges(members, point)
+        base, *moved = replay(np.vstack([point, point + np.diag(steps)]))
+        return (np.array(moved) - base).T / steps
+
+    low = np.concatenate([member.low for member in members])
+    high = np.concatenate([member.high for member in members])
+    size = np.concatenate([member.step for member in members])
+    best = starts[np.square(replay(starts)).sum(axis=1).argmin()]
+    inside = np.clip(best, low + SMALL * size, high - SMALL * size)
+    rounds = simulator.data.settings.compared.shared_rounds + 1
+    fit = least_squares(
+        lambda point: replay(point)[0],
+        inside,
+        slopes,
+        bounds=(low, high),
+        x_scale=size,
+        max_nfev=rounds,
+    )
+    return fit.x
 
 
 def _gap(error: np.ndarray) -> float:

@@ -28,7 +28,6 @@ from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.recording import (
     check_log,
     load_model,
-    shorten,
     with_bus_delay,
 )
 from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow, refuse_sparse
@@ -201,13 +200,6 @@ class Data:
         pairs = zip(specs, self.specs, strict=True)
         if all(spec.option.timestep == own.option.timestep for spec, own in pairs):
             return None
-        return self._with_models(specs)
-
-    def finer(self, times: int) -> Data:
-        """Return the data with models that take so many times as many time steps."""
-        specs = [spec.copy() for spec in self.specs]
-        for spec in specs:
-            shorten(spec, times)
         return self._with_models(specs)
 
     def _with_models(self, specs: Sequence[mujoco.MjSpec]) -> Data:

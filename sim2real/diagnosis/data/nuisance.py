@@ -44,6 +44,14 @@ class Nuisance:
             found[rows] = self.weight[window] * left
         return found.reshape(error.shape) * self.noise
 
+    def directions(self) -> np.ndarray:
+        """Return one standard deviation of what each unknown does to errors, (W, T, M, D)."""
+        size = np.sqrt(1 / np.square(1 - self.gone) - 1)  # (W, D), see `marginal`
+        ways = (self.ways * size[:, None]).reshape(
+            len(self.ways), -1, len(self.noise), size.shape[1]
+        )
+        return ways * self.noise[:, None]
+
     def only(self, chosen: np.ndarray) -> Nuisance:
         """Return the same of some windows, (n,) indices."""
         parts = (self.ways[chosen], self.gone[chosen], self.noise, self.weight[chosen])

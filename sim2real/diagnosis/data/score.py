@@ -1,15 +1,13 @@
 """Root mean squares with intervals that know how long errors hang together.
 
     blocks = Blocks(data, windows, rng, coherence(data, error))
-    blocks.rms(error), blocks.interval(error), blocks.gain(before, after)
+    blocks.rms(error), blocks.interval(error), blocks.closed(before, after, floor)
 
 Samples a few milliseconds apart are no independent evidence: blocks are drawn again, whole. They
 are as long as the residue of the model as given hangs together, and about a second at least.
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -61,25 +59,6 @@ class Blocks:
     def interval(self, error: np.ndarray) -> tuple[float, float]:
         """Return the 90 % interval of the root mean square."""
         return self._ends(self.drawn(error))
-
-    def gain(self, before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
-        """Return the 90 % interval of the fall of the mean square error, paired."""
-        fall = self.squares(before) - self.squares(after)
-        return self._ends(self.draws @ fall / (self.draws @ self.sizes))
-
-    def best_gain(self, before: np.ndarray, after: Sequence[np.ndarray]) -> float:
-        """Return the lower end of the gain of the first of several that raced.
-
-        It pays for having been picked: the bounds of all of them hold at once, each at the same
-        level (Beran, JASA 83, 1988). Ranks of draws take the place of spreads: what falls in a few
-        blocks most is skewed. Of one alone it is the lower end of `gain`.
-        """
-        first = self.squares(before)
-        falls = np.stack([first - self.squares(one) for one in after], axis=1)  # (B, n)
-        drawn = (self.draws @ falls) / (self.draws @ self.sizes)[:, None]  # (D, n)
-        ranks = drawn.argsort(axis=0).argsort(axis=0).min(axis=1)  # (D,) of the lowest of each draw
-        level = float(np.quantile(ranks, self._tails[0])) / (len(drawn) - 1)
-        return float(np.quantile(drawn[:, 0], level))
 
     def closed(
         self, before: np.ndarray, after: np.ndarray, floor: float

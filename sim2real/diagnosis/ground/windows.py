@@ -25,7 +25,7 @@ from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.pushes import is_pushed, rows_of, weights
 from sim2real.diagnosis.ground.starts import Unknowns, moved, unknowns
 from sim2real.diagnosis.ground.turns import heading, level
-from sim2real.diagnosis.settings import Ground, Settings
+from sim2real.diagnosis.settings import Ground
 
 HALF = 0.5  # a quaternion's vector part over the angle that it turns by
 PARTS = (4, 5, 6)  # of a free joint's position: that vector part
@@ -42,7 +42,7 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
     settings = data.settings.ground
     joints = _joints(data, estimates, settings)
     which = [next(w.model for w in data.windows if w.log == n) for n in range(len(data.logs))]
-    plain = replace(data, joints=tuple(joints), settings=_settings(data.settings))
+    plain = replace(data, joints=tuple(joints))
     windows, doubts = [], []
     for number, estimate in enumerate(estimates):
         model = data.models[which[number]]
@@ -59,13 +59,6 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
     left = nuisance.clear(np.arange(len(error)), error)
     done = replace(cut, nuisance=nuisance.weighed(weights(cut, left)))
     return done.only(np.flatnonzero(~is_pushed(cut, left)))
-
-
-def _settings(settings: Settings) -> Settings:
-    """Return the settings of all later stages: short windows say as much in less time."""
-    own = settings.ground
-    search = replace(settings.search, screening_s=own.screening_s, racing_s=own.racing_s)
-    return replace(settings, search=search)
 
 
 def _gap(data: Data, nuisance: Nuisance, error: np.ndarray) -> float:

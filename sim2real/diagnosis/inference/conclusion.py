@@ -1,20 +1,20 @@
 """From a judgement to a report: verdict, causes with intervals and equivalents, what is left.
 
-made = make_conclusion(judgement, search, floors, rng)
+made = make_conclusion(judgement, baseline, rng)
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.attribute import Search
-from sim2real.diagnosis.attribution.candidates import Candidate
-from sim2real.diagnosis.attribution.conclude import Conclusion, where_of
-from sim2real.diagnosis.attribution.fit import Fit as Values
-from sim2real.diagnosis.evidence import Pair, Rung, SingleFit
+from envs.plant import Fixed
+from sim2real.diagnosis.evidence import Band, Pair, Rung, SingleFit
+from sim2real.diagnosis.inference.baseline import Baseline
+from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.distance import is_told_apart
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Member, get_kind
@@ -23,9 +23,35 @@ from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_changes import LogChange
 from sim2real.diagnosis.inference.pushes import Pushed
 from sim2real.diagnosis.inference.remainder import describe_remainder
-from sim2real.diagnosis.inference.score import FOLDS
 from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, JointGap, Report, Unexplained
 from sim2real.diagnosis.settings import TINY
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """A report without its evidence's pictures, and the fit behind it, causes in their order.
+
+    Args:
+        report: see `schema`.
+        found: the effects on the robot and its world, with their values.
+        intervals: of each one's first value, (n, 2).
+        ladder: the gap as given, with the causes, and the floor.
+        singles: explanations of one change.
+        bands: the gap by frequency.
+        errors: held out, (W, T, M), as given and with the causes, by their places.
+        correlations: of the causes' first values, (n, n).
+        alike: labels and effects of explanations that the logs cannot tell apart.
+    """
+
+    report: Report
+    found: tuple[Fixed, ...]
+    intervals: tuple[Pair, ...]
+    ladder: tuple[Rung, ...]
+    singles: tuple[SingleFit, ...]
+    bands: tuple[Band, ...]
+    errors: Mapping[frozenset[int], np.ndarray]
+    correlations: np.ndarray
+    alike: tuple[tuple[str, tuple[Fixed, ...]], ...] = ()
 
 
 class _Part(NamedTuple):
@@ -36,55 +62,60 @@ class _Part(NamedTuple):
 
 
 def make_conclusion(
-    judgement: Judgement, search: Search, floors: np.ndarray, rng: np.random.Generator
+    judgement: Judgement, baseline: Baseline, rng: np.random.Generator
 ) -> Conclusion:
     """Return a judgement as a report, and the fit behind it.
 
     Args:
         judgement: of the judge.
-        search: that proposed; its errors are those of the model as given.
-        floors: noise floor of each joint [rad or m], (M,).
+        baseline: the gap as given.
         rng: for the intervals of the gap.
     """
-    best, base, blocks, floor = judgement.best, search.base, search.blocks, search.floor
-    error = replay_errors(judgement, best)
+    best = judgement.best
+    error = judgement.judge.replay_errors(best)
     parts = _parts(judgement)
     alike = [find_equivalents(judgement, part.place) for part in parts]
     others = [member for own in alike for member, _ in own]
     ends, correlation = compute_intervals(judgement.judge.fitter, best, others)
-    closed, ci = blocks.closed(base, error, floor)
+    closed, ci = baseline.closed(error)
     lost = np.array([max(part.lost, 0.0) for part in parts])
     shares = closed * lost / max(float(lost.sum()), TINY)
     causes = [
         _cause(judgement, part.place, ends, own, float(share))
         for part, own, share in zip(parts, alike, shares, strict=True)
     ]
-    named = judgement.verdict in ("explained", "partly_explained")
-    robot = [
-        part.place for part in parts if get_kind(best.hypothesis.members[part.place]) == "robot"
-    ]
-    robot = robot if named else []
-    columns = [best.hypothesis.columns[place] for place in robot]
-    fit, firsts = _values(best, robot), [column.start for column in columns]
-    told = frozenset(range(len(causes) if named else 0))
-    after = error if told else base
-    where, spectrum = where_of(search, after if told else None, floors, rng)
+    if judgement.verdict not in ("explained", "partly_explained"):
+        causes, parts = [], []
+    places = [p.place for p in parts if isinstance(best.hypothesis.members[p.place], Candidate)]
+    firsts = [best.hypothesis.columns[place].start for place in places]
+    named = frozenset(range(len(causes)))
+    after = error if named else baseline.errors
+    where, spectrum = baseline.locate(after if named else None, rng)
+    found = effects_of(best, places)
     return Conclusion(
-        _report(judgement, search, causes if named else [], after, (closed, ci), where),
-        fit,
-        _ladder(search, best, after if told else None),
-        _singles(judgement, search),
+        _report(judgement, baseline, causes, after, (closed, ci), where),
+        found,
+        tuple((float(ends[first, 0]), float(ends[first, 1])) for first in firsts),
+        _ladder(baseline, best, after if named else None),
+        _singles(judgement, baseline),
         spectrum,
-        np.concatenate([np.zeros((0, 2)), *(ends[column] for column in columns)]),
-        {frozenset(): base, told: after},
+        {frozenset(): baseline.errors, named: after},
         correlation[np.ix_(firsts, firsts)],
-        _explanations(fit, best, alike) if len(robot) == len(causes) else (),
+        _explanations(found, best, alike) if len(places) == len(causes) else (),
     )
+
+
+def effects_of(fit: Fit, places: Sequence[int] | None = None) -> tuple[Fixed, ...]:
+    """Return the effects of a fit with their values; of the members at these places, or of all."""
+    members, columns = fit.hypothesis.members, fit.hypothesis.columns
+    chosen = range(len(members)) if places is None else places
+    pairs = [(members[place], fit.mean[columns[place]]) for place in chosen]
+    return tuple((m.effect, tuple(map(float, v))) for m, v in pairs if isinstance(m, Candidate))
 
 
 def _report(
     judgement: Judgement,
-    search: Search,
+    baseline: Baseline,
     causes: Sequence[Cause],
     after: np.ndarray,
     closed: tuple[float, Pair],
@@ -95,12 +126,12 @@ def _report(
     if not causes:
         share, ci = 0.0, (0.0, 0.0)
     none, left = verdict == "no_gap", verdict not in ("no_gap", "explained")
-    size = None if none else search.blocks.rms(after)
+    size = None if none else baseline.blocks.rms(after)
     numbers = (None, None) if none else (share, ci)
     pushes = [_push(judgement, push) for push in judgement.pushes]
     return Report(
         verdict,
-        GapMetrics(search.problem.data.unit, search.before, size, search.floor, *numbers, True),
+        GapMetrics(baseline.data.unit, baseline.before, size, baseline.floor, *numbers, True),
         where,
         (*causes, *pushes),
         Unexplained(
@@ -110,10 +141,11 @@ def _report(
     )
 
 
-def _ladder(search: Search, best: Fit, after: np.ndarray | None) -> tuple[Rung, ...]:
+def _ladder(baseline: Baseline, best: Fit, after: np.ndarray | None) -> tuple[Rung, ...]:
     """Return the gap as given, with the causes and the floor."""
-    blocks, floor = search.blocks, search.floor
-    steps = [("as given", search.base)] + ([] if after is None else [(f"+ {best.label}", after)])
+    blocks, floor = baseline.blocks, baseline.floor
+    steps = [("as given", baseline.errors)]
+    steps += [] if after is None else [(f"+ {best.label}", after)]
     rungs = [Rung(label, blocks.rms(error), blocks.interval(error)) for label, error in steps]
     return (*rungs, Rung("noise floor", floor, (floor, floor)))
 
@@ -136,12 +168,6 @@ def _push(judgement: Judgement, push: Pushed) -> Cause:
         kind="world",
         seconds=push.seconds,
     )
-
-
-def replay_errors(judgement: Judgement, fit: Fit) -> np.ndarray:
-    """Return the held-out errors of all rows, (W, T, M), of a fit."""
-    judge = judgement.judge
-    return judge.replayer.errors(fit.hypothesis, fit.values[1 - judge.fold])
 
 
 def _parts(judgement: Judgement) -> list[_Part]:
@@ -203,7 +229,7 @@ def _cause(
         extra,
         min(sure, 1.0),
         closed,
-        equivalent=equal[: judgement.judge.data.settings.causes.equivalents_max - 1],
+        equivalent=equal[: judgement.judge.settings.equivalents_max - 1],
         shared=isinstance(member, Candidate) and member.shared,
         kind=get_kind(member),
         seconds=member.seconds if isinstance(member, LogChange) else None,
@@ -245,34 +271,25 @@ def _extra(member: Member, values: np.ndarray) -> dict[str, object]:
     return found
 
 
-def _values(fit: Fit, places: Sequence[int]) -> Values:
-    """Return some members of a fit, all of the robot, as what programs take."""
-    columns = [np.arange(FOLDS * 0), *(np.r_[fit.hypothesis.columns[place]] for place in places)]
-    members = [fit.hypothesis.members[place] for place in places]
-    kept = tuple(m for m in members if isinstance(m, Candidate))
-    return Values(kept, fit.values[:, np.concatenate(columns).astype(int)], np.zeros(FOLDS))
-
-
 def _explanations(
-    own: Values, best: Fit, alike: Sequence[Sequence[tuple[Member, Fit]]]
-) -> tuple[tuple[str, Values], ...]:
+    own: tuple[Fixed, ...], best: Fit, alike: Sequence[Sequence[tuple[Member, Fit]]]
+) -> tuple[tuple[str, tuple[Fixed, ...]], ...]:
     """Return the explanations that these logs cannot tell apart; none where there is one alone."""
     others = {}
     for crowd in alike:
         for _, fit in crowd:
-            if all(get_kind(m) == "robot" for m in fit.hypothesis.members):
-                others[fit.label] = _values(fit, range(len(fit.hypothesis.members)))
+            if all(isinstance(member, Candidate) for member in fit.hypothesis.members):
+                others[fit.label] = effects_of(fit)
     return ((best.label, own), *others.items()) if others else ()
 
 
-def _singles(judgement: Judgement, search: Search) -> tuple[SingleFit, ...]:
+def _singles(judgement: Judgement, baseline: Baseline) -> tuple[SingleFit, ...]:
     """Return the hypotheses of one member that were fitted to the end, the best first."""
     rows = []
     for fit in sorted([judgement.best, *judgement.rivals], key=lambda fit: -fit.total):
         if len(fit.hypothesis.members) == 1:
             (member,) = fit.hypothesis.members
-            error = replay_errors(judgement, fit)
-            closed, ci = search.blocks.closed(search.base, error, search.floor)
+            closed, ci = baseline.closed(judgement.judge.replay_errors(fit))
             change = isinstance(member, LogChange)
             value = member.first(fit.mean) if change else float(fit.mean[0])
             side = member.effect.side if isinstance(member, Candidate) else None

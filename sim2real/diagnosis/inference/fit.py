@@ -101,6 +101,11 @@ class Fitter:
             live = self._step(live) if live else []
         return self._finish(states)
 
+    def replay_points(self, starts: Sequence[Start]) -> list[np.ndarray]:
+        """Return the errors, (W, N, M), of the first point of each start."""
+        jobs = [(s.hypothesis, s.hypothesis.clip(s.points[0])) for s in starts]
+        return [replay.error for replay in self._replay(jobs)]
+
     def of_path(self, errors: np.ndarray) -> Fit:
         """Return a null explanation, whose errors (W, N, M) are known, judged as a fit is."""
         none = Hypothesis(())

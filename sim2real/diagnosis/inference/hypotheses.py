@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.candidates import FREE, Candidate
+from sim2real.diagnosis.inference.candidates import FREE, Candidate
 from sim2real.diagnosis.inference.log_changes import LogChange
 
 Member = Candidate | LogChange
@@ -29,6 +29,13 @@ def get_kind(member: Member) -> Kind:
     if isinstance(member, LogChange):
         return "log"
     return "world" if member.name in WORLD else "robot"
+
+
+def get_joints(member: Member) -> set[str]:
+    """Return the joints whose motion or log a member changes; none where it is all of them."""
+    if isinstance(member, LogChange):
+        return {name for name in (member.where, member.other) if name}
+    return set(member.shown)
 
 
 def get_size(member: Member) -> np.ndarray:

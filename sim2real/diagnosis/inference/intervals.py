@@ -5,7 +5,8 @@
 The curvature of the log density at the answer, (J' V^-1 J) with V the covariance of everything that
 nobody knows, is inverted together with the directions of the effects that cannot be told from a
 cause, each with its own prior width: what one of them may share, the interval says (profile
-likelihood, to second order; Pawitan 2001). Where the two folds disagree by more, that counts.
+likelihood, to second order; Pawitan 2001). Where the two folds disagree by more, that counts. To it
+comes that the model in which a value is found is itself off by the usual few per cent.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import norm
 
+from sim2real.diagnosis.inference.candidates import FREE
 from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, get_size
 from sim2real.diagnosis.inference.replayer import Job
@@ -70,7 +72,10 @@ def compute_intervals(
     spread = np.sqrt(np.diag(covariance))
     # the mean of two folds' values is off by half of what they differ
     apart = np.abs(fit.values[0] - fit.values[1]) / FOLDS
-    width = norm.ppf((1 + COVERAGE) / 2) * np.maximum(spread, apart)
+    neutral = np.concatenate([member.neutral for member in fit.hypothesis.members])
+    far = np.abs(np.where(neutral >= FREE, fit.mean, fit.mean - neutral))
+    total = np.hypot(np.maximum(spread, apart), settings.usual * far)
+    width = norm.ppf((1 + COVERAGE) / 2) * total
     width = np.where(fit.hypothesis.smooth, width, 0.0)
     ends = fit.hypothesis.clip(np.stack([fit.mean - width, fit.mean + width]))
     return ends.T, covariance / np.outer(spread, spread)

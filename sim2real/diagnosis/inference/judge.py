@@ -1,18 +1,18 @@
 """The judge: which explanation predicts held-out stretches best, and whether that is enough.
 
     judge = Judge(data, fixed, rng)
-    judgement = judge.judge(propose, [*list_log_changes(data), *list_world_changes(data)])
+    judgement = judge.judge(Vocabulary(data))
     judgement.verdict, judgement.best.label
 
-Proposals may come from anywhere: mistakes of the log, changes of the world, effects that a search
-found. All are scored alike, and the null explanations beside them. The best grows by one member as
-long as each wins what the tolerance asks for, and loses those that do not.
+Every change of the robot, its log and its world is looked at in part of the windows; those that
+promise most are fitted, and scored alike, the null explanations beside them. The best grows by one
+member as long as each wins what the tolerance asks for, and loses those that do not.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,15 +20,16 @@ import numpy as np
 
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.decision import Standing, compute_posterior, decide_verdict
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
-from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.moves import (
-    add_members,
+    are_compatible,
+    drop_member,
     is_part,
-    make_start,
     pick_distinct,
     rank_fits,
     restart,
@@ -37,15 +38,23 @@ from sim2real.diagnosis.inference.moves import (
 from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
 from sim2real.diagnosis.inference.replayer import Job, Replayer, cut_whole_episodes
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
+from sim2real.diagnosis.inference.screen import (
+    Line,
+    join_lines,
+    pick_alike,
+    pick_starts,
+    trace_lines,
+)
 from sim2real.diagnosis.inference.unknowns import cap_directions, compute_unknowns, is_lost
+from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Verdict
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
 NONE = Hypothesis(())
+SHARES = (0.05, 0.3, 0.5, 0.6, 0.7)  # of the work that is done, by the members that are known
 SURE = 4.0  # noises or counts that an error of noise alone does not reach
-LEAST = 3  # windows of a fold that proposals are screened on
-HALVES = 2  # of the proposals that were fitted at a glance go on
-Propose = Callable[[], Sequence[Start]]
+LEAST = 3  # windows of a fold that changes are screened on
+HALVES = 2  # half of what was fitted at a glance goes on
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,7 @@ class Judge:
         fixed: effects that are known.
         rng: for the bootstrap.
         work: counts what is simulated.
-        say: told what is being tried.
+        moving: told what is being tried, and of each simulation.
     """
 
     def __init__(
@@ -103,10 +112,11 @@ class Judge:
         fixed: Sequence[Fixed] = (),
         rng: np.random.Generator | None = None,
         work: Work | None = None,
-        say: Callable[[str], None] = lambda text: None,
+        moving: Moving | None = None,
     ) -> None:
-        self.data, self.say, self.settings = data, say, data.settings.inference
-        self._rest = tuple(fixed), work
+        self.data, self.settings = data, data.settings.inference
+        self.moving = Moving(lambda text, share: None) if moving is None else moving
+        self._rest = tuple(fixed), work, self.moving.tick
         self.replayer = Replayer(data, *self._rest)
         self.fold = deal_folds(data.windows)
         self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)
@@ -114,32 +124,40 @@ class Judge:
         noise = self.replayer.noise
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
         self.glance = self._make_glance(*self._look(NONE, np.zeros((FOLDS, 0))))
+        self.traced: tuple[Fit, list[Line]] = self.given, []  # see `_refine`
 
-    def judge(self, propose: Propose, always: Sequence[Member] = ()) -> Judgement:
+    def judge(self, vocabulary: Vocabulary) -> Judgement:
         """Return the judgement on the gap.
 
         Args:
-            propose: returns hypotheses about the robot, and where they begin; it is asked only if
-                there is a gap.
-            always: changes that are proposed whatever a search thinks of them.
+            vocabulary: what it may be explained by; looked at only if there is a gap.
         """
-        if self.left(self.given).gain.high <= self.settings.equivalence_tolerance:
-            return self._conclude({self.given.label: self.given})
-        starts = [*map(make_start, always), *propose()]
-        self.say("judging what was proposed")
         tried = {self.given.label: self.given}
-        pool = [start for start in starts if len(start.hypothesis.members) == 1]
-        self._refine(starts, tried)
-        best = self._choose(tried)
-        while 0 < len(best.hypothesis.members) < self.settings.members_max:
-            if self.left(best).gain.high <= self.settings.equivalence_tolerance:
-                break
-            self.say(f"judging what else there is beside {best.label}")
-            self._refine(add_members(best, pool), tried)
+        best = self.given
+        while not self._explains(best) and len(best.hypothesis.members) < self.settings.members_max:
+            beside = f" beside {best.label}" if best.hypothesis.members else ""
+            self.moving(f"looking at every change{beside}", SHARES[len(best.hypothesis.members)])
+            starts = vocabulary.list_starts(self.replay_errors(best), self._find_open(best))
+            self._refine(best, starts, tried)
             before, best = best, self._choose(tried)
             if best is before:
                 break
         return self._conclude(tried)
+
+    def replay_errors(self, fit: Fit) -> np.ndarray:
+        """Return the held-out errors of all rows, (W, T, M), of a fit."""
+        return self.replayer.follow(fit.hypothesis, fit.values[1 - self.fold])[0]
+
+    def _find_open(self, fit: Fit) -> list[str]:
+        """Return the joints at which a fit's free discrepancy is larger than a count."""
+        sizes = [self.fitter.likelihood.sizes[trained.size] for trained in fit.trained]
+        wide = (np.array(sizes) > self.most).any(axis=0)
+        names = [joint.name for joint in self.data.joints]
+        return [name for name, is_open in zip(names, wide, strict=True) if is_open]
+
+    def _explains(self, fit: Fit) -> bool:
+        """Return whether a free discrepancy gains no more over a fit than the tolerance."""
+        return self.left(fit).gain.high <= self.settings.equivalence_tolerance
 
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
@@ -201,7 +219,7 @@ class Judge:
         chosen = np.sort(np.concatenate(some))
         data = self.data.only(chosen)
         lost = is_lost(self.replayer, given)
-        longer = None if lost else data.stepping(self.data.settings.screening.coarse_s)
+        longer = None if lost else data.stepping(self.settings.coarse_s)
         replayer = Replayer(data if longer is None else longer, *self._rest)
         replayer.look_at(self.replayer, chosen)
         none = np.zeros((len(chosen), 0))
@@ -218,18 +236,36 @@ class Judge:
         )
         return Fitter(replayer, likelihood, self.fold[chosen])
 
-    def _refine(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
-        """Fit the starts that screen best into what was tried."""
-        fresh = [start for start in starts if start.hypothesis.label not in tried]
-        looked = rank_fits(self.glance.fit(fresh, rounds=0))
-        best = pick_distinct(looked, self.settings.refits)
-        best = rank_fits(self.glance.fit(map(restart, best), self.settings.glances))
-        best = best[: (self.settings.refits + 1) // HALVES]
-        for fit in self.fitter.fit(
-            map(restart, best), self.settings.rounds - self.settings.glances
-        ):
-            if fit.label not in tried or fit.total > tried[fit.label].total:
-                tried[fit.label] = fit
+    def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
+        """Fit what promises most beside the best into what was tried."""
+        (base,) = self.glance.fit([restart(best)], rounds=0)
+        lines = trace_lines(self.glance, base, starts)
+        if not best.hypothesis.members:
+            self.traced = base, lines
+        self._fit(pick_starts(self.glance, base, lines, self.settings.refits), tried)
+
+    def _swap(self, best: Fit, tried: dict[str, Fit]) -> None:
+        """Fit what does about the same as each member in its place."""
+        base, lines = self.traced
+        (own,) = self.glance.fit([restart(best)], rounds=0)
+        starts = []
+        for place, member in enumerate(best.hypothesis.members):
+            rest = drop_member(own, place)
+            for line in pick_alike(self.glance, base, lines, member, self.settings.alike):
+                if are_compatible(rest.hypothesis, line.member):
+                    starts.append(join_lines(rest, [line], [line.scale]))
+        self._fit([s for s in starts if s.hypothesis.label not in tried], tried)
+
+    def _fit(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
+        """Fit starts into what was tried: at a glance, and the better half of each size fully."""
+        rounds = self.settings.rounds - self.settings.glances
+        for count in sorted({len(start.hypothesis.members) for start in starts}):
+            own = [start for start in starts if len(start.hypothesis.members) == count]
+            fits = rank_fits(self.glance.fit(own, rounds=self.settings.glances))
+            chosen = pick_distinct(fits, self.settings.refits // HALVES)
+            for fit in self.fitter.fit(map(restart, chosen), rounds):
+                if fit.label not in tried or fit.total > tried[fit.label].total:
+                    tried[fit.label] = fit
 
     def _choose(self, tried: dict[str, Fit]) -> Fit:
         """Return the shortest explanation that none longer wins against."""
@@ -269,7 +305,9 @@ class Judge:
         """Return the judgement, with starts and usual errors as they are under the answer."""
         best = self._prune(tried)
         if best.hypothesis.members:
-            self.say(f"judging {best.label} and its rivals once more")
+            self._swap(best, tried)
+            best = self._prune(tried)
+            self.moving(f"fitting {best.label} and its rivals once more", SHARES[-1])
             best, tried = self._refit(best, tried)
         left, members = self.left(best), len(best.hypothesis.members)
         over = {**self.nulls, **({self.given.label: self.given} if members else {})}

@@ -12,7 +12,7 @@ Values say what the log has:
 | `scale` | factor | the true value times it; of all commands also less a default pose |
 | `offset` | rad or m | the true value plus it |
 | `turn` | turns | the true value plus 2 pi of each, from `seconds` on |
-| `unit` | 180/pi | degrees in place of radians |
+| `unit` | 180/pi | degrees in place of radians; or counts of a turn, from a zero on |
 | `clock` | factor | the true time times it |
 | `swap` | 1 | two joints' columns exchanged |
 | `column_map` | factor | the true value plus so much of another joint's |
@@ -56,6 +56,7 @@ MOST = 6.0  # rows of a shift at most
 SCALES = (0.25, 0.5, 2.0, 4.0)
 RATES = (0.7, 0.85, 1.2, 1.5)
 SHIFTS = (-0.4, -0.1, 0.1, 0.4)  # rad or m
+COUNTS = (1024, 4096)  # of a turn, of the encoders of hobby and smart servos
 FARTHEST, LARGEST = 7.0, 20.0  # bounds: of an offset [rad or m], of a factor
 
 Mend = Callable[[Log, np.ndarray], Columns]
@@ -81,6 +82,7 @@ class LogChange:
         whole: whether values are whole numbers.
         read: the joints whose readings it scales by its value.
         seconds: when it acts, of an episode; None: throughout.
+        variant: what else tells it apart.
     """
 
     effect: str
@@ -98,12 +100,12 @@ class LogChange:
     whole: bool = False
     read: tuple[str, ...] = ()
     seconds: Pair | None = None
+    variant: str | None = None
 
     @property
     def label(self) -> str:
         """What tells it apart."""
-        variant = "posed" if len(self.neutral) > 1 else "jump" if self.seconds else None
-        places = [self.where, self.other, variant]
+        places = [self.where, self.other, self.variant]
         return ".".join(["log", self.effect, *self.columns, *(p for p in places if p)])
 
     def mended(self, log: Log, values: np.ndarray) -> Log:
@@ -134,6 +136,7 @@ def list_log_changes(data: Data) -> list[LogChange]:
     joints = [joint.name for joint in data.joints if f"{READING}.{joint.name}" in log.columns]
     commands = _commands(data.models[0], log)
     found = [_clock(), _posed(log.actuators), _increments(log.actuators)]
+    found += _in_counts(log, joints, [commands[j] for j in joints if j in commands])
     for joint in [None, *joints] if len(joints) > 1 else joints:
         own = joints if joint is None else [joint]
         named = {
@@ -211,6 +214,7 @@ def _posed(actuators: Sequence[str]) -> LogChange:
         row(1.0, 0.0),
         row(1 / LARGEST, -FARTHEST),
         row(LARGEST, FARTHEST),
+        variant="posed",
     )
 
 
@@ -222,6 +226,31 @@ def _increments(actuators: Sequence[str]) -> LogChange:
         return {name: map_episodes(log, log.columns[name], np.cumsum) for name in names}
 
     return LogChange("increments", (COMMAND,), None, mend, "sum them up from the first pose on")
+
+
+def _in_counts(log: Log, joints: Sequence[str], commands: Sequence[str]) -> Iterator[LogChange]:
+    """Yield counts of an encoder, where all readings are whole numbers beyond a turn."""
+    readings = {name: log.columns[name] for name in (f"{READING}.{joint}" for joint in joints)}
+    whole = all((column == np.round(column)).all() for column in readings.values())
+    if not whole or max(float(np.abs(column).max()) for column in readings.values()) < TURN:
+        return
+    for columns, own in (
+        ((READING,), list(readings)),
+        ((COMMAND, READING), [*commands, *readings]),
+    ):
+        for count, zero in ((c, z) for c in COUNTS for z in (0, c // 2)):
+            yield LogChange(
+                "unit",
+                columns,
+                None,
+                lambda log, v, own=own, count=count, zero=zero: {
+                    n: (log.columns[n] - zero) * TURN / count for n in own
+                },
+                f"in columns.yaml, `unit: counts/{count}` and `zero: {zero}`",
+                value=count / TURN,
+                variant=f"{count} from {zero}",
+                read=tuple(joints),
+            )
 
 
 def _of_place(
@@ -327,6 +356,7 @@ def _of_joint(
                 value=jump[0],
                 unit="turns",
                 seconds=jump[1:],
+                variant="jump",
             )
 
 

@@ -1,15 +1,16 @@
-"""From one hypothesis to its neighbours: one more change, one fewer.
+"""From one hypothesis to its neighbours: more changes, one fewer.
 
-starts = add_members(best, pool)              # from where each begins
+start = join_members(best, (member,), member.probes)         # from where a fit begins
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from sim2real.diagnosis.attribution.candidates import in_the_way
+from sim2real.diagnosis.inference.candidates import in_the_way
 from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.log_changes import LogChange
@@ -31,18 +32,12 @@ def restart(fit: Fit) -> Start:
     return Start(fit.hypothesis, fit.values[None])
 
 
-def add_members(best: Fit, pool: Sequence[Start]) -> list[Start]:
-    """Return the best with one more change each, from where each begins."""
-    found = []
-    for hypothesis, points in pool:
-        (member,) = hypothesis.members
-        if all(_compatible(member, other) for other in best.hypothesis.members):
-            found.append(_joined(best, member, points))
-    return found
+def are_compatible(hypothesis: Hypothesis, member: Member) -> bool:
+    """Return whether a change can stand beside those of a hypothesis."""
+    return all(_compatible(member, other) for other in hypothesis.members)
 
 
 def _compatible(one: Member, other: Member) -> bool:
-    """Return whether two changes can be there at once."""
     if one.label == other.label:
         return False
     if isinstance(one, LogChange) or isinstance(other, LogChange):
@@ -50,14 +45,19 @@ def _compatible(one: Member, other: Member) -> bool:
     return not in_the_way(one.effect, other.effect)
 
 
-def _joined(best: Fit, member: Member, points: np.ndarray) -> Start:
-    """Return a fit with one more member, at points (K, P) of it."""
-    hypothesis = Hypothesis.of([*best.hypothesis.members, member])
+def join_members(base: Fit, members: Sequence[Member], points: np.ndarray) -> Start:
+    """Return a fit with more members, at points (K, P) of theirs, one after the other."""
+    ends = np.cumsum([len(m.neutral) for m in members], dtype=int)
+    places = {
+        m.label: slice(end - len(m.neutral), end) for m, end in zip(members, ends, strict=True)
+    }
+    hypothesis = Hypothesis.of([*base.hypothesis.members, *members])
     values = np.empty((len(points), FOLDS, len(hypothesis.low)))
-    pairs = zip(best.hypothesis.members, best.hypothesis.columns, strict=True)
-    own = {m.label: best.values[:, column] for m, column in pairs}
-    for one, column in zip(hypothesis.members, hypothesis.columns, strict=True):
-        values[..., column] = points[:, None] if one is member else own[one.label]
+    pairs = zip(base.hypothesis.members, base.hypothesis.columns, strict=True)
+    own = {m.label: base.values[:, column] for m, column in pairs}
+    for member, column in zip(hypothesis.members, hypothesis.columns, strict=True):
+        new = places.get(member.label)
+        values[..., column] = own[member.label] if new is None else points[:, None, new]
     return Start(hypothesis, values)
 
 
@@ -66,6 +66,12 @@ def without(fit: Fit, place: int) -> Start:
     kept = np.ones(fit.values.shape[1], bool)
     kept[fit.hypothesis.columns[place]] = False
     return Start(fit.hypothesis.without(place), fit.values[None][..., kept])
+
+
+def drop_member(fit: Fit, place: int) -> Fit:
+    """Return a fit without one member, as what others are joined to; its errors stay."""
+    start = without(fit, place)
+    return replace(fit, hypothesis=start.hypothesis, values=start.points[0])
 
 
 def is_part(one: Hypothesis, other: Hypothesis) -> bool:

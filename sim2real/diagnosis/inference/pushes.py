@@ -26,8 +26,8 @@ from envs.effects.extras import Extra
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
 from envs.params import Parameter
-from sim2real.diagnosis.attribution.candidates import Candidate
 from sim2real.diagnosis.evidence import Pair
+from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.replayer import Job

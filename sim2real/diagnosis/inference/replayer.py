@@ -10,7 +10,7 @@ from the mended log, at the same rows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,15 +18,15 @@ import numpy as np
 
 from envs.plant import Fixed
 from hardware.log import Log
-from sim2real.diagnosis.attribution.batches import Rows, simulate_each
-from sim2real.diagnosis.attribution.usual import scaled
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.starts import faster, further
 from sim2real.diagnosis.data.windows import Window, cut_one
 from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.inference.batches import Rows, simulate_each
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.usual import list_usual
 from sim2real.diagnosis.settings import TINY
 
 MENDED = 64  # mended logs that are kept
@@ -78,10 +78,17 @@ class Replayer:
         data: the windows.
         fixed: effects that are known, and part of the model.
         work: counts what is simulated; None: by itself.
+        on_run: called after each simulation, for the progress.
     """
 
-    def __init__(self, data: Data, fixed: Sequence[Fixed] = (), work: Work | None = None) -> None:
-        self.data, self.fixed = replace(data, nuisance=None), tuple(fixed)
+    def __init__(
+        self,
+        data: Data,
+        fixed: Sequence[Fixed] = (),
+        work: Work | None = None,
+        on_run: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.data, self.fixed, self.on_run = replace(data, nuisance=None), tuple(fixed), on_run
         self.work = Work() if work is None else work
         self.settings = data.settings.inference
         self.rows, self.used = _spread(data.mask, self.settings.rows_max)  # (W, N) each
@@ -94,7 +101,10 @@ class Replayer:
         self.noise = np.maximum(noise, least) / data.scale  # (M,)
         self.count = np.array([joint.count for joint in data.joints]) / data.scale
         self.offset = np.zeros(())  # (W, N, M) that errors lack, where longer steps are taken
-        self._plain = Simulator(self.data, self.fixed, work=self.work)
+        self.estimated = np.zeros((*self.rows.shape, len(self.noise), 0))  # (W, N, M, D) of starts
+        if data.nuisance is not None:
+            self.estimated = self._look(data.nuisance.directions(), self.every)
+        self._plain = Simulator(self.data, self.fixed, on_run=on_run, work=self.work)
         self._mended: dict[Key, _Mended] = {}
 
     def look_at(self, other: Replayer, windows: np.ndarray) -> None:
@@ -161,16 +171,21 @@ class Replayer:
             asks.append(_Ask(number, job.windows[own], effects[own], log, own))
         return asks
 
-    def errors(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
-        """Return the errors of all rows, (W, T, M), under values (W, P); 0 where none compares."""
+    def follow(self, hypothesis: Hypothesis, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the errors of all rows under values (W, P), and when each window is lost.
+
+        Returns:
+            Errors, (W, T, M), 0 where none compares; s from a window's start, (W,), or inf.
+        """
         found = np.zeros((*self.data.mask.shape, len(self.noise)))
+        lost = np.full(len(self.every), np.inf)
         for ask in self._asks(0, Job(hypothesis, values, self.every)):
             simulator = _stacked(self, [ask.log]) if ask.log else self._plain
             (made,) = simulate_each(
                 simulator, [Rows(hypothesis.effects, ask.windows, ask.values)], remember=False
             )
-            found[ask.rows] = made.error
-        return found
+            found[ask.rows], lost[ask.rows] = made.error, made.lost
+        return found, lost
 
     def starts(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
         """Return what one standard deviation of each start changes, (W, N, M, 2 M).
@@ -192,8 +207,8 @@ class Replayer:
 
     def usual(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
         """Return what one standard deviation of each nominal parameter changes, (W, N, M, U)."""
-        taken = {member.label for member in hypothesis.members}
-        factors = [one for one in scaled(self.data) if one.label not in taken]
+        taken = {member.label for member in hypothesis.members}  # a model has each effect once
+        factors = [one for one in list_usual(self.data) if one.label not in taken]
         jobs = [Job(hypothesis, values, self.every)]
         for factor in factors:
             more = np.full((len(values), 1), 1 + self.settings.usual)
@@ -319,7 +334,7 @@ def _stacked(replayer: Replayer, logs: Sequence[_Mended]) -> Simulator:
         mask=np.tile(data.mask, (len(logs), 1)),
         measured=np.concatenate([log.measured for log in logs]),
     )
-    return Simulator(mended, replayer.fixed, work=replayer.work)
+    return Simulator(mended, replayer.fixed, on_run=replayer.on_run, work=replayer.work)
 
 
 def skip_beginnings(data: Data, rows: int) -> Data:

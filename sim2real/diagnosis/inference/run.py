@@ -1,51 +1,113 @@
-"""A diagnosis that the likelihood decides: a search proposes, the judge says.
+"""A diagnosis: one likelihood judges every explanation of the gap in some windows.
 
-found = run_judge(about)                   # found.made.report, found.floors
+    found = find_causes(about)                  # found.made.report
+    find_mistakes(data)                         # ["ctrl.elbow: multiply by -1"]
+
+Where windows start from an estimate (`ground`), that estimate is the model's as given. Once causes
+are known it is made again with them in the model, and the gap is judged anew on these windows.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
-from sim2real.diagnosis.attribution.attributed import About, Attributed, Restart, search_of
-from sim2real.diagnosis.inference.conclusion import make_conclusion
-from sim2real.diagnosis.inference.fit import Start
-from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.log_changes import MOST, list_log_changes
-from sim2real.diagnosis.inference.proposals import make_proposals
+import numpy as np
+
+from envs.effects import merge_effects
+from envs.plant import Fixed
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.progress import Moving
+from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.inference.baseline import Baseline
+from sim2real.diagnosis.inference.conclusion import Conclusion, effects_of, make_conclusion
+from sim2real.diagnosis.inference.judge import Judge, Judgement
+from sim2real.diagnosis.inference.log_changes import MOST
 from sim2real.diagnosis.inference.replayer import skip_beginnings
-from sim2real.diagnosis.inference.world_changes import list_world_changes
+from sim2real.diagnosis.inference.vocabulary import Vocabulary
 
-SEARCHED = 0.9  # share of the work that is done once a search has proposed
+Restart = Callable[[Sequence[Fixed]], Data]
 
 
-def run_judge(about: About, restart: Restart | None = None) -> Attributed:
-    """Search, let the judge decide, and conclude.
+class About(NamedTuple):
+    """What a diagnosis is about.
 
     Args:
-        about: what.
-        restart: see `attributed`; where it is given, the log is taken as it is, since windows start
-            from an estimate that was made of it.
+        data: the windows.
+        exclude: effects that explain nothing.
+        fixed: effects that are in the model.
+        rng: for all intervals.
+        moving: told what is being tried.
+        work: counts what is simulated, by stage.
+        restart: returns the windows whose starts were estimated with some effects in the model;
+            None: starts are known. Where it is given, logs are taken as they are: an estimate was
+            made of them.
+    """
+
+    data: Data
+    exclude: Sequence[str]
+    fixed: Sequence[Fixed]
+    rng: np.random.Generator
+    moving: Moving
+    work: Work
+    restart: Restart | None = None
+
+
+class Causes(NamedTuple):
+    """What a diagnosis comes to, and on which windows."""
+
+    data: Data
+    baseline: Baseline
+    judgement: Judgement
+    made: Conclusion
+
+
+def find_causes(about: About) -> Causes:
+    """Judge what may explain the gap, and conclude.
 
     Raises:
         Sim2RealError: a model that cannot follow the logs.
     """
-    floors = about.data.floors()
-    search = search_of(about, floors)
-
-    def say(text: str) -> None:
-        search.say(text, SEARCHED)
-
-    def propose() -> Sequence[Start]:
-        return make_proposals(search, search.run())
-
     with about.work.during("judging"):
-        known = about.data if restart else skip_beginnings(about.data, math.ceil(MOST))
-        judge = Judge(known, about.fixed, about.rng, about.work, say)
-        mistakes = list_log_changes(about.data) if restart is None else []
-        judgement = judge.judge(propose, [*mistakes, *list_world_changes(about.data)])
-        made = make_conclusion(judgement, search, floors, about.rng)
-    data = replace(about.data, fold=judge.fold)  # with all rows: what pictures show
-    return Attributed(data, search, floors, made)
+        baseline, judgement = _judge(about, about.data)
+        found = effects_of(judgement.best)
+        if about.restart is not None and found:
+            data = about.restart(merge_effects(about.fixed, found))
+            baseline, judgement = _judge(about, data)
+        made = make_conclusion(judgement, baseline, about.rng)
+    judge = judgement.judge
+    return Causes(replace(judge.data, fold=judge.fold), baseline, judgement, made)
+
+
+def _judge(about: About, data: Data) -> tuple[Baseline, Judgement]:
+    """Return the gap as given in some windows, and the judgement on it."""
+    trusted = about.restart is not None
+    data = data if trusted else skip_beginnings(data, math.ceil(MOST))
+    judge = Judge(data, about.fixed, about.rng, about.work, about.moving)
+    baseline = Baseline.of(judge.replayer, about.rng)
+    vocabulary = Vocabulary(data, about.exclude, about.fixed, log=not trusted)
+    return baseline, judge.judge(vocabulary)
+
+
+def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
+    """Return what to mend in a log: mistakes of it alone that explain the gap.
+
+    A robot that differs from its model is seldom explained by a mistake of the log, and what
+    mistakes explain in part may be the robot's: it is left to a diagnosis.
+
+    Args:
+        data: the windows.
+        fixed: effects that are in the model.
+
+    Raises:
+        Sim2RealError: a model that cannot follow the logs.
+    """
+    data = skip_beginnings(data, math.ceil(MOST))
+    judgement = Judge(data, fixed).judge(Vocabulary(data, robot=False))
+    if judgement.verdict != "explained":
+        return []
+    best = judgement.best
+    pairs = zip(best.hypothesis.changes, best.hypothesis.columns, strict=True)
+    return [change.mending(best.mean[column]) for change, column in pairs]

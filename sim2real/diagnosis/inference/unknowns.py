@@ -35,7 +35,8 @@ def compute_unknowns(
         return base.error, cap_directions(replayer, replayer.ballistic()), none
     step = max(model.opt.timestep for model in replayer.data.models)
     clock = rounding(step) * base.slope[..., None]  # a command acts at the next step
-    local = np.concatenate([replayer.starts(hypothesis, values), clock], axis=-1)
+    starts = replayer.starts(hypothesis, values)
+    local = np.concatenate([starts, clock, replayer.estimated], axis=-1)
     common = _principal(replayer, replayer.usual(hypothesis, values))
     return base.error, cap_directions(replayer, local), cap_directions(replayer, common)
 

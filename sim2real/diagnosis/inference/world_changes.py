@@ -18,10 +18,10 @@ from envs.effects.base import PLAIN
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.params import How, Parameter
-from sim2real.diagnosis.attribution.candidates import Candidate, candidate_of
-from sim2real.diagnosis.attribution.probes import robot_scale
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.lean import untextured
+from sim2real.diagnosis.inference.candidates import Candidate, candidate_of
+from sim2real.diagnosis.inference.probes import robot_scale
 
 
 class _Compensation(BoundEffect):

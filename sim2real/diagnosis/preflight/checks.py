@@ -1,4 +1,4 @@
-"""What to look at before any physics is blamed: the log's channels, and the commonest mistakes.
+"""What a log says of itself before any physics is blamed.
 
     findings = preflight(logs, specs)
     [f for f in findings if f.check not in NOTES]       # what should be corrected
@@ -20,42 +20,19 @@ from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
 from sim2real.diagnosis.preflight.channels import NOTES, check_channels
 from sim2real.diagnosis.preflight.clocks import check_clocks
 from sim2real.diagnosis.preflight.lag import check_lag
-from sim2real.diagnosis.preflight.log_errors import find_log_errors
 from sim2real.diagnosis.preflight.unlogged import check_unlogged
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Settings
 
 Check = Callable[[Sequence[Log], Sequence[mujoco.MjModel]], Iterable[Finding]]
 __all__ = ["NOTES", "noise_floor", "preflight"]
-GRAVE = (
-    "sign",
-    "swap",
-    "degrees",
-    "unit",
-    "scale",
-)  # makes other checks of the same joint meaningless
-WRONG = (*GRAVE, "range", "zero", "rate", "no_command")  # no lag is measured in a log with these
-ORDER = (*WRONG, "control_law", "excitation")
-BLOCKING = (
-    *GRAVE,
-    "range",
-    "rate",
-    "no_command",
-)  # a log with these says nothing of the robot's physics
-UNITS = ("degrees",)  # with these no cause is looked for: every fit would be of the wrong unit
+GRAVE = ("degrees",)  # makes other checks of the same joint meaningless
+BLOCKING = (*GRAVE, "range", "rate", "no_command")  # such a log says nothing of the robot
+WRONG = (*BLOCKING, "zero")  # no lag is measured in a log with these
+ORDER = (*WRONG, "excitation")
 # A first-order filter is late: what says only that a speed is late follows from it.
 EXPLAINS = {"velocity_filter": "clock"}
-FOLLOWS = (
-    "degrees",
-    "unit",
-    "range",
-    "scale",
-    "zero",
-    "control_law",
-    "speed",
-    "ctrlrange",
-    "saturation",
-)
+FOLLOWS = ("degrees", "range", "zero", "speed", "ctrlrange", "saturation")
 
 
 CHECKS: list[Check] = []  # those of users, after this project's own
@@ -90,7 +67,6 @@ def preflight(
     made = {id(spec): spec.copy().compile() for spec in specs}
     models = [made[id(spec)] for spec in specs]
     found = [*check_channels(logs, models, settings), *check_clocks(logs, settings.clocks)]
-    found += find_log_errors(logs, specs, settings.log_errors)
     if not any(finding.check in WRONG for finding in found):
         found += check_lag(logs, specs, settings.lag)
     if not any(finding.check == "rate" for finding in found):
@@ -138,7 +114,7 @@ def _rank(finding: Finding) -> int:
 def _causes(found: Sequence[Finding], turned: dict[str | None, str]) -> list[Finding]:
     """Leave out what follows from a graver finding at the same place, or everywhere."""
     grave = [finding for finding in found if finding.check in GRAVE]
-    everywhere = next((f for f in grave if f.where is None or f.check == "swap"), None)
+    everywhere = next((f for f in grave if f.where is None), None)
     first = {turned.get(f.where, f.where): f for f in reversed(grave)}
 
     def follows(finding: Finding) -> bool:

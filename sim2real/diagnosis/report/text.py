@@ -10,13 +10,11 @@ import math
 from collections.abc import Mapping, Sequence
 
 from envs.effects import EFFECTS
-from sim2real.diagnosis.attribution.sharper import SHORTCUTS
-from sim2real.diagnosis.preflight.checks import UNITS
 from sim2real.diagnosis.schema import Cause, Report
-from sim2real.diagnosis.settings import DEFAULT, TINY
+from sim2real.diagnosis.settings import TINY
 
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
-NOISE = DEFAULT.verdict.no_gap_floors  # floors that noise accounts for
+NOISE = 2.0  # floors that noise accounts for
 SINGLY = 4  # causes that a sentence names with their places
 CROWD = 3  # causes at one joint that may stand for a law that is missing (docs/blindcheck.md)
 EVERYWHERE = "all joints alike"
@@ -84,8 +82,6 @@ def verdict_sentence(report: Report) -> str:
             "Simulation and robot agree: what is left between them,"
             f" {quantity(gap.before, gap.unit)}, is noise."
         )
-    if search_was_skipped(report):
-        return "The log is in another unit than its model: correct it first."
     if report.verdict == "unexplained" or not report.values:
         return "There is a gap, and no known effect explains it."
     subject = _and(subjects([place_of(cause) for cause in report.values]))
@@ -102,11 +98,6 @@ def verdict_sentence(report: Report) -> str:
     mend = "; ".join(cause.remedy for cause in report.causes if cause.remedy)
     text += f" To mend the log: {mend}." if mend else ""
     return text[0].upper() + text[1:]
-
-
-def search_was_skipped(report: Report) -> bool:
-    """Return whether the log's units were wrong, so that no cause was looked for."""
-    return any(finding.check in UNITS for finding in report.preflight)
 
 
 def place_of(cause: Cause) -> tuple[str, str | None]:
@@ -139,8 +130,6 @@ def details(report: Report) -> str:
     on = "on parts of the recordings that nothing was fitted to" if gap.held_out else ""
     if gap.after is None:
         return f"The noise floor of these recordings is {floor}{motion}."
-    if search_was_skipped(report):
-        return f"No cause was looked for. {report.unexplained.structure}"
     if not report.values:
         return (
             f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
@@ -161,9 +150,6 @@ def residual_sentence(report: Report) -> str:
     gap = report.gap
     if report.verdict != "explained" or not gap.after or gap.after <= NOISE * gap.noise_floor:
         return ""
-    for finding in report.preflight:
-        if finding.check == SHORTCUTS:
-            return finding.finding
     floors = gap.after / max(gap.noise_floor, TINY)
     return (
         f"What is left is {floors:.1f} times the noise floor: the causes explain the gap, and "

@@ -2,7 +2,7 @@
 
     from dataclasses import replace
     from sim2real.diagnosis.settings import DEFAULT, Search
-    diagnose("logs/", "arm.xml", settings=replace(DEFAULT, search=Search(causes_max=2)))
+    diagnose("logs/", "arm.xml", settings=replace(DEFAULT, inference=Inference(members_max=2)))
 
 A report lists all of them in "How this was made".
 """
@@ -11,17 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sim2real.diagnosis.settings.attribution import (
-    Causes,
-    Cogging,
-    JointGroups,
-    Locating,
-    Parsimony,
-    Residual,
-    Search,
-    TorqueOn,
-    Verdict,
-)
 from sim2real.diagnosis.settings.base import TINY, TINY_SQUARE, Row, rows, setting
 from sim2real.diagnosis.settings.closed_loop import ClosedLoopSettings
 from sim2real.diagnosis.settings.comparison import Compared
@@ -37,9 +26,8 @@ from sim2real.diagnosis.settings.data import (
     Windows,
 )
 from sim2real.diagnosis.settings.experiment import Experiment
-from sim2real.diagnosis.settings.fitting import Fitting, Screening
 from sim2real.diagnosis.settings.ground import Ground
-from sim2real.diagnosis.settings.inference import Inference
+from sim2real.diagnosis.settings.inference import Cogging, Inference, Locating
 from sim2real.diagnosis.settings.numerics import Numerics
 from sim2real.diagnosis.settings.preflight import (
     Channels,
@@ -47,7 +35,6 @@ from sim2real.diagnosis.settings.preflight import (
     Clocks,
     Hunting,
     Lag,
-    LogErrors,
     Obstruction,
     Servo,
     Unlogged,
@@ -58,7 +45,6 @@ __all__ = [
     "TINY",
     "TINY_SQUARE",
     "Bootstrap",
-    "Causes",
     "Channels",
     "Checks",
     "Clocks",
@@ -69,30 +55,21 @@ __all__ = [
     "Dataset",
     "Encoder",
     "Experiment",
-    "Fitting",
     "Ground",
     "Hunting",
     "Inference",
-    "JointGroups",
     "Kinds",
     "Lag",
     "Locating",
-    "LogErrors",
     "NoiseFloor",
     "Numerics",
     "Obstruction",
-    "Parsimony",
     "Regimes",
-    "Residual",
     "Row",
-    "Screening",
-    "Search",
     "Servo",
     "Settings",
     "Simulation",
-    "TorqueOn",
     "Unlogged",
-    "Verdict",
     "Windows",
     "rows",
     "setting",
@@ -117,24 +94,14 @@ class Settings:
     channels: Channels = field(default_factory=Channels)
     servo: Servo = field(default_factory=Servo)
     clocks: Clocks = field(default_factory=Clocks)
-    log_errors: LogErrors = field(default_factory=LogErrors)
     lag: Lag = field(default_factory=Lag)
     checks: Checks = field(default_factory=Checks)
     unlogged: Unlogged = field(default_factory=Unlogged)
     contract: Contract = field(default_factory=Contract)
     numerics: Numerics = field(default_factory=Numerics)
-    fitting: Fitting = field(default_factory=Fitting)
-    screening: Screening = field(default_factory=Screening)
     cogging: Cogging = field(default_factory=Cogging)
-    search: Search = field(default_factory=Search)
-    torque_on: TorqueOn = field(default_factory=TorqueOn)
-    joint_groups: JointGroups = field(default_factory=JointGroups)
-    parsimony: Parsimony = field(default_factory=Parsimony)
     inference: Inference = field(default_factory=Inference)
-    verdict: Verdict = field(default_factory=Verdict)
-    causes: Causes = field(default_factory=Causes)
     locating: Locating = field(default_factory=Locating)
-    residual: Residual = field(default_factory=Residual)
     experiment: Experiment = field(default_factory=Experiment)
     closed_loop: ClosedLoopSettings = field(default_factory=ClosedLoopSettings)
     compared: Compared = field(default_factory=Compared)

@@ -37,8 +37,6 @@ class Ground:
     )
     window_s: float = setting(0.3, "s", "length of a window", GAIT)
     difference: float = setting(0.5, "1", "deviations over which responses are told", JUDGED)
-    screening_s: float = setting(3.0, "s", "windows that screening uses", COST)
-    racing_s: float = setting(6.0, "s", "windows that the race uses", COST)
     height_doubt: float = setting(0.003, "m", "doubt of the base's height", JUDGED)
     turn_doubt: float = setting(0.005, "rad", "doubt of the base's turn", JUDGED)
     reading_doubt: float = setting(0.002, "rad", "doubt of a joint's position", JUDGED)
@@ -53,9 +51,6 @@ class Ground:
     step_max: float = setting(3.0, "1", "deviations by which a start is moved at most", JUDGED)
     step_shares: tuple[float, ...] = setting(
         (1.0, 0.5), "1", "shares of the smoother's step that are tried", COST
-    )
-    again: int = setting(
-        24, "1", "candidates beside the causes once starts are estimated with these", COST
     )
     grips: tuple[float, float] = setting(
         (0.7, 1.5), "1", "friction of the feet that is tried, of the model's", JUDGED

@@ -1,10 +1,10 @@
-"""Settings of `diagnosis/inference`: the likelihood, the fit and the decision."""
+"""Settings of `diagnosis/inference`: likelihood, fit and decision, and where a gap lies."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, JUDGED, ROUNDING, setting
+from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, ROUNDING, setting
 
 GRID = "derived: the grid spans what a window resolves, from a few rows to its length"
 
@@ -66,10 +66,12 @@ class Inference:
     glance_s: float = setting(
         15.0, "s", "windows that proposals are screened on, of half of all at most", COST
     )
+    coarse_s: float = setting(5e-3, "s", "time step there, at most", COST)
     glances: int = setting(
         2, "1", "Gauss-Newton steps there of those that screen best; half of them go on", COST
     )
     refits: int = setting(12, "1", "proposals that are fitted, those that screen best", COST)
+    alike: int = setting(4, "1", "changes that are fitted in the place of each member", COST)
     members_max: int = setting(
         4, "1", "members of a hypothesis", "derived: more are a fit and no explanation (schema)"
     )
@@ -90,4 +92,42 @@ class Inference:
     temperature: float = setting(
         0.03, "1", "nats a reading that change the odds of two hypotheses by e", JUDGED
     )
+    equivalents_max: int = setting(
+        3, "1", "names of one cause that a report lists", "derived: more are no answer (schema)"
+    )
     rivals: int = setting(5, "1", "hypotheses that are compared with the best at the end", COST)
+
+
+@dataclass(frozen=True)
+class Cogging:
+    """Ripples that the error shows."""
+
+    counts: tuple[float, float] = setting(
+        (3.0, 150.0), "1", "ripples in a turn: fewest and most", JUDGED
+    )
+    finest: float = setting(4.0, "1", "counts tried in a difference that the span resolves", JUDGED)
+    readings: float = setting(1.5, "1", "encoder counts in half a ripple, at least", JUDGED)
+    counts_probed: int = setting(3, "1", "counts probed by simulation", COST)
+    sizes: tuple[float, ...] = setting(
+        (1.0, 2.5), "1", "probed amplitudes, of the one in the error", DEVELOPED
+    )
+    slow: float = setting(0.7, "rad/s", "faster rows are ignored", DEVELOPED)
+    turned: float = setting(0.8, "rad", "a joint that turned less shows only a mean", DEVELOPED)
+    trend_order: int = setting(3, "1", "degree of the polynomial beside a ripple", DEVELOPED)
+    stiffness_min: float = setting(0.1, "N·m/rad", "least stiffness of a servo", JUDGED)
+    rows_min: int = setting(50, "1", "rows needed", JUDGED)
+    off_share: float = setting(0.05, "1", "windows without torque for longer are left out", JUDGED)
+
+
+@dataclass(frozen=True)
+class Locating:
+    """Where the gap lies."""
+
+    lift: float = setting(
+        1.2, "1", "share of the error, of its share of the time, that is worth naming", JUDGED
+    )
+    share_min: float = setting(0.2, "1", "share of the error worth naming", JUDGED)
+    named_max: int = setting(4, "1", "kinds of moments named a joint", JUDGED)
+    edges_hz: tuple[float, ...] = setting(
+        (0.0, 0.5, 2.0, 5.0, 15.0), "Hz", "edges of the frequency bands", JUDGED
+    )

@@ -31,7 +31,7 @@ from envs.tasks import (
     Walker2dFastVelocity,
     Walker2dVelocity,
 )
-from sim2real.diagnosis.attribution.candidates import EFFECTS
+from sim2real.diagnosis.inference.candidates import EFFECTS
 
 GOALS = np.array([-1.0, 0.5, 1.0])
 IDS = np.arange(3)

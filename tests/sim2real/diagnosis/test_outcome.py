@@ -12,8 +12,8 @@ import pytest
 from envs.effects import load_effects, make
 from hardware.log import Log
 from sim2real.diagnosis import additions, diagnose
-from sim2real.diagnosis.attribution.numerics import NullTest
 from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.numerics import NullTest
 from sim2real.diagnosis.outcome import Diagnosis, final_message, write
 from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.report.text import verdict_sentence
@@ -105,7 +105,7 @@ def test_three_causes_at_one_joint_are_doubted(found: Diagnosis) -> None:
 
 def test_a_model_of_boxes_can_carry_a_load() -> None:
     """The ball of the next experiment is a ball, whatever the model's geoms are by default."""
-    from sim2real.diagnosis.attribution.experiment_menu import menu
+    from sim2real.diagnosis.experiments.menu import menu
 
     text = arm.XML.replace(
         "<worldbody>", '<default><geom type="box" size="1 1 1"/></default><worldbody>'

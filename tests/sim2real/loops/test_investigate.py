@@ -15,8 +15,8 @@ from envs.effects import make
 from hardware.config import load_robot
 from hardware.log import Log, read_log
 from sim2real.deployment.record import record_motions
-from sim2real.diagnosis.attribution.apart import Member
-from sim2real.diagnosis.attribution.experiment_menu import Item
+from sim2real.diagnosis.experiments.apart import Member
+from sim2real.diagnosis.experiments.menu import Item
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.schema import Cause, GapMetrics, Report, Unexplained
 from sim2real.loops.investigate import SearchBudget, investigate

@@ -142,15 +142,3 @@ def test_a_log_that_is_blocked_throughout_is_refused(tmp_path: Path) -> None:
     blocked = Log({**log.columns, "flag.blocked": np.ones(len(log))}, log.meta, Path("b.csv"))
     with pytest.raises(Sim2RealError, match=r"b.csv: no piece of its 200 rows .* leave it out"):
         Data.of([log, blocked], arm.model(tmp_path))
-
-
-def test_shorter_steps_change_a_replay_by_little(data: Data) -> None:
-    """The models take so many times as many, wait as long, and stay those of the data itself."""
-    finer = data.finer(4)
-    (spec,), (own,) = finer.specs, data.specs
-    assert spec.option.timestep == pytest.approx(own.option.timestep / 4)
-    assert finer.models[0].opt.timestep == spec.option.timestep
-    assert own.option.timestep == arm.STEP
-    every, none = np.arange(len(data.windows)), np.zeros((len(data.windows), 0))
-    given, sharp = (Simulator(one, threads=1).run((), every, none).error for one in (data, finer))
-    assert 0 < np.abs(sharp - given).max() < 0.2 * np.abs(given).max()

@@ -14,9 +14,8 @@ from envs.effects.supply import _Derating
 from envs.plant import Fixed, Plant
 from envs.replay import rollout
 from hardware.log import Log
-from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.simulate import Simulated, Simulator
+from sim2real.diagnosis.inference.candidates import candidates
 from tests.sim2real.diagnosis import arm
 
 
@@ -88,12 +87,14 @@ def test_the_true_derating_leaves_no_error_in_later_windows(tmp_path: Path) -> N
     """Windows that start hot are simulated hot: the truth explains the last ones, too."""
     effect = ("thermal_derating", {"where": "a"}, 0.04)
     data = arm.data_of(arm.make_log(effect, seconds=20.0), tmp_path)
-    problem = Problem(data, Simulator(data))
-    members = [o for o in candidates(data) if o.label == "thermal_derating.a"]
-    right, _ = problem.errors(members, np.full((1, 2, 1), 0.04))
-    wrong, _ = problem.errors(members, np.zeros((1, 2, 1)))
+    (option,) = (o for o in candidates(data) if o.label == "thermal_derating.a")
+    simulator, every = Simulator(data), np.arange(len(data.windows))
+    right, wrong = (
+        simulator.run((option.effect,), every, np.full((len(every), 1), value)).error
+        for value in (0.04, 0.0)
+    )
     late = [i for i, w in enumerate(data.windows) if w.first > len(data.logs[0]) // 2]
-    assert np.square(right[0, late]).mean() < 0.1 * np.square(wrong[0, late]).mean()
+    assert np.square(right[late]).mean() < 0.1 * np.square(wrong[late]).mean()
 
 
 def test_what_the_logs_heat_is_worked_out_before_it_is_shared(tmp_path: Path) -> None:

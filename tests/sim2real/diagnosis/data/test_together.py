@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.fit import Job, refine_each
-from sim2real.diagnosis.attribution.problem import Problem
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.together import is_helper, together
+from sim2real.diagnosis.inference.batches import Rows, simulate_each
+from sim2real.diagnosis.inference.candidates import candidates
 from tests.sim2real.diagnosis import arm
 
 forks = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
@@ -72,27 +71,27 @@ def test_what_a_helper_that_is_ended_leaves_is_done_here() -> None:
 
 
 @forks
-def test_fits_and_simulations_are_the_same_to_the_bit(tmp_path: Path) -> None:
-    """Rows and fits do not notice in which process they are made; the steps are all counted."""
+def test_simulations_are_the_same_to_the_bit(tmp_path: Path) -> None:
+    """Rows do not notice in which process they are made; the steps are all counted."""
     data = arm.data_of(arm.make_log(("coulomb_friction", {"where": "a"}, 0.1)), tmp_path)
     options = {option.label: option for option in candidates(data)}
     names = ("stribeck_friction.a", "coulomb_friction.a", "backlash.a (link side)")
     windows, found = np.arange(2), []
     for hands in (1, 2):
         simulator = Simulator(data, threads=hands)
-        problem = Problem(data, simulator, windows)
-        jobs = [Job((options[name],), options[name].probes[:2], 1) for name in names]
-        fits = refine_each(problem, jobs)
-        assert all(fit.members[0] is options[n] for fit, n in zip(fits, names, strict=True))
+        sets = [
+            Rows((options[name],), windows, np.tile(options[name].probes[0], (2, 1)))
+            for name in names
+        ]
+        several = simulate_each(simulator, sets)
         rows = np.tile(windows, 60)
         values = np.linspace(0.01, 0.1, len(rows))[:, None]
         values = np.concatenate([values, np.tile(options[names[0]].probes[0, 1:], (120, 1))], 1)
         many = simulator.run((options[names[0]].effect,), rows, values)
-        found.append((fits, many, simulator.steps))
+        found.append((several, many, simulator.steps))
     (one, few, steps), (other, shared, counted) = found
     for left, right in zip(one, other, strict=True):
-        assert np.array_equal(left.values, right.values)
-        assert np.array_equal(left.cost, right.cost)
+        assert all(np.array_equal(a, b) for a, b in zip(left, right, strict=True))
     assert all(np.array_equal(a, b) for a, b in zip(few, shared, strict=True))
     assert steps == counted
 

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from envs.effects import make
 from hardware.log import Log
-from sim2real.diagnosis.attribution.candidates import candidates
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import errors_as_given
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.ground.windows import grounded
+from sim2real.diagnosis.inference.candidates import candidates
 from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis.ground.walk import trot, without
 

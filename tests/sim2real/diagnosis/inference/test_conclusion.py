@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.attribution.attributed import About, search_of
-from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.attribution.conclude import Conclusion
-from sim2real.diagnosis.data.progress import Moving
-from sim2real.diagnosis.data.work import Work
-from sim2real.diagnosis.inference.conclusion import make_conclusion
-from sim2real.diagnosis.inference.fit import Start
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.baseline import Baseline
+from sim2real.diagnosis.inference.conclusion import Conclusion, make_conclusion
 from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Report
 from tests.sim2real.diagnosis import arm
 
@@ -25,15 +19,11 @@ NOISE, FRICTION = 3e-4, 0.12
 
 
 def concluded(log: Log, folder: Path, *labels: str) -> Conclusion:
-    """Return the conclusion on a log, hypotheses of these labels alone being proposed."""
+    """Return the conclusion on a log, changes of these labels alone being looked at."""
     data, rng = arm.data_of(log, folder), np.random.default_rng(0)
-    about = About(data, (), (), rng, Moving(lambda text, share: None), Work())
-    floors = data.floors()
-    search, judge = search_of(about, floors), Judge(data, rng=rng)
-    options = {m.label: m for m in [*candidates(data), *list_log_changes(data)]}
-    starts = [Start(Hypothesis((options[one],)), options[one].probes) for one in labels]
-    judgement = judge.judge(lambda: starts)
-    return make_conclusion(judgement, search, floors, rng)
+    judge = Judge(data, rng=rng)
+    baseline = Baseline.of(judge.replayer, rng)
+    return make_conclusion(judge.judge(Vocabulary(data, only=labels)), baseline, rng)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +45,7 @@ def test_an_effect_becomes_a_cause_with_its_value(friction: Conclusion) -> None:
     assert np.ptp(cause.value_ci) < 0.1 * FRICTION
     assert cause.confidence > 0.9
     assert cause.closed > 0.9
-    assert [member.label for member in friction.fit.members] == ["coulomb_friction.b"]
+    assert [effect.label() for effect, _ in friction.found] == ["coulomb_friction.b"]
     assert report.unexplained.structure == "none"
 
 
@@ -77,7 +67,7 @@ def test_a_report_of_any_kind_survives_its_file(tmp_path: Path) -> None:
     assert (cause.kind, cause.effect, cause.where) == ("log", "reversal", "b")
     assert cause.remedy == "ctrl.b, qpos.b: multiply by -1"
     assert cause.extra["columns"] == ["ctrl", "qpos"]
-    assert made.fit.members == ()
+    assert made.found == ()
     assert Report.from_json(made.report.to_json()).causes[0].kind == "log"
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.attribution.candidates import Candidate, candidates
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.inference.candidates import Candidate, candidates
 from sim2real.diagnosis.inference.distance import compute_separation, is_told_apart
 from sim2real.diagnosis.inference.fit import Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.attribution.candidates import candidates
-from sim2real.diagnosis.inference.fit import Start
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from tests.sim2real.diagnosis import arm
 
 NOISE = 3e-4
@@ -23,9 +21,8 @@ PROPOSED = ("coulomb_friction.a", "coulomb_friction.b", "viscous_friction.b", "p
 def judged(log: Log, folder: Path) -> Judgement:
     """Return what the judge says of a log, a few effects of the robot proposed."""
     data = arm.data_of(log, folder)
-    options = [c for c in candidates(data) if c.label in PROPOSED]
-    starts = [Start(Hypothesis((c,)), c.probes) for c in options]
-    return Judge(data).judge(lambda: starts, list_log_changes(data))
+    changes = [change.label for change in list_log_changes(data)]
+    return Judge(data).judge(Vocabulary(data, only=[*PROPOSED, *changes]))
 
 
 def with_columns(log: Log, **columns: np.ndarray) -> Log:

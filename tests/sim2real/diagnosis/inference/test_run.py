@@ -22,7 +22,7 @@ def test_friction_beside_a_late_row_is_told_from_it(tmp_path: Path) -> None:
     log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), seconds=12.0, noise=3e-4)
     late = {n: np.append(log.columns[n][:1], log.columns[n][:-1]) for n in ("ctrl.a", "ctrl.b")}
     wrong = Log({**log.columns, **late})
-    found = run_diagnosis([wrong], arm.model(tmp_path), None, (), 0, None, judge="likelihood")
+    found = run_diagnosis([wrong], arm.model(tmp_path), None, (), 0, None)
     report = found.report
     assert report.failed == ()
     assert report.verdict == "explained"

@@ -14,12 +14,9 @@ from hardware.log import Log, read_log, read_logs, write_log
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.trial import piece, trial
-from sim2real.diagnosis.preflight import corrections, log_errors
 from sim2real.diagnosis.preflight.channels import excitation
 from sim2real.diagnosis.preflight.checks import NOTES, noise_floor, preflight
 from sim2real.diagnosis.preflight.lag import check_lag
-from sim2real.diagnosis.settings import DEFAULT
-from tests.sim2real.diagnosis import motors
 
 COUNT = 2 * np.pi / 4096
 ARM = """
@@ -94,50 +91,6 @@ def test_commands_that_were_not_logged_are_named() -> None:
     assert "`ctrl.b`" in named(rest)["no_command", "elbow"]
 
 
-@pytest.mark.parametrize("channels", [(), ("sensor", "qvel")])
-def test_a_flipped_sign_is_named(channels: tuple[str, ...]) -> None:
-    """With and without duty and speed columns: the joint, and what to negate."""
-    fixes = named(changed(without(make_log(), *channels), ["qpos.elbow"], -1.0))
-    assert list(fixes) == [("sign", "elbow")]
-    assert "Negate `qpos.elbow`" in fixes["sign", "elbow"]
-
-
-def test_the_duty_tells_a_flipped_command_from_a_flipped_position() -> None:
-    """The servo's own torque says which of the two counts wrongly."""
-    fixes = named(changed(make_log(), ["ctrl.b"], -1.0))
-    assert "Negate `ctrl.b`" in fixes["sign", "elbow"]
-
-
-def test_swapped_joints_are_named() -> None:
-    """Two position columns under each other's names."""
-    log = without(make_log(), "sensor", "qvel")
-    swapped = {
-        "qpos.elbow": log.column("qpos.shoulder"),
-        "qpos.shoulder": log.column("qpos.elbow"),
-    }
-    fixes = named(Log({**log.columns, **swapped}))
-    assert list(fixes) == [("swap", "shoulder")]
-    assert "positions of shoulder and elbow" in fixes["swap", "shoulder"]
-
-
-@pytest.mark.parametrize("columns", [("qpos",), ("qpos", "ctrl")])
-def test_degrees_are_named(columns: tuple[str, ...]) -> None:
-    """Angles 57 times too large, in the positions alone or in everything."""
-    log = without(make_log(), "sensor", "qvel")
-    names = [name for name in log.columns if name.split(".")[0] in columns]
-    assert ("degrees", None) in named(changed(log, names, 180 / np.pi))
-
-
-@pytest.mark.parametrize("columns", [("qpos", "qvel"), ("qpos", "ctrl", "qvel")])
-def test_degrees_are_named_where_speeds_are_logged(columns: tuple[str, ...]) -> None:
-    """A recorder that writes degrees writes degrees a second, too."""
-    log = without(make_log(), "sensor")
-    names = [name for name in log.columns if name.split(".")[0] in columns]
-    found = preflight([changed(log, names, 180 / np.pi)], [spec()])
-    (degrees,) = [f for f in found if f.check == "degrees"]
-    assert "speeds" in degrees.finding
-
-
 def test_speeds_in_degrees_are_no_flipped_sign() -> None:
     """A replay that started at 57 times the speed is better from any other start."""
     log = without(make_log(), "sensor")
@@ -159,20 +112,6 @@ def test_another_unit_shows_in_a_range_that_a_model_has() -> None:
     assert not {"degrees", "range"} & {f.check for f in preflight([still], [model])}
 
 
-@pytest.mark.parametrize("zero", [0, 2048])
-def test_counts_of_an_encoder_are_named(zero: int) -> None:
-    """Whole numbers, of positions and commands, with the mapping that converts them."""
-    log = without(make_log(), "sensor", "qvel")
-    counts = {
-        name: np.round(values * 4096 / (2 * np.pi)) + zero
-        for name, values in log.columns.items()
-        if name.startswith(("qpos.", "ctrl."))
-    }
-    found = preflight([Log({**log.columns, **counts})], [spec()])
-    (unit,) = [f for f in found if f.check == "unit"]
-    assert f"`unit: counts/4096` and `zero: {zero}`" in unit.fix
-
-
 def test_a_turn_in_command_and_reading_is_no_degrees() -> None:
     """Any numbers that are too large gain by a smaller unit: the right one leaves a tenth."""
     limited = ARM.replace('name="elbow"', 'name="elbow" range="-150 150" limited="true"')
@@ -192,28 +131,16 @@ def test_what_was_mended_at_reading_is_told(tmp_path: Path) -> None:
 
 
 def test_a_wrong_zero_is_named_with_its_effect() -> None:
-    """A shifted position column: how far, and encoder_offset as the other reading."""
-    fixes = named(changed(without(make_log(), "sensor"), ["qpos.shoulder"], shift=0.3))
-    assert "encoder_offset = 0.3" in fixes["zero", "shoulder"]
+    """A shifted position column, by the duty of its servo."""
     fixes = named(changed(make_log(), ["qpos.shoulder"], shift=0.1))
     assert "Subtract 0.1" in fixes["zero", "shoulder"]
 
 
-@pytest.mark.parametrize("channels", [(), ("sensor", "qvel")])
-def test_a_wrong_rate_is_named(channels: tuple[str, ...]) -> None:
-    """Stamps at half their distance, with and without speeds that contradict them."""
-    fixes = named(changed(without(make_log(), *channels), ["time"], 0.5))
+def test_a_wrong_rate_is_named() -> None:
+    """Stamps at half their distance, which the speeds contradict."""
+    fixes = named(changed(make_log(), ["time"], 0.5))
     factor = float(re.findall(r"ultiply `time` by ([\d.]*\d)", fixes["rate", None])[0])
     assert factor == pytest.approx(2, rel=0.02)
-
-
-def test_what_goes_wrong_later_is_no_wrong_rate() -> None:
-    """A slower clock keeps only a log's first rows: in these the log as it is does as well."""
-    log = without(make_log(4.0), "sensor", "qvel")
-    pushed = 0.5 * np.sin(2 * np.pi * 2.2 * np.maximum(log.time - 1.5, 0.0))
-    names = ("qpos.shoulder", "qpos.elbow")
-    swung = Log({**log.columns, **{name: log.column(name) + pushed for name in names}})
-    assert ("rate", None) not in named(swung)
 
 
 def test_metadata_and_stamps_that_disagree_are_named() -> None:
@@ -325,14 +252,3 @@ def test_the_real_arm_has_no_mistakes() -> None:
     assert not {"sign", "swap", "degrees", "zero", "rate", "lag"} & {f.check for f in found}
     floor = noise_floor(logs)
     assert all(0.05 < np.rad2deg(floor[joint]) < 0.2 for joint in logs[0].joints[:5])
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_large_torques_are_no_degrees(friction: float) -> None:
-    """Motors of a heavy arm: commands of many N·m are as they should be, whatever the gap."""
-    log = motors.make_log(friction, 6.0)
-    heavy = {n: 40 * c if n.startswith("ctrl") else c for n, c in log.columns.items()}
-    assert max(np.abs(heavy[f"ctrl.{n}"]).max() for n in "ab") > 20
-    case = log_errors.case_of([Log(heavy)], [motors.spec()], DEFAULT.log_errors)
-    told = [c for c in corrections.simple(case, ("a", "b")) if c.check == "degrees"]
-    assert not [c for c in told if "commands" in c.claim]

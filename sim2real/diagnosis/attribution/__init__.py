@@ -1,1 +1,0 @@
-"""Which effects are missing: screened, fitted, judged on held-out data, concluded."""

@@ -1,0 +1,346 @@
+"""What to record next, to tell effects apart that explain the logs alike.
+
+    members = [Member("backlash at elbow", backlash), Member("joint_compliance at elbow", spring)]
+    plan = next_experiment(members, spec, floor, rng=np.random.default_rng(0), robot=robot)
+    plan.text                               # for a person
+    plan.item.motions, plan.item.seconds    # for hardware.excite and run=record
+    plan.overrides                          # for the command line
+
+Each motion of a menu, and drawn ones if asked for, is simulated under every member. How far each
+pair of them is apart after each has refitted to what the other would show (`apart`) decides. A pair
+that no motion parts has no say, since two effects may be one and the same on a robot. Of motions in
+which all others are surely parted the shortest wins, changes by hand included, since a longer one
+tells nothing more; where none is, the one with the most evidence (the squared distance over the
+squared noise, as far as it counts) by its time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from envs.effects.servo import is_joint_servo
+from envs.plant import Fixed
+from envs.replay import Recording
+from hardware.config import BusSettings, Robot, Servo, Supply
+from hardware.excite import ExcitationPlan, excite
+from sim2real.diagnosis.data.noise_floor import rounding
+from sim2real.diagnosis.data.pairs import is_scalar
+from sim2real.diagnosis.data.trial import trial
+from sim2real.diagnosis.experiments.apart import Asked, Member, pairs, refitted, separation
+from sim2real.diagnosis.experiments.menu import Item, drawn, menu
+from sim2real.diagnosis.settings import DEFAULT
+from sim2real.diagnosis.settings import Experiment as Limits
+from sim2real.runs.errors import Sim2RealError
+
+Scored = tuple[Item, np.ndarray]  # a motion, and how far it parts each pair, (P,) noise floors
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to record next.
+
+    Args:
+        text: the recommendation in words.
+        item: the motion.
+        overrides: overrides for `sim2real record`.
+        separation: how far the two most similar members are apart there once they have refitted,
+            in noise floors; of those that some motion parts, where there are any.
+        most: how far any two members are apart in any motion: below `apart_min`, nothing that was
+            looked at parts them.
+        ranking: each motion and its separation, the best one first.
+    """
+
+    text: str
+    item: Item
+    overrides: tuple[str, ...]
+    separation: float
+    most: float
+    ranking: tuple[tuple[str, float], ...]
+
+
+def next_experiment(
+    members: Sequence[Member],
+    spec: mujoco.MjSpec,
+    floor: Mapping[str, float],
+    *,
+    rng: np.random.Generator,
+    robot: Robot | None = None,
+    fixed: Sequence[Fixed] = (),
+    past: Sequence[Recording] = (),
+    draws: int = 0,
+    exact: int = 0,
+    by_hand: bool = True,
+    longest: float = math.inf,
+    settings: Limits = DEFAULT.experiment,
+) -> Experiment:
+    """Simulate motions under each member and return what separates them fastest.
+
+    Args:
+        members: at least two explanations.
+        spec: the model.
+        floor: noise of a single run by joint [rad or m].
+        rng: the random generator of drawn motions.
+        robot: its limits and rate, where it is known; else the model's ranges are used.
+        fixed: effects that the robot has in any case.
+        past: recordings that the members follow already, and must follow when they refit.
+        draws: number of motions that are drawn, besides those of the menu.
+        exact: of so many of the best, refits are simulated until they settle, or until that is
+            surely enough; of the others they are one linear step.
+        by_hand: whether motions count before which something has to be changed.
+        longest: duration of a motion at most [s].
+        settings: the motions, and the robot where only its model is known.
+
+    Raises:
+        Sim2RealError: fewer than two members, no position servo to move, or no motion that all
+            members can follow.
+    """
+    if len(members) <= 1:
+        raise Sim2RealError(f"{len(members)} explanation leaves nothing to separate; give two")
+    machine = stand_in(spec, settings) if robot is None else robot
+    falls = _falls(spec, machine, settings)
+    items = [*menu(spec, settings), *drawn(draws, rng, settings)]
+    items = [
+        item
+        for item in items
+        if item.seconds <= longest and not (falls and "swing" in item.motions)
+    ]
+    together = [item for item in items if item.change is None]  # one batch: the same model
+    apart = [item for item in items if item.change is not None and by_hand]
+    asked = Asked(spec, _noise(spec, floor, settings), tuple(past), tuple(fixed))
+    scores = [
+        scored
+        for group in ([together], [[item] for item in apart])
+        for some in group
+        if some
+        for scored in _scores(some, members, machine, asked, settings)
+    ]
+    if not scores:
+        raise Sim2RealError("the model diverges in every motion under one of the explanations")
+    near = _Near(settings, scores)
+    best = _looked_at(scores, near, exact, partial(_exact, members, machine, asked, settings))
+    near = _Near(settings, best or scores)
+    item, distances = max(best or scores, key=near.worth)
+    known = [*best, *(one for one in scores if one[0] not in [item for item, _ in best])]
+    known.sort(key=near.worth, reverse=True)
+    overrides = _overrides(item, robot)
+    parted = _Near(settings, known).parted
+    alike = [pair for pair, apart in zip(pairs(members), parted, strict=True) if not apart]
+    text = _text(item, members, near, near.least(distances), alike, overrides)
+    ranking = tuple((other.name, near.least(found)) for other, found in known)
+    return Experiment(text, item, overrides, near.least(distances), near.most, ranking)
+
+
+class _Near:
+    """Which pairs of explanations some motion parts, and what motions are worth for them.
+
+    Args:
+        settings: how far is apart.
+        scores: motions and how far they part each pair, (P,) floors.
+    """
+
+    def __init__(self, settings: Limits, scores: Sequence[Scored]) -> None:
+        self.settings = settings
+        self.furthest = np.nan_to_num([distances for _, distances in scores]).max(axis=0)  # (P,)
+        self.most = float(self.furthest.max())
+        self.parted = self.furthest >= settings.apart_min  # (P,)
+
+    def of(self, distances: np.ndarray) -> np.ndarray:
+        """Return the distances (P,) that count: of pairs that are parted by some motion."""
+        return np.nan_to_num(distances)[self.parted if self.parted.any() else slice(None)]
+
+    def least(self, distances: np.ndarray) -> float:
+        """Return the least distance that counts; where no pair can be parted the largest."""
+        own = self.of(distances)
+        return float(own.min() if self.parted.any() else own.max())
+
+    def worth(self, scored: Scored) -> tuple[bool, float, float]:
+        """Return what a motion is worth: the operator's time, where it is sure to be enough.
+
+        Else the evidence that it gives in a second of that time.
+        """
+        item, distances = scored
+        least, time = self.least(distances), item.seconds + item.setup
+        sure = self.settings.apart_sure
+        if least >= sure:
+            return True, -time, least
+        evidence = np.mean(np.minimum(self.of(distances), sure) ** 2)
+        return False, float(evidence) * item.seconds / time, least
+
+
+def _looked_at(
+    scores: Sequence[Scored], near: _Near, exact: int, refit: Callable[[Item], np.ndarray]
+) -> list[Scored]:
+    """Return the best motions, and those that part furthest, with exact refits.
+
+    No more once one is sure to be enough. Where none of them parts anything, each pair that is
+    parted by linear steps is looked at in the motion that parts it furthest.
+    """
+    best = sorted(scores, key=near.worth, reverse=True)[:exact]
+    furthest = sorted(scores, key=lambda one: float(one[1].max()), reverse=True)[:exact]
+    own = [max(scores, key=lambda one: float(one[1][p])) for p in np.flatnonzero(near.parted)]
+    found: list[Scored] = []
+    for number, (item, _) in enumerate([*best, *furthest, *own] if exact else []):
+        if number >= len(best) + len(furthest) and _Near(near.settings, found).parted.any():
+            break
+        if item in [other for other, _ in found]:
+            continue
+        found.append((item, refit(item)))
+        if near.parted.any() and near.least(found[-1][1]) >= near.settings.apart_sure:
+            break
+    return found
+
+
+def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robot:
+    """Return a robot that has a servo for each position actuator of a model.
+
+    Raises:
+        Sim2RealError: the model has none.
+    """
+    model, limits = spec.copy().compile(), settings
+    servos = []
+    for i in range(model.nu):
+        if is_joint_servo(model, i):
+            joint = int(model.actuator_trnid[i, 0])
+            ranges = [
+                model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] else None,
+                model.jnt_range[joint] if model.jnt_limited[joint] else None,
+            ]
+            low, high = next((r for r in ranges if r is not None), (-limits.reach, limits.reach))
+            name = model.actuator(i).name
+            about = (limits.servo, 1, limits.zero_count, (float(low), float(high)), limits.fastest)
+            servos.append(Servo(name, len(servos), *about, None))
+    if not servos:
+        raise Sim2RealError("the model has no position actuator that an experiment could move")
+    bus, supply = BusSettings(limits.baud, 0.0, limits.answer_s), Supply(limits.supply_v, 0.0)
+    rest = (limits.rate_hz, 0.0, 0.0, limits.reach, limits.margin, supply)
+    return Robot("model", Path(), tuple(servos), {}, bus, *rest)
+
+
+def _noise(spec: mujoco.MjSpec, floor: Mapping[str, float], settings: Limits) -> dict[int, float]:
+    """Return the noise of one reading by column of the state [rad or m]."""
+    model, least = spec.copy().compile(), rounding(settings.count)
+    return {
+        int(model.jnt_qposadr[i]): max(floor.get(model.joint(i).name, 0.0), least)
+        for i in range(model.njnt)
+        if is_scalar(model, i)
+    }
+
+
+def _changed(item: Item, asked: Asked, robot: Robot, settings: Limits) -> tuple[Asked, Recording]:
+    """Return the model in a motion, what it changes in it done, and the motion."""
+    if item.change is None:
+        return asked, record_of(item, asked.spec.copy().compile(), robot, settings)
+    spec = asked.spec.copy()
+    item.change(spec)
+    return asked._replace(changed=spec), record_of(item, spec.copy().compile(), robot, settings)
+
+
+def _scores(
+    items: Sequence[Item],
+    members: Sequence[Member],
+    robot: Robot,
+    asked: Asked,
+    settings: Limits,
+) -> Iterator[Scored]:
+    """Yield motions of one model and how far each pair of members is apart in them, (P,) floors.
+
+    Motions in which a member diverges are left out.
+    """
+    made = [_changed(item, asked, robot, settings) for item in items]
+    found = separation(members, [motion for _, motion in made], made[0][0])
+    for item, distances in zip(items, found, strict=True):
+        if np.isfinite(distances).all():
+            yield item, distances
+
+
+def _exact(
+    members: Sequence[Member], robot: Robot, asked: Asked, settings: Limits, item: Item
+) -> np.ndarray:
+    asked, motion = _changed(item, asked, robot, settings)
+    return refitted(members, motion, asked)
+
+
+def record_of(
+    item: Item, model: mujoco.MjModel, robot: Robot, settings: Limits = DEFAULT.experiment
+) -> Recording:
+    """Return a motion as a recording of commands, from rest in the robot's middle pose."""
+    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
+    qpos = np.array(model.qpos0 if home is None else model.key_qpos[home])
+    ctrl = np.zeros(model.nu) if home is None else np.array(model.key_ctrl[home])
+    columns = [int(model.actuator(name).id) for name in robot.names]
+    limits = np.array([servo.position for servo in robot.servos])
+    pose = np.clip(ctrl[columns], *limits.T)
+    edge = np.minimum(pose - limits[:, 0], limits[:, 1] - pose) < settings.edge * np.ptp(
+        limits, axis=1
+    )
+    pose = np.where(edge, limits.mean(axis=1), pose)
+    rng = np.random.default_rng(item.seed)
+    plan: ExcitationPlan = excite(robot, pose, item.seconds, item.motions, rng, item.size)
+    commands = np.tile(ctrl, (len(plan.angles), 1))
+    commands[:, columns] = plan.angles
+    powered = np.ones(commands.shape, bool)
+    powered[:, columns] = plan.torque[:, None]
+    for column, angle in zip(columns, pose, strict=True):
+        qpos[model.jnt_qposadr[model.actuator_trnid[column, 0]]] = angle
+    time = np.arange(len(commands)) / robot.rate
+    return Recording(time, commands, qpos, np.zeros(model.nv), powered)
+
+
+def _falls(spec: mujoco.MjSpec, robot: Robot, settings: Limits) -> bool:
+    """Say whether a robot that is let go in its middle pose leaves it: it would fall over."""
+    model = spec.copy().compile()
+    rest = record_of(Item("a hold", ("hold",)), model, robot, settings)
+    rows = int(settings.fall_s * robot.rate)
+    off = np.zeros((rows, model.nu), bool)
+    (path,) = trial(
+        spec, [rest._replace(time=rest.time[:rows], ctrl=rest.ctrl[:rows], powered=off)]
+    )
+    places = [
+        int(model.jnt_qposadr[model.actuator_trnid[model.actuator(name).id, 0]])
+        for name in robot.names
+    ]
+    return not bool(np.abs(path[:, places] - path[0, places]).max() < settings.fallen)
+
+
+def _overrides(item: Item, robot: Robot | None) -> tuple[str, ...]:
+    name = "NAME" if robot is None else robot.name
+    found = [f"robot={name}", f"motions=[{','.join(item.motions)}]", f"seconds={item.seconds:g}"]
+    if (item.size, item.seed) != (DEFAULT.experiment.size, 0):
+        found += [f"size={item.size:g}", f"seed={item.seed}"]
+    if item.override is not None and robot is not None:
+        found.append(item.override(robot))
+    return tuple(found)
+
+
+def _text(
+    item: Item,
+    members: Sequence[Member],
+    near: _Near,
+    least: float,
+    alike: Sequence[tuple[Member, Member]],
+    overrides: Sequence[str],
+) -> str:
+    labels = [member.label for member in members]
+    names = f"{', '.join(labels[:-1])} and {labels[-1]}"
+    by_script = any("registers" in override for override in overrides)
+    first = f"First {item.by_hand}. " if item.by_hand and not by_script else ""
+    command = f"python -m sim2real run=record {' '.join(overrides)}"
+    text = f"To tell {names} apart, record {item.name}: {first}`{command}`. "
+    if not near.parted.any():
+        return (
+            f"{text}Even there they are at most {least:.1f} times the noise apart once each has "
+            "refitted: no motion that was looked at separates them on this robot, so in such "
+            "motions any of them will do in its simulator."
+        )
+    apart = f"{least:.0f} times the noise floor apart once each has refitted"
+    if not alike:
+        return f"{text}There they are {apart}."
+    both = ", or ".join(f"{one.label} from {other.label}" for one, other in alike)
+    return f"{text}There they are {apart}, but no motion that was looked at separates {both}."

@@ -1,0 +1,140 @@
+"""Simulations of several sets of effects, in as few batches as they fit into.
+
+    for result in simulate_each(simulator, [Rows(members, windows, values), ...]): ...
+
+Effects that are stepped from Python cost about as much for one row as for a hundred, so what is
+simulated for several fits at a time shares a batch: a row has the effects of the others at their
+neutral values, which changes no bit of it. Effects that add to the structure share one with their
+own kind alone, and those that only write model fields are kept apart from stepped ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.effects.base import PLAIN, RULES
+from sim2real.diagnosis.data.memory import Memory
+from sim2real.diagnosis.data.simulate import Run, Simulated, Simulator, key_of
+from sim2real.diagnosis.inference.candidates import Candidate
+
+
+class Rows(NamedTuple):
+    """Windows to be simulated under values of some effects."""
+
+    members: tuple[Candidate, ...]
+    windows: np.ndarray  # (R,) indices of windows
+    values: np.ndarray  # (R, P) of the members' parameters, one after the other
+
+
+class _Batch:
+    """Rows of several sets side by side, with the effects of all of them."""
+
+    def __init__(self, structure: tuple[Any, ...]) -> None:
+        self.structure = structure
+        self.members: dict[tuple[Any, ...], Candidate] = {}
+        self.parts: list[tuple[int, Rows]] = []
+
+    def takes(self, one: Rows) -> bool:
+        """Return whether the set's effects stand in the same order here.
+
+        What adds to a field, or multiplies it, depends on what came before.
+        """
+        place = {key: number for number, key in enumerate(self.members)}
+        wanted = [place.get(_key(member), len(place)) for member in one.members]
+        return wanted == sorted(wanted)
+
+    def add(self, number: int, one: Rows) -> None:
+        """Append the rows of a set."""
+        self.parts.append((number, one))
+        self.members |= {_key(m): m for m in one.members if _key(m) not in self.members}
+
+    def run(self) -> Run:
+        """Return all rows, what a set lacks at its neutral value."""
+        members = list(self.members.values())
+        ends = np.cumsum([len(m.neutral) for m in members], dtype=int)
+        place = {
+            k: np.arange(e - len(m.neutral), e)
+            for (k, m), e in zip(self.members.items(), ends, strict=True)
+        }
+        neutral = np.concatenate([np.zeros(0), *(m.neutral for m in members)])
+        values = []
+        for _, one in self.parts:
+            own = np.tile(neutral, (len(one.windows), 1))
+            own[:, np.concatenate([np.zeros(0, int), *(place[_key(m)] for m in one.members)])] = (
+                one.values
+            )
+            values.append(own)
+        windows = np.concatenate([one.windows for _, one in self.parts])
+        return Run(tuple(m.effect for m in members), windows, np.concatenate(values))
+
+
+def simulate_each(
+    simulator: Simulator, sets: Sequence[Rows], remember: bool = True
+) -> list[Simulated]:
+    """Simulate several sets of rows, and return what each came to.
+
+    Args:
+        simulator: of the windows.
+        sets: the rows.
+        remember: whether rows that were simulated before are taken from the simulator's memory,
+            and new ones kept there: steps of fits come back to where they were.
+    """
+    found = [simulator.blank(len(one.windows)) for one in sets]
+    memory = simulator.memory if remember else Memory(0.0)
+    names = [_names(one) for one in sets]
+    lacking = [
+        np.array([k for k, name in enumerate(own) if not memory.recall(name, result, k)], int)
+        for own, result in zip(names, found, strict=True)
+    ]
+    asked = [number for number, rows in enumerate(lacking) if rows.size]
+    left = [_some(sets[number], lacking[number]) for number in asked]
+    for number, part in zip(asked, _simulate(left, simulator), strict=True):
+        for every, new in zip(found[number], part, strict=True):
+            every[lacking[number]] = new
+        for k in lacking[number]:
+            memory.keep(names[number][k], found[number], k)
+    return found
+
+
+def _some(one: Rows, rows: np.ndarray) -> Rows:
+    return Rows(one.members, one.windows[rows], one.values[rows])
+
+
+def _simulate(sets: Sequence[Rows], simulator: Simulator) -> list[Simulated]:
+    """Simulate several sets of rows in as few batches as they fit into."""
+    batches: list[_Batch] = []
+    for number, one in enumerate(sets):
+        structure = _structure(one.members)
+        fits = (b for b in batches if b.structure == structure and b.takes(one))
+        batch = next(fits, None)
+        if batch is None:
+            batches.append(batch := _Batch(structure))
+        batch.add(number, one)
+    results: dict[int, Simulated] = {}
+    found = simulator.run_each([batch.run() for batch in batches])
+    for batch, every in zip(batches, found, strict=True):
+        start = 0
+        for number, one in batch.parts:
+            own = slice(start, start := start + len(one.windows))
+            results[number] = Simulated(*(part[own] for part in every))
+    return [results[number] for number in range(len(sets))]
+
+
+def _names(one: Rows) -> list[Hashable]:
+    """Return what is simulated in each row: the window, and each effect with its values."""
+    keys = tuple(map(_key, one.members))
+    values = np.ascontiguousarray(one.values)
+    return [(int(w), keys, v.tobytes()) for w, v in zip(one.windows, values, strict=True)]
+
+
+def _key(member: Candidate) -> tuple[Any, ...]:
+    return key_of(member.effect)
+
+
+def _structure(members: Sequence[Candidate]) -> tuple[Any, ...]:
+    """Return what must be the same of sets in one batch: what adds to the model, and who steps."""
+    added = tuple(_key(m) for m in members if m.group not in (PLAIN, RULES))
+    return (any(m.group == RULES for m in members), *added)

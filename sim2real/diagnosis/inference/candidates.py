@@ -1,0 +1,222 @@
+"""What could be missing: every effect that this robot can have, at every place.
+
+    for candidate in candidates(data, exclude=("backlash",)):
+        candidate.effect.label(), candidate.probes      # (K, P) values to look at first
+
+The vocabulary is that of `envs.effects`; an effect that a user registers is a candidate too. What
+closes no gap is none (`Effect.visible_in_replay`): noise, quantization, the filter of the speed
+and lost packets are read off the log.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from envs.effects import EFFECTS, Effect, RobotScale, make
+from envs.errors import EnvsError, did_you_mean
+from envs.plant import Fixed
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.lean import untextured
+from sim2real.diagnosis.inference.probes import probes_of, robot_scale
+from sim2real.runs.errors import Sim2RealError
+
+FREE = 1e5  # a limit of this size is none
+TYPICAL = 0.3  # a typical change, of the largest probe
+NUDGE = 0.06  # finite difference, of a value's distance from neutral
+SMALLEST = 1e-3  # scale below which what acts as it shrinks grows no further
+SAME = 1e-12  # a probe this close to neutral changes nothing
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place, and where a fit of it starts.
+
+    Args:
+        effect: the effect.
+        joint: the joint whose motion shows it first; None for the robot.
+        probes: values of its parameters that span what may be, (K, P).
+        neutral: values at which it is absent, (P,).
+        low: smallest values, (P,).
+        high: largest values, (P,).
+        group: candidates of one group can be simulated in one batch.
+        shown: joints whose motion it changes: its own, and for a body all that carry it.
+        passes_for: the effect in whose place alone it is looked for; None: in any.
+    """
+
+    effect: Effect
+    joint: str | None
+    probes: np.ndarray
+    neutral: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    group: str
+    shown: tuple[str, ...] = ()
+    passes_for: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The effect's standard name."""
+        return self.effect.name
+
+    @property
+    def label(self) -> str:
+        """Name, place and side: what tells candidates apart."""
+        variant = self.effect.variant
+        return f"{self.effect.label()} ({variant})" if variant else self.effect.label()
+
+    @property
+    def place(self) -> str | None:
+        """What a report calls its place: a body effect's is the joint that moves the body.
+
+        A free base, which no hinge or slide moves, goes by its own name.
+        """
+        return (self.joint if self.effect.place == "body" else None) or self.effect.where
+
+    @property
+    def shared(self) -> bool:
+        """Whether one value holds for all joints or actuators."""
+        return self.effect.where is None and self.effect.place in ("joint", "actuator")
+
+    @property
+    def step(self) -> np.ndarray:
+        """The size of a typical change of each parameter, (P,)."""
+        changes = np.where(self.neutral >= FREE, self.probes, self.probes - self.neutral)
+        size = np.abs(changes).max(axis=0)  # 0 of what every probe leaves as it is, such as a count
+        return TYPICAL * np.where(size > 0, size, np.abs(self.probes).max(axis=0))
+
+    def towards(self, point: np.ndarray, scale: float) -> np.ndarray:
+        """Return the point at which the effect is `scale` times as large as at `point`, (P,).
+
+        Phases and the like stay. What acts more as it shrinks (a limit, a factor below 1) shrinks
+        in proportion where a straight line would take it past zero.
+        """
+        grown = self.neutral + scale * (point - self.neutral)
+        shrunk = point / np.maximum(scale, SMALLEST)
+        shrinks = (self.low >= 0.0) & (point < self.neutral) & (scale > 1.0)
+        grown = np.where(shrinks, np.maximum(grown, shrunk), grown)
+        grown = np.where(self.neutral >= FREE, shrunk, grown)
+        free = len(self.effect.free)
+        kept = np.arange(len(point)) >= len(point) - free
+        return np.clip(np.where(kept, point, grown), self.low, self.high)
+
+
+def check_names(exclude: Sequence[str]) -> None:
+    """Raise Sim2RealError for the name of an effect that does not exist."""
+    for name in exclude:
+        if name not in EFFECTS:
+            known = ", ".join(sorted(EFFECTS))
+            raise Sim2RealError(
+                f"exclude: there is no effect {name!r}{did_you_mean(name, EFFECTS)};"
+                f" there are: {known}"
+            )
+
+
+def candidates(
+    data: Data,
+    exclude: Sequence[str] = (),
+    fixed: Sequence[Fixed] = (),
+    *,
+    standing_in: bool = False,
+) -> list[Candidate]:
+    """Return every effect that the models can have, but those excluded.
+
+    Args:
+        data: the logs and their models.
+        exclude: names of effects to leave out.
+        fixed: effects that are in the model already; more of the same is a candidate where two of
+            them add up, and no candidate where they would get into each other's way.
+        standing_in: return those that in these logs pass for another effect, in whose place alone
+            they are looked for, and none of the others.
+
+    Raises:
+        Sim2RealError: an unknown name to exclude, or one that an effect says it passes for.
+    """
+    check_names(exclude)
+    scale, spec = robot_scale(data, fixed), untextured(data.specs[0])
+    found = []
+    for name, effect in EFFECTS.items():
+        if standing_in and effect.mimics is Effect.mimics:
+            continue  # passes for none, on no robot
+        if effect.visible_in_replay and name not in exclude:
+            for place, more in itertools.product(effect.places(scale), effect.variants(scale)):
+                candidate = candidate_of(name, {"where": place, **more}, spec, scale)
+                if candidate is None or (candidate.passes_for is not None) != standing_in:
+                    continue
+                if not _taken(candidate.effect, fixed):
+                    found.append(candidate)
+    return found
+
+
+def get_nudges(members: Sequence[Candidate], values: np.ndarray) -> np.ndarray:
+    """Return a step of each value for finite differences, (P,), towards where it may go."""
+    neutral = np.concatenate([member.neutral for member in members])
+    high = np.concatenate([member.high for member in members])
+    typical = np.concatenate([member.step for member in members])
+    size = np.abs(np.where(neutral >= FREE, values, values - neutral))
+    step = NUDGE * np.maximum(size, TYPICAL * typical)
+    return np.where(values + step > high, -step, step)
+
+
+def in_the_way(one: Effect, other: Effect) -> bool:
+    """Return whether two effects of one name meet at a joint that can have only one of them.
+
+    An effect without a place is at all of them: a joint bends about one spring.
+    """
+    meet = one.where == other.where or None in (one.where, other.where)
+    return one.name == other.name and meet and not one.composes
+
+
+def _taken(effect: Effect, fixed: Sequence[Fixed]) -> bool:
+    """Return whether an effect is fixed at this place, and cannot stand beside itself."""
+    there = any((one.name, one.where) == (effect.name, effect.where) for one, _ in fixed)
+    return (there and effect.how == "set") or any(in_the_way(one, effect) for one, _ in fixed)
+
+
+def candidate_of(
+    name: str, arguments: dict[str, Any], spec: mujoco.MjSpec, scale: RobotScale
+) -> Candidate | None:
+    """Return an effect with some arguments as a candidate; None where the robot cannot have it."""
+    try:
+        effect = make(name, **arguments)
+        edited = spec.copy()
+        effect.edit(edited)
+        parameters = effect.parameters(edited.compile() if effect.edits else scale.model)
+    except EnvsError:
+        return None
+    neutral = np.array([p.neutral for p in parameters])
+    low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+    fits = {extra.name: extra.fit for extra in effect.extras}
+    for place, name in enumerate(effect.free, len(neutral) - len(effect.free)):
+        low[place], high[place] = fits[name] or (low[place], high[place])
+    probes = probes_of(effect, neutral, scale)
+    probes = np.clip(probes, low, high)
+    probes = probes[(np.abs(probes - neutral) > SAME).any(axis=1)]
+    if not len(probes):
+        return None
+    joint = _joint(effect, scale)
+    shown = (joint,) if joint else ()
+    if effect.place == "body":
+        shown = scale.carriers(str(effect.where))
+    passes_for, group = effect.mimics(scale), effect.batch()
+    if passes_for is not None and passes_for not in EFFECTS:
+        raise Sim2RealError(
+            f"{effect.label()}.passes_for returned {passes_for!r}, which is no effect"
+            f"{did_you_mean(passes_for, EFFECTS)}; return one of docs/effects.md, or None"
+        )
+    return Candidate(effect, joint, probes, neutral, low, high, group, shown, passes_for)
+
+
+def _joint(effect: Effect, scale: RobotScale) -> str | None:
+    if effect.where is None:
+        return None
+    if effect.place == "joint":
+        return effect.where
+    if effect.place == "actuator":
+        return scale.driven.get(effect.where)
+    return next(iter(scale.carriers(effect.where)), None) if effect.place == "body" else None

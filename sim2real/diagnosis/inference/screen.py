@@ -1,0 +1,166 @@
+"""Which changes promise most: straight lines through their probes, in the likelihood's metric.
+
+    lines = trace_lines(fitter, base, vocabulary.list_starts(errors))
+    starts = pick_starts(fitter, base, lines, 12)
+    pick_alike(fitter, base, lines, member, 4)      # what does about the same
+
+Each change is replayed at its probes. With e the errors of the base and r what a probe changes,
+e + a r is the errors' straight line through both, and the log density gains
+
+    max_a  (e' V^-1 e - (e + a r)' V^-1 (e + a r)) / 2  =  (r' V^-1 e)^2 / (2 r' V^-1 r)
+
+(the score test of Rao 1948; V as trained on the base). Of changes that only help together the Gram
+matrix of all r tells: two at a time are orthogonal matching pursuit (Tropp and Gilbert 2007,
+doi:10.1109/TIT.2007.909108) with its first step over pairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from sim2real.diagnosis.inference.candidates import Candidate
+from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
+from sim2real.diagnosis.inference.moves import are_compatible, join_members
+from sim2real.diagnosis.settings import TINY
+
+CHUNK = 24  # changes whose products are taken at once
+LARGEST = 30.0  # times a probe at most: a gain may be fifty times too high
+SMALLEST = 0.02  # times a probe at least; less is no change
+
+
+class Line(NamedTuple):
+    """The straight line of one change, through its best probe."""
+
+    member: Member
+    point: np.ndarray  # (P,) the probe
+    change: np.ndarray  # (W, N, M) of the errors
+    scale: float  # times the probe, where the density is highest
+    gain: float  # nats
+
+
+def pick_starts(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
+    """Return the changes that promise most beside a base, at their best along a straight line.
+
+    Args:
+        fitter: of the windows that are looked at.
+        base: fitted to these windows, with what is known.
+        lines: of the changes, see `trace_lines`.
+        most: how many changes are returned, and as many pairs where the base has no member.
+    """
+    chosen = sorted(lines, key=lambda line: -line.gain)[:most]
+    found = [join_lines(base, [line], [line.scale]) for line in chosen]
+    if not base.hypothesis.members:
+        found += _pairs(fitter, base, chosen, most)
+    return found
+
+
+def pick_alike(
+    fitter: Fitter, base: Fit, lines: Sequence[Line], member: Member, most: int
+) -> list[Line]:
+    """Return the changes whose lines are most nearly parallel to a member's, in this metric.
+
+    Args:
+        fitter: of the windows that are looked at.
+        base: beside which the lines were traced.
+        lines: of all changes.
+        member: one of them.
+        most: how many are returned.
+    """
+    place = next((k for k, line in enumerate(lines) if line.member.label == member.label), None)
+    if place is None:
+        return []
+    own, near = lines[place], []
+    for first in range(0, len(lines), CHUNK):
+        some = lines[first : first + CHUNK]
+        _, curve = _products(fitter, base, [own.change, *(line.change for line in some)])
+        sizes = np.sqrt(np.maximum(np.diag(curve), TINY))
+        near += list(np.abs(curve[0, 1:]) / (sizes[0] * sizes[1:]))
+    order = [k for k in np.argsort(near)[::-1] if k != place]
+    return [lines[k] for k in order[:most]]
+
+
+def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line]:
+    """Return the best line of each change that can stand beside the base."""
+    own = [s for s in starts if are_compatible(base.hypothesis, s.hypothesis.members[0])]
+    asked = [(s, point) for s in own for point in s.points]
+    joined = [join_members(base, s.hypothesis.members, point[None]) for s, point in asked]
+    errors = fitter.replay_points(joined)
+    best: dict[str, Line] = {}
+    for first in range(0, len(asked), CHUNK):
+        some = asked[first : first + CHUNK]
+        changes = [error - base.own for error in errors[first : first + CHUNK]]
+        slope, curve = _products(fitter, base, changes)
+        for k, (start, point) in enumerate(some):
+            (member,) = start.hypothesis.members
+            scale = float(np.clip(-slope[k] / max(curve[k, k], TINY), *_reach(member)))
+            gain = -(slope[k] + curve[k, k] * scale / 2) * scale
+            line = Line(member, point, changes[k], scale, gain)
+            if abs(scale) > SMALLEST and (
+                member.label not in best or gain > best[member.label].gain
+            ):
+                best[member.label] = line
+    return list(best.values())
+
+
+def _products(
+    fitter: Fitter, base: Fit, changes: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return r' V^-1 e, (n,), and r' V^-1 r, (n, n), of changes r of the base's errors e."""
+    vectors = np.stack([base.own, *changes], axis=-1)
+    products = sum(
+        fitter.likelihood.curvature(trained, vectors, own)
+        for trained, own in zip(base.trained, fitter.sides, strict=True)
+    )
+    return products[1:, 0], products[1:, 1:]
+
+
+def _reach(member: Member) -> tuple[float, float]:
+    """Return between which multiples of a probe a change may be."""
+    if not len(member.neutral) or getattr(member, "whole", False):
+        return 1.0, 1.0
+    return -LARGEST, LARGEST
+
+
+def _pairs(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
+    """Return the pairs of changes that promise most together."""
+    slope, curve = _products(fitter, base, [line.change for line in lines])
+    found = []
+    for i, j in combinations(range(len(lines)), 2):
+        if not are_compatible(_only(base, lines[i].member), lines[j].member):
+            continue
+        own = np.ix_([i, j], [i, j])
+        small = curve[own] + np.diag(TINY + fitter.settings.ridge * np.diag(curve[own]))
+        low, high = np.transpose([_reach(lines[i].member), _reach(lines[j].member)])
+        scale = np.clip(np.linalg.solve(small, -slope[[i, j]]), low, high)
+        gain = -(slope[[i, j]] @ scale + scale @ curve[own] @ scale / 2)
+        found.append((float(gain), (i, j), scale))
+    found.sort(key=lambda one: -one[0])
+    return [join_lines(base, [lines[k] for k in pair], scale) for _, pair, scale in found[:most]]
+
+
+def _only(base: Fit, member: Member) -> Hypothesis:
+    return join_members(base, (member,), member.neutral[None]).hypothesis
+
+
+def join_lines(base: Fit, lines: Sequence[Line], scales: Sequence[float]) -> Start:
+    """Return a base with more changes, each at its probe and so many times as far."""
+    members = tuple(line.member for line in lines)
+    places = [
+        np.concatenate([line.point for line in lines]),
+        np.concatenate(
+            [_scaled(line.member, line.point, s) for line, s in zip(lines, scales, strict=True)]
+        ),
+    ]
+    return join_members(base, members, np.unique(places, axis=0))
+
+
+def _scaled(member: Member, point: np.ndarray, scale: float) -> np.ndarray:
+    """Return so many times the change of a point, (P,)."""
+    if isinstance(member, Candidate):
+        return member.towards(point, scale)
+    return np.clip(member.neutral + scale * (point - member.neutral), member.low, member.high)

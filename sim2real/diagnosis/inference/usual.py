@@ -1,0 +1,26 @@
+"""What any nominal model is off by: a few per cent of what it has of its own.
+
+No model is right to a few per cent: masses come from a scale, friction and gains from a data sheet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from envs.effects import EFFECTS
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.inference.candidates import Candidate, candidate_of
+from sim2real.diagnosis.inference.probes import robot_scale
+
+NAMES = ("link_mass", "link_inertia", "coulomb_friction", "viscous_friction", "position_gain")
+
+
+def list_usual(data: Data) -> Iterator[Candidate]:
+    """Yield what a model has of its own at each place, as a factor of it."""
+    scale = robot_scale(data)
+    for name in NAMES:
+        for place in EFFECTS[name].places(scale):
+            arguments = {"where": place, "how": "scale"}
+            option = None if place is None else candidate_of(name, arguments, data.specs[0], scale)
+            if option is not None:
+                yield option

@@ -1,0 +1,80 @@
+"""What an explanation may be made of: every change of the robot, of its log and of the world.
+
+    vocabulary = Vocabulary(about)
+    vocabulary.list_starts(error, joints)   # each change by itself, and where its fit begins
+
+Where a change lies among few values that a fit can reach only from nearby, such as the count of a
+ripple, the errors say where to begin, so that the starts depend on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from envs.plant import Fixed
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.inference.candidates import Candidate, candidates
+from sim2real.diagnosis.inference.cogging import with_ripples
+from sim2real.diagnosis.inference.fit import Start
+from sim2real.diagnosis.inference.hypotheses import Member, get_joints
+from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.moves import make_start
+from sim2real.diagnosis.inference.world_changes import list_world_changes
+
+RIPPLE = "cogging"
+
+
+def list_effects(
+    data: Data, exclude: Sequence[str] = (), fixed: Sequence[Fixed] = ()
+) -> list[Candidate]:
+    """Return what may differ of the robot and its world, each label once."""
+    found = candidates(data, exclude, fixed) + candidates(data, exclude, fixed, standing_in=True)
+    known = {member.label for member in found}
+    world = [one for one in list_world_changes(data) if one.name not in exclude]
+    return found + [member for member in world if member.label not in known]
+
+
+class Vocabulary:
+    """The changes that a robot, its logs and its world can have.
+
+    Args:
+        data: the windows.
+        exclude: names of effects to leave out.
+        fixed: effects that are in the model already.
+        log: whether the log may be wrong; not where windows start from an estimate made of it.
+        robot: whether the robot and its world may be other than the model.
+        only: labels of the changes that are looked at; None: all.
+    """
+
+    def __init__(
+        self,
+        data: Data,
+        exclude: Sequence[str] = (),
+        fixed: Sequence[Fixed] = (),
+        *,
+        log: bool = True,
+        robot: bool = True,
+        only: Sequence[str] | None = None,
+    ) -> None:
+        self.data = data
+        found: list[Member] = list(list_log_changes(data)) if log else []
+        found += list_effects(data, exclude, fixed) if robot else []
+        self.members = [one for one in found if only is None or one.label in only]
+
+    def list_starts(self, errors: np.ndarray, joints: Collection[str]) -> list[Start]:
+        """Return each change by itself that joints with a gap can show, and where its fit begins.
+
+        Args:
+            errors: simulated minus measured, (W, T, M), with what is known.
+            joints: names of those with a gap.
+        """
+        shown = [m for m in self.members if not (own := get_joints(m)) or own & set(joints)]
+        return [make_start(self._tuned(member, errors)) for member in shown]
+
+    def _tuned(self, member: Member, errors: np.ndarray) -> Member:
+        """Return a change whose probes are what the errors show, where they show it."""
+        if isinstance(member, Candidate) and member.name == RIPPLE:
+            return with_ripples(member, self.data, errors)
+        return member

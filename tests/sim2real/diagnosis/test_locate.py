@@ -1,0 +1,134 @@
+"""The gap is placed where it was put: joint, kind of moment, frequency, side of approach."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import make
+from hardware.log import Log
+from sim2real.diagnosis.data.regimes import regimes
+from sim2real.diagnosis.data.replay import Gap
+from sim2real.diagnosis.data.trial import piece, trial
+from sim2real.diagnosis.locate import Table, bands, locate
+
+ARM = """
+<mujoco><option timestep="0.002" integrator="implicitfast"/>
+<worldbody><body><joint name="shoulder" axis="0 1 0" armature="0.005"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.15" size=".01" mass="0.2"/>
+<body pos="0 0 -.15"><joint name="elbow" axis="0 1 0" armature="0.005"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.1" size=".01" mass="0.1"/></body></body></worldbody>
+<actuator><position name="a" joint="shoulder" kp="4" kv="0.2"/>
+<position name="b" joint="elbow" kp="4" kv="0.2"/></actuator></mujoco>
+"""
+RATE = 50
+
+
+def commands(seconds: float) -> dict[str, np.ndarray]:
+    """Return steps that are held, after a while with sines."""
+    time = np.arange(0, seconds, 1 / RATE)
+    levels = np.random.default_rng(1).uniform(-0.6, 0.6, (2, len(time) // (2 * RATE) + 1))
+    steps = levels[:, (time / 2).astype(int)]
+    sines = 0.5 * np.sin(2 * np.pi * np.array([[0.8], [1.1]]) * time)
+    ctrl = np.where(time < seconds / 2, steps, sines)
+    return {"episode": 0 * time, "time": time, "ctrl.a": ctrl[0], "ctrl.b": ctrl[1]}
+
+
+def gap_of(error: dict[str, np.ndarray] | None = None, effects: tuple = (), path: str = "x.csv"):
+    """Return a gap: what a robot with effects, or with these errors in its readings, does."""
+    spec, columns = mujoco.MjSpec.from_string(ARM), commands(24.0)
+    zero = 0 * columns["time"]
+    log = Log({**columns, "qpos.shoulder": zero, "qpos.elbow": zero})
+    model = spec.compile()
+    recording = piece(log, 0, 0, len(log)).recording(model)
+    (simulated,) = trial(spec, [recording])
+    (real,) = trial(spec, [recording], fixed=effects)
+    for i, joint in enumerate(("shoulder", "elbow")):
+        real[:, i] -= (error or {}).get(joint, 0.0)
+    measured = {"qpos.shoulder": real[:, 0], "qpos.elbow": real[:, 1]}
+    log = Log({**columns, **measured}, {}, Path(path))
+    return Gap(log, ("shoulder", "elbow"), log.time, real, simulated), spec
+
+
+def table_of(gap: Gap, spec: mujoco.MjSpec, after: tuple = ()) -> Table:
+    """Return the table of one gap."""
+    rng = np.random.default_rng(0)
+    return locate([gap], {"shoulder": 0.0, "elbow": 0.0}, [spec.compile()], after, rng=rng)
+
+
+def test_the_joint_with_the_friction_has_the_gap_and_it_lies_in_the_holds() -> None:
+    """Dry friction in the elbow: nearly all of the gap there, more than its part in holds."""
+    gap, spec = gap_of(effects=((make("coulomb_friction", where="elbow"), [0.15]),))
+    table = table_of(gap, spec)
+    assert table.where[0].joint == "elbow"
+    assert table.where[0].share > 0.9
+    cells = {(c.joint, c.name): c for c in table.cells}
+    hold = cells["elbow", "hold"]
+    assert 0 < hold.low <= hold.share <= hold.high <= 1
+    assert sum(c.share for c in table.cells if (c.joint, c.group) == ("elbow", "speed")) == (
+        pytest.approx(1)
+    )
+
+
+@pytest.mark.parametrize("name", ["fast", "high position", "reversal", "last third of the time"])
+def test_an_error_in_one_kind_of_moment_is_named(name: str) -> None:
+    """Readings that are wrong at those moments alone: the kind is the joint's first regime."""
+    gap, spec = gap_of()
+    (kind,) = [k for k in regimes(gap.log, spec.compile(), "shoulder") if k.name == name]
+    rng = np.random.default_rng(2)
+    wrong = np.where(kind.rows, 0.02 * rng.normal(size=len(kind.rows)), 0.0)
+    shifted = gap._replace(measured=gap.measured + wrong[:, None] * [1, 0])
+    where = table_of(shifted, spec).where
+    assert where[0].joint == "shoulder"
+    assert name in {regime.name for regime in where[0].regimes}
+
+
+def test_a_gap_after_the_correction_stands_beside_the_one_before() -> None:
+    """Errors are quoted with and without the causes, by joint and by kind of moment."""
+    gap, spec = gap_of(effects=((make("coulomb_friction", where="elbow"), [0.15]),))
+    right = gap._replace(simulated=gap.measured + 1e-3)
+    table = table_of(gap, spec, after=(right,))
+    assert table.where[0].after == pytest.approx(1e-3)
+    assert all(cell.after == pytest.approx(1e-3) for cell in table.cells)
+
+
+def test_noise_below_the_floor_is_no_gap() -> None:
+    """A joint whose error is all noise has no share of the gap."""
+    rng = np.random.default_rng(3)
+    gap, spec = gap_of()
+    noise = rng.normal(0, 0.01, gap.measured.shape) * [1, 0] + [0, 0.02]
+    noisy = gap._replace(measured=gap.measured + noise)
+    floor = {"shoulder": 0.0102, "elbow": 0.0}
+    table = locate([noisy], floor, [spec.compile()], rng=rng)
+    assert table.where[0].joint == "elbow"
+    assert table.where[0].share > 0.99
+
+
+def test_bands_hold_the_whole_gap_where_it_is() -> None:
+    """A 3 Hz error lies in the band of 2 to 5 Hz, and the bands add up to the whole."""
+    time = commands(24.0)["time"]
+    gap, _ = gap_of(error={"elbow": 0.01 * np.sin(2 * np.pi * 3 * time)})
+    own = [band for band in bands([gap], {"elbow": 1e-4}) if band.joint == "elbow"]
+    top = max(own, key=lambda band: band.before)
+    assert (top.low, top.high) == (2.0, 5.0)
+    whole = np.sqrt(sum(band.before**2 for band in own))
+    assert whole == pytest.approx(0.01 / np.sqrt(2), rel=0.02)
+
+
+def test_a_free_base_is_placed_too() -> None:
+    """Positions of a joint with seven numbers get shares of their own, without a load."""
+    gap, spec = gap_of()
+    base = {f"qpos.root.{k}": gap.log.time for k in range(7)}
+    log = Log({**gap.log.columns, **base}, {}, gap.log.path)
+    wide = gap._replace(
+        log=log,
+        joints=(*gap.joints, "root.2"),
+        measured=np.column_stack([gap.measured, log.time]),
+        simulated=np.column_stack([gap.simulated, log.time + 0.1]),
+    )
+    table = table_of(wide, spec)
+    assert table.where[0].joint == "root.2"
+    assert "load" not in {cell.group for cell in table.cells if cell.joint == "root.2"}
