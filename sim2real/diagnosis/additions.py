@@ -19,7 +19,7 @@ from hardware.log import Log
 from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_of
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.experiments.design import design
+from sim2real.diagnosis.design import design
 from sim2real.diagnosis.inference.conclusion import Conclusion
 from sim2real.diagnosis.numerics import NullTest, is_numerics
 from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of

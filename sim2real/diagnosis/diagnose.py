@@ -45,9 +45,9 @@ from sim2real.diagnosis.data.progress import Moving, Progress
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.evidence import Evidence
 from sim2real.diagnosis.experiments.apart import Member
-from sim2real.diagnosis.ground.grip import check_grip
 from sim2real.diagnosis.inference.candidates import check_names
 from sim2real.diagnosis.inference.conclusion import Conclusion
+from sim2real.diagnosis.inference.grip import check_grip
 from sim2real.diagnosis.inference.run import About, Causes, find_causes
 from sim2real.diagnosis.numerics import null_test
 from sim2real.diagnosis.outcome import Diagnosis

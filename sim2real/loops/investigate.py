@@ -25,8 +25,8 @@ from hardware.config import Robot
 from hardware.log import Log
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.data.recording import load_model
+from sim2real.diagnosis.design import design
 from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.experiments.design import design
 from sim2real.diagnosis.experiments.menu import LENGTHS, Item
 from sim2real.diagnosis.experiments.next_experiment import Experiment
 from sim2real.diagnosis.outcome import Diagnosis, write

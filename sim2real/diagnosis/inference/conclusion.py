@@ -15,7 +15,7 @@ from envs.plant import Fixed
 from sim2real.diagnosis.evidence import Band, Pair, Rung, SingleFit
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.candidates import Candidate
-from sim2real.diagnosis.inference.distance import is_told_apart
+from sim2real.diagnosis.inference.distance import compute_separation, is_told_apart
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Member, get_kind
 from sim2real.diagnosis.inference.intervals import compute_intervals
@@ -25,6 +25,8 @@ from sim2real.diagnosis.inference.pushes import Pushed
 from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, JointGap, Report, Unexplained
 from sim2real.diagnosis.settings import TINY
+
+SAME = 1e-3  # nats between predictions that differ by rounding alone
 
 
 @dataclass(frozen=True)
@@ -195,6 +197,12 @@ def find_equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit
     return found
 
 
+def _equivalent(judgement: Judgement, member: Member, fit: Fit) -> Equivalent:
+    """Return what cannot be told from a member; inseparable where all predictions are the same."""
+    apart = compute_separation(judgement.judge.fitter, judgement.best, fit)
+    return Equivalent(_name(member), _where(member), apart < SAME, kind=get_kind(member))
+
+
 def _cause(
     judgement: Judgement,
     place: int,
@@ -212,9 +220,7 @@ def _cause(
         if any(m.label in names for m in fit.hypothesis.members)
     )
     values, spans = best.mean[column], ends[column]
-    equal = tuple(
-        dict.fromkeys(Equivalent(_name(m), _where(m), kind=get_kind(m)) for m, _ in alike)
-    )
+    equal = tuple(dict.fromkeys(_equivalent(judgement, other, fit) for other, fit in alike))
     equal = tuple(e for e in equal if (e.effect, e.where) != (_name(member), _where(member)))
     extra = _extra(member, values)
     most = _largest(member, values)

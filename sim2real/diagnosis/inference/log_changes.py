@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations, permutations
+from itertools import combinations
 
 import mujoco
 import numpy as np
@@ -50,12 +50,12 @@ from sim2real.diagnosis.inference.columns import (
 )
 
 DEGREES = 180 / math.pi
-ROWS = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)  # rows of a shift that are looked at first
-FEWER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # the same of readings
+ROWS = (-2.0, -1.0, 1.0, 2.0)  # rows of a shift that are looked at first
+FEWER = (-1.0, 1.0)  # the same of readings
 MOST = 6.0  # rows of a shift at most
-SCALES = (0.25, 0.5, 2.0, 4.0)
-RATES = (0.7, 0.85, 1.2, 1.5)
-SHIFTS = (-0.4, -0.1, 0.1, 0.4)  # rad or m
+SCALES = (0.5, 2.0)
+RATES = (0.85, 1.2)
+SHIFTS = (-0.1, 0.1)  # rad or m
 COUNTS = (1024, 4096)  # of a turn, of the encoders of hobby and smart servos
 FARTHEST, LARGEST = 7.0, 20.0  # bounds: of an offset [rad or m], of a factor
 
@@ -149,7 +149,7 @@ def list_log_changes(data: Data) -> list[LogChange]:
             found += _of_joint(data.logs, joint, named)
     for one, other in combinations(joints, 2):
         found += _swaps(one, other, commands)
-    for joint, base in permutations(joints, 2):
+    for joint, base in _carried(data.models[0], joints):
         found += _maps(joint, base, commands)
     return found
 
@@ -178,6 +178,17 @@ def _single(
     ends = (np.array([value]) for value in bounds)
     points = np.array(probes, float)[:, None]
     return LogChange(effect, columns, where, mend, remedy, points, *ends, **more)  # type: ignore[arg-type]
+
+
+def _carried(model: mujoco.MjModel, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield each joint with the one that carries it: an angle from the ground has both in it."""
+    of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
+    for body, name in of_body.items():
+        above = int(model.body_parentid[body])
+        while above and above not in of_body:
+            above = int(model.body_parentid[above])
+        if above:
+            yield name, of_body[above]
 
 
 def _clock() -> LogChange:
@@ -377,7 +388,7 @@ def _swaps(one: str, other: str, commands: Mapping[str, str]) -> Iterator[LogCha
 
 
 def _maps(joint: str, base: str, commands: Mapping[str, str]) -> Iterator[LogChange]:
-    """Yield a joint's columns with so much of another's in them, all of it from the ground."""
+    """Yield a joint's columns with so much of its carrier's in them, all of it from the ground."""
     reading = {f"{READING}.{joint}": f"{READING}.{base}"}
     both = {commands[joint]: commands[base]} if {joint, base} <= set(commands) else {}
     for columns, pairs in (((READING,), reading), ((COMMAND, READING), reading | both)):

@@ -28,6 +28,8 @@ from sim2real.diagnosis.inference.log_changes import MOST
 from sim2real.diagnosis.inference.replayer import skip_beginnings
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 
+FEWEST = 6  # windows that are judged
+
 Restart = Callable[[Sequence[Fixed]], Data]
 
 
@@ -94,8 +96,9 @@ def _judge(about: About, data: Data) -> tuple[Baseline, Judgement]:
 def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
     """Return what to mend in a log: mistakes of it alone that explain the gap.
 
-    A robot that differs from its model is seldom explained by a mistake of the log, and what
-    mistakes explain in part may be the robot's: it is left to a diagnosis.
+    It is a first look, at part of the windows. A robot that differs from its model is seldom
+    explained by a mistake of the log, and what mistakes explain in part may be the robot's: it is
+    left to a diagnosis.
 
     Args:
         data: the windows.
@@ -104,10 +107,19 @@ def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
     Raises:
         Sim2RealError: a model that cannot follow the logs.
     """
-    data = skip_beginnings(data, math.ceil(MOST))
+    data = _few(skip_beginnings(data, math.ceil(MOST)))
     judgement = Judge(data, fixed).judge(Vocabulary(data, robot=False))
     if judgement.verdict != "explained":
         return []
     best = judgement.best
     pairs = zip(best.hypothesis.changes, best.hypothesis.columns, strict=True)
     return [change.mending(best.mean[column]) for change, column in pairs]
+
+
+def _few(data: Data) -> Data:
+    """Return some windows, evenly spread over all."""
+    lengths = [float(np.ptp(window.sample)) for window in data.windows]
+    most = max(int(data.settings.inference.first_s / np.mean(lengths)), FEWEST)
+    if len(lengths) <= most:
+        return data
+    return data.only(np.unique(np.linspace(0, len(lengths) - 1, most).round().astype(int)))

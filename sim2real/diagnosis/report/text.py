@@ -80,7 +80,8 @@ def verdict_sentence(report: Report) -> str:
     if report.verdict == "no_gap":
         return (
             "Simulation and robot agree: what is left between them,"
-            f" {quantity(gap.before, gap.unit)}, is noise."
+            f" {quantity(gap.before, gap.unit)}, is no more than noise and the few per cent by"
+            " which any model is off."
         )
     if report.verdict == "unexplained" or not report.values:
         return "There is a gap, and no known effect explains it."

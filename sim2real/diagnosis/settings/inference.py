@@ -66,6 +66,7 @@ class Inference:
     glance_s: float = setting(
         15.0, "s", "windows that proposals are screened on, of half of all at most", COST
     )
+    first_s: float = setting(18.0, "s", "windows of a first look at mistakes of the log", COST)
     coarse_s: float = setting(5e-3, "s", "time step there, at most", COST)
     glances: int = setting(
         2, "1", "Gauss-Newton steps there of those that screen best; half of them go on", COST

@@ -83,3 +83,15 @@ def test_what_is_left_is_told_with_its_joint_and_its_time(tmp_path: Path) -> Non
     assert "of episode 0" in text
     start = float(text.split(" at ")[-1].split(" to ")[0])
     assert start == pytest.approx(5.0, abs=0.15)
+
+
+@pytest.mark.slow
+def test_what_makes_one_model_is_inseparable(tmp_path: Path) -> None:
+    """A supply acts as a factor on every motor's law, and so does their strength."""
+    log = arm.make_log(("motor_strength", {"where": None}, 0.8), seconds=12.0, noise=NOISE)
+    made = concluded(log, tmp_path, "motor_strength", "supply_voltage")
+    (cause,) = made.report.causes
+    assert cause.value == pytest.approx(0.8, rel=0.02)
+    names = {cause.effect, *(other.effect for other in cause.equivalent)}
+    assert names == {"motor_strength", "supply_voltage"}
+    assert all(other.inseparable for other in cause.equivalent)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -141,3 +142,20 @@ def test_a_scale_of_readings_costs_its_jacobian(changes: dict[str, LogChange]) -
     assert changes["log.scale.ctrl.b"].log_scale(np.array([2.0])) == {}
     degrees = changes["log.unit.ctrl.qpos"].log_scale(np.zeros(0))
     assert degrees == dict.fromkeys("ab", pytest.approx(np.log(np.pi / 180)))
+
+
+def test_counts_of_an_encoder_are_offered(log: Log, tmp_path: Path) -> None:
+    """Whole numbers beyond a turn: the remedy is what columns.yaml takes, and it undoes them."""
+    counts = {
+        name: np.round(column * 4096 / (2 * np.pi)) + 2048
+        for name, column in log.columns.items()
+        if name.startswith(("qpos.", "ctrl."))
+    }
+    wrong = Log({**log.columns, **counts})
+    data = arm.data_of(log, tmp_path)
+    offered = {c.label: c for c in list_log_changes(replace(data, logs=(wrong,)))}
+    change = offered["log.unit.ctrl.qpos.4096 from 2048"]
+    assert "`unit: counts/4096` and `zero: 2048`" in change.mending(np.zeros(0))
+    mended = change.mended(wrong, np.zeros(0))
+    for name in counts:
+        np.testing.assert_allclose(mended.columns[name], log.columns[name], atol=np.pi / 4096)

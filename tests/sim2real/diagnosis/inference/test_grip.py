@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.ground.grip import check_grip
 from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.ground.windows import grounded
+from sim2real.diagnosis.inference.grip import check_grip
 from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT

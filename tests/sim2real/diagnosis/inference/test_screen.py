@@ -1,0 +1,86 @@
+"""What promises most, along straight lines in the likelihood's metric."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.inference.judge import Judge
+from sim2real.diagnosis.inference.moves import restart
+from sim2real.diagnosis.inference.screen import Line, pick_alike, pick_starts, trace_lines
+from sim2real.diagnosis.inference.vocabulary import Vocabulary
+from tests.sim2real.diagnosis import arm
+
+NOISE = 3e-4
+LABELS = (
+    "coulomb_friction.a",
+    "coulomb_friction.b",
+    "viscous_friction.b",
+    "position_gain.a",
+    "position_gain.b",
+    "log.row_shift.ctrl.b",
+)
+
+
+@pytest.fixture(scope="module")
+def traced(tmp_path_factory: pytest.TempPathFactory) -> tuple[Judge, list[Line]]:
+    """Return the judge of an arm whose second joint rubs, and the lines of a few changes."""
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=NOISE)
+    data = arm.data_of(log, tmp_path_factory.mktemp("arm"))
+    judge = Judge(data)
+    starts = Vocabulary(data, only=LABELS).list_starts(judge.replay_errors(judge.given), "ab")
+    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
+    return judge, trace_lines(judge.glance, base, starts)
+
+
+def test_the_true_change_promises_most_at_about_its_value(
+    traced: tuple[Judge, list[Line]],
+) -> None:
+    """Friction of the joint that rubs, however far its probes are from it."""
+    judge, lines = traced
+    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
+    assert {line.member.label for line in lines} == set(LABELS)
+    assert all(line.gain >= 0 for line in lines)
+    best = max(lines, key=lambda line: line.gain)
+    assert best.member.label == "coulomb_friction.b"
+    first = pick_starts(judge.glance, base, lines, 3)[0]
+    assert first.hypothesis.label == best.member.label
+    values = first.points[:, 0, 0]
+    assert np.abs(values - 0.12).min() < 0.06
+
+
+def test_pairs_promise_no_less_than_their_best_member(traced: tuple[Judge, list[Line]]) -> None:
+    """Of three changes there are three pairs, each of two different ones."""
+    judge, lines = traced
+    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
+    found = pick_starts(judge.glance, base, lines, 3)
+    sizes = [len(start.hypothesis.members) for start in found]
+    assert sizes == [1, 1, 1, 2, 2, 2]
+    assert len({start.hypothesis.label for start in found}) == 6
+
+
+def test_friction_of_another_law_is_most_alike(traced: tuple[Judge, list[Line]]) -> None:
+    """A change is not alike to itself; what moves another joint is least so."""
+    judge, lines = traced
+    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
+    (member,) = (line.member for line in lines if line.member.label == "coulomb_friction.b")
+    alike = [one.member.label for one in pick_alike(judge.glance, base, lines, member, 5)]
+    assert alike[0] == "viscous_friction.b"
+    assert "coulomb_friction.b" not in alike
+
+
+def test_joints_without_a_gap_show_nothing(tmp_path: Path) -> None:
+    """What acts on them alone is not looked at; what acts on all joints is."""
+    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
+    vocabulary = Vocabulary(data)
+    every = {
+        s.hypothesis.label for s in vocabulary.list_starts(np.zeros((*data.mask.shape, 2)), "ab")
+    }
+    some = {
+        s.hypothesis.label for s in vocabulary.list_starts(np.zeros((*data.mask.shape, 2)), "b")
+    }
+    assert some < every
+    assert {"coulomb_friction.b", "coulomb_friction", "gravity_tilt", "log.clock.time"} <= some
+    assert {"coulomb_friction.a", "log.reversal.qpos.a"} <= every - some
