@@ -6,8 +6,9 @@ shift_held(log, log.columns["ctrl.elbow"], 1)         # as it is a row later
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
+import mujoco
 import numpy as np
 
 from hardware.log import Log
@@ -75,3 +76,14 @@ def find_jump(log: Log, name: str) -> tuple[float, float, float] | None:
         np.argmin(np.append(log.episode[rows[0] :] == log.episode[rows[0]], False))
     )
     return float(turns[rows[0]]), float(log.time[rows[0]]), float(log.time[last - 1])
+
+
+def find_carriers(model: mujoco.MjModel, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield each joint with the one that carries it: an angle from the ground has both in it."""
+    of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
+    for body, name in of_body.items():
+        above = int(model.body_parentid[body])
+        while above and above not in of_body:
+            above = int(model.body_parentid[above])
+        if above:
+            yield name, of_body[above]

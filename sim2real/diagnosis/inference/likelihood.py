@@ -33,6 +33,7 @@ from scipy.special import gammaincc
 from sim2real.diagnosis.settings.inference import Inference
 
 NEAR = 2  # octaves to either side that a sweep looks at
+HALF = 0.5  # of a square, in the exponent of a Gaussian
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
 
 
@@ -269,7 +270,7 @@ class Likelihood:
                 *self._parts(projection, windows, cap, time, size, same)
             )
             pull = np.einsum("u,nuv,v->n", mean, gram, mean) - 2 * cross @ mean
-            found.append(weight - (square + pull) / 2)
+            found.append(weight - HALF * (square + pull))
         shift[windows] = np.argmax(found, axis=0)
 
     def _integrated(
@@ -321,7 +322,7 @@ def _together(
     root = np.linalg.cholesky(precision)
     along = np.linalg.solve(root, pull[..., None])[..., 0]
     mean = np.linalg.solve(np.swapaxes(root, -1, -2), along[..., None])[..., 0]
-    density = -(square.sum(axis=-1) - (along**2).sum(axis=-1) + _log_det(root)) / 2
+    density = -HALF * (square.sum(axis=-1) - (along**2).sum(axis=-1) + _log_det(root))
     return density, mean, precision
 
 
@@ -333,4 +334,4 @@ def _apart(gram: np.ndarray, cross: np.ndarray, square: np.ndarray, trained: Tra
     along = np.linalg.solve(both, pull[..., None])[..., 0]
     grown = _log_det(both) - _log_det(prior)
     at_mean = square - 2 * cross @ mean + np.einsum("u,nuv,v->n", mean, gram, mean)
-    return -(at_mean - (along**2).sum(axis=-1) + grown) / 2
+    return -HALF * (at_mean - (along**2).sum(axis=-1) + grown)

@@ -42,6 +42,7 @@ from sim2real.diagnosis.inference.columns import (
     SPEED,
     TURN,
     Columns,
+    find_carriers,
     find_jump,
     map_episodes,
     shift_held,
@@ -105,8 +106,8 @@ class LogChange:
     @property
     def label(self) -> str:
         """What tells it apart."""
-        places = [self.where, self.other, self.variant]
-        return ".".join(["log", self.effect, *self.columns, *(p for p in places if p)])
+        places = (self.where, self.other, self.variant)
+        return ".".join(["log", self.effect, *self.columns, *filter(None, places)])
 
     def mended(self, log: Log, values: np.ndarray) -> Log:
         """Return a log without the mistake."""
@@ -149,7 +150,7 @@ def list_log_changes(data: Data) -> list[LogChange]:
             found += _of_joint(data.logs, joint, named)
     for one, other in combinations(joints, 2):
         found += _swaps(one, other, commands)
-    for joint, base in _carried(data.models[0], joints):
+    for joint, base in find_carriers(data.models[0], joints):
         found += _maps(joint, base, commands)
     return found
 
@@ -178,17 +179,6 @@ def _single(
     ends = (np.array([value]) for value in bounds)
     points = np.array(probes, float)[:, None]
     return LogChange(effect, columns, where, mend, remedy, points, *ends, **more)  # type: ignore[arg-type]
-
-
-def _carried(model: mujoco.MjModel, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield each joint with the one that carries it: an angle from the ground has both in it."""
-    of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
-    for body, name in of_body.items():
-        above = int(model.body_parentid[body])
-        while above and above not in of_body:
-            above = int(model.body_parentid[above])
-        if above:
-            yield name, of_body[above]
 
 
 def _clock() -> LogChange:
@@ -241,12 +231,12 @@ def _increments(actuators: Sequence[str]) -> LogChange:
 
 def _in_counts(log: Log, joints: Sequence[str], commands: Sequence[str]) -> Iterator[LogChange]:
     """Yield counts of an encoder, where all readings are whole numbers beyond a turn."""
-    readings = {name: log.columns[name] for name in (f"{READING}.{joint}" for joint in joints)}
-    whole = all((column == np.round(column)).all() for column in readings.values())
-    if not whole or max(float(np.abs(column).max()) for column in readings.values()) < TURN:
+    readings = [f"{READING}.{joint}" for joint in joints]
+    values = np.array([log.columns[name] for name in readings])
+    if (values != np.round(values)).any() or np.abs(values).max() < TURN:
         return
     for columns, own in (
-        ((READING,), list(readings)),
+        ((READING,), readings),
         ((COMMAND, READING), [*commands, *readings]),
     ):
         for count, zero in ((c, z) for c in COUNTS for z in (0, c // 2)):

@@ -107,7 +107,9 @@ def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
     Raises:
         Sim2RealError: a model that cannot follow the logs.
     """
+    brief = replace(data.settings.inference, members_max=1, refits=data.settings.inference.alike)
     data = _few(skip_beginnings(data, math.ceil(MOST)))
+    data = replace(data, settings=replace(data.settings, inference=brief))
     judgement = Judge(data, fixed).judge(Vocabulary(data, robot=False))
     if judgement.verdict != "explained":
         return []
