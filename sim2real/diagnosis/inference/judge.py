@@ -42,6 +42,7 @@ from sim2real.diagnosis.inference.screen import (
     Line,
     join_lines,
     pick_alike,
+    pick_pairs,
     pick_starts,
     trace_lines,
 )
@@ -237,12 +238,14 @@ class Judge:
         return Fitter(replayer, likelihood, self.fold[chosen])
 
     def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
-        """Fit what promises most beside the best into what was tried."""
+        """Fit what promises most beside the best into what was tried; pairs if no change does."""
         (base,) = self.glance.fit([restart(best)], rounds=0)
         lines = trace_lines(self.glance, base, starts)
+        self._fit(pick_starts(base, lines, self.settings.refits), tried)
         if not best.hypothesis.members:
             self.traced = base, lines
-        self._fit(pick_starts(self.glance, base, lines, self.settings.refits), tried)
+            if not self._explains(self._choose(tried)):
+                self._fit(pick_pairs(self.glance, base, lines, self.settings.refits), tried)
 
     def _swap(self, best: Fit, tried: dict[str, Fit]) -> None:
         """Fit what does about the same as each member in its place."""
@@ -353,7 +356,7 @@ class Judge:
         finalists += [f for f in others if is_part(f.hypothesis, best.hypothesis)]
         finalists = pick_distinct(finalists, len(finalists))
         self._look(best.hypothesis, best.values)
-        fits = self.fitter.fit(map(restart, finalists))
+        fits = self.fitter.fit(map(restart, finalists), rounds=self.settings.glances)
         refitted = {fit.label: fit for fit in [self.given, *fits]}
         return self._prune(refitted), refitted
 

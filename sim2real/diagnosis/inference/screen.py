@@ -1,7 +1,7 @@
 """Which changes promise most: straight lines through their probes, in the likelihood's metric.
 
     lines = trace_lines(fitter, base, vocabulary.list_starts(errors))
-    starts = pick_starts(fitter, base, lines, 12)
+    starts = pick_starts(base, lines, 12) + pick_pairs(fitter, base, lines, 12)
     pick_alike(fitter, base, lines, member, 4)      # what does about the same
 
 Each change is replayed at its probes. With e the errors of the base and r what a probe changes,
@@ -43,20 +43,19 @@ class Line(NamedTuple):
     gain: float  # nats
 
 
-def pick_starts(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
+def pick_starts(base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
     """Return the changes that promise most beside a base, at their best along a straight line.
 
     Args:
-        fitter: of the windows that are looked at.
-        base: fitted to these windows, with what is known.
+        base: fitted to the windows that are looked at, with what is known.
         lines: of the changes, see `trace_lines`.
-        most: how many changes are returned, and as many pairs where the base has no member.
+        most: how many changes are returned.
     """
-    chosen = sorted(lines, key=lambda line: -line.gain)[:most]
-    found = [join_lines(base, [line], [line.scale]) for line in chosen]
-    if not base.hypothesis.members:
-        found += _pairs(fitter, base, chosen, most)
-    return found
+    return [join_lines(base, [line], [line.scale]) for line in _pick(lines, most)]
+
+
+def _pick(lines: Sequence[Line], most: int) -> list[Line]:
+    return sorted(lines, key=lambda line: -line.gain)[:most]
 
 
 def pick_alike(
@@ -126,8 +125,9 @@ def _reach(member: Member) -> tuple[float, float]:
     return -LARGEST, LARGEST
 
 
-def _pairs(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
-    """Return the pairs of changes that promise most together."""
+def pick_pairs(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
+    """Return the pairs, of so many changes, that promise most together; see `pick_starts`."""
+    lines = _pick(lines, most)
     slope, curve = _products(fitter, base, [line.change for line in lines])
     found = []
     for i, j in combinations(range(len(lines)), 2):

@@ -9,7 +9,13 @@ import pytest
 
 from sim2real.diagnosis.inference.judge import Judge
 from sim2real.diagnosis.inference.moves import restart
-from sim2real.diagnosis.inference.screen import Line, pick_alike, pick_starts, trace_lines
+from sim2real.diagnosis.inference.screen import (
+    Line,
+    pick_alike,
+    pick_pairs,
+    pick_starts,
+    trace_lines,
+)
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from tests.sim2real.diagnosis import arm
 
@@ -45,7 +51,7 @@ def test_the_true_change_promises_most_at_about_its_value(
     assert len(lines) > 3
     best = max(lines, key=lambda line: line.gain)
     assert best.member.label == "coulomb_friction.b"
-    first = pick_starts(judge.glance, base, lines, 3)[0]
+    first = pick_starts(base, lines, 3)[0]
     assert first.hypothesis.label == best.member.label
     values = first.points[:, 0, 0]
     assert np.abs(values - 0.12).min() < 0.06
@@ -55,7 +61,7 @@ def test_pairs_promise_no_less_than_their_best_member(traced: tuple[Judge, list[
     """Of three changes there are three pairs, each of two different ones."""
     judge, lines = traced
     (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
-    found = pick_starts(judge.glance, base, lines, 3)
+    found = pick_starts(base, lines, 3) + pick_pairs(judge.glance, base, lines, 3)
     sizes = [len(start.hypothesis.members) for start in found]
     assert sizes == [1, 1, 1, 2, 2, 2]
     assert len({start.hypothesis.label for start in found}) == 6
