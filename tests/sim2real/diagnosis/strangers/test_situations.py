@@ -1,4 +1,4 @@
-"""Situations that people report: what is asked of the diagnosis, and what it says today."""
+"""Situations that people report: what is asked of the diagnosis."""
 
 from __future__ import annotations
 
@@ -12,16 +12,6 @@ from hardware.log import read_log
 from sim2real.diagnosis.diagnose import diagnose
 from sim2real.exam.measure import apart
 from tests.sim2real.diagnosis.strangers.situations import SITUATIONS, nothing
-
-KEPT = ("slow_servo", "zero_off")  # answered right before the diagnosis was one likelihood
-CASES = [
-    name
-    if name in KEPT
-    else pytest.param(
-        name, marks=pytest.mark.xfail(strict=True, reason="a mistake of another kind")
-    )
-    for name in SITUATIONS
-]
 
 
 def test_a_servo_that_hides_nothing_follows_its_model(tmp_path: Path) -> None:
@@ -41,7 +31,7 @@ def test_nothing_hidden_is_no_gap(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", SITUATIONS)
 def test_a_situation_is_named_for_what_it_is(name: str, tmp_path: Path) -> None:
     """The first cause is of the right kind, at its place, of its size; nothing else is named."""
     situation = SITUATIONS[name]
