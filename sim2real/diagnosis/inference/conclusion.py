@@ -20,7 +20,7 @@ from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Member, get_kind
 from sim2real.diagnosis.inference.intervals import compute_intervals
 from sim2real.diagnosis.inference.judge import Judgement
-from sim2real.diagnosis.inference.log_changes import LogChange
+from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.pushes import Pushed
 from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, JointGap, Report, Unexplained
@@ -88,7 +88,8 @@ def make_conclusion(
     ]
     if judgement.verdict not in ("explained", "partly_explained"):
         causes, parts = [], []
-    places = [p.place for p in parts if isinstance(best.hypothesis.members[p.place], Candidate)]
+    kinds = {p.place: get_kind(best.hypothesis.members[p.place]) for p in parts}
+    places = [place for place, kind in kinds.items() if kind != "log"]
     firsts = [best.hypothesis.columns[place].start for place in places]
     named = frozenset(range(len(causes)))
     after = error if named else baseline.errors
@@ -112,7 +113,8 @@ def effects_of(fit: Fit, places: Sequence[int] | None = None) -> tuple[Fixed, ..
     members, columns = fit.hypothesis.members, fit.hypothesis.columns
     chosen = range(len(members)) if places is None else places
     pairs = [(members[place], fit.mean[columns[place]]) for place in chosen]
-    return tuple((m.effect, tuple(map(float, v))) for m, v in pairs if isinstance(m, Candidate))
+    effects = [(m.effect if isinstance(m, Candidate) else m.robot, v) for m, v in pairs]
+    return tuple((effect, tuple(map(float, v))) for effect, v in effects if effect is not None)
 
 
 def _report(
@@ -239,8 +241,14 @@ def _cause(
         shared=isinstance(member, Candidate) and member.shared,
         kind=get_kind(member),
         seconds=member.seconds if isinstance(member, LogChange) else None,
-        remedy=member.mending(values) if isinstance(member, LogChange) else None,
+        remedy=_remedy(member, values),
     )
+
+
+def _remedy(member: Member, values: np.ndarray) -> str | None:
+    """Return how to mend the log, where the member is a mistake of it."""
+    mistake = isinstance(member, LogChange) and member.robot is None
+    return member.mending(values) if mistake else None
 
 
 def _name(member: Member) -> str:
@@ -284,7 +292,7 @@ def _explanations(
     others = {}
     for crowd in alike:
         for _, fit in crowd:
-            if all(isinstance(member, Candidate) for member in fit.hypothesis.members):
+            if not fit.hypothesis.mistakes:
                 others[fit.label] = effects_of(fit)
     return ((best.label, own), *others.items()) if others else ()
 

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from sim2real.diagnosis.inference.candidates import FREE, Candidate
-from sim2real.diagnosis.inference.log_changes import LogChange
+from sim2real.diagnosis.inference.log_change import LogChange
 
 Member = Candidate | LogChange
 Kind = Literal["robot", "log", "world"]
@@ -27,7 +27,7 @@ WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "con
 def get_kind(member: Member) -> Kind:
     """Return what a member changes."""
     if isinstance(member, LogChange):
-        return "log"
+        return "log" if member.robot is None else "robot"
     return "world" if member.name in WORLD else "robot"
 
 
@@ -74,6 +74,11 @@ class Hypothesis:
     def changes(self) -> tuple[LogChange, ...]:
         """What differs in the log."""
         return tuple(m for m in self.members if isinstance(m, LogChange))
+
+    @property
+    def mistakes(self) -> int:
+        """How many of its members are mistakes of the log."""
+        return sum(get_kind(member) == "log" for member in self.members)
 
     @property
     def label(self) -> str:

@@ -152,9 +152,9 @@ class Judge:
     def _find_open(self, fit: Fit) -> list[str]:
         """Return the joints at which a fit's free discrepancy is larger than a count."""
         sizes = [self.fitter.likelihood.sizes[trained.size] for trained in fit.trained]
-        wide = (np.array(sizes) > self.most).any(axis=0)
-        names = [joint.name for joint in self.data.joints]
-        return [name for name, is_open in zip(names, wide, strict=True) if is_open]
+        largest = np.max(sizes, axis=0)  # (M,) noises
+        pairs = zip(self.data.joints, largest, self.most, strict=True)
+        return [joint.name for joint, size, count in pairs if size > count]
 
     def _explains(self, fit: Fit) -> bool:
         """Return whether a free discrepancy gains no more over a fit than the tolerance."""
@@ -287,9 +287,7 @@ class Judge:
         """
         top = max(fits, key=lambda fit: fit.total)
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
-        return min(
-            near, key=lambda f: (f.hypothesis.smooth.sum(), len(f.hypothesis.changes), -f.total)
-        )
+        return min(near, key=lambda f: (f.hypothesis.smooth.sum(), f.hypothesis.mistakes, -f.total))
 
     def _prune(self, tried: dict[str, Fit]) -> Fit:
         """Return the best explanation, each of whose members wins what it has to."""
@@ -318,7 +316,7 @@ class Judge:
         low, high = best.hypothesis.bounded(self.settings.implausible)
         inside = bool(((best.values > low) & (best.values < high))[:, best.hypothesis.smooth].all())
         standing = Standing(
-            members, left.gain, gains, inside, self._replays(best), self._nearer(best)
+            members, left.gain, gains, inside, self._replays(best), self._closes(best)
         )
         verdict, pushes = decide_verdict(standing, self.settings), ()
         if verdict == "partly_explained" or (verdict == "unexplained" and not members):
@@ -379,8 +377,8 @@ class Judge:
         )
         return follows + made.log_scale.sum() > stays
 
-    def _nearer(self, fit: Fit) -> bool:
-        """Return whether errors are smaller than as given, in noises of a reading."""
+    def _closes(self, fit: Fit) -> float:
+        """Return by what share a fit shortens errors, in noises of a reading."""
         noise = self.replayer.noise
-        before, after = (np.square(f.held / noise).sum() for f in (self.given, fit))
-        return bool(after < before)
+        before, after = (np.sqrt(np.square(f.held / noise).sum()) for f in (self.given, fit))
+        return float(1 - after / before)

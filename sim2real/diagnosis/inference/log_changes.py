@@ -7,7 +7,7 @@ Values say what the log has:
 
 | effect | value | the log has |
 |---|---|---|
-| `row_shift` | rows | in row i what belongs into row i - value; readings by parts of a row, too |
+| `row_shift` | rows | in row i what belongs into row i - value |
 | `reversal` | -1 | the negative |
 | `scale` | factor | the true value times it; of all commands also less a default pose |
 | `offset` | rad or m | the true value plus it |
@@ -17,6 +17,7 @@ Values say what the log has:
 | `swap` | 1 | two joints' columns exchanged |
 | `column_map` | factor | the true value plus so much of another joint's |
 | `increments` | 1 | by how much to move on |
+| `observation_delay` | s | readings that are so old: the robot's effect, undone in its log |
 
 Readings are never interpolated: one that was taken at another time goes to the row of that time,
 and its stamp says by how much it is still off; what was read before an episode's first row is
@@ -26,16 +27,15 @@ continued from its first two.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import mujoco
 import numpy as np
 
+from envs.effects import make
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.evidence import Pair
 from sim2real.diagnosis.inference.columns import (
     COMMAND,
     READING,
@@ -49,86 +49,17 @@ from sim2real.diagnosis.inference.columns import (
     shift_readings,
     unwrap_turns,
 )
+from sim2real.diagnosis.inference.log_change import LogChange, Mend
 
 DEGREES = 180 / math.pi
+LATE = (0.5, 1.0, 2.5)  # rows by which readings may be old that are looked at first
 ROWS = (-2.0, -1.0, 1.0, 2.0)  # rows of a shift that are looked at first
-FEWER = (-1.0, 1.0)  # the same of readings
 MOST = 6.0  # rows of a shift at most
 SCALES = (0.5, 2.0)
 RATES = (0.85, 1.2)
 SHIFTS = (-0.1, 0.1)  # rad or m
 COUNTS = (1024, 4096)  # of a turn, of the encoders of hobby and smart servos
 FARTHEST, LARGEST = 7.0, 20.0  # bounds: of an offset [rad or m], of a factor
-
-Mend = Callable[[Log, np.ndarray], Columns]
-
-
-@dataclass(frozen=True)
-class LogChange:
-    """A mistake that a log may have.
-
-    Args:
-        effect: its name; see the table.
-        columns: the kinds of columns that have it: `ctrl`, `qpos`, both, or `time`.
-        where: the joint whose columns they are; None: those of all joints.
-        mend: returns the columns that would be others without it, from a log and values (P,).
-        remedy: what to do, with `{0}` for the first value.
-        probes: values to look at first, (K, P); (1, 0) where it has none.
-        neutral: values at which nothing is wrong, (P,).
-        low: smallest values, (P,).
-        high: largest values, (P,).
-        value: what is told as its value where it has none to fit.
-        other: the second joint, if there is one.
-        unit: of the first value.
-        whole: whether values are whole numbers.
-        read: the joints whose readings it scales by its value.
-        seconds: when it acts, of an episode; None: throughout.
-        variant: what else tells it apart.
-    """
-
-    effect: str
-    columns: tuple[str, ...]
-    where: str | None
-    mend: Mend = field(compare=False)
-    remedy: str = field(compare=False)
-    probes: np.ndarray = field(default_factory=lambda: np.zeros((1, 0)), compare=False)
-    neutral: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
-    low: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
-    high: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
-    value: float = 1.0
-    other: str | None = None
-    unit: str = ""
-    whole: bool = False
-    read: tuple[str, ...] = ()
-    seconds: Pair | None = None
-    variant: str | None = None
-
-    @property
-    def label(self) -> str:
-        """What tells it apart."""
-        places = (self.where, self.other, self.variant)
-        return ".".join(["log", self.effect, *self.columns, *filter(None, places)])
-
-    def mended(self, log: Log, values: np.ndarray) -> Log:
-        """Return a log without the mistake."""
-        return Log({**log.columns, **self.mend(log, values)}, log.meta, log.path)
-
-    def mending(self, values: np.ndarray) -> str:
-        """Return which columns to change, and how: `ctrl.elbow, qpos.elbow: multiply by -1`."""
-        names = [kind if kind == "time" else f"{kind}.{self.where or '*'}" for kind in self.columns]
-        return f"{', '.join(names)}: {self.remedy.format(*values)}"
-
-    def first(self, values: np.ndarray) -> float:
-        """Return the value that is told."""
-        return float(values[0]) if len(values) else self.value
-
-    def log_scale(self, values: np.ndarray) -> Mapping[str, float]:
-        """Return log |d mended reading / d reading| of the joints whose readings it scales.
-
-        Densities of readings as logged are compared: else shrinking them would make any model
-        right.
-        """
-        return dict.fromkeys(self.read, -math.log(abs(self.first(values))))
 
 
 def list_log_changes(data: Data) -> list[LogChange]:
@@ -137,6 +68,7 @@ def list_log_changes(data: Data) -> list[LogChange]:
     joints = [joint.name for joint in data.joints if f"{READING}.{joint.name}" in log.columns]
     commands = _commands(data.models[0], log)
     found = [_clock(), _posed(log.actuators), _increments(log.actuators)]
+    found.append(_late_readings(joints, float(np.median(np.diff(log.time)))))
     found += _in_counts(log, joints, [commands[j] for j in joints if j in commands])
     for joint in [None, *joints] if len(joints) > 1 else joints:
         own = joints if joint is None else [joint]
@@ -179,6 +111,25 @@ def _single(
     ends = (np.array([value]) for value in bounds)
     points = np.array(probes, float)[:, None]
     return LogChange(effect, columns, where, mend, remedy, points, *ends, **more)  # type: ignore[arg-type]
+
+
+def _late_readings(joints: Sequence[str], step: float) -> LogChange:
+    """Return readings that are older than their rows, `step` [s] apart.
+
+    A window starts with its first reading, which is as old: only the log can be set right.
+    """
+    effect = make("observation_delay")
+    return _single(
+        effect.name,
+        (READING,),
+        None,
+        lambda log, v: shift_readings(log, joints, float(v[0]) / step),
+        "",
+        [rows * step for rows in LATE],
+        (0.0, 0.0, MOST * step),
+        unit=effect.unit,
+        robot=effect,
+    )
 
 
 def _clock() -> LogChange:
@@ -275,11 +226,12 @@ def _of_place(
         "row_shift",
         (READING,),
         where,
-        lambda log, v: shift_readings(log, joints, float(v[0])),
-        "move up by {0:.3g} rows within each episode",
-        FEWER,
+        lambda log, v: shift_readings(log, joints, round(float(v[0]))),
+        "move up by {0:g} rows within each episode",
+        ROWS,
         (0.0, -MOST, MOST),
         unit="rows",
+        whole=True,
     )
     for columns in ((COMMAND,), (READING,), (COMMAND, READING)):
         own = [name for kind in columns for name in _with_speed(kind, named)]

@@ -13,7 +13,7 @@ import numpy as np
 from sim2real.diagnosis.inference.candidates import in_the_way
 from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
-from sim2real.diagnosis.inference.log_changes import LogChange
+from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.score import FOLDS
 
 

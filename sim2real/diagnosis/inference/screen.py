@@ -111,10 +111,8 @@ def _products(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return r' V^-1 e, (n,), and r' V^-1 r, (n, n), of changes r of the base's errors e."""
     vectors = np.stack([base.own, *changes], axis=-1)
-    products = sum(
-        fitter.likelihood.curvature(trained, vectors, own)
-        for trained, own in zip(base.trained, fitter.sides, strict=True)
-    )
+    pairs = zip(base.trained, fitter.sides, strict=True)
+    products = np.sum([fitter.likelihood.curvature(t, vectors, own) for t, own in pairs], axis=0)
     return products[1:, 0], products[1:, 1:]
 
 

@@ -59,8 +59,12 @@ class Vocabulary:
         only: Sequence[str] | None = None,
     ) -> None:
         self.data = data
-        found: list[Member] = list(list_log_changes(data)) if log else []
-        found += list_effects(data, exclude, fixed) if robot else []
+        effects = list_effects(data, exclude, fixed) if robot else []
+        known = {member.label for member in effects}
+        changes = [c for c in list_log_changes(data) if c.robot is None or c.label in known]
+        undone = {change.label for change in changes if log}
+        found: list[Member] = [*(changes if log else [])]
+        found += [member for member in effects if member.label not in undone]
         self.members = [one for one in found if only is None or one.label in only]
 
     def list_starts(self, errors: np.ndarray, joints: Collection[str]) -> list[Start]:

@@ -90,6 +90,12 @@ class Inference:
         "cause has to win",
         JUDGED,
     )
+    most: float = setting(
+        0.5,
+        "1",
+        "share by which causes shorten errors where they explain a gap",
+        "derived: most of it, and not what is put down to usual errors",
+    )
     temperature: float = setting(
         0.03, "1", "nats a reading that change the odds of two hypotheses by e", JUDGED
     )

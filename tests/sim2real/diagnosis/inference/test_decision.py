@@ -30,6 +30,7 @@ def test_explained_asks_for_equivalence_nulls_bounds_and_replays() -> None:
         {"left": Gain(0.1, 0.0, 1.01 * TOLERANCE)},
         {"inside": False},
         {"replays": False},
+        {"closes": 0.49},
     ):
         assert decide_verdict(full._replace(**change), SETTINGS) == "partly_explained"
     assert decide_verdict(full._replace(over=[SURE, UNSURE]), SETTINGS) == "unexplained"
@@ -39,7 +40,7 @@ def test_a_part_is_explained_only_if_the_simulation_comes_nearer() -> None:
     """What shaves a quiet joint while the error grows explains nothing."""
     part = Standing(2, Gain(1.0, 0.8, 1.2), [SURE])
     assert decide_verdict(part, SETTINGS) == "partly_explained"
-    assert decide_verdict(part._replace(nearer=False), SETTINGS) == "unexplained"
+    assert decide_verdict(part._replace(closes=-0.1), SETTINGS) == "unexplained"
 
 
 def test_the_posterior_knows_of_laws_that_are_not_in_the_vocabulary() -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.inference.log_changes import LogChange, list_log_changes
+from sim2real.diagnosis.inference.log_change import LogChange
+from sim2real.diagnosis.inference.log_changes import list_log_changes
 from tests.sim2real.diagnosis import arm
 
 
@@ -86,7 +87,7 @@ def test_late_readings_keep_their_values_and_get_their_own_stamps(
     log: Log, changes: dict[str, LogChange]
 ) -> None:
     """25 ms late at 20 ms a row: each goes one row back and was read 5 ms before that row."""
-    mended = changes["log.row_shift.qpos"].mended(log, np.array([1.25]))
+    mended = changes["observation_delay"].mended(log, np.array([0.025]))
     inside = np.append(np.diff(log.episode) == 0, False)
     np.testing.assert_array_equal(
         mended.columns["qpos.b"][inside], np.roll(log.columns["qpos.b"], -1)[inside]

@@ -1,0 +1,88 @@
+"""One thing that may be wrong with a log: its values, and the log without it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from envs.effects import Effect
+from hardware.log import Log
+from sim2real.diagnosis.evidence import Pair
+from sim2real.diagnosis.inference.columns import Columns
+
+Mend = Callable[[Log, np.ndarray], Columns]
+
+
+@dataclass(frozen=True)
+class LogChange:
+    """A mistake that a log may have.
+
+    Args:
+        effect: its name; see the table.
+        columns: the kinds of columns that have it: `ctrl`, `qpos`, both, or `time`.
+        where: the joint whose columns they are; None: those of all joints.
+        mend: returns the columns that would be others without it, from a log and values (P,).
+        remedy: what to do, with `{0}` for the first value.
+        probes: values to look at first, (K, P); (1, 0) where it has none.
+        neutral: values at which nothing is wrong, (P,).
+        low: smallest values, (P,).
+        high: largest values, (P,).
+        value: what is told as its value where it has none to fit.
+        other: the second joint, if there is one.
+        unit: of the first value.
+        whole: whether values are whole numbers.
+        read: the joints whose readings it scales by its value.
+        seconds: when it acts, of an episode; None: throughout.
+        variant: what else tells it apart.
+        robot: the effect of the robot that does this to its log; None: it is a mistake.
+    """
+
+    effect: str
+    columns: tuple[str, ...]
+    where: str | None
+    mend: Mend = field(compare=False)
+    remedy: str = field(compare=False)
+    probes: np.ndarray = field(default_factory=lambda: np.zeros((1, 0)), compare=False)
+    neutral: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
+    low: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
+    high: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
+    value: float = 1.0
+    other: str | None = None
+    unit: str = ""
+    whole: bool = False
+    read: tuple[str, ...] = ()
+    seconds: Pair | None = None
+    variant: str | None = None
+    robot: Effect | None = None
+
+    @property
+    def label(self) -> str:
+        """What tells it apart."""
+        if self.robot is not None:
+            return self.robot.label()
+        places = (self.where, self.other, self.variant)
+        return ".".join(["log", self.effect, *self.columns, *filter(None, places)])
+
+    def mended(self, log: Log, values: np.ndarray) -> Log:
+        """Return a log without the mistake."""
+        return Log({**log.columns, **self.mend(log, values)}, log.meta, log.path)
+
+    def mending(self, values: np.ndarray) -> str:
+        """Return which columns to change, and how: `ctrl.elbow, qpos.elbow: multiply by -1`."""
+        names = [kind if kind == "time" else f"{kind}.{self.where or '*'}" for kind in self.columns]
+        return f"{', '.join(names)}: {self.remedy.format(*values)}"
+
+    def first(self, values: np.ndarray) -> float:
+        """Return the value that is told."""
+        return float(values[0]) if len(values) else self.value
+
+    def log_scale(self, values: np.ndarray) -> Mapping[str, float]:
+        """Return log |d mended reading / d reading| of the joints whose readings it scales.
+
+        Densities of readings as logged are compared: else shrinking them would make any model
+        right.
+        """
+        return dict.fromkeys(self.read, -math.log(abs(self.first(values))))
