@@ -135,11 +135,12 @@ class Judge:
         """
         tried = {self.given.label: self.given}
         best = self.given
-        while not self._explains(best) and len(best.hypothesis.members) < self.settings.members_max:
+        while len(best.hypothesis.members) < self.settings.members_max:
             beside = f" beside {best.label}" if best.hypothesis.members else ""
             self.moving(f"looking at every change{beside}", SHARES[len(best.hypothesis.members)])
             starts = vocabulary.list_starts(self.replay_errors(best), self._find_open(best))
-            self._refine(best, starts, tried)
+            if not self._refine(best, starts, tried):
+                break
             before, best = best, self._choose(tried)
             if best is before:
                 break
@@ -150,11 +151,11 @@ class Judge:
         return self.replayer.follow(fit.hypothesis, fit.values[1 - self.fold])[0]
 
     def _find_open(self, fit: Fit) -> list[str]:
-        """Return the joints at which a fit's free discrepancy is larger than a count."""
+        """Return the joints at which a fit's free discrepancy is larger than a count, or all."""
         sizes = [self.fitter.likelihood.sizes[trained.size] for trained in fit.trained]
-        largest = np.max(sizes, axis=0)  # (M,) noises
-        pairs = zip(self.data.joints, largest, self.most, strict=True)
-        return [joint.name for joint, size, count in pairs if size > count]
+        pairs = zip(self.data.joints, np.max(sizes, axis=0), self.most, strict=True)
+        found = [joint.name for joint, size, count in pairs if size > count]
+        return found or [joint.name for joint in self.data.joints]
 
     def _explains(self, fit: Fit) -> bool:
         """Return whether a free discrepancy gains no more over a fit than the tolerance."""
@@ -237,15 +238,23 @@ class Judge:
         )
         return Fitter(replayer, likelihood, self.fold[chosen])
 
-    def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
-        """Fit what promises most beside the best into what was tried; pairs if no change does."""
+    def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
+        """Fit what promises most beside the best into what was tried; pairs if no change does.
+
+        Returns:
+            Whether any change promises what it has to win.
+        """
         (base,) = self.glance.fit([restart(best)], rounds=0)
         lines = trace_lines(self.glance, base, starts)
-        self._fit(pick_starts(base, lines, self.settings.refits), tried)
         if not best.hypothesis.members:
             self.traced = base, lines
-            if not self._explains(self._choose(tried)):
-                self._fit(pick_pairs(self.glance, base, lines, self.settings.refits), tried)
+        least = self.settings.equivalence_tolerance * self.glance.replayer.readings
+        if max((line.gain for line in lines), default=0.0) < least:
+            return False
+        self._fit(pick_starts(base, lines, self.settings.refits), tried)
+        if not best.hypothesis.members and not self._explains(self._choose(tried)):
+            self._fit(pick_pairs(self.glance, base, lines, self.settings.refits), tried)
+        return True
 
     def _swap(self, best: Fit, tried: dict[str, Fit]) -> None:
         """Fit what does about the same as each member in its place."""

@@ -68,11 +68,11 @@ class Vocabulary:
         self.members = [one for one in found if only is None or one.label in only]
 
     def list_starts(self, errors: np.ndarray, joints: Collection[str]) -> list[Start]:
-        """Return each change by itself that joints with a gap can show, and where its fit begins.
+        """Return each change by itself that some joints can show, and where its fit begins.
 
         Args:
             errors: simulated minus measured, (W, T, M), with what is known.
-            joints: names of those with a gap.
+            joints: names of these.
         """
         shown = [m for m in self.members if not (own := get_joints(m)) or own & set(joints)]
         return [make_start(self._tuned(member, errors)) for member in shown]
