@@ -32,8 +32,8 @@ def test_one_servo_for_each_actuator(robot_and_model):
 def test_nominal_actuators_follow_from_the_servos(robot_and_model):
     """kp, force limit and damping are those of the servo's type, gain register and voltage."""
     robot, model = robot_and_model
-    volts = robot.supply.voltage
     for i, servo in enumerate(robot.servos):
+        volts = robot.supply_of(servo).voltage
         gain = robot.registers_of(servo)["position_p_gain"]
         kp = servo.type.position_gain(gain, volts)
         assert model.actuator_gainprm[i, 0] == pytest.approx(kp, rel=1e-3)
