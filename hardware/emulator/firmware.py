@@ -30,7 +30,6 @@ from hardware.emulator.profile import STEP, Profile, limits, shape
 from hardware.readings import VOLTAGE_ERROR
 
 VELOCITY_FILTER = 0.005  # s
-SLOPE = 0.001977  # V a millisecond, one step of the PWM slope register
 FASTEST_SLOPE = 255
 AMBIENT = 25.0  # degrees Celsius
 OVERLOAD_TIME = 2.0  # s
@@ -170,7 +169,7 @@ class Firmware:
         self.homing[i] = 0 if single and abs(offset) > MOST_HOMING else offset
         has_slope = "pwm_slope" in memory.kind.registers
         slope = memory["pwm_slope"] if has_slope else FASTEST_SLOPE
-        self._slope[i] = slope * SLOPE if slope < FASTEST_SLOPE else np.inf
+        self._slope[i] = slope * memory.kind.slope if slope < FASTEST_SLOPE else np.inf
         self._sloped = bool(np.isfinite(self._slope).any())
         low, high = memory["min_voltage_limit"], memory["max_voltage_limit"]
         self._safe[:, i] = low * 0.1 - 0.05, high * 0.1 + 0.05, memory["temperature_limit"]

@@ -50,7 +50,7 @@ class EmulatedRobot:
     ) -> None:
         streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
         for servo in robot.servos:
-            servo.type.check_emulated()
+            servo.type.check_emulated(f"{robot.name}: servos.{servo.name}")
         self.robot = robot = inner(robot)
         self.hidden = hidden or read_hidden(robot.hidden, robot)
         self.mechanics = Mechanics(robot, self.hidden)

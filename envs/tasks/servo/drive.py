@@ -38,7 +38,8 @@ class ServoMotorConstants(NamedTuple):
 
     `stiff` is what a naive model takes for its stiffness [N·m/rad]: a guess. `full` is the register
     of full duty, `max_pwm` the largest that the firmware gives, `limit` the register that lowers
-    it, `derivative` the divisor of the D gain register (None: not known).
+    it, `derivative` the divisor of the D gain register (None: not known), `slope` one step of the
+    PWM slope register [V/s].
     """
 
     constant: float
@@ -50,6 +51,7 @@ class ServoMotorConstants(NamedTuple):
     max_pwm: int = FULL_PWM
     limit: str = "pwm_limit"
     derivative: int | None = DERIVATIVE
+    slope: float = SLOPE
 
 
 KINDS = {
@@ -63,10 +65,29 @@ KINDS = {
     # sqrt(3.0 N·m / 2.3 A * 12 V / 8.06 rad/s) and 12 V / 2.3 A of its data sheet;
     # stiffness: as above
     "xm430-w210": ServoMotorConstants(1.39, 5.22, 128, 3.0, 50.0),
+    # sqrt(4.1 N·m / 2.3 A * 12 V / 4.8 rad/s) and 12 V / 2.3 A of its data sheet;
+    # stiffness: as above
+    "xm430-w350": ServoMotorConstants(2.11, 5.22, 128, 4.1, 50.0),
+    # the same of their data sheets at 11.1 V, 12 V and 12 V; stiffness: of ToddlerBot's public
+    # model (MuJoCo Menagerie's toddlerbot_2xm)
+    "xc330-t288": ServoMotorConstants(1.369, 13.875, 128, 0.92, 10.0, slope=3.955),
+    "xc430-w240": ServoMotorConstants(1.491, 8.571, 128, 1.9, 10.0),
+    "2xc430-w250": ServoMotorConstants(1.517, 8.571, 128, 1.8, 4.0),
     # constant, resistance, P gain, largest duty: identified in Rhoban's BAM,
     # params/feetech_sts3215_7_4V; stall, stiffness: the public model of the SO-101 (SO-ARM100)
     "sts3215": ServoMotorConstants(
         1.178, 2.48, 3.93, 2.94, 998.22, 1000, 970, "torque_limit", None
+    ),
+    # its gears 1:191 and 1:147 in place of 1:345; at 12 V sqrt(2.94 N·m / 2.7 A * 12 V / 4.7 rad/s)
+    # and 12 V / 2.7 A of the data sheet
+    "sts3215-c044": ServoMotorConstants(
+        0.652, 2.48, 3.93, 1.63, 998.22, 1000, 970, "torque_limit", None
+    ),
+    "sts3215-c046": ServoMotorConstants(
+        0.502, 2.48, 3.93, 1.25, 998.22, 1000, 970, "torque_limit", None
+    ),
+    "sts3215-c018": ServoMotorConstants(
+        1.665, 4.44, 3.93, 2.94, 998.22, 1000, 970, "torque_limit", None
     ),
 }
 
@@ -84,7 +105,9 @@ def motor_constants(name: str) -> ServoMotorConstants:
 def max_torque_rate(name: str, registers: Mapping[str, int]) -> float:
     """Return how fast the firmware lets a motor's torque change [N·m/s]; inf for no limit."""
     motor, steps = motor_constants(name), registers.get("pwm_slope", NO_SLOPE)
-    return math.inf if steps >= NO_SLOPE else steps * SLOPE * motor.constant / motor.resistance
+    return (
+        math.inf if steps >= NO_SLOPE else steps * motor.slope * motor.constant / motor.resistance
+    )
 
 
 def ideal(actuator: mujoco.MjsActuator, name: str) -> None:
