@@ -6,11 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from hardware.config import ROBOTS, load_robot
+from hardware.config import NO_MODEL, ROBOTS, load_robot
 from hardware.emulator.feetech_inner import LARGEST_PWM
 
-OTHERS_MODEL = "so101"  # whose model is not ours
-ROBOT_NAMES = sorted(p.stem for p in ROBOTS.glob("*.yaml") if p.stem != OTHERS_MODEL)
+ROBOT_NAMES = sorted(  # whose models are ours
+    path.stem
+    for path in ROBOTS.glob("*.yaml")
+    if load_robot(path.stem, needs_model=False).model != NO_MODEL
+)
 
 
 @pytest.fixture(params=ROBOT_NAMES)

@@ -70,6 +70,8 @@ def test_a_type_is_the_same_motor_in_both_rooms(name: str) -> None:
     assert motor.resistance == pytest.approx(kind.resistance, rel=1e-3)
     assert (motor.divisor, motor.full) == (kind.gain_divisor, kind.units.full_pwm)
     assert motor.slope == pytest.approx(1e3 * kind.slope)
+    if kind.maker == "dynamixel":
+        assert motor.current == kind.current
 
 
 def test_what_is_not_simulated_is_refused() -> None:
