@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from envs.tasks.servo.robot import read_machine
 from hardware.commands import main
@@ -127,10 +128,23 @@ def test_a_masked_voltage_error_is_taken_at_its_word():
 def test_the_command_line_refuses_in_one_sentence(tmp_path, capsys):
     """Exit status 2, one line, no servo touched."""
     path = tmp_path / "mine.yaml"
-    path.write_text(str(bench_data(supply={"voltage": 12.0})).replace("None", "null"))
+    path.write_text(yaml.safe_dump(bench_data(supply={"voltage": 12.0})))
     assert main(["scan", f"robot={path}"]) == 2
     said = capsys.readouterr()
     assert said.out == "" and len(said.err.splitlines()) == 1
+
+
+def test_a_rehearsal_of_a_type_without_emulation_is_refused(tmp_path, capsys):
+    """Which servo, and what to do; a real one at a port is no rehearsal."""
+    path = tmp_path / "mine.yaml"
+    data = bench_data(supply={"voltage": 12.0}, registers={"position_p_gain": 800})
+    data["servos"]["hinge"]["model"] = "xm540-w270"
+    path.write_text(yaml.safe_dump(data))
+    for verb in ("emulate", "scan", "monitor"):
+        assert main([verb, f"robot={path}"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("bench1: servos.hinge: a xm540-w270 cannot be emulated; give port= ")
+    assert make_robot(data | {"port": "/dev/ttyUSB0"}).servos[0].type.name == "xm540-w270"
 
 
 @pytest.mark.parametrize(
