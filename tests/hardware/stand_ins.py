@@ -67,7 +67,7 @@ def stand_in(robot: Robot) -> mujoco.MjSpec:
     """Return the model of a robot."""
     shape, spec = SHAPES[robot.name], mujoco.MjSpec()
     spec.modelname, spec.compiler.degree = robot.name, False
-    spec.option.timestep = 0.002
+    spec.option.timestep = 0.004
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     base = spec.worldbody.add_body(name="base", pos=[0, 0, 1.0])
     _link(base, 0.05, 0.6)

@@ -52,7 +52,7 @@ def test_what_is_diagnosed_and_what_is_trained_are_the_same_servos(
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_the_emulator_is_near_the_nominal_model(name: str, tmp_path: Path) -> None:
-    """Each robot arms, follows a motion, and its log replays within three counts RMS."""
+    """Each robot arms, follows a motion, and its log replays within four counts RMS."""
     robot = load_robot(name, str(public_model(name, tmp_path)))
     robot = write_stand_model(write_nominal_model(robot, tmp_path), tmp_path)
     driver = make_driver(robot)
@@ -72,7 +72,7 @@ def test_the_emulator_is_near_the_nominal_model(name: str, tmp_path: Path) -> No
     joints = [c for c in log.columns if c.startswith("qpos.")]
     measured = np.stack([log.column(joint) for joint in joints], axis=1)
     error = replay(log, robot) - measured
-    assert np.sqrt(np.mean(error**2)) < 3 * 0.00153
+    assert np.sqrt(np.mean(error**2)) < 4 * 0.00153
 
 
 def test_a_model_of_other_actuators_is_refused(tmp_path: Path) -> None:

@@ -30,9 +30,9 @@ FRICTION = {  # which joint rubs, and how much [N·m]: a fifth of what its servo
     "toddlerbot": ("right_hip_pitch", 0.4),
     "microduck": ("head_pitch", 0.06),
 }
-RIVALS = (  # what a diagnosis may name: with all effects, 30 servos take hours
-    *("command_delay", "observation_delay", "coulomb_friction", "viscous_friction", "backlash"),
-    *("position_gain", "motor_strength", "encoder_offset", "armature"),
+RIVALS = (  # what a diagnosis may name, at each joint: with every effect, 30 servos take hours
+    *("command_delay", "observation_delay", "coulomb_friction", "viscous_friction"),
+    "position_gain",
 )
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -78,7 +78,7 @@ def test_a_robot_is_scanned_recorded_diagnosed_and_driven(
     said = capsys.readouterr().out
     assert f"{name}: all {len(robot.servos)} servos are as its file says" in said
 
-    record = ["run=record", "motions=[ramp,chirp,steps]", "seconds=6", "size=0.4"]
+    record = ["run=record", "motions=[ramp,chirp]", "seconds=5", "size=0.4"]
     go(tmp_path / "record", *record, *words, f"robot.hidden={hidden}")
     log = tmp_path / "record" / "log.csv"
     assert np.ptp(read_log(log).column(f"qpos.{joint}")) > 0.1
@@ -87,7 +87,6 @@ def test_a_robot_is_scanned_recorded_diagnosed_and_driven(
     go(tmp_path / "diagnose", "run=diagnose", f"log={log}", f"exclude=[{','.join(left_out)}]")
     report = json.loads((tmp_path / "diagnose" / "report.json").read_text())
     causes = {(cause["effect"], cause["where"]): cause["value"] for cause in report["causes"]}
-    print(name, report["verdict"], report["gap"], causes, report["seconds"])
     assert report["verdict"] in ("explained", "partly_explained")
     assert causes["command_delay", None] == pytest.approx(DELAY, abs=0.004)
     assert causes["coulomb_friction", joint] == pytest.approx(friction, rel=0.25)
