@@ -34,7 +34,7 @@ RIVALS = (  # what a diagnosis may name, at each joint: with every effect, 30 se
     *("command_delay", "observation_delay", "coulomb_friction", "viscous_friction"),
     "position_gain",
 )
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(7200)]
 
 
 @pytest.fixture
