@@ -1,7 +1,8 @@
 """Servos on a bus, the emulator that stands in for them, and the log that everybody shares.
 
     log.py          the trajectory log (formats/: how it and others lie in files)
-    config.py       a robot's YAML                 calibration.py  zeros, signs, ranges
+    robot.py        servos, buses, supplies        calibration.py  zeros, signs, ranges
+    config.py       a robot's YAML                 robot_checks.py whether it can be
     tables.py       control tables and motors      protocol.py     packets
     bus_client.py   requests and answers           freshness.py    which answers are new
     registers.py    one register by name           timing.py       how long the bus takes
@@ -18,6 +19,7 @@
     body.py         IMU and tracker                episode_log.py  a log of every step
     rows.py         a task on a robot              exported.py     a policy in NumPy
     env.py          the same for TorchRL           commands.py     python -m hardware
+    stand.py        a model in the air             nominal.py      a public model with servos
 
 Needs numpy, PyYAML, dynamixel-sdk, pyserial and mujoco (log.py only numpy); knows neither the
 simulated worlds (env.py aside) nor the algorithms. `docs/hardware.md` is the manual.

@@ -124,6 +124,7 @@ class ServoBackend:
         self._rest: np.ndarray | None = None
         self._constant = np.array([s.type.torque_constant for s in robot.servos])
         self._resistance = np.array([s.type.resistance for s in robot.servos])
+        self._voltage = np.array([robot.supply_of(s).voltage for s in robot.servos])
         self._senses_current = np.array([s.type.current is not None for s in robot.servos])
 
     @property
@@ -321,7 +322,7 @@ class ServoBackend:
         K i, or K (V - K w) / R.
         """
         k = self._constant
-        volts = reading.duty * self.robot.supply.voltage
+        volts = reading.duty * self._voltage
         driven = k * (volts - k * reading.velocity) / self._resistance
         return np.where(self._senses_current, k * reading.current, driven)
 

@@ -98,18 +98,19 @@ def apply_calibration(robot: Robot, calibration: Calibration) -> Robot:
             f"this calibration was made on {calibration.robot!r}, not on {robot.name!r}; "
             "calibrate this robot: python -m hardware calibrate"
         )
-    unknown = [name for name in calibration.joints if name not in robot.names]
-    missing = [name for name in robot.names if name not in calibration.joints]
+    joints = _by_id(robot, calibration)
+    unknown = [name for name in joints if name not in robot.names]
+    missing = [name for name in robot.names if name not in joints]
     if unknown or missing:
         name = (unknown or missing)[0]
-        hint = did_you_mean(name, robot.names if unknown else calibration.joints)
+        hint = did_you_mean(name, robot.names if unknown else joints)
         what = "has the joint" if unknown else "lacks the joint"
         raise RobotError(
             f"the calibration {what} {name!r}{hint}; {robot.name} has {format_names(robot.names)}"
         )
     servos = []
     for servo in robot.servos:
-        joint = calibration.joints[servo.name]
+        joint = joints[servo.name]
         if joint.id != servo.id or joint.model not in (None, servo.model):
             raise RobotError(
                 f"the calibration of {servo.name!r} is of servo {joint.id} ({joint.model}), "
@@ -131,6 +132,15 @@ def apply_calibration(robot: Robot, calibration: Calibration) -> Robot:
             )
         servos.append(replace(turned, position=(low, high)))
     return replace(robot, servos=tuple(servos))
+
+
+def _by_id(robot: Robot, calibration: Calibration) -> Mapping[str, Joint]:
+    """Return the joints by the robot's names: LeRobot's, whose names are its own, by their IDs."""
+    joints, names = calibration.joints, {servo.id: servo.name for servo in robot.servos}
+    same = sorted(joint.id for joint in joints.values()) == sorted(s.id for s in robot.servos)
+    if calibration.robot is not None or set(joints) == set(robot.names) or not same:
+        return joints
+    return {names[joint.id]: joint for joint in joints.values()}
 
 
 def write_calibration(path: str | Path, calibration: Calibration) -> None:

@@ -44,7 +44,13 @@ from hardware.connect import DRIVERS, make_driver
 from hardware.driver import Driver
 from hardware.emulator.pty import check_link, serve
 from hardware.emulator.world import EmulatedRobot
-from hardware.errors import HardwareError, SerialPortError, did_you_mean, format_names
+from hardware.errors import (
+    HardwareError,
+    RobotError,
+    SerialPortError,
+    did_you_mean,
+    format_names,
+)
 from hardware.imu.rvc import BAUD
 from hardware.scan import scan as find
 from hardware.setup import set_up
@@ -61,7 +67,10 @@ Ask = Callable[[str], str]
 
 
 def main(arguments: list[str], ask: Ask = input) -> int:
-    """Run one verb and return the exit status: 0, 1 for a refusal, 2 for a wrong command line."""
+    """Run one verb and return the exit status.
+
+    0; 1 for a refusal; 2 for a wrong command line, or a robot's file that is wrong.
+    """
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(__doc__)
         return 0 if arguments else 2
@@ -79,7 +88,7 @@ def main(arguments: list[str], ask: Ask = input) -> int:
         _VERBS[verb](robot, keys, ask)
     except HardwareError as error:
         print(error, file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, RobotError) else 1
     except KeyboardInterrupt:
         print()
     return 0

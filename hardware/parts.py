@@ -17,6 +17,18 @@ COMMON = {"sign": 1, "torque": None}  # of a servo, where its robot's file does 
 
 
 @dataclass(frozen=True)
+class Supply:
+    """A power supply: voltage without load [V], inner resistance [ohm].
+
+    Servos whose supplies are equal hang on one, so that the current of each lowers the voltage of
+    all.
+    """
+
+    voltage: float
+    resistance: float = 0.0
+
+
+@dataclass(frozen=True)
 class Servo:
     """One servo of a robot and the joint it turns.
 
@@ -34,6 +46,7 @@ class Servo:
         current: largest current [A] that the guard lets it draw for longer than `stops.patience`;
             None for the servo's own limit.
         load: the same of a servo that reports its load, as a part of the full one, above 0 to 1.
+        supply: its own power supply; None for the robot's.
     """
 
     name: str
@@ -48,6 +61,7 @@ class Servo:
     bus: str | None = None
     current: float | None = None
     load: float | None = None
+    supply: Supply | None = None
 
     @property
     def type(self) -> ServoType:
@@ -121,14 +135,6 @@ class Imu:
     mount: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     port: str | None = None
     emulated: ImuErrors = ImuErrors()
-
-
-@dataclass(frozen=True)
-class Supply:
-    """The power supply: voltage without load [V], inner resistance [ohm]."""
-
-    voltage: float
-    resistance: float = 0.0
 
 
 def shared_of_servos(data: Any, place: str) -> dict[str, Any]:

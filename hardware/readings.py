@@ -34,6 +34,7 @@ class Health(NamedTuple):
     temperature: float  # degrees Celsius
 
 
+VOLTAGE_ERROR = 0x01  # the first of these bits, of the register shutdown too
 ERROR_BITS = {
     0: "input voltage",
     2: "overheating",

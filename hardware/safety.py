@@ -88,7 +88,8 @@ class Guard:
         """Switch torque on without a movement, and return where the robot is.
 
         Raises:
-            SafetyError: a servo is outside its limits, or reports an error.
+            SafetyError: a servo is outside its limits, too hot, at another voltage than the
+                robot's file says, or reports an error.
             ServoError: this machine or port is too slow for the robot's rate or watchdog, or a
                 servo does not follow its command.
             HardwareError: whatever it is, torque is off again, or the message says where it may
@@ -105,7 +106,11 @@ class Guard:
         driver.measure_step_time()
         reading = self._whole_reading()
         self._check_start(reading)
-        self._watch.begin([self._state(i) for i in range(len(driver))])
+        states = [self._state(i) for i in range(len(driver))]
+        self._watch.begin(states)
+        for reason in map(self._watch.climate, range(len(driver)), states):
+            if reason is not None:
+                raise SafetyError(reason)
         if not (self.armed or self.dry_run):
             level = logging.INFO if driver.robot.port is None else logging.WARNING
             words = "torque goes on; killed, or on a bus that stays away, %s stay powered"

@@ -36,11 +36,17 @@ def write_stand_model(robot: Robot, folder: Path) -> Robot:
 
 
 def on_stand(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return the robot with every joint fixed that no actuator drives, in the air if it walks."""
+    """Return the robot with every joint fixed that no actuator drives, in the air if it walks.
+
+    In a model with equalities or tendons, actuators may drive joints through them: there only
+    the joints of the base are fixed.
+    """
     spec = spec.copy()
     model = spec.copy().compile()
     driven = {actuator.target for actuator in spec.actuators}
     loose = [joint for joint in spec.joints if joint.name not in driven]
+    if spec.equalities or spec.tendons:  # gears and rods hang on servos: the base alone is loose
+        loose = [joint for joint in loose if joint.parent.parent.name == "world"]
     if not loose:
         return spec
     home = angles_at_home(model)

@@ -6,8 +6,8 @@
 
 Control tables are read from the model files that dynamixel-sdk ships; `hardware/servos.yaml` adds
 what they leave out, and `hardware/servos_by_sheet.yaml` names further types by their data sheets:
-those can be found, set up, read and commanded, but not emulated. Register names are the manual's,
-in lower case with underscores.
+those can be found, set up, read and commanded, and some of them emulated. Register names are the
+manual's, in lower case with underscores.
 """
 
 from __future__ import annotations
@@ -121,14 +121,18 @@ class ServoType:
     units: Units
     bauds: tuple[int, ...]
     maker: Literal["dynamixel", "feetech"] = "dynamixel"
+    slope: float = 0.001977  # V/ms of one step of the PWM slope register
 
     @property
     def position_mode(self) -> int:
         """The operating mode in which goals are positions within one turn."""
         return 3 if self.maker == "dynamixel" else 0
 
-    def check_emulated(self) -> None:
+    def check_emulated(self, place: str) -> None:
         """Refuse a type of which too little is known to emulate it.
+
+        Args:
+            place: which robot's which servo it is, for the message.
 
         Raises:
             RobotError: with the types that can be emulated.
@@ -136,7 +140,8 @@ class ServoType:
         if not self.emulated:
             known = [name for name in servo_types() if servo_type(name).emulated]
             raise RobotError(
-                f"a {self.name} cannot be emulated; give port=, or use {format_names(known)}"
+                f"{place}: a {self.name} cannot be emulated; give port= for the real one, or use "
+                f"{format_names(known)}"
             )
 
     def register(self, name: str) -> Register:
@@ -185,9 +190,10 @@ def _data() -> dict[str, Any]:
 
 @cache
 def _models() -> dict[str, Any]:
-    """Return the entry of each type: those of the emulated ones, then those by data sheet."""
-    sheets, limits = (_read("servos_by_sheet.yaml")[key] for key in ("types", "limits"))
-    found = {name: _by_sheet(**entry) for name, entry in sheets.items()}
+    """Return the entry of each type: those of servos.yaml, then those by data sheet."""
+    sections = ("types", "emulated", "limits")
+    sheets, emulated, limits = (_read("servos_by_sheet.yaml")[key] for key in sections)
+    found = {name: _by_sheet(**entry) | emulated.get(name, {}) for name, entry in sheets.items()}
     for name, page in limits.items():
         for register, values in page.items():
             if register != "page":
@@ -238,7 +244,7 @@ def _by_sheet(
 
 def servo_types() -> list[str]:
     """Return the names of the known types."""
-    return [*_models(), *FEETECH]
+    return [*_models(), *_feetech_models()]
 
 
 @cache
@@ -248,7 +254,7 @@ def servo_type(name: str) -> ServoType:
     Raises:
         RobotError: no such type is known, or dynamixel-sdk is not installed.
     """
-    if name in FEETECH:
+    if name in _feetech_models():
         return _feetech_type(name)
     data, known = _data(), _models()
     if name not in known:
@@ -273,9 +279,23 @@ def servo_type(name: str) -> ServoType:
     )
 
 
+@cache
+def _feetech_models() -> dict[str, dict[str, Any]]:
+    """Return the entry of each type of Feetech's: what a file holds, and its variants."""
+    found = {}
+    for name in FEETECH:
+        data = dict(_read(f"feetech/{name}.yaml"))
+        variants = data.pop("variants")
+        found[name] = data
+        for variant, other in variants.items():
+            defaults = data["defaults"] | other.get("defaults", {})
+            found[variant] = data | other | {"defaults": defaults}
+    return found
+
+
 def _feetech_type(name: str) -> ServoType:
-    """Return a type of Feetech's, whose file holds all that is known of it."""
-    data = dict(_read(f"feetech/{name}.yaml"))
+    """Return a type of Feetech's."""
+    data = dict(_feetech_models()[name])
     first_ram, places = data.pop("first_ram"), data.pop("registers")
     fixed, ranges = data.pop("read_only"), data.pop("ranges")
     registers = {}
@@ -293,7 +313,8 @@ def _feetech_type(name: str) -> ServoType:
 def servo_by_number(number: int, maker: str = "dynamixel") -> str | None:
     """Return the name of the type with this model number, if it is known; not all have tables."""
     if maker == "feetech":
-        return next((name for name in FEETECH if servo_type(name).number == number), None)
+        models = _feetech_models().items()
+        return next((name for name, entry in models if entry["number"] == number), None)
     found = (name for name, entry in _models().items() if entry["number"] == number)
     return next(found, _read("servos_by_sheet.yaml")["names"].get(number))
 

@@ -131,7 +131,7 @@ class Watch:
 
     def climate(self, i: int, health: Health) -> str | None:
         """Return why the temperature or the supply of a servo under torque mean to stop."""
-        name, volts = self._names[i], self._driver.robot.supply.voltage
+        name, volts = self._names[i], self._driver.robot.supply_of(self._servos[i]).voltage
         if health.temperature >= self._hottest[i]:
             return (
                 f"{name} has {health.temperature:.0f} °C; let it cool (at most "

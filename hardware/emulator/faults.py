@@ -22,7 +22,7 @@ In the servos, at `start`:
     stuck           its joint does not move until `stop`
     slip            its horn slips by `value` rad
     heat            it warms by `value` K/s until `stop`
-    supply          the supply is `value` volts until `stop`
+    supply          the servo's supply, and that of all that share it, is `value` volts until `stop`
     blackout        no supply until `stop`; then all servos reboot
 """
 

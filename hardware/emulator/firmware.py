@@ -27,13 +27,13 @@ from hardware.emulator.hidden import HiddenEffects
 from hardware.emulator.mechanics import TICK, Mechanics
 from hardware.emulator.memory import ControlTable
 from hardware.emulator.profile import STEP, Profile, limits, shape
+from hardware.readings import VOLTAGE_ERROR
 
 VELOCITY_FILTER = 0.005  # s
-SLOPE = 0.001977  # V a millisecond, one step of the PWM slope register
 FASTEST_SLOPE = 255
 AMBIENT = 25.0  # degrees Celsius
 OVERLOAD_TIME = 2.0  # s
-VOLTAGE_ERROR, HEAT_ERROR, OVERLOAD_ERROR = 0x01, 0x04, 0x20
+HEAT_ERROR, OVERLOAD_ERROR = 0x04, 0x20
 SLOW_TICKS = 10
 MOST_HOMING = 1024  # counts, a larger homing offset is ignored in position mode
 
@@ -77,7 +77,7 @@ class Firmware:
         self.velocity, self._difference = np.zeros(n), np.zeros(n)
         self.temperature = np.full(n, AMBIENT)
         self.heating = np.zeros(n)  # K/s from a fault
-        self.supply = np.full(n, self.battery)
+        self.supply = self.battery.copy()
         self.dark = False  # no supply at all
         self._strain, self._energy = np.zeros(n), np.zeros(n)
         self._worked = np.zeros(n)  # N²·m²·s since the last look at the heat
@@ -102,12 +102,17 @@ class Firmware:
         self._heat = np.array([kind.heat for kind in types])
         self._tau = np.array([kind.tau_thermal for kind in types])
         self._full = np.array([float(kind.units.full_pwm) for kind in types])
-        self.full_battery = robot.supply.voltage * self.hidden.robot["supply_voltage"]
-        self.battery = self.full_battery
-        self._sag = robot.supply.resistance + self.hidden.robot["supply_sag"]
+        supplies = [robot.supply_of(servo) for servo in robot.servos]
+        factor = self.hidden.robot["supply_voltage"]
+        self.full_battery = np.array([supply.voltage for supply in supplies]) * factor
+        self.battery = self.full_battery.copy()  # V without load, (n,)
+        self.shares = np.array([[one == other for other in supplies] for one in supplies])
+        resistance = np.array([supply.resistance for supply in supplies])
+        self._sag = resistance + self.hidden.robot["supply_sag"]
         hidden = self.hidden
         self._noisy = bool(hidden["sensor_noise"].any() or hidden["quantization"].any())
         self._alpha = hidden["velocity_filter"]
+        self._sags = bool(self._sag.any())
         self._capped = bool(np.isfinite(hidden["torque_limit"]).any())
         self._offset = hidden["encoder_offset"]
         self._heats = bool(hidden["thermal_derating"].any())
@@ -164,7 +169,7 @@ class Firmware:
         self.homing[i] = 0 if single and abs(offset) > MOST_HOMING else offset
         has_slope = "pwm_slope" in memory.kind.registers
         slope = memory["pwm_slope"] if has_slope else FASTEST_SLOPE
-        self._slope[i] = slope * SLOPE if slope < FASTEST_SLOPE else np.inf
+        self._slope[i] = slope * memory.kind.slope if slope < FASTEST_SLOPE else np.inf
         self._sloped = bool(np.isfinite(self._slope).any())
         low, high = memory["min_voltage_limit"], memory["max_voltage_limit"]
         self._safe[:, i] = low * 0.1 - 0.05, high * 0.1 + 0.05, memory["temperature_limit"]
@@ -270,8 +275,13 @@ class Firmware:
         self.current = np.where(on, (volts - self._k * self._motor_speed()) / self._r, 0.0)
         self.pwm = pwm
         self.mechanics.drive(self._sign * self.flip * volts, on)
-        drawn = np.abs(self.current).sum() * self._sag if self._sag else 0.0
-        self.supply[:] = 0.0 if self.dark else max(self.battery - drawn, 0.0)
+        if self.dark:
+            self.supply[:] = 0.0
+        elif self._sags:
+            drawn = self.shares @ np.abs(self.current) * self._sag
+            self.supply[:] = np.maximum(self.battery - drawn, 0.0)
+        else:
+            self.supply[:] = self.battery
 
     def _slow(self) -> None:
         """Supply, temperature, wear, and the reasons to switch off; every 10 ms."""
@@ -288,12 +298,12 @@ class Firmware:
         stalled = self.torque_on & (np.abs(self.pwm) >= 0.95 * self.control.most_pwm)
         stalled &= np.abs(self.velocity) < 0.1
         self._strain = np.where(stalled, self._strain + dt, np.maximum(self._strain - dt, 0.0))
-        self._find_errors(float(self.supply[0]))
+        self._find_errors()
 
-    def _find_errors(self, volts: float) -> None:
+    def _find_errors(self) -> None:
         if self.dark:
             return
-        low, high, hottest = self._safe
+        (low, high, hottest), volts = self._safe, self.supply
         found = VOLTAGE_ERROR * ((volts < low) | (volts > high))
         found |= HEAT_ERROR * (self.temperature > hottest)
         found |= OVERLOAD_ERROR * (self._strain > OVERLOAD_TIME)

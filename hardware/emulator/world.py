@@ -50,7 +50,7 @@ class EmulatedRobot:
     ) -> None:
         streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
         for servo in robot.servos:
-            servo.type.check_emulated()
+            servo.type.check_emulated(f"{robot.name}: servos.{servo.name}")
         self.robot = robot = inner(robot)
         self.hidden = hidden or read_hidden(robot.hidden, robot)
         self.mechanics = Mechanics(robot, self.hidden)
@@ -133,9 +133,7 @@ class EmulatedRobot:
 
     def _strike(self, time: float, fault: Fault, starts: bool) -> None:
         firmware = self.firmware
-        if fault.kind == "supply":
-            firmware.battery = fault.value if starts else firmware.full_battery
-        elif fault.kind == "blackout":
+        if fault.kind == "blackout":
             firmware.dark = starts
             for servo in self.servos:
                 if starts:
@@ -144,7 +142,12 @@ class EmulatedRobot:
         for servo in self.servos:
             if fault.servo not in (None, servo.id):
                 continue
-            if fault.kind == "reboot" and starts:
+            if fault.kind == "supply":
+                sharing = firmware.shares[servo.index]
+                firmware.battery[sharing] = (
+                    fault.value if starts else firmware.full_battery[sharing]
+                )
+            elif fault.kind == "reboot" and starts:
                 servo.reboot(time)
             elif fault.kind == "stuck":
                 self.mechanics.lock(servo.index, starts)

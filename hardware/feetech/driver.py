@@ -49,8 +49,9 @@ class FeetechDriver(Driver):
         super().__init__(robot, port, clock)
         self._raw_zero = self._zero.copy()
         self._when = np.full(len(self), np.nan)  # s, the last answer of each servo
-        volts, constants = robot.supply.voltage, [kind.torque_constant for kind in self._types]
-        self._fastest = FASTEST * volts / np.array(constants) / self._step  # counts/s
+        volts = np.array([robot.supply_of(servo).voltage for servo in robot.servos])
+        constants = np.array([kind.torque_constant for kind in self._types])
+        self._fastest = FASTEST * volts / constants / self._step  # counts/s
 
     def _adopt(self) -> None:
         """Read the offsets that the servos take off their encoders' counts."""

@@ -130,7 +130,7 @@ def scales(robot: Robot, joint: str | None) -> dict[str, float]:
     """Return what sizes multiply, of the servo at a joint; of the first one for the robot."""
     servo = robot.servos[0 if joint is None else list(moved(robot)).index(joint)]
     model = mujoco.MjModel.from_xml_path(str(robot.model))
-    kind, volts = servo.type, robot.supply.voltage
+    kind, volts = servo.type, robot.supply_of(servo).voltage
     at = model.actuator_trnid[model.actuator(servo.name).id, 0]
     body = int(model.jnt_bodyid[at])
     stall = kind.stall_torque(volts)

@@ -69,8 +69,9 @@ def withheld(
 def rivals(robot: Robot, name: str, truth: Mapping[str, Any]) -> list[Effect]:
     """Return an effect at every place where it could pass for the hidden one."""
     joint = truth["joint"]
-    kind, servo = VOCABULARY[name], robot.servos[0].type
-    facts = {"voltage": robot.supply.voltage, "torque_constant": servo.torque_constant}
+    kind, servo = VOCABULARY[name], robot.servos[0]
+    volts, constant = robot.supply_of(servo).voltage, servo.type.torque_constant
+    facts = {"voltage": volts, "torque_constant": constant}
     extra: dict[str, Any] = {e.name: facts[e.name] for e in kind.extras if e.default is None}
     if free := tuple(e.name for e in kind.extras if e.typical is not None):
         extra["free"] = free

@@ -6,11 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from hardware.config import ROBOTS, load_robot
+from hardware.config import NO_MODEL, ROBOTS, load_robot
 from hardware.emulator.feetech_inner import LARGEST_PWM
 
-OTHERS_MODEL = "so101"  # whose model is not ours
-ROBOT_NAMES = sorted(p.stem for p in ROBOTS.glob("*.yaml") if p.stem != OTHERS_MODEL)
+ROBOT_NAMES = sorted(  # whose models are ours
+    path.stem
+    for path in ROBOTS.glob("*.yaml")
+    if load_robot(path.stem, needs_model=False).model != NO_MODEL
+)
 
 
 @pytest.fixture(params=ROBOT_NAMES)
@@ -32,8 +35,8 @@ def test_one_servo_for_each_actuator(robot_and_model):
 def test_nominal_actuators_follow_from_the_servos(robot_and_model):
     """kp, force limit and damping are those of the servo's type, gain register and voltage."""
     robot, model = robot_and_model
-    volts = robot.supply.voltage
     for i, servo in enumerate(robot.servos):
+        volts = robot.supply_of(servo).voltage
         gain = robot.registers_of(servo)["position_p_gain"]
         kp = servo.type.position_gain(gain, volts)
         assert model.actuator_gainprm[i, 0] == pytest.approx(kp, rel=1e-3)

@@ -19,7 +19,7 @@ def bench_data(count: int = 0, **changes: Any) -> dict[str, Any]:
     data = yaml.safe_load((ROBOTS / "bench1.yaml").read_text(encoding="utf-8"))
     data |= changes
     if count:
-        hinge = data["servos"]["hinge"]
+        hinge = {k: v for k, v in data["servos"]["hinge"].items() if k not in data.get("servo", {})}
         servos = {f"hinge{i}": copy.deepcopy(hinge) | {"id": i} for i in range(1, count + 1)}
         data["servos"] = servos
     return data

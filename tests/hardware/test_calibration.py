@@ -47,6 +47,28 @@ def applied(tmp_path, **fields):
     return apply_calibration(robot, read_calibration(path)).servos[0]
 
 
+def test_lerobots_joints_go_by_their_ids(tmp_path):
+    """A Koch's joints have other names in LeRobot; with another ID among them names must agree."""
+    names = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+    table = {
+        name: {
+            "id": i,
+            "drive_mode": 0,
+            "homing_offset": 0,
+            "range_min": 500,
+            "range_max": 3500 + i,
+        }
+        for i, name in enumerate(names, 1)
+    }
+    path, robot = tmp_path / "koch.json", load_robot("koch", needs_model=False)
+    path.write_text(json.dumps(table))
+    servos = apply_calibration(robot, read_calibration(path)).servos
+    assert [servo.zero for servo in servos] == [(4000 + i) / 2 for i in range(1, 7)]
+    path.write_text(json.dumps(table | {"gripper": table["gripper"] | {"id": 7}}))
+    with pytest.raises(RobotError, match="the calibration has the joint 'shoulder_pan'"):
+        apply_calibration(robot, read_calibration(path))
+
+
 def test_lerobot_ranges_have_the_offset_applied(tmp_path):
     """A worked example: encoder at 1000 in the middle, travel 400 to 1600.
 
@@ -109,7 +131,10 @@ def test_files_of_schema_1(tmp_path):
             Calibration({"hinge": Joint(1, 0, 0, 1, 4000)}, "quad8"),
             "made on 'quad8', not on 'bench",
         ),
-        (Calibration({"hing": Joint(1, 0, 0, 1, 4000)}), r"'hing' \(did you mean 'hinge'"),
+        (
+            Calibration({"hing": Joint(1, 0, 0, 1, 4000)}, "bench1"),
+            r"'hing' \(did you mean 'hinge'",
+        ),
         (Calibration({}), "lacks the joint 'hinge'"),
         (Calibration({"hinge": Joint(2, 0, 0, 1, 4000)}), r"servo 2 .*, the robot has servo 1"),
         (Calibration({"hinge": Joint(1, 0, 0, 4000, 4095, zero=2048)}), "nothing in common"),

@@ -321,7 +321,10 @@ def test_what_an_arm_cannot_be():
     data = yaml.safe_load((ROBOTS / "so101.yaml").read_text()) | {"model": str(MODEL)}
     with pytest.raises(RobotError, match="Feetech servos have none: give 0"):
         make_robot(data | {"watchdog": 0.1})
-    data["servos"]["gripper"] = data["servos"]["gripper"] | {"model": "xl330-m288"}
+    data["servos"]["gripper"] = data["servos"]["gripper"] | {
+        "model": "xl330-m288",
+        "supply": {"voltage": 5.0},
+    }
     data["registers"] = {}
     with pytest.raises(RobotError, match="on one bus; each has its own"):
         make_robot(data)

@@ -65,7 +65,7 @@ def emulated(log: Log, effects: list) -> np.ndarray:
     for time, goal, torque, volts in zip(log.time, *map(log.column, columns), strict=True):
         world.advance(time)
         track.append(float(world.mechanics.angle[0]))
-        world.firmware.battery = volts
+        world.firmware.battery[:] = volts
         if torque != on:
             servo.write(64, bytes([int(torque)]), time)
             on = torque

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hardware.body import EmulatedBody
-from hardware.config import ROBOTS, load_robot
+from hardware.config import NO_MODEL, ROBOTS, load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
 from hardware.emulator.world import EmulatedRobot
@@ -20,7 +20,11 @@ from hardware.record import Recording, joint_names, record
 from hardware.safety import Guard
 from hardware.stop_limits import full_duty_errors
 
-NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml") if path.stem != "so101")  # no model
+NAMES = sorted(  # whose models are ours
+    path.stem
+    for path in ROBOTS.glob("*.yaml")
+    if load_robot(path.stem, needs_model=False).model != NO_MODEL
+)
 
 
 def home(robot) -> np.ndarray:

@@ -102,10 +102,8 @@ def test_a_short_peak_of_current_stops_nothing(rig, chain):
 
 def test_a_load_over_the_limit_stops(rig, chain):
     """A servo without a sensor of current reports its load."""
-    robot = chain(3, supply={"voltage": 11.1, "resistance": 0.0})
-    servos = tuple(replace(s, model="xl430-w250", load=0.15) for s in robot.servos)
-    registers = {"position_p_gain": 800}
-    robot = replace(robot, servos=servos, registers=registers)
+    shared = {"model": "xl430-w250", "load": 0.15, "supply": {"voltage": 11.1}}
+    robot = chain(3, servo=shared, registers={"position_p_gain": 800})
     r = rig(Fault("stuck", servo=3), robot=robot)
     with pytest.raises(SafetyError, match=r"hinge3 is at \d+% of its load, over its 15%"):
         r.run(200, lambda k: np.full(3, min(0.02 * k, 0.45)))

@@ -34,7 +34,9 @@ class mjtDisableBit(_Enum):
     mjDSBL_ACTUATION: mjtDisableBit
     mjDSBL_ISLAND: mjtDisableBit
 
-class mjtEq(_Enum): ...
+class mjtEq(_Enum):
+    mjEQ_JOINT: mjtEq
+    mjEQ_TENDON: mjtEq
 
 class mjtFontScale(_Enum):
     mjFONTSCALE_100: mjtFontScale
@@ -68,6 +70,7 @@ class mjtInertiaFromGeom(_Enum):
 class mjtIntegrator(_Enum):
     mjINT_EULER: mjtIntegrator
     mjINT_RK4: mjtIntegrator
+    mjINT_IMPLICITFAST: mjtIntegrator
 
 class mjtJoint(_Enum):
     mjJNT_FREE: mjtJoint

@@ -59,6 +59,17 @@ class MjSpec:
         group: Int | None = ...,
         delay: Float | None = ...,
     ) -> MjsActuator: ...
+    def add_equality(
+        self,
+        *,
+        default: MjsDefault | None = ...,
+        name: str | None = ...,
+        type: Int | None = ...,
+        data: Iterable[Float] | None = ...,
+        active: Int | None = ...,
+        name1: str | None = ...,
+        name2: str | None = ...,
+    ) -> MjsEquality: ...
     def add_key(
         self,
         *,
@@ -92,6 +103,9 @@ class MjSpec:
         noise: Float | None = ...,
         delay: Float | None = ...,
     ) -> MjsSensor: ...
+    def add_tendon(
+        self, *, default: MjsDefault | None = ..., name: str | None = ...
+    ) -> MjsTendon: ...
     def add_text(
         self, name: str | None = ..., data: str | None = ..., info: str | None = ...
     ) -> MjsText: ...
@@ -106,6 +120,8 @@ class MjSpec:
     @property
     def default(self) -> MjsDefault: ...
     def delete(self, element: _Element, /) -> None: ...
+    @property
+    def equalities(self) -> list[MjsEquality]: ...
     def exclude(self, arg0: str, /) -> MjsExclude: ...
     @property
     def excludes(self) -> list[MjsExclude]: ...
@@ -144,6 +160,7 @@ class MjSpec:
     @property
     def meshes(self) -> list[MjsMesh]: ...
     modelfiledir: str
+    modelname: str
     nkey: _Int
     option: MjOption
     def pair(self, arg0: str, /) -> MjsPair: ...
@@ -160,6 +177,8 @@ class MjSpec:
     @property
     def skins(self) -> list[MjsSkin]: ...
     stat: MjStatistic
+    @property
+    def tendons(self) -> list[MjsTendon]: ...
     def text(self, arg0: str, /) -> MjsText: ...
     @property
     def texts(self) -> list[MjsText]: ...
@@ -213,6 +232,7 @@ class MjsBody(_Element):
         mass: Float | None = ...,
         inertia: Iterable[Float] | None = ...,
     ) -> MjsBody: ...
+    def add_freejoint(self, **kwargs: Any) -> MjsJoint: ...
     def add_geom(
         self,
         *,
@@ -220,6 +240,7 @@ class MjsBody(_Element):
         name: str | None = ...,
         type: Int | None = ...,
         pos: Iterable[Float] | None = ...,
+        fromto: Iterable[Float] | None = ...,
         size: Iterable[Float] | None = ...,
         contype: Int | None = ...,
         conaffinity: Int | None = ...,
@@ -294,6 +315,7 @@ class MjsCompiler:
     balanceinertia: bool
     boundinertia: _Float
     boundmass: _Float
+    degree: bool
     inertiafromgeom: _Field[mjtInertiaFromGeom, Int]
     meshdir: str
     settotalmass: _Float
@@ -489,6 +511,7 @@ class MjsTendon(_Element):
     solref_limit: _Floats
     stiffness: _Floats
     width: _Float
+    def wrap_joint(self, arg0: str, arg1: Float, /) -> Any: ...
 
 class MjsText(_Element):
     data: str

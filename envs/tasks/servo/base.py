@@ -99,7 +99,7 @@ class ServoTask(Task):
             if self.fidelity == "ideal":
                 ideal(actuator, kind)
             else:
-                settings = machine.registers[i], machine.voltage, machine.delay, TIMESTEP
+                settings = machine.registers[i], machine.voltage[i], machine.delay, TIMESTEP
                 servo(actuator, kind, *settings)
         return spec
 

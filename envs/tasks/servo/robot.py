@@ -30,7 +30,7 @@ class ServoRobotSpec:
         rate: control steps a second [1/s].
         delay: the time from writing a command to its effect [s].
         age: the time from a servo's reading to writing the command computed from it [s].
-        voltage: the voltage of the supply, without load [V].
+        voltage: the voltage of each servo's supply, without load [V].
         low: least angles that may be commanded [rad], (n,).
         high: largest angles, (n,).
         most_step: largest change of a command in one control step [rad], (n,).
@@ -42,7 +42,7 @@ class ServoRobotSpec:
     rate: float
     delay: float
     age: float
-    voltage: float
+    voltage: tuple[float, ...]
     low: np.ndarray
     high: np.ndarray
     most_step: np.ndarray
@@ -70,7 +70,9 @@ def read_machine(robot: str | Mapping[str, Any], actuators: Sequence[str]) -> Se
             rate=rate,
             delay=float(data["command_delay"]),
             age=float(data["reading_age"]),
-            voltage=float(data["supply"]["voltage"]),
+            voltage=tuple(
+                float((servo.get("supply") or data["supply"])["voltage"]) for servo in servos
+            ),
             low=np.array([float(servo["position"][0]) for servo in servos]),
             high=np.array([float(servo["position"][1]) for servo in servos]),
             most_step=np.minimum(float(data["max_step"]), speed / rate),

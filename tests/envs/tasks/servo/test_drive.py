@@ -24,6 +24,7 @@ from hardware.connect import make_driver
 from hardware.log import Log
 from hardware.record import record
 from hardware.safety import Guard
+from hardware.tables import servo_type
 
 log_ = logging.getLogger(__name__)
 
@@ -59,6 +60,18 @@ def test_registers_scale_the_law() -> None:
     kp, kv = -half.actuator_biasprm[0, 1], -half.actuator_biasprm[0, 2]
     assert kv / kp == pytest.approx(160 / 16 * 0.001 / (400 / 256))
     assert full.actuator_biasprm[0, 2] == 0
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_type_is_the_same_motor_in_both_rooms(name: str) -> None:
+    """What trains and what the driver's emulator runs have the same constants, to their digits."""
+    motor, kind = KINDS[name], servo_type(name)
+    assert motor.constant == pytest.approx(kind.torque_constant, rel=1e-3)
+    assert motor.resistance == pytest.approx(kind.resistance, rel=1e-3)
+    assert (motor.divisor, motor.full) == (kind.gain_divisor, kind.units.full_pwm)
+    assert motor.slope == pytest.approx(1e3 * kind.slope)
+    if kind.maker == "dynamixel":
+        assert motor.current == kind.current
 
 
 def test_what_is_not_simulated_is_refused() -> None:

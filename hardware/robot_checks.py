@@ -1,0 +1,153 @@
+"""Whether a robot's file can be: its servos, their limits, their supplies and their buses.
+
+check_robot(robot, "bench1.yaml")       # RobotError: the value, its place, what is allowed
+"""
+
+from __future__ import annotations
+
+import math
+
+from hardware.errors import RobotError, format_names
+from hardware.parts import Bus, Servo
+from hardware.readings import VOLTAGE_ERROR
+from hardware.robot import Robot
+
+
+def check_robot(robot: Robot, place: str) -> None:
+    """Refuse a robot whose servos, buses and limits do not go together.
+
+    Args:
+        robot: its keys have the right types.
+        place: its file's name, for messages.
+
+    Raises:
+        RobotError: with the value, its place and what is allowed.
+    """
+    if not robot.servos:
+        raise RobotError(f"{place}: servos: a robot has at least one")
+    for servo in robot.servos:
+        _check_servo(robot, servo, f"{place}: servos.{servo.name}")
+    for part in robot.parts():
+        _check_bus(part, place)
+    positive = {"rate": robot.rate, "max_step": robot.max_step}
+    for key, value in positive.items():
+        if not value > 0:
+            raise RobotError(f"{place}: {key}: {value} is not above 0")
+    at_least_0 = {"command_delay": robot.command_delay, "reading_age": robot.reading_age}
+    for key, value in at_least_0.items():
+        if not value >= 0:
+            raise RobotError(f"{place}: {key}: {value} is below 0")
+    if {servo.type.maker for servo in robot.servos} == {"feetech"} and robot.watchdog:
+        raise RobotError(f"{place}: watchdog: {robot.watchdog} s; Feetech servos have none: give 0")
+    if not 0 <= robot.watchdog <= 2.54:
+        raise RobotError(f"{place}: watchdog: {robot.watchdog} s; it can be 0 (off) to 2.54 s")
+
+
+def _check_bus(part: Robot, place: str) -> None:
+    """Check the servos and settings of one bus."""
+    bus = part.bus
+    key = f"{place}: buses.{bus.name}" if isinstance(bus, Bus) else f"{place}: bus"
+    if not part.servos:
+        raise RobotError(f"{key}: it has no servo; each servo's key bus names its own")
+    ids = [servo.id for servo in part.servos]
+    for servo in part.servos:
+        if ids.count(servo.id) > 1:
+            raise RobotError(
+                f"{place}: servos.{servo.name}: id {servo.id} is taken; each has its own on its bus"
+            )
+    makers = {servo.type.maker for servo in part.servos}
+    if len(makers) > 1:
+        raise RobotError(
+            f"{key}: servos of {format_names(sorted(makers))} on one bus; each has its own"
+        )
+    bauds = part.servos[0].type.bauds
+    if bus.baud not in bauds:
+        raise RobotError(f"{key}.baud: {bus.baud} is not one of {bauds}")
+    for name in ("return_delay", "latency"):
+        if not getattr(bus, name) >= 0:
+            raise RobotError(f"{key}.{name}: {getattr(bus, name)} is below 0")
+
+
+def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
+    kind = servo.type
+    names = [bus.name for bus in robot.buses] or [None]
+    if servo.bus not in names:
+        remedy = f"give one of {format_names(map(str, names))}" if robot.buses else "leave it out"
+        raise RobotError(f"{place}: bus {servo.bus!r}: the robot has no such bus; {remedy}")
+    if not 0 <= servo.id <= 251:
+        raise RobotError(f"{place}: id {servo.id}; it can be 0 to 251")
+    if servo.sign not in (1, -1):
+        raise RobotError(f"{place}: sign {servo.sign}; it can be 1 or -1")
+    if not abs(servo.zero) <= 2 * kind.units.counts_per_turn:
+        raise RobotError(
+            f"{place}: zero {servo.zero:g}; a turn of its encoder has {kind.units.counts_per_turn} "
+            "counts, and the zero is within two turns"
+        )
+    _check_range(robot, servo, place)
+    if not servo.velocity > 0:
+        raise RobotError(f"{place}: velocity {servo.velocity} rad/s is not above 0")
+    if servo.torque is not None and not servo.torque > 0:
+        raise RobotError(f"{place}: torque {servo.torque} N·m is not above 0; null means no limit")
+    _check_effort(servo, place)
+    for name, value in robot.registers_of(servo).items():
+        register = kind.register(name)
+        if not register.writable:
+            raise RobotError(f"{place}: registers: {name!r} can only be read")
+        low, high = register.fixed_range
+        if not low <= value <= high:
+            raise RobotError(f"{place}: registers: {name} = {value}; it can be {low} to {high}")
+    _check_supply(robot, servo, place)
+
+
+def _check_supply(robot: Robot, servo: Servo, place: str) -> None:
+    """Check that a servo takes the voltage of its supply, unless its file masks that error."""
+    given, unit = robot.registers_of(servo), servo.type.units.voltage
+    registers, volts = {**servo.type.defaults, **given}, robot.supply_of(servo).voltage
+    known = {"min_voltage_limit", "max_voltage_limit"} <= registers.keys()
+    if not known or not given.get("shutdown", VOLTAGE_ERROR) & VOLTAGE_ERROR:
+        return
+    low, high = registers["min_voltage_limit"] * unit, registers["max_voltage_limit"] * unit
+    if not low <= volts <= high:
+        raise RobotError(
+            f"{place}: its supply has {volts:g} V, and a {servo.model} takes {low:g} to {high:g} V "
+            f"(its voltage limits); correct the supply, or give this servo its own, as in "
+            f"supply: {{voltage: {servo.type.voltage:g}}}"
+        )
+
+
+def _check_range(robot: Robot, servo: Servo, place: str) -> None:
+    """Check that the encoder has the counts of the angles that are commanded."""
+    (low, high), kind = servo.position, servo.type
+    if not low < high:
+        raise RobotError(f"{place}: position [{low}, {high}]: the first must be below the second")
+    mode = robot.registers_of(servo).get("operating_mode", kind.position_mode)
+    if mode != kind.position_mode:
+        return  # the others count whole turns
+    last = kind.units.counts_per_turn - 1
+    first, end = sorted(servo.count(angle) for angle in servo.position)
+    shift = first if kind.maker == "feetech" else 0  # what its own homing offset can take off
+    if not 0 <= first - shift <= end - shift <= last:
+        raise RobotError(
+            f"{place}: position [{low:g}, {high:g}] is {first} to {end} counts (zero "
+            f"{servo.zero:g}), and a {servo.model} takes 0 to {last}: narrow it or correct the zero"
+        )
+
+
+def _check_effort(servo: Servo, place: str) -> None:
+    """Check the limit of current or of load, whichever the servo reports."""
+    reports = "load" if servo.type.current is None else "current"
+    other = "current" if reports == "load" else "load"
+    if getattr(servo, other) is not None:
+        raise RobotError(f"{place}: {other}: a {servo.model} reports its {reports}; give {reports}")
+    value = getattr(servo, reports)
+    most = 1.0 if servo.type.current is None else _largest_current(servo)
+    if value is not None and not 0 < value <= most:
+        unit = "" if reports == "load" else " A"
+        raise RobotError(f"{place}: {reports} {value}; it is above 0, at most {most:g}{unit}")
+
+
+def _largest_current(servo: Servo) -> float:
+    """Return the largest limit of current that a servo's register takes [A]."""
+    kind = servo.type
+    register = kind.registers.get("current_limit")
+    return math.inf if register is None else register.fixed_range[1] * (kind.current or 0.0)

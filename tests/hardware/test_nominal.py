@@ -1,0 +1,84 @@
+"""A public model gets a robot's servos as actuators, and the emulator agrees with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.tasks.servo.drive import servo as simulated
+from hardware.config import load_robot
+from hardware.connect import make_driver
+from hardware.errors import RobotError
+from hardware.nominal import nominal, write_nominal_model
+from hardware.record import record
+from hardware.safety import Guard
+from hardware.stand import home_pose, write_stand_model
+from tests.hardware.stand_ins import SHAPES, public_model
+from tests.hardware.test_record import replay
+
+
+@pytest.mark.parametrize("name", ["arm6", "bench1", "hopper2", "quad12"])
+def test_our_own_models_are_nominal(name: str) -> None:
+    """Gains, limits, back-EMF and rotors are what the models of the project state."""
+    robot = load_robot(name)
+    model, own = nominal(robot).compile(), mujoco.MjModel.from_xml_path(str(robot.model))
+    for field in (
+        "actuator_gainprm",
+        "actuator_biasprm",
+        "actuator_forcerange",
+        "actuator_damping",
+    ):
+        np.testing.assert_allclose(getattr(model, field), getattr(own, field), rtol=1e-3)
+    np.testing.assert_allclose(model.dof_armature, own.dof_armature, rtol=1e-3)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_what_is_diagnosed_and_what_is_trained_are_the_same_servos(
+    name: str, tmp_path: Path
+) -> None:
+    """The task's actuators, made from the same file by another room, have the same numbers."""
+    robot = load_robot(name, str(public_model(name, tmp_path)))
+    model, spec = nominal(robot).compile(), nominal(robot)
+    for servo in robot.servos:
+        registers, volts = robot.registers_of(servo), robot.supply_of(servo).voltage
+        simulated(spec.actuator(servo.name), servo.model, registers, volts, 0.0, 0.001)
+    theirs = spec.compile()
+    for field in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
+        np.testing.assert_allclose(getattr(model, field), getattr(theirs, field), rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_emulator_is_near_the_nominal_model(name: str, tmp_path: Path) -> None:
+    """Each robot arms, follows a motion, and its log replays within four counts RMS."""
+    robot = load_robot(name, str(public_model(name, tmp_path)))
+    robot = write_stand_model(write_nominal_model(robot, tmp_path), tmp_path)
+    driver = make_driver(robot)
+    driver.connect()
+    driver.configure()
+    middle = home_pose(robot)
+    time = np.arange(40)[:, None] / robot.rate
+    waves = 0.1 * np.sin(time * (3 + np.arange(len(middle)) % 7))
+    low, high = np.array([servo.position for servo in robot.servos]).T
+    with Guard(driver) as guard:
+        guard.arm()
+        guard.move_to(middle, speed=1.0)
+        log = record(guard, np.clip(middle + waves, low, high))
+    for servo in robot.servos:
+        volts = log.column(f"voltage.{servo.name}")
+        np.testing.assert_allclose(volts, robot.supply_of(servo).voltage, atol=0.06)
+    joints = [c for c in log.columns if c.startswith("qpos.")]
+    measured = np.stack([log.column(joint) for joint in joints], axis=1)
+    error = replay(log, robot) - measured
+    assert np.sqrt(np.mean(error**2)) < 4 * 0.00153
+
+
+def test_a_model_of_other_actuators_is_refused(tmp_path: Path) -> None:
+    """The actuators that are missing, and those that there are."""
+    robot = load_robot("koch", str(public_model("so101", tmp_path)))
+    with pytest.raises(
+        RobotError, match=r"has no actuators 'base_rotation', 'pitch', .* it has 'sh"
+    ):
+        nominal(robot)
