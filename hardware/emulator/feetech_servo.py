@@ -273,9 +273,11 @@ class FeetechServo:
     def _go(self, count: int, now: float) -> None:
         """Let the inner servo go to a count, in the goal time or by speed and acceleration."""
         speed, sharp = abs(self["profile_velocity"]), self["profile_acceleration"]
-        if self["goal_time"]:
+        place = self.kind.registers["goal_pwm"].address
+        time = int.from_bytes(self.data[place : place + 2], "little")  # ms
+        if time:
             way = abs(count - self._firmware.trajectory[0][self._index])
-            speed, sharp = max(round(1000 * way / self["goal_time"]), 1), 0
+            speed, sharp = max(round(1000 * way / time), 1), 0
         elif sharp and not speed:
             speed = FASTEST
         for name, value in (("profile_acceleration", sharp), ("profile_velocity", speed)):

@@ -229,7 +229,8 @@ def record(
     words = ("repo_id=test/wave", f"root={root}", "num_episodes=1", "episode_time_s=6")
     words += ("reset_time_s=0", "push_to_hub=false", "single_task=wave", "video=false", "fps=30")
     dataset = [f"--dataset.{word}" for word in words]
-    hand.pose(dict.fromkeys(ARM, 0.1))
+    for bench in (arm, hand):
+        bench.pose(dict.fromkeys(ARM, 0.1))
     with command(python, home, "lerobot-record", *both, *dataset, "--play_sounds=false") as running:
         running.wait_for("Recording episode 0")
         hand.sweep("wrist_flex", (0.1, 0.5, -0.3, 0.1), seconds=1.0)

@@ -140,16 +140,18 @@ def test_a_wheel_that_becomes_a_position_servo_again_stays_within_its_turn(host)
 
 
 @pytest.mark.parametrize(
-    ("registers", "halfway", "seconds"),
+    ("written", "halfway", "seconds"),
     [
-        ({"goal_time": 2000}, 1.0, 2.0),
-        ({"profile_velocity": 300}, 1.0, 2.0),
-        ({"profile_acceleration": 6}, 1.0, 2.0),
+        (bytes([44]) + (2000).to_bytes(2, "little"), 1.0, 2.0),
+        (bytes([46]) + (300).to_bytes(2, "little"), 1.0, 2.0),
+        (bytes([41, 6]), 1.0, 2.0),
     ],
 )
-def test_what_shapes_a_move(host, registers, halfway, seconds):
+def test_what_shapes_a_move(host, written, halfway, seconds):
     """A goal time, a speed, or an acceleration alone: 600 counts take 2 s each way."""
-    host.write(torque_enable=1, **registers, goal_position=2648)
+    host.write(torque_enable=1)
+    host.send(protocol.WRITE, written)
+    host.write(goal_position=2648)
     host.wait(halfway)
     assert host.count == pytest.approx(2348, abs=20)
     assert host.read("moving") == 1
