@@ -7,14 +7,10 @@ from __future__ import annotations
 
 import sys
 import time
+from importlib import import_module
 from typing import Any
 
-from scservo_sdk import (  # type: ignore[import-not-found]
-    COMM_SUCCESS,
-    GroupSyncRead,
-    PortHandler,
-    sms_sts,
-)
+sdk: Any = import_module("scservo_sdk")  # another package of this name may live beside us
 
 ARM = (1, 2, 3, 4, 5, 6)
 
@@ -27,7 +23,7 @@ def near(found: float, wanted: float, most: float) -> None:
 def good(answer: tuple[Any, ...]) -> Any:
     """Return what an answer holds, which must have come, and without an error."""
     *values, result, error = answer
-    assert (result, error) == (COMM_SUCCESS, 0), answer
+    assert (result, error) == (sdk.COMM_SUCCESS, 0), answer
     return values[0] if values else None
 
 
@@ -42,18 +38,18 @@ def position(servos: Any) -> None:
     good(servos.RegWritePosEx(1, 2048, 1500, 50))
     time.sleep(0.3)
     near(good(servos.ReadPos(1)), 2300, 25)
-    assert servos.RegAction() == COMM_SUCCESS
+    assert servos.RegAction() == sdk.COMM_SUCCESS
     time.sleep(1.5)
     near(good(servos.ReadPos(1)), 2048, 25)
     for number in (1, 5):
         assert servos.SyncWritePosEx(number, 2150, 1500, 50)
-    assert servos.groupSyncWrite.txPacket() == COMM_SUCCESS
+    assert servos.groupSyncWrite.txPacket() == sdk.COMM_SUCCESS
     servos.groupSyncWrite.clearParam()
     time.sleep(1.5)
-    group = GroupSyncRead(servos, 56, 4)
+    group = sdk.GroupSyncRead(servos, 56, 4)
     for number in (1, 5):
         assert group.addParam(number)
-    assert group.txRxPacket() == COMM_SUCCESS
+    assert group.txRxPacket() == sdk.COMM_SUCCESS
     for number in (1, 5):
         near(group.getData(number, 56, 2), 2150, 25)
 
@@ -102,8 +98,8 @@ def setting_up(servos: Any) -> None:
 
 def main(device: str) -> None:
     """Run everything; an error is a traceback."""
-    port = PortHandler(device)
-    servos = sms_sts(port)
+    port = sdk.PortHandler(device)
+    servos = sdk.sms_sts(port)
     assert port.openPort() and port.setBaudRate(1_000_000)
     for step in (position, wheel, duty_and_steps, setting_up):
         step(servos)

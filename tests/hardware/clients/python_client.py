@@ -104,7 +104,7 @@ def dxl2(device: str) -> None:
     bus.connect()
 
     def read(address: int, size: int) -> int:
-        value = bus.read(1, address, size).data
+        value = int(bus.read(1, address, size).data or 0)
         return value - (1 << 8 * size) if value >> (8 * size - 1) else value
 
     def write(address: int, size: int, value: int) -> None:
