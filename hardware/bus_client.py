@@ -302,7 +302,7 @@ class BusClient:
             if self.clock.now() >= (deadline + span if data else deadline):
                 break  # with data: somebody floods the bus
             if not data:
-                self.clock.pause()
+                self.clock.wait_for_bytes(port.ser, deadline)
         self._doubtful = not good or not to_the_end
         if not to_the_end:
             for number in (n for n, _ in wanted) if fast else left:
@@ -353,7 +353,7 @@ class BusClient:
             if self.clock.now() >= (deadline + span if data else deadline):
                 return
             if not data:
-                self.clock.pause()
+                self.clock.wait_for_bytes(self.port.ser, deadline)
 
     @contextmanager
     def _cable(self) -> Iterator[None]:

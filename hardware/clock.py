@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import select
 import time
-from typing import Protocol
+from typing import Any, Protocol
 
 
 class Clock(Protocol):
@@ -19,8 +21,8 @@ class Clock(Protocol):
         """Wait until the time is `moment` [s]; return at once if it has passed."""
         ...
 
-    def pause(self) -> None:
-        """Let others have the processor for a moment, while waiting for bytes."""
+    def wait_for_bytes(self, port: Any, moment: float) -> None:
+        """Wait until this serial port has bytes to read, but no longer than until `moment` [s]."""
         ...
 
 
@@ -39,9 +41,12 @@ class RealClock:
         if left > 0:
             time.sleep(left)
 
-    def pause(self) -> None:
-        """Sleep for 50 microseconds."""
-        time.sleep(5e-5)
+    def wait_for_bytes(self, port: Any, moment: float) -> None:
+        """Sleep until bytes come or the time is `moment` [s]; where no port can wake us, 50 us."""
+        if os.name == "posix":
+            select.select([port], [], [], max(moment - self.now(), 0.0))
+        else:
+            time.sleep(5e-5)
 
 
 class VirtualClock:
@@ -64,5 +69,5 @@ class VirtualClock:
         """Go on to `moment` [s]."""
         self._now = max(self._now, moment)
 
-    def pause(self) -> None:
+    def wait_for_bytes(self, port: Any, moment: float) -> None:
         """Do nothing: reading from the emulated port moves the clock."""

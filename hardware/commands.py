@@ -28,6 +28,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -185,9 +186,12 @@ def monitor(robot: Robot, keys: Keys, ask: Ask) -> None:
     try:
         driver.connect()
         end = driver.clock.now() + _number(keys, "seconds", math.inf)
-        while driver.clock.now() < end:
-            _print_state(driver)
-            driver.clock.sleep_until(driver.clock.now() + 1)
+        with ExitStack() as stack:
+            for part in driver.parts:  # nothing is late at one look a second
+                stack.enter_context(part.bus_client.more_patient())
+            while driver.clock.now() < end:
+                _print_state(driver)
+                driver.clock.sleep_until(driver.clock.now() + 1)
     finally:
         driver.close()
 

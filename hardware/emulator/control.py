@@ -53,7 +53,7 @@ class Control:
         self.goal_velocity, self.goal_pwm, self.goal_current = np.zeros(n), np.zeros(n), np.zeros(n)
         self.way = np.zeros(n)  # steps, the goal velocity on its way
         self._sharpest = np.full(n, np.inf)  # steps a tick, its fastest change
-        self.most_pwm = np.zeros(n)
+        self.most_pwm, self._most_current = np.zeros(n), np.zeros(n)
         self._kp, self._ki, self.kd = np.zeros(n), np.zeros(n), np.zeros(n)
         self._ff1, self._ff2 = np.zeros(n), np.zeros(n)
         self._vp, self._vi = np.zeros(n), np.zeros(n)
@@ -75,15 +75,24 @@ class Control:
         self._vp[i] = memory["velocity_p_gain"] / units.velocity_p
         self._vi[i] = memory["velocity_i_gain"] / units.velocity_i
         self.most_pwm[i] = memory["pwm_limit"]
+        if "current_limit" in memory.kind.registers:
+            self._most_current[i] = memory["current_limit"]
         self.plain = bool(np.isin(self.mode, (SINGLE_TURN, EXTENDED)).all())
         self._only_p = not (self._ki.any() or self.kd.any() or self._ff1.any() or self._ff2.any())
 
-    def load_goals(self, i: int, memory: ControlTable) -> None:
-        """Take a servo's goals from its control table, but for the position."""
+    def load_goals(self, i: int, memory: ControlTable, velocity: bool) -> None:
+        """Take a servo's goals from its control table, but for the position.
+
+        Args:
+            i: the servo.
+            memory: its control table.
+            velocity: whether its goal velocity is new, and begins with the acceleration as it is.
+        """
         self.goal_pwm[i] = memory["goal_pwm"]
         if "goal_current" in memory.kind.registers:
-            limit = memory["current_limit"]
-            self.goal_current[i] = min(max(memory["goal_current"], -limit), limit)
+            self.goal_current[i] = memory["goal_current"]
+        if not velocity:
+            return
         self.goal_velocity[i] = memory["goal_velocity"]
         sharp, units = memory["profile_acceleration"], memory.kind.units
         if sharp == 0:
@@ -147,7 +156,7 @@ class Control:
         """
         mode, spin = self.mode, self._k * turning
         pwm = self.position_law(error, speed)
-        drop = self.goal_current * self._amps * self._r
+        drop = self._clipped(self.goal_current, self._most_current) * self._amps * self._r
         least, largest = (spin - np.abs(drop)) * volt, (spin + np.abs(drop)) * volt
         pwm = np.where(mode == SOFT, np.clip(pwm, least, largest), pwm)
         pwm = np.where(mode == CURRENT, (spin + drop) * volt, pwm)

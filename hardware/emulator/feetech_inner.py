@@ -14,8 +14,9 @@ from hardware.config import Robot, Servo
 from hardware.tables import ServoType, servo_type
 
 INNER = "xm430-w350"  # whose control table the inner servos have
+FASTEST = 32767  # counts/s, more than any servo turns
 LARGEST_PWM = 970  # of 1000 (BAM, by oscilloscope)
-EXTENDED = 4  # the inner servos' operating mode: limits and turns are the shell's
+EXTENDED = 4  # the inner servos' first operating mode: limits and turns are the shell's
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,12 @@ def inner_type(name: str) -> ServoType:
         velocity=kind.units.velocity,
         acceleration=kind.units.acceleration,
         full_pwm=kind.units.full_pwm,
+        velocity_p=kind.units.velocity_p,
+        velocity_i=kind.units.velocity_i,
     )
     names = ("temperature_limit", "max_voltage_limit", "min_voltage_limit", "shutdown")
-    own = {name: kind.defaults[name] for name in (*names, "position_p_gain")}
+    gains = ("position_p_gain", "velocity_p_gain", "velocity_i_gain")
+    own = {name: kind.defaults[name] for name in (*names, *gains)} | {"velocity_limit": FASTEST}
     own |= {"operating_mode": EXTENDED, "pwm_limit": LARGEST_PWM, "goal_pwm": LARGEST_PWM}
     kept = {f.name: getattr(kind, f.name) for f in fields(kind)}
     kept |= {name: getattr(table, name) for name in ("firmware", "modes", "indirect", "registers")}

@@ -186,12 +186,19 @@ class Firmware:
         """Where a servo is, without its homing offset [counts]: beyond one turn after several."""
         return float(self.flip[i] * self._raw[i] + self.base[i])
 
-    def load_goals(self, i: int) -> None:
-        """Take a servo's goals and profile from its control table."""
+    def load_goals(self, i: int, position: bool = True, velocity: bool = True) -> None:
+        """Take a servo's goals from its control table.
+
+        Args:
+            i: the servo.
+            position: whether its goal position is new, and begins with the profile as it is now.
+            velocity: whether its goal velocity is.
+        """
         memory, hidden = self.memories[i], self.hidden
-        units = memory.kind.units
-        self.control.load_goals(i, memory)
-        goal = memory["goal_position"]
+        self.control.load_goals(i, memory, velocity)
+        if not position:
+            return
+        goal, units = memory["goal_position"], memory.kind.units
         fastest, sharpest = limits(memory, abs(goal - self._profile.position[i]))
         fastest = min(fastest, hidden["profile_velocity"][i] / units.angle)
         sharpest = min(sharpest, hidden["profile_acceleration"][i] / units.angle)

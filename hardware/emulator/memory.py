@@ -15,6 +15,7 @@ GAINS = (
     *("position_p_gain", "feedforward_2nd_gain", "feedforward_1st_gain"),
 )
 PROFILE = ("profile_acceleration", "profile_velocity")
+DRIVE_MODES = 0b1101  # bits that a servo without a second one at its joint has
 STARTS_POWERED, RESTORES_RAM = 1, 2  # bits of the startup configuration
 
 
@@ -170,6 +171,12 @@ class ControlTable:
         if register.name == "operating_mode":
             return 0 if value in self.kind.modes else BAD_RANGE
         low, high = register.low, register.high
+        if register.name.startswith("indirect_address"):
+            low, high = FIRST_RAM, len(self.data) - 1
+        if register.name == "bus_watchdog" and self["bus_watchdog"] < 0:
+            high = 0  # one that tripped is cleared before it watches again
+        if register.name == "drive_mode" and value & ~DRIVE_MODES:
+            return BAD_RANGE
         if register.name == "goal_position" and self["operating_mode"] == SINGLE_TURN:
             low, high = "min_position_limit", "max_position_limit"
         if low is not None and value < self._bound(low):

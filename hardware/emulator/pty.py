@@ -8,9 +8,9 @@ wire, and bytes are taken no faster than a wire of that speed carries them. Answ
 reads are lost, as in a full serial port.
 
 The wall clock paces the bytes to about a millisecond; what needs exact times uses the loopback in
-this process instead. If this process was kept waiting, the robot catches up with the clock in
-slices, between which waiting bytes are read; this time does not count for the servos' watchdogs, so
-that none trips because the emulator was late.
+this process instead. If this process was kept waiting, the robot first catches up with the clock,
+so that every answer is of the present. Bytes that came meanwhile may have come at any time of it:
+the wait does not count for the servos' watchdogs, so that none trips because the emulator was late.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ from pathlib import Path
 
 from hardware.emulator.bus import run_in_time_order
 from hardware.emulator.imu import EmulatedImu
+from hardware.emulator.mechanics import TICK
 from hardware.emulator.wires import buses_of
 from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 
 IMU = "imu"  # the name of its device
 IDLE = 0.005  # s between looks at the clock while nobody writes
-SLICE = 0.01  # s that the robot goes on at most before waiting bytes are read
-FURTHEST = 2.0  # s that the robot may fall behind; more is left out, which clients notice
+SPIN = 0.0015  # s before an answer is due in which this process does not sleep: it may wake late
+FURTHEST = 1.0  # s of motion that are caught up at once; of more the robot stands still
 AHEAD = 0.01  # s of wire that are taken at once
 TCGETS2 = 0x802C542A  # Linux: the settings of a terminal, its speed as a number
 _logger = logging.getLogger(__name__)
@@ -198,36 +199,55 @@ class RealTimeLoop:
         self._lines = [*self._buses, *([self._imu] if self._imu else [])]
         self._frames = EmulatedImu(world) if self._imu else None
         self._start = clock() - world.time
+        self._looked = world.time
+        self._skips = False
 
     def step(self) -> None:
-        """Wait a moment for bytes, take them and hand answers over; the robot goes on meanwhile."""
-        readable = self._wait()
-        now, before = self._now(), self._world.time
-        moment = min(now, before + SLICE)
-        if moment < now:
-            self._world.pause_watchdogs(moment - before)
+        """Wait a moment for bytes, catch up, take them, and hand answers over."""
+        before, readable = self._looked, self._wait()
+        self._looked = self._now()
+        if readable:  # at some time since the last look
+            self._world.pause_watchdogs(max(self._looked - before - IDLE, 0.0))
+        self._catch_up()
         if readable:
-            self._take(readable, moment)
-        if self._frames is not None and self._imu is not None:
-            self._imu.expect(self._frames.until(moment))
-        self._world.advance(moment)
+            self._take(readable, self._now())
+        now = self._now()
         for line in self._lines:
             line.hand_over(now)
 
     def _now(self) -> float:
-        """The clock's time as the robot's [s]; the robot loses what it cannot catch up with."""
-        now = self._clock() - self._start
-        late = now - self._world.time - FURTHEST
-        if late > 0:
-            self._start += late
-        return now - max(late, 0.0)
+        """The clock's time as the robot's [s]."""
+        return self._clock() - self._start
+
+    def _catch_up(self) -> None:
+        """Let the robot go on to the present; it stands still for what takes too long to compute.
+
+        Its servos' counters go on meanwhile, so that their answers fit the clock.
+        """
+        room = FURTHEST
+        while (late := self._now() - self._world.time) > TICK:
+            if late > room:
+                self._skip(late - room)
+            self._advance(self._now())
+            room /= 2
+
+    def _skip(self, seconds: float) -> None:
+        self._world.skip(seconds)
+        if not self._skips:
+            self._skips = True
+            _logger.warning("this machine is too busy for this robot: some motion is left out")
+
+    def _advance(self, now: float) -> None:
+        if self._frames is not None and self._imu is not None:
+            self._imu.expect(self._frames.until(now))
+        self._world.advance(now)
 
     def _wait(self) -> list[Line]:
         """Wait for bytes, the next answer, or a moment; return the lines with bytes to take."""
         now = self._now()
-        due = min(line.due for line in self._lines)
-        late = now - self._world.time > SLICE
-        pause = 0.0 if late else min(max(due - now, 0.0), IDLE)
+        due = min(self._world.time + IDLE, *(line.due for line in self._lines))
+        soon = min(line.due for line in self._buses) < now + SPIN
+        pause = 0.0 if soon else max(due - now, 0.0)
         free = {line.master: line for line, bus in self._buses.items() if bus.free <= now + AHEAD}
         return [free[end] for end in select.select(list(free), [], [], pause)[0]]
 

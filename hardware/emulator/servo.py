@@ -21,6 +21,7 @@ ARRIVED = 20  # counts between goal and position that are none, as in the makers
 ASTRAY = 100  # counts behind its trajectory at which a servo does not follow it
 OPERATING_MODE, TORQUE_ENABLE, WATCHDOG = 11, 64, 98
 GOALS, GOALS_END = 100, 120
+GOAL_VELOCITY = 104
 GOAL_POSITION = range(116, 120)
 GOAL_VALUES = frozenset((*range(100, 108), *GOAL_POSITION))  # without the profile
 FAST_FIRMWARE = 45  # older firmware leaves fast reads unanswered
@@ -43,7 +44,9 @@ class Servo:
         self.index, self.memory, self._firmware = index, memory, firmware
         self.silent_until = 0.0
         self.heard = 0.0  # s, when an instruction last came
-        self.pending: deque[tuple[float, bytes]] = deque()  # delayed goals: when due, registers
+        # delayed goals: when due, registers, and which of them were written
+        self.pending: deque[tuple[float, bytes, Sequence[int]]] = deque()
+        self._reshaped = False  # a profile was written that shapes no goal yet
         self._registered: tuple[int, bytes] | None = None
 
     @property
@@ -153,27 +156,37 @@ class Servo:
         return 0
 
     def _take(self, places: Sequence[int], now: float) -> None:
-        """Let the firmware have what was written."""
+        """Let the firmware have what was written; a profile waits for the next goal."""
         firmware, goals = self._firmware, [GOALS <= place < GOALS_END for place in places]
-        if any(goals):
+        if not GOAL_VALUES.isdisjoint(places):
             delay = firmware.hidden.robot["command_delay"]
+            shaped = self._reshaped or self.memory.data[10] & 4
             if delay > 0:
-                self.pending.append((now + delay, bytes(self.memory.data[GOALS:GOALS_END])))
-            elif places == GOAL_POSITION and not self.memory.data[10] & 4:
+                goal = bytes(self.memory.data[GOALS:GOALS_END])
+                self.pending.append((now + delay, goal, places))
+            elif places == GOAL_POSITION and not shaped:
                 firmware.set_goal(self.index, self.memory["goal_position"])
             else:
-                firmware.load_goals(self.index)
+                self._load_goals(places)
+            self._reshaped = self._reshaped and GOAL_POSITION[0] not in places
+        elif any(goals):
+            self._reshaped = True
         if not all(goals):
             firmware.load(self.index)
+
+    def _load_goals(self, places: Sequence[int]) -> None:
+        """Let the firmware have the goals of these registers, each with the profile to it."""
+        position, velocity = GOAL_POSITION[0] in places, GOAL_VELOCITY in places
+        self._firmware.load_goals(self.index, position, velocity)
 
     def apply_due(self, now: float) -> None:
         """Let the firmware have the delayed goals whose time has come."""
         while self.pending and self.pending[0][0] <= now:
-            _, goals = self.pending.popleft()
+            _, goals, places = self.pending.popleft()
             data = self.memory.data
             newest = bytes(data[GOALS:GOALS_END])
             data[GOALS:GOALS_END] = goals
-            self._firmware.load_goals(self.index)
+            self._load_goals(places)
             data[GOALS:GOALS_END] = newest
 
     def _register(self, address: int, data: bytes) -> int:

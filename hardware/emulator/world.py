@@ -10,6 +10,7 @@ at the same times give the same answers, bit for bit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -20,7 +21,7 @@ from hardware.emulator.feetech_inner import inner
 from hardware.emulator.firmware import Firmware
 from hardware.emulator.hidden import IMU_EFFECTS, HiddenEffects, read_hidden
 from hardware.emulator.inertial import InertialSensor
-from hardware.emulator.mechanics import Mechanics
+from hardware.emulator.mechanics import TICK, Mechanics
 from hardware.emulator.memory import ControlTable
 from hardware.emulator.servo import REBOOT_SILENCE, Servo
 from hardware.errors import RobotError, format_names
@@ -106,6 +107,10 @@ class EmulatedRobot:
             firmware.tick()
             if self.inertial is not None:
                 self.inertial.remember()
+
+    def skip(self, seconds: float) -> None:
+        """Let time [s] pass in which nothing moves, while the servos' counters go on."""
+        self.firmware.ticks += math.ceil(seconds / TICK)
 
     def pause_watchdogs(self, seconds: float) -> None:
         """Let this time [s] not count for the bus watchdogs: nothing could be heard in it."""

@@ -17,7 +17,8 @@ from __future__ import annotations
 from hardware import protocol
 from hardware.protocol import ALERT, BROADCAST, STATUS, Packet
 
-PING, READ, WRITE, REG_WRITE, ACTION, SYNC_READ, SYNC_WRITE = 1, 2, 3, 4, 5, 0x82, 0x83
+PING, READ, WRITE, REG_WRITE, ACTION, RESET, REBOOT, CALIBRATE = 1, 2, 3, 4, 5, 6, 8, 0x0B
+SYNC_READ, SYNC_WRITE = 0x82, 0x83
 HEADER = b"\xff\xff"
 SHORTEST, LONGEST = 2, 250  # of the length field
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import struct
 from itertools import product
 from typing import Any
@@ -197,7 +198,8 @@ def test_unknown_port_and_speed():
 def says(data: bytes) -> Any:
     """Return a port on which these bytes come whenever it is read."""
     port: Any = sdk.PortHandler("nothing")
-    port.is_open, port.ser = True, None
+    port.is_open = True
+    port.ser, port.far_end = socket.socketpair()  # silent
     port.clearPort, port.writePort, port.readPort = lambda: None, len, lambda _: data
     return port
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,40 +18,28 @@ import yaml
 from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import load_robot
 from hardware.connect import make_driver
+from tests.hardware.client_python import python_of, run_client
 from tests.hardware.conftest import bench_data, many_benches
 from tests.hardware.rig import in_real_time
 from tests.hardware.test_main import SO101, emulated
 
-ROOT = Path(__file__).parents[2]
-CLIENT = Path(__file__).with_name("lerobot_client.py")
-WANTED = "lerobot[dynamixel,feetech]"
+CLIENT = Path(__file__).parent / "clients" / "lerobot_client.py"
+WANTED = "lerobot[dynamixel,feetech]==0.4.4"
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 @pytest.fixture(scope="module")
 def lerobot() -> str:
-    """Return the Python of LeRobot's environment; made once, in the folder `.lerobot`."""
+    """Return the Python of LeRobot's environment."""
     named = os.environ.get("LEROBOT_PYTHON")
     if named:
         return named
-    folder = ROOT / ".lerobot"
-    python = folder / "bin" / "python"
-    if not (folder / "complete").exists():
-        subprocess.run([sys.executable, "-m", "venv", "--clear", str(folder)], check=True)
-        install = [str(python), "-m", "pip", "install", "--quiet", WANTED]
-        done = subprocess.run(install, capture_output=True, text=True)
-        if done.returncode:
-            said = (done.stderr.strip() or "no reason given").splitlines()[-1]
-            pytest.skip(f"{WANTED} cannot be installed here: {said}")
-        (folder / "complete").touch()
-    return str(python)
+    return python_of(WANTED)
 
 
 def run(python: str, kind: str, device: str) -> str:
     """Run the client, which must succeed; return the last line that it prints."""
-    words = [python, str(CLIENT), kind, device]
-    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, env=clean)
+    done = run_client([python, str(CLIENT), kind, device])
     assert done.returncode == 0, done.stdout + done.stderr
     return (done.stdout.strip().splitlines() or [""])[-1]
 

@@ -23,6 +23,7 @@ from hardware.clock import RealClock
 from hardware.config import load_robot
 from hardware.connect import make_driver
 from hardware.driver import Driver
+from hardware.emulator.faults import Fault
 from hardware.emulator.world import EmulatedRobot
 from hardware.port_lock import PortLock
 from hardware.safety import Guard, StopLimits
@@ -75,6 +76,19 @@ def test_scan_and_monitor(capsys):
     out = capsys.readouterr().out
     assert out.count("hinge   0.0000 rad") == 2
     assert "5.0 V  25 °C torque off, no errors; lost 0" in out
+
+
+def test_the_monitor_waits_for_slow_answers(monkeypatch, capsys):
+    """Answers that come later than a control step could wait are shown all the same."""
+    slow, original = [Fault("late", value=0.015)], command.make_driver
+
+    def driver(robot):
+        return original(robot, EmulatedRobot(robot, faults=slow))
+
+    monkeypatch.setattr(command, "make_driver", driver)
+    assert command.main(["monitor", "seconds=3"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("torque off, no errors; lost 0 of") == 3
 
 
 @pytest.mark.parametrize(

@@ -128,3 +128,38 @@ def test_units_of_the_velocity_law(floating):
         firmware = floating.world.firmware
         error = 100 - firmware.velocity[0] / 0.023980824
         assert firmware.pwm[0] == pytest.approx(2 * error, abs=1)
+
+
+def test_a_profile_written_in_motion_shapes_the_next_goal(floating):
+    """The running move keeps its profile; another goal takes the new one, of whatever kind."""
+    floating.set(operating_mode=4, torque_enable=1, profile_velocity=20, goal_position=4000)
+    floating.wait(0.5)
+    begin = floating.read(1, "position_trajectory")
+    floating.set(profile_velocity=0, goal_pwm=800)
+    floating.wait(0.5)
+    speed = 20 * 0.229 * 4096 / 60  # counts/s
+    passed = floating.read(1, "position_trajectory") - begin
+    assert passed == pytest.approx(0.515 * speed, rel=0.03)
+    floating.set(goal_position=3000)
+    floating.wait(0.002)
+    assert floating.read(1, "position_trajectory") == 3000
+
+
+def test_an_acceleration_written_in_motion_shapes_the_next_goal_velocity(floating):
+    """So in velocity mode: 64 V / A milliseconds of the first A, whatever is written meanwhile."""
+    floating.set(operating_mode=1, torque_enable=1, profile_acceleration=20, goal_velocity=200)
+    floating.set(profile_acceleration=0)
+    floating.wait(0.31)
+    assert floating.read(1, "velocity_trajectory") == pytest.approx(100, abs=3)
+    floating.set(goal_velocity=50)
+    floating.wait(0.002)
+    assert floating.read(1, "velocity_trajectory") == 50
+
+
+def test_a_lower_current_limit_holds_for_the_goal_before_it():
+    """Goal current was set under a higher limit; a jammed servo draws no more than the new one."""
+    host = Host(EmulatedRobot(load_robot("bench1"), faults=[Fault("stuck")]))
+    host.set(operating_mode=0, goal_current=800, current_limit=200, torque_enable=1)
+    host.wait(0.5)
+    assert host.world.firmware.current[0] == pytest.approx(0.2, rel=0.02)
+    assert host.read(1, "goal_current") == 800

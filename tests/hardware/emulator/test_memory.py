@@ -147,3 +147,24 @@ def test_startup_with_torque(host):
     assert host.world.mechanics.angle[0] == pytest.approx(0.3, abs=0.1)
     (packet,) = host.send(1, protocol.WRITE, struct.pack("<HB", 11, 4))
     assert packet.error == protocol.NO_ACCESS
+
+
+def test_indirect_addresses_reach_no_eeprom(host):
+    """They take addresses of the RAM alone, from 64 to the table's end."""
+    for address in (7, 11, 63, 228, 300):
+        assert host.write(1, "indirect_address_1", address) == protocol.BAD_RANGE
+    assert host.read(1, "indirect_address_1") == 208
+    host.set(indirect_address_1=227)
+    host.set(indirect_address_1=64)
+
+
+def test_settings_that_a_servo_does_not_have(host):
+    """Drive Mode has no second servo at the joint; Protocol Type takes the RC protocols too."""
+    for mode in (2, 6, 3, 16):
+        assert host.write(1, "drive_mode", mode) == protocol.BAD_RANGE
+    host.set(drive_mode=13)
+    host.set(drive_mode=0)
+    for protocol_type in (0, 1, 23):
+        assert host.write(1, "protocol_type", protocol_type) == protocol.BAD_RANGE
+    host.set(protocol_type=20)
+    host.set(secondary_id=253)  # 253 and more: none

@@ -200,3 +200,13 @@ def test_only_goals_are_locked_by_the_watchdog(host):
     (packet,) = host.send(1, protocol.WRITE, block)
     assert packet.error == protocol.BAD_RANGE
     assert host.read(1, "profile_velocity") == 20
+
+
+def test_a_tripped_watchdog_is_cleared_by_zero_only(host):
+    """Another time would let it go on as if nothing had happened."""
+    host.set(torque_enable=1)
+    tripped(host)
+    assert host.write(1, "bus_watchdog", 5) == protocol.BAD_RANGE
+    assert host.read(1, "bus_watchdog") == -1
+    host.set(bus_watchdog=0, goal_position=2048)
+    host.set(bus_watchdog=5)
