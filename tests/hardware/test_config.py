@@ -45,7 +45,7 @@ def test_servos_share_what_they_do_not_say():
 def test_counts_and_angles_are_inverse():
     """Any count becomes an angle and the same count again, whatever sign and zero are."""
     data = copy.deepcopy(BENCH)
-    data["servos"]["hinge"] |= {"sign": -1, "zero": 1000}
+    data["servos"]["hinge"] |= {"sign": -1, "zero": 1000, "position": [-1.0, 1.5]}
     servo = make_robot(data).servos[0]
     assert all(servo.count(servo.angle(count)) == count for count in range(-5000, 5000, 7))
     assert servo.angle(1000) == 0

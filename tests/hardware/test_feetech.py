@@ -288,10 +288,10 @@ def test_factory_servos_become_an_arm(monkeypatch):
     factory(shells)
     asked: list[str] = []
 
-    def ask(question: str) -> str:
-        if "missing" in question:
+    def ask(prompt: str, meanwhile: object = None) -> str:
+        if "missing" in prompt:
             alone = len(asked)
-            asked.append(question)
+            asked.append(prompt)
             for i, core in enumerate(world.servos):
                 core.silent_until = 0.0 if i == alone else np.inf
             return ""

@@ -163,7 +163,7 @@ def test_calibrate_follows_more_than_half_a_turn(tmp_path, monkeypatch):
 def test_calibrate_needs_somebody(tmp_path, capsys):
     """Without a terminal it says so, and writes nothing."""
 
-    def nobody(_: str, meanwhile: object = None) -> str:
+    def nobody(prompt: str, meanwhile: object = None) -> str:
         raise EOFError
 
     file = tmp_path / "arm.json"

@@ -97,7 +97,8 @@ def test_hold(world, capsys):
     """The robot holds, watched, until Enter; then torque is off."""
     powered = []
 
-    def ask(prompt, meanwhile=None):
+    def ask(prompt: str, meanwhile: Callable[[], object] | None = None) -> str:
+        assert meanwhile is not None
         for _ in range(20):
             meanwhile()
         powered.extend(world().firmware.torque_on.tolist())
@@ -107,7 +108,7 @@ def test_hold(world, capsys):
     assert powered == [True, True]
     assert not world().firmware.torque_on.any()
 
-    def nobody(prompt, meanwhile=None):
+    def nobody(prompt: str, meanwhile: object = None) -> str:
         raise EOFError
 
     assert commands.main(["torque", "robot=arm2", "on=true"], nobody) == 2

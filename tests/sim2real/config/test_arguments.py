@@ -71,7 +71,7 @@ def test_a_robot_by_its_path(tmp_path: Path) -> None:
     ):
         tree = compose([*as_overrides(typed), "robot.rate=25"])
         assert tree["robot"] == expected | {"rate": 25}
-    with pytest.raises(RobotError, match="there is no robot 'none.yaml'"):
+    with pytest.raises(RobotError, match=r"there is no robot 'none\.yaml'"):
         as_overrides(["record", "none.yaml"])
 
 
