@@ -34,6 +34,8 @@ PATHS = (
     "resume",
     "runs",
     "calibration",
+    "leader",
+    "leader_calibration",
     "columns",
     "against",
     "actor",
