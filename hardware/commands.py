@@ -10,6 +10,7 @@
     write      write a register of one servo and read it back
     reboot     reboot a servo, or all: their torque goes off
     torque     switch torque off and verify it; with on=true arm=true hold the robot until Enter
+    pack       one ZIP file of a folder of runs to send to others, with nothing personal in it
     emulate    an emulated robot behind a device file, for any client, until Ctrl-C; it obeys what a
                person would do: `connect JOINT`, `unplug JOINT`, `move JOINT ANGLE`
 
@@ -22,6 +23,7 @@ Keys:
                      buses a port each, in their order, with commas between
     file=PATH        calibrate: where to write (default: NAME.json); monitor: a calibration to
                      apply; setup: the robot's file to make, .yaml
+    folder=PATH      pack: what runs wrote; pack writes file=PATH
     servo=NAME       read, write, reboot: a servo by its name or ID
     register=NAME    read, write: as in the servo's manual, such as position_p_gain
     value=NUMBER     write: the raw value
@@ -58,6 +60,7 @@ from hardware.detected import detect, scan_port
 from hardware.driver import Driver
 from hardware.errors import HardwareError, RobotError, format_names
 from hardware.find_port import find_port
+from hardware.pack import pack as pack_folder
 from hardware.scan import DetectedServo
 from hardware.scan import scan as find_servos
 from hardware.setup import set_up
@@ -75,6 +78,7 @@ KEYS = {
     "write": (*AT, "servo", "register", "value", "arm"),
     "reboot": (*AT, "servo"),
     "torque": (*AT, "on", "arm"),
+    "pack": ("folder", "file"),
     "emulate": ("robot", "model", "hidden", "link", "held", "factory", "seconds", "seed"),
 }
 BY_SCAN = ("read", "write", "reboot", "torque")  # verbs that need no robot's file
@@ -246,6 +250,13 @@ def _print_state(driver: Driver) -> None:
         )
 
 
+def pack(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Write a ZIP file of a folder of runs."""
+    why = "pack takes folder=PATH file=PATH.zip"
+    folder, file = (Path(required(keys, key, why)) for key in ("folder", "file"))
+    pack_folder(folder, file, tell)
+
+
 def emulate(robot: Robot, keys: Keys, ask: Ask) -> None:
     """Serve an emulated robot at a device file."""
     emulation.emulate(robot, keys, tell)
@@ -261,5 +272,6 @@ _VERBS: dict[str, Callable[[Robot, Keys, Ask], None]] = {
     "write": write,
     "reboot": reboot,
     "torque": torque,
+    "pack": pack,
     "emulate": emulate,
 }
