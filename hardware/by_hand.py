@@ -16,6 +16,7 @@ import numpy as np
 from hardware.command_line import UsageError
 from hardware.driver import Driver
 from hardware.errors import SerialPortError, format_names
+from hardware.registers import RETRIES
 from hardware.terminal import Ask
 
 SETTLE = 0.05  # s before the reading that counts
@@ -60,6 +61,8 @@ class HandMeasurement:
         clock = self._driver.clock
         clock.sleep_until(clock.now() + SETTLE)
         reading = self._driver.read()
+        for _ in range(RETRIES):
+            reading = reading if reading.fresh[i] else self._driver.read()
         if not reading.fresh[i]:
             raise SerialPortError(f"{self._driver.robot.names[i]} did not answer; begin again")
         return float(reading.position[i])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from hardware.by_hand import HandMeasurement
 from hardware.calibration import Calibration, Joint, apply_calibration, write_calibration
+from hardware.connect import patient
 from hardware.driver import Driver
 from hardware.terminal import Ask, Tell
 
@@ -23,7 +24,8 @@ def calibrate(driver: Driver, path: Path, ask: Ask, tell: Tell) -> None:
     driver.torque_off()
     hand = HandMeasurement(driver, ask)
     for i, servo in enumerate(robot.servos):
-        travel = hand.measure(i)
+        with patient(driver):
+            travel = hand.measure(i)
         ends = sorted(servo.count(angle) for angle in (travel.low, travel.high))
         joints[servo.name] = Joint(
             id=servo.id,

@@ -26,7 +26,8 @@ SHORTEST = 3  # letters of a name that is replaced; a shorter one is in every wo
 def personal() -> list[tuple[str, str]]:
     """Return what is replaced, and by what: longer words first."""
     words = {str(Path.cwd()): ".", str(Path.home()): "~", platform.node(): "HOST"}
-    words[getpass.getuser()] = "USER"
+    if (user := getpass.getuser()) != "root":  # a name of bodies, and of nobody
+        words[user] = "USER"
     kept = [(word, name) for word, name in words.items() if len(word) >= SHORTEST]
     return sorted(kept, key=lambda pair: -len(pair[0]))
 
@@ -57,13 +58,11 @@ def pack(folder: Path, path: Path, tell: Tell) -> None:
     if not files:
         raise UsageError(f"folder={folder}: nothing in it ends in {', '.join(KINDS)}")
     words = personal()
-    with (
-        atomic_write(path) as temporary,
-        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as z,
-    ):
+    squeezed = zipfile.ZIP_DEFLATED
+    with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w", squeezed) as packed:
         for file in files:
             text = file.read_text(encoding="utf-8", errors="replace")
             name = f"{folder.resolve().name}/{file.relative_to(folder).as_posix()}"
-            z.writestr(name, without_personal(text, words))
+            packed.writestr(name, without_personal(text, words))
             tell(name)
     tell(f"wrote {path}: {len(files)} files; look through it before you send it")

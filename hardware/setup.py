@@ -31,6 +31,12 @@ def set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
         ServoError: a servo does not answer, refuses, or is of another type.
         HardwareError: a person said no, or nobody answered.
     """
+    with client.more_patient():  # nothing moves here, and a machine may be busy
+        _set_up(robot, client, ask, tell)
+    client.open(robot.bus.baud)
+
+
+def _set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
     found = list(scan(client, _maker(robot)))
     for each in found:
         tell(str(each))
@@ -40,7 +46,6 @@ def set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
         if servo.name not in there:
             place = _alone(robot, client, servo, ask, tell)
             write_differences(robot, client, [servo], {servo.name: place}, ask, tell)
-    client.open(robot.bus.baud)
 
 
 def _maker(robot: Robot) -> str:
@@ -75,8 +80,7 @@ def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) 
         strange = found if len(found) == 1 else others  # alone it may have another one's ID
         if len(strange) == 1 and strange[0].number == servo.type.number:
             client.open(strange[0].baud)
-            with client.more_patient():  # a second answer at a slow speed comes late
-                alone = len(client.ping(strange[0].id)) == 1
+            alone = len(client.ping(strange[0].id)) == 1
             if alone:
                 return strange[0]
             tell(f"several servos answer as {strange[0].id}; connect one of them only")

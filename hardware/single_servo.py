@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from hardware.command_line import UsageError
 from hardware.config import Servo
+from hardware.connect import patient
 from hardware.driver import Driver
 from hardware.errors import ServoError, did_you_mean, format_names
 from hardware.pace import FixedRate
@@ -66,11 +67,12 @@ def read(driver: Driver, servo: str | None, register: str | None, tell: Tell) ->
         if register is not None:
             each.type.register(register)
     open_ports(driver)
-    for part, each in servos:
-        names = [n for n in each.type.registers if not n.startswith("indirect_")]
-        tell(f"{each.name} (ID {each.id}, {each.model})")
-        for name in names if register is None else [register]:
-            tell(f"  {name} = {read_register(part.bus_client, each, name)}")
+    with patient(driver):
+        for part, each in servos:
+            names = [n for n in each.type.registers if not n.startswith("indirect_")]
+            tell(f"{each.name} (ID {each.id}, {each.model})")
+            for name in names if register is None else [register]:
+                tell(f"  {name} = {read_register(part.bus_client, each, name)}")
 
 
 def write(
@@ -102,16 +104,17 @@ def write(
         raise UsageError("python -m hardware torque switches torque, where the joint is")
     open_ports(driver)
     client = part.bus_client
-    if read_register(client, one, "torque_enable") and not may_move:
-        raise ServoError(
-            f"{one.name} has torque and may move: switch it off (python -m hardware torque), or "
-            "add arm=true"
-        )
-    before = read_register(client, one, register)
-    if place.eeprom:
-        _write_eeprom(part, one, Difference(one, register, before, value, "as asked"))
-    else:
-        write_register(client, one, register, value)
+    with patient(driver):
+        if read_register(client, one, "torque_enable") and not may_move:
+            raise ServoError(
+                f"{one.name} has torque and may move: switch it off (python -m hardware torque), "
+                "or add arm=true"
+            )
+        before = read_register(client, one, register)
+        if place.eeprom:
+            _write_eeprom(part, one, Difference(one, register, before, value, "as asked"))
+        else:
+            write_register(client, one, register, value)
     tell(f"{one.name}: {register} {before} -> {value}")
 
 

@@ -23,7 +23,7 @@ import yaml
 from hardware.by_hand import HandMeasurement, Travel
 from hardware.command_line import UsageError
 from hardware.config import Robot, Servo, make_robot
-from hardware.connect import DRIVERS, make_driver
+from hardware.connect import DRIVERS, make_driver, patient
 from hardware.detected import client_of, detected_servo, robot_of, scan_port
 from hardware.driver import Driver
 from hardware.errors import RobotError, ServoError, format_names
@@ -69,8 +69,9 @@ def make_robot_file(port: str, model: Path, path: Path, ask: Ask, tell: Tell) ->
         try:
             driver.connect()
             driver.torque_off()
-            joints = _joints(driver, names, ask, tell)
-            data = _described(driver, joints, model, path)
+            with patient(driver):
+                joints = _joints(driver, names, ask, tell)
+                data = _described(driver, joints, model, path)
         finally:
             driver.close()
     except EOFError:
@@ -149,7 +150,8 @@ def _give_id(servo: Servo, found: DetectedServo, port: str, ask: Ask, tell: Tell
     alone = replace(alone, servos=(servo,), bus=bus)
     client = client_of(port, found.maker)
     try:
-        write_differences(alone, client, [servo], {servo.name: found}, ask, tell)
+        with client.more_patient():
+            write_differences(alone, client, [servo], {servo.name: found}, ask, tell)
     finally:
         client.close()
 
