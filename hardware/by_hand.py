@@ -16,10 +16,10 @@ import numpy as np
 from hardware.command_line import UsageError
 from hardware.driver import Driver
 from hardware.errors import SerialPortError, format_names
-from hardware.registers import RETRIES
 from hardware.terminal import Ask
 
 SETTLE = 0.05  # s before the reading that counts
+LONGEST = 5.0  # s that a new answer is waited for on a busy machine
 LEAST = 0.03  # rad, that a hand moves a joint at least when it is asked to
 
 
@@ -59,10 +59,10 @@ class HandMeasurement:
         except KeyboardInterrupt:
             raise UsageError("interrupted; nothing was written") from None
         clock = self._driver.clock
+        end = clock.now() + LONGEST
         clock.sleep_until(clock.now() + SETTLE)
-        reading = self._driver.read()
-        for _ in range(RETRIES):
-            reading = reading if reading.fresh[i] else self._driver.read()
+        while not (reading := self._driver.read()).fresh[i] and clock.now() < end:
+            clock.sleep_until(clock.now() + SETTLE)
         if not reading.fresh[i]:
             raise SerialPortError(f"{self._driver.robot.names[i]} did not answer; begin again")
         return float(reading.position[i])

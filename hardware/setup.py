@@ -46,6 +46,10 @@ def _set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
         if servo.name not in there:
             place = _alone(robot, client, servo, ask, tell)
             write_differences(robot, client, [servo], {servo.name: place}, ask, tell)
+    client.open(robot.bus.baud)
+    while away := [servo for servo in robot.servos if not client.ping(servo.id)]:
+        names = format_names(f"{servo.id} ({servo.name})" for servo in away)
+        _asked(ask, f"not connected: {names}; connect all servos, then press Enter ")
 
 
 def _maker(robot: Robot) -> str:

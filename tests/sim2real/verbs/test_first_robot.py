@@ -75,6 +75,9 @@ class Desk:
             name = prompt.partition("(")[2].partition(")")[0]
             yield from ("unplug all", f"connect {name}")
             return
+        if "connect all" in prompt:
+            yield "connect all"
+            return
         name = prompt[prompt.rindex("move ") :].split()[1]
         low, high = self._joints[name]
         where = {"one end": low, "the other end": high, "to its zero": 0.0, "angle grows": 0.08}
@@ -157,8 +160,6 @@ def test_from_servos_with_one_id_to_a_diagnosed_log(
     desk = Desk(lines[1], {servo.name: servo.position for servo in robot.servos})
     try:
         for line in lines[2:]:
-            if line.startswith("sim2real diagnose"):
-                assert desk.type("connect all").startswith("connected")
             again(line, desk)
     finally:
         desk.end()
