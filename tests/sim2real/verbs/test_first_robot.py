@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,13 @@ import pytest
 import yaml
 
 from hardware import commands
-from hardware.config import load_robot
+from hardware.command_line import parse_keys
+from hardware.config import Robot, load_robot
 from hardware.robot_files import ROBOTS
+from sim2real.config.arguments import as_overrides
+from sim2real.config.compose import compose, instantiate
+from tests.hardware.person import places_of
+from tests.hardware.test_wizard import Desk as VirtualDesk
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = ROOT / "docs" / "first_robot.md"
@@ -136,26 +142,70 @@ def koch(folder: Path) -> tuple[str, Path]:
 KOCH = pytest.mark.skipif(not (ROBOTS / "koch.yaml").exists(), reason="conf/robot has no koch")
 
 
+def lines_for(name: str, folder: Path) -> tuple[list[str], Robot]:
+    """Return the page's lines for a robot, with a port in this folder, and the robot."""
+    lines = [line.replace("/tmp/desk", str(folder / "desk")) for line in rehearsal()]
+    if name == "arm6":
+        return lines, load_robot(name)
+    _, model = koch(folder)
+    for old, new in (
+        (r"(hardware .*)robot=arm6", rf"\1robot={name} model={model}"),
+        (r"record robot=arm6", f"record robot={name} robot.model={model}"),
+    ):
+        lines = [re.sub(old, new, line) for line in lines]
+    return lines, load_robot(name, str(model))
+
+
+def check(folder: Path) -> None:
+    """Look whether the hidden friction is named, and what is to be sent is there."""
+    report = json.loads((folder / "first/diagnosis/report.json").read_text())
+    causes = {(cause["effect"], cause["where"]): cause["value"] for cause in report["causes"]}
+    assert causes["coulomb_friction", "elbow"] == pytest.approx(0.3, abs=0.08)
+    assert (folder / "first.zip").is_file()
+
+
+ROBOTS_TRIED = ["arm6", pytest.param("koch", marks=KOCH)]
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("name", ["arm6", pytest.param("koch", marks=KOCH)])
-def test_from_servos_with_one_id_to_a_diagnosed_log(
+@pytest.mark.parametrize("name", ROBOTS_TRIED)
+def test_the_page_in_virtual_time(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The page alone, line by line: the hidden friction is named, and first.zip is there."""
+    """The page line by line, its port in this process: no machine is too busy for it."""
+    monkeypatch.chdir(tmp_path)
+    lines, robot = lines_for(name, tmp_path)
+    subprocess.run(lines[0], shell=True, check=True)
+    keys = parse_keys("emulate", shlex.split(lines[1])[4:], commands.KEYS)
+    places = {servo.name: places_of(*servo.position, up=0.08) for servo in robot.servos}
+    desk = VirtualDesk(replace(robot, hidden=Path(keys["hidden"])), places)
+    desk.attach(monkeypatch)
+    monkeypatch.setattr("sim2real.deployment.record.make_driver", lambda r, _: desk.make_driver(r))
+    for line in lines[2:]:
+        words = shlex.split(line)
+        if words[0] == "sim2real":
+            overrides = as_overrides(words[1:])
+            out = next(o.partition("=")[2] for o in overrides if o.startswith("hydra.run.dir="))
+            kept = [o for o in overrides if not o.startswith("hydra.run.dir=")]
+            verb, arguments = instantiate(compose(kept), Path(out))
+            verb(**arguments)
+        else:
+            assert commands.main(words[3:], desk.person) == 0, line
+    assert not desk.world.firmware.torque_on.any()
+    check(tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", ROBOTS_TRIED)
+def test_the_page_as_it_is_typed(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page alone in two terminals, in real time over the device file."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    lines = [line.replace("/tmp/desk", str(tmp_path / "desk")) for line in rehearsal()]
-    model = None
-    if name == "koch":
-        _, model = koch(tmp_path)
-        lines = [
-            re.sub(r"(hardware .*)robot=arm6", rf"\1robot=koch model={model}", line).replace(
-                "record robot=arm6", f"record robot=koch robot.model={model}"
-            )
-            for line in lines
-        ]
-    robot = load_robot(name, None if model is None else str(model))
+    lines, robot = lines_for(name, tmp_path)
     subprocess.run(lines[0], shell=True, check=True)
     desk = Desk(lines[1], {servo.name: servo.position for servo in robot.servos})
     try:
@@ -163,7 +213,4 @@ def test_from_servos_with_one_id_to_a_diagnosed_log(
             again(line, desk)
     finally:
         desk.end()
-    report = json.loads((tmp_path / "first/diagnosis/report.json").read_text())
-    causes = {(cause["effect"], cause["where"]): cause["value"] for cause in report["causes"]}
-    assert causes["coulomb_friction", "elbow"] == pytest.approx(0.3, abs=0.08)
-    assert (tmp_path / "first.zip").is_file()
+    check(tmp_path)
