@@ -34,6 +34,7 @@ from hardware.counters import Counters
 from hardware.errors import SerialPortError
 from hardware.port_lock import PortLock
 from hardware.protocol import BROADCAST, Packet, Parser, crc16
+from hardware.serial_ports import explain_failure
 
 if TYPE_CHECKING:
     from dynamixel_sdk import PortHandler
@@ -365,10 +366,7 @@ class BusClient:
         except Exception as error:
             self.port.is_using = False
             if isinstance(error, OSError) or type(error).__module__ == "termios":
-                name = self.port.port_name
-                raise SerialPortError(
-                    f"{name}: the port is gone ({error}); is the cable in?"
-                ) from error
+                raise SerialPortError(explain_failure(self.port.port_name, error)) from error
             raise
 
 

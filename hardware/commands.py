@@ -1,179 +1,218 @@
 """The command line for servos: python -m hardware VERB key=value ...
 
+    find-port  list the serial ports, what hinders each, and which one the robot is at
     scan       find servos at every speed; with robot= compare them with its file
-    setup      give a robot's servos their IDs, speed and settings, after showing and asking
+    setup      with robot= give its servos their IDs, speed and settings; without one make a file
+               of the robot from its servos and its model: IDs, then each joint moved by hand
     calibrate  torque off; move every joint through its range and to its zero; writes a JSON file
     monitor    torque off; print what the servos measure, once a second
-    emulate    an emulated robot behind a device file, for any client, until Ctrl-C
+    read       print a register, or all
+    write      write a register of one servo and read it back
+    reboot     reboot a servo, or all: their torque goes off
+    torque     switch torque off and verify it; with on=true arm=true hold the robot until Enter
+    pack       one ZIP file of a folder of runs to send to others, with nothing personal in it
+    emulate    an emulated robot behind a device file, for any client, until Ctrl-C; it obeys what a
+               person would do: `connect JOINT`, `unplug JOINT`, `move JOINT ANGLE`
 
 Keys:
-    robot=NAME       a robot of conf/robot, or a path (default: bench1; scan with port=: none)
-    model=PATH       the robot's MJCF, where its file leaves it open and it is emulated
+    robot=NAME       a robot of conf/robot, or a path that ends in .yaml (default: bench1; with
+                     port= scan, read, write, reboot and torque take the servos that answer)
+    model=PATH       the robot's MJCF, where its file leaves it open and it is emulated; setup: of
+                     the robot whose file is made
     port=DEVICE      the serial port, such as /dev/ttyUSB0; without it an emulated robot; of several
                      buses a port each, in their order, with commas between
-    file=PATH        calibrate: where to write (default: NAME.json); monitor: a calibration to apply
+    file=PATH        calibrate: where to write (default: NAME.json); monitor: a calibration to
+                     apply; setup: the robot's file to make, .yaml
+    folder=PATH      pack: what runs wrote; pack writes file=PATH
+    servo=NAME       read, write, reboot: a servo by its name or ID
+    register=NAME    read, write: as in the servo's manual, such as position_p_gain
+    value=NUMBER     write: the raw value
+    on=BOOL          torque: hold the robot where it is (default: false)
+    arm=BOOL         torque, write: whether a real servo may move (default: false)
     seconds=NUMBER   monitor, emulate: how long (default: until Ctrl-C)
     hidden=PATH      emulate: a file of effects that the robot hides
     link=PATH        emulate: a symbolic link to make to the device; of several PATH-NAME to each
     held=BOOL        emulate: hold the robot in its pose `home` until its servos have torque
                      (default: true); the signal SIGUSR1 puts it back there and holds it again
+    factory=BOOL     emulate: servos as from the factory, all with ID 1, none connected yet
+                     (default: false)
     seed=NUMBER      emulate: of its randomness (default: 0)
+
+The exit status is 0, 1 if the servos or the port refuse, 2 for a wrong command line or file.
 """
 
 from __future__ import annotations
 
 import math
-import signal
 import sys
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from hardware.bus_client import BusClient
-from hardware.calibration import (
-    Calibration,
-    Joint,
-    apply_calibration,
-    read_calibration,
-    write_calibration,
-)
+from hardware import emulate as emulation
+from hardware import single_servo
+from hardware.calibrate import calibrate as calibrate_by_hand
+from hardware.calibration import apply_calibration, read_calibration
+from hardware.command_line import Keys, UsageError, number, parse_keys, required, yes_or_no
 from hardware.config import Robot, load_robot
-from hardware.connect import DRIVERS, make_driver
+from hardware.connect import make_driver
+from hardware.detected import detect, scan_port
 from hardware.driver import Driver
-from hardware.emulator.pty import check_link, serve
-from hardware.emulator.world import EmulatedRobot
-from hardware.errors import (
-    HardwareError,
-    RobotError,
-    SerialPortError,
-    did_you_mean,
-    format_names,
-)
-from hardware.imu.rvc import BAUD
-from hardware.scan import scan as find
+from hardware.errors import HardwareError, RobotError, format_names
+from hardware.find_port import find_port
+from hardware.pack import pack as pack_folder
+from hardware.scan import DetectedServo
+from hardware.scan import scan as find_servos
 from hardware.setup import set_up
+from hardware.terminal import Ask, ask_terminal
+from hardware.wizard import make_robot_file
 
+AT = ("robot", "model", "port")
 KEYS = {
-    "scan": ("robot", "model", "port"),
-    "setup": ("robot", "model", "port"),
-    "calibrate": ("robot", "model", "port", "file"),
-    "monitor": ("robot", "model", "port", "file", "seconds"),
-    "emulate": ("robot", "model", "hidden", "link", "held", "seconds", "seed"),
+    "find-port": (),
+    "scan": AT,
+    "setup": (*AT, "file"),
+    "calibrate": (*AT, "file"),
+    "monitor": (*AT, "file", "seconds"),
+    "read": (*AT, "servo", "register"),
+    "write": (*AT, "servo", "register", "value", "arm"),
+    "reboot": (*AT, "servo"),
+    "torque": (*AT, "on", "arm"),
+    "pack": ("folder", "file"),
+    "emulate": ("robot", "model", "hidden", "link", "held", "factory", "seconds", "seed"),
 }
-Keys = dict[str, str]
-Ask = Callable[[str], str]
+BY_SCAN = ("read", "write", "reboot", "torque")  # verbs that need no robot's file
+tell = partial(print, flush=True)
 
 
-def main(arguments: list[str], ask: Ask = input) -> int:
-    """Run one verb and return the exit status.
-
-    0; 1 for a refusal; 2 for a wrong command line, or a robot's file that is wrong.
-    """
+def main(arguments: list[str], ask: Ask = ask_terminal) -> int:
+    """Run one verb and return the exit status; see the module."""
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(__doc__)
         return 0 if arguments else 2
     verb = arguments[0]
     try:
-        keys = _parse(verb, arguments[1:])
+        keys = parse_keys(verb, arguments[1:], KEYS)
+        _VERBS[verb](_robot(verb, keys), keys, ask)
     except HardwareError as error:
         print(error, file=sys.stderr)
+        return 2 if isinstance(error, UsageError | RobotError) else 1
+    except EOFError:
+        print(f"{verb} needs a person at a terminal, and there is none", file=sys.stderr)
         return 2
-    try:
-        open_model = "port" in keys  # only an emulated robot needs it
-        robot = load_robot(keys.get("robot", "bench1"), keys.get("model"), not open_model)
-        port = keys.get("port")
-        robot = robot.at(port.split(",") if port is not None and robot.buses else port)
-        _VERBS[verb](robot, keys, ask)
-    except HardwareError as error:
-        print(error, file=sys.stderr)
-        return 2 if isinstance(error, RobotError) else 1
     except KeyboardInterrupt:
         print()
     return 0
 
 
-def _parse(verb: str, words: list[str]) -> Keys:
-    if verb not in KEYS:
-        hint = did_you_mean(verb, KEYS)
-        raise HardwareError(f"unknown command {verb!r}{hint}; there are {format_names(KEYS)}")
-    keys = {}
-    for word in words:
-        key, equals, value = word.partition("=")
-        if not equals or key not in KEYS[verb]:
-            hint = did_you_mean(key, KEYS[verb])
-            raise HardwareError(
-                f"{verb} takes no {word!r}{hint}; it takes {format_names(KEYS[verb])}"
-            )
-        keys[key] = value
-    return keys
+def _robot(verb: str, keys: Keys) -> Robot:
+    """Return the robot that a command line means."""
+    port = keys.get("port")
+    if verb in BY_SCAN and port is not None and "robot" not in keys:
+        return detect(port)
+    robot = load_robot(keys.get("robot", "bench1"), keys.get("model"), port is None)
+    return robot.at(port.split(",") if port is not None and robot.buses else port)
 
 
-def _number(keys: Keys, key: str, default: float) -> float:
-    try:
-        return float(keys.get(key, default))
-    except ValueError:
-        raise HardwareError(f"{key}={keys[key]} is not a number") from None
-
-
-def _yes_or_no(keys: Keys, key: str, default: bool) -> bool:
-    answers = {"true": True, "false": False}
-    word = keys.get(key, str(default).lower())
-    if word not in answers:
-        raise HardwareError(f"{key}={word}: it can be true or false")
-    return answers[word]
+def find(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """List the serial ports, and find the robot's."""
+    find_port(ask, tell)
 
 
 def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
     """Print every servo found at every speed, and what differs from the robot's file."""
-    alone = "port" in keys and "robot" not in keys
+    if "port" in keys and "robot" not in keys:
+        return _list(scan_port(keys["port"]))
     driver = make_driver(robot)
     try:
-        found = 0
         for part in driver.parts:
             if len(driver.parts) > 1:
-                print(f"{part.robot.name} at {part.bus_client.port.port_name}:")
-            for client, maker in _clients(part, alone):
-                for servo in find(client, maker):
-                    print(servo)
-                    found += 1
-                if alone:
-                    client.close()
-        if not found:
-            print("no servo answers at any speed: check supply, cable and adapter")
-        if alone:
-            return
+                tell(f"{part.robot.name} at {part.bus_client.port.port_name}:")
+            _list(find_servos(part.bus_client, part.robot.maker))
         driver.connect()
         ways = "fast reads" if driver.fast else "plain reads only"
         rate = 1 / driver.cycle_time()
-        print(f"{robot.name}: all {len(driver)} servos are as its file says; {ways};")
-        print(f"the bus allows {rate:.0f} steps a second, {robot.rate:g} are asked for")
+        tell(f"{robot.name}: all {len(driver)} servos are as its file says; {ways};")
+        tell(f"the bus allows {rate:.0f} steps a second, {robot.rate:g} are asked for")
     finally:
         driver.close()
 
 
-def _clients(driver: Driver, alone: bool) -> Iterator[tuple[BusClient, str]]:
-    """Yield the client of the robot's maker; without a robot one for each maker."""
-    if not alone:
-        yield driver.bus_client, driver.robot.servos[0].type.maker
-        return
-    for maker, kind in DRIVERS.items():
-        client = driver.bus_client
-        yield kind.client_type(client.port, client.clock, client.latency), maker
+def _list(found: Iterable[DetectedServo]) -> None:
+    """Print servos as they are found."""
+    nobody = True
+    for servo in found:
+        tell(servo)
+        nobody = False
+    if nobody:
+        tell("no servo answers at any speed: check supply, cable and adapter")
 
 
 def setup(robot: Robot, keys: Keys, ask: Ask) -> None:
-    """Write into the servos what the robot's file wants, after showing it and asking."""
+    """Write into the servos what the robot's file wants, or make a file of the servos."""
     if "robot" not in keys:
-        raise HardwareError("setup needs robot=NAME: its file says what is written")
+        why = "setup takes robot=NAME, or port=, model= and file= of a robot that has no file yet"
+        port, model, file = (required(keys, key, why) for key in ("port", "model", "file"))
+        return make_robot_file(port, Path(model), Path(file), ask, tell)
+    if "file" in keys:
+        raise UsageError("setup makes file= only without robot=")
     driver = make_driver(robot)
     try:
         for part in driver.parts:
-            set_up(part.robot, part.bus_client, ask, print)
+            set_up(part.robot, part.bus_client, ask, tell)
         driver.connect()
-        print(f"{robot.name}: all {len(driver)} servos are as its file says")
+        tell(f"{robot.name}: all {len(driver)} servos are as its file says")
+    finally:
+        driver.close()
+
+
+def calibrate(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Take every joint's range and zero by hand."""
+    path = Path(keys.get("file", f"{robot.name}.json"))
+    _with(robot, lambda driver: calibrate_by_hand(driver, path, ask, tell))
+
+
+def read(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Print registers."""
+    servo, register = keys.get("servo"), keys.get("register")
+    _with(robot, lambda driver: single_servo.read(driver, servo, register, tell))
+
+
+def write(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Write one register of one servo."""
+    why = "write takes servo=NAME register=NAME value=NUMBER"
+    servo, register, text = (required(keys, key, why) for key in ("servo", "register", "value"))
+    value, arm = number(keys, "value", 0), yes_or_no(keys, "arm", False)
+    if value != int(value):
+        raise UsageError(f"value={text}: registers hold whole numbers")
+    _with(robot, lambda d: single_servo.write(d, servo, register, int(value), arm, tell))
+
+
+def reboot(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Reboot a servo, or all."""
+    _with(robot, lambda driver: single_servo.reboot(driver, keys.get("servo"), tell))
+
+
+def torque(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Switch torque off, or hold the robot."""
+    if not yes_or_no(keys, "on", False):
+        return _with(robot, lambda driver: single_servo.torque_off(driver, tell))
+    if "robot" not in keys:
+        raise UsageError("on=true needs robot=NAME: its file has the limits")
+    if robot.port is not None and not yes_or_no(keys, "arm", False):
+        raise UsageError(
+            f"{robot.name} at {robot.port} would have torque; clear the space around it, then add "
+            "arm=true"
+        )
+    _with(robot, lambda driver: single_servo.hold(driver, ask, tell))
+
+
+def _with(robot: Robot, action: Callable[[Driver], None]) -> None:
+    """Do something with a robot's driver, and close its ports."""
+    driver = make_driver(robot)
+    try:
+        action(driver)
     finally:
         driver.close()
 
@@ -185,7 +224,7 @@ def monitor(robot: Robot, keys: Keys, ask: Ask) -> None:
     driver = make_driver(robot)
     try:
         driver.connect()
-        end = driver.clock.now() + _number(keys, "seconds", math.inf)
+        end = driver.clock.now() + number(keys, "seconds", math.inf)
         with ExitStack() as stack:
             for part in driver.parts:  # nothing is late at one look a second
                 stack.enter_context(part.bus_client.more_patient())
@@ -215,98 +254,28 @@ def _print_state(driver: Driver) -> None:
         )
 
 
-def calibrate(robot: Robot, keys: Keys, ask: Ask) -> None:
-    """Switch torque off, take every joint's range and zero by hand, and write the file."""
-    path = Path(keys.get("file", f"{robot.name}.json"))
-    driver = make_driver(robot)
-    try:
-        driver.connect()
-        driver.torque_off()
-        joints = {}
-        for i, servo in enumerate(robot.servos):
-            low = _count(driver, i, ask, "one end of its range")
-            high = _count(driver, i, ask, "the other end")
-            zero = _count(driver, i, ask, "its zero")
-            up = _count(driver, i, ask, "a little to where its angle grows")
-            joints[servo.name] = Joint(
-                id=servo.id,
-                drive_mode=0,
-                homing_offset=0,
-                range_min=min(low, high),
-                range_max=max(low, high),
-                model=servo.model,
-                zero=zero,
-                sign=-1 if up < zero else 1,
-            )
-        calibration = Calibration(joints, robot.name)
-        apply_calibration(robot, calibration)
-        write_calibration(path, calibration)
-        print(f"wrote {path}")
-    finally:
-        driver.close()
-
-
-def _count(driver: Driver, i: int, ask: Ask, where: str) -> int:
-    """Ask for a joint to be moved somewhere, and return its count there, whole turns included."""
-    try:
-        ask(f"move {driver.robot.names[i]} to {where}, then press Enter ")
-    except EOFError:
-        raise HardwareError(
-            "calibrate needs a person at a terminal, and there is none; "
-            "nothing was written: run it in a terminal"
-        ) from None
-    driver.clock.sleep_until(driver.clock.now() + 0.05)
-    reading = driver.read()
-    if not reading.fresh[i]:
-        raise SerialPortError(f"{driver.robot.names[i]} did not answer; begin again")
-    return driver.robot.servos[i].count(float(reading.position[i]))
+def pack(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Write a ZIP file of a folder of runs."""
+    why = "pack takes folder=PATH file=PATH.zip"
+    folder, file = (Path(required(keys, key, why)) for key in ("folder", "file"))
+    pack_folder(folder, file, tell)
 
 
 def emulate(robot: Robot, keys: Keys, ask: Ask) -> None:
-    """Serve an emulated robot at a device file until it is stopped, also in the background."""
-    link = Path(keys["link"]) if "link" in keys else None
-    held = _yes_or_no(keys, "held", True)
-    hidden = Path(keys["hidden"]) if "hidden" in keys else robot.hidden
-    if link is not None:
-        check_link(link)
-    world = EmulatedRobot(replace(robot, hidden=hidden), seed=int(_number(keys, "seed", 0)))
-    end = time.perf_counter() + _number(keys, "seconds", math.inf)
-    told, back = threading.Event(), threading.Event()
-
-    def ready(devices: dict[str, str]) -> None:
-        bauds = {bus.name: bus.baud for bus in robot.buses} or {"": robot.bus.baud}
-        for number, (name, device) in enumerate(devices.items(), 1):
-            words = f"{robot.name} {name}".rstrip()
-            end = "; Ctrl-C ends it" if number == len(devices) else ""
-            print(f"{words} at {device}, {bauds.get(name, BAUD)} bits/s{end}", flush=True)
-
-    def stopped() -> bool:
-        if back.is_set():
-            back.clear()
-            world.hold()
-        return told.is_set() or time.perf_counter() > end
-
-    if held:
-        world.hold()
-    events = {signal.SIGUSR1: back, signal.SIGTERM: told}
-    events[signal.SIGINT] = told  # a shell's background jobs begin deaf to it
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # unless it runs under nohup
-        events[signal.SIGHUP] = told
-    before = {
-        number: signal.signal(number, lambda n, _: events[signal.Signals(n)].set())
-        for number in events
-    }
-    try:
-        serve(world, ready, stopped, link)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    """Serve an emulated robot at a device file."""
+    emulation.emulate(robot, keys, tell)
 
 
 _VERBS: dict[str, Callable[[Robot, Keys, Ask], None]] = {
+    "find-port": find,
     "scan": scan,
     "setup": setup,
     "calibrate": calibrate,
     "monitor": monitor,
+    "read": read,
+    "write": write,
+    "reboot": reboot,
+    "torque": torque,
+    "pack": pack,
     "emulate": emulate,
 }

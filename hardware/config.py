@@ -10,13 +10,10 @@ The keys are explained where they are set, in `conf/robot/*.yaml`. Hydra reads t
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from hardware.assets import find_model
 from hardware.errors import RobotError, did_you_mean, format_names
@@ -33,10 +30,10 @@ from hardware.parts import (
 )
 from hardware.robot import Robot, check_ports
 from hardware.robot_checks import check_robot
+from hardware.robot_files import ROBOTS as ROBOTS
+from hardware.robot_files import find_robot, read_robot
 from hardware.typed import mapping, parse_fields
 
-ROOT = Path(__file__).parents[1]
-ROBOTS = ROOT / "conf" / "robot"
 NO_MODEL = Path("no model was given")
 
 
@@ -55,24 +52,10 @@ def load_robot(
     Raises:
         RobotError: there is no such robot, or its file is wrong; the message says file and key.
     """
-    path = Path(name_or_path)
-    own = os.environ.get("SIM2REAL_CONFIG_DIR")
-    places = [ROBOTS, *([Path(own) / "robot"] if own else [])]
-    files = {file.stem: file for place in places for file in place.glob("*.yaml")}
-    if path.suffix not in (".yaml", ".yml"):
-        path = files.get(str(name_or_path), ROBOTS / f"{name_or_path}.yaml")
-    if not path.is_file():
-        known = sorted(files)
-        hint = did_you_mean(str(name_or_path), known)
-        raise RobotError(
-            f"there is no robot {str(name_or_path)!r}{hint}; known: {format_names(known)}"
-        )
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise RobotError(f"{path}: this cannot be read as YAML: {error}") from None
+    path = find_robot(name_or_path)
+    data = read_robot(path)
     if model is not None:
-        data = {**mapping(data, str(path)), "model": model}
+        data["model"] = model
     return make_robot(data, str(path), needs_model)
 
 

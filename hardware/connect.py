@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
 from dynamixel_sdk import PortHandler
 
 from hardware.clock import RealClock, VirtualClock
@@ -35,3 +38,12 @@ def make_driver(
         DRIVERS[part.maker](part, port, time) for part, port in zip(parts, ports, strict=True)
     ]
     return drivers[0] if len(drivers) == 1 else MultiBusDriver(robot, drivers)
+
+
+@contextmanager
+def patient(driver: Driver) -> Iterator[None]:
+    """Wait longer for answers in this block on every bus: nothing moves, and a machine is busy."""
+    with ExitStack() as stack:
+        for part in driver.parts:
+            stack.enter_context(part.bus_client.more_patient())
+        yield

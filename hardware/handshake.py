@@ -9,6 +9,7 @@ from hardware.bus_client import BusClient, Reply
 from hardware.config import Robot, Servo
 from hardware.errors import SerialPortError, ServoError, format_names
 from hardware.registers import RETRIES
+from hardware.serial_ports import latency_timer
 from hardware.settings import unsafe_settings
 from hardware.tables import servo_by_number
 from hardware.timing import cycle_time
@@ -19,7 +20,6 @@ SPEEDS_OF = {
     "feetech": (1_000_000, 500_000, 115200, 57600, 38400, 19200),
 }
 SLOWEST = 0.5  # s, the longest that an answer is waited for
-ADAPTERS = Path("/sys/bus/usb-serial/devices")
 BY_SETUP = "(python -m hardware setup does)"
 
 
@@ -46,13 +46,12 @@ def check_latency_timer(robot: Robot, client: BusClient) -> None:
     Raises:
         ServoError: with the command that sets it.
     """
-    name = Path(client.port.port_name).resolve().name  # by-id names are links
-    timer = ADAPTERS / name / "latency_timer"
-    allowed = robot.bus.latency
-    if timer.is_file() and float(timer.read_text()) / 1000 > allowed:
+    latency, allowed = latency_timer(client.port.port_name), robot.bus.latency
+    if latency is not None and latency > allowed:
+        name = Path(client.port.port_name).resolve().name  # by-id names are links
         raise ServoError(
-            f"{name}: its latency timer is {timer.read_text().strip()} ms, the robot's file says "
-            f"{allowed * 1000:.0f}; run: setserial /dev/{name} low_latency"
+            f"{name}: its latency timer is {latency * 1e3:.0f} ms, the robot's file says "
+            f"{allowed * 1e3:.0f}; run: setserial /dev/{name} low_latency"
         )
 
 

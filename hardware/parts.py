@@ -10,7 +10,7 @@ from hardware.errors import RobotError, did_you_mean, format_names
 from hardware.tables import ServoType, servo_type
 from hardware.typed import mapping
 
-IMUS = ("bno085-rvc",)  # part and mode
+IMUS = ("bno085-rvc", "bno055")  # part and mode
 QUANTITIES = ("orientation", "gyro", "acceleration")  # that an emulated IMU can measure
 
 COMMON = {"sign": 1, "torque": None}  # of a servo, where its robot's file does not say

@@ -11,7 +11,7 @@ the guard, Ctrl-C or anything else ends early.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from hardware.body import OF_THE_IMU, BodySensors
 from hardware.body import columns as list_columns
 from hardware.config import Robot
 from hardware.driver import Reading
-from hardware.errors import LogError, SerialPortError
+from hardware.errors import HardwareError, LogError, SerialPortError
 from hardware.excite import ExcitationPlan
 from hardware.log import Log
 from hardware.log_writer import LogWriter
@@ -87,10 +87,35 @@ class Recording:
         """
         if not isinstance(plan, ExcitationPlan):
             plan = ExcitationPlan(np.asarray(plan, float), np.ones(len(plan), bool))
+        steps = zip(plan.angles, plan.torque.tolist(), strict=True)
+        self._run(len(plan.angles), steps)
+
+    def follow(self, wanted: Callable[[], np.ndarray], steps: int) -> None:
+        """Command angles that are asked for at each step, such as a leader's; rows as `drive`.
+
+        Args:
+            wanted: returns the wanted angles [rad], (n,).
+            steps: how many.
+
+        Raises:
+            SafetyError: the robot was stopped on the way, also because `wanted` had no answer.
+        """
+
+        def ask() -> tuple[np.ndarray, bool]:
+            try:
+                return wanted(), True
+            except HardwareError as error:
+                self._guard.abort(str(error))
+
+        self._run(steps, iter(ask, None))
+
+    def _run(self, count: int, steps: Iterator[tuple[np.ndarray, bool]]) -> None:
+        """Take so many steps, each asked for when its time has come."""
         pace, on = FixedRate(self._guard.driver.clock, self._guard.driver.robot.rate), True
         try:
-            for wanted, torque in zip(plan.angles, plan.torque.tolist(), strict=True):
+            for _ in range(count):
                 pace.wait()
+                wanted, torque = next(steps)
                 self._step(wanted, torque, on)
                 on = torque
         except BaseException as error:

@@ -9,19 +9,18 @@ answers as 1 at 57600 bits/s, and two of them at once as one. Everything written
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from hardware.bus_client import BusClient
+from hardware.command_line import UsageError
 from hardware.config import Robot, Servo
 from hardware.errors import HardwareError, ServoError, format_names
 from hardware.handshake import RETRIES
 from hardware.registers import write_register
 from hardware.scan import DetectedServo, scan
 from hardware.settings import Difference, differences
-
-Ask = Callable[[str], str]
-Tell = Callable[[str], None]
+from hardware.terminal import Ask, Tell
 
 
 def set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
@@ -32,16 +31,25 @@ def set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
         ServoError: a servo does not answer, refuses, or is of another type.
         HardwareError: a person said no, or nobody answered.
     """
+    with client.more_patient():  # nothing moves here, and a machine may be busy
+        _set_up(robot, client, ask, tell)
+    client.open(robot.bus.baud)
+
+
+def _set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
     found = list(scan(client, _maker(robot)))
     for each in found:
         tell(str(each))
     there = {servo.name: place for servo in robot.servos if (place := _place(servo, found))}
-    _write(robot, client, [s for s in robot.servos if s.name in there], there, ask, tell)
+    write_differences(robot, client, [s for s in robot.servos if s.name in there], there, ask, tell)
     for servo in robot.servos:
         if servo.name not in there:
             place = _alone(robot, client, servo, ask, tell)
-            _write(robot, client, [servo], {servo.name: place}, ask, tell)
+            write_differences(robot, client, [servo], {servo.name: place}, ask, tell)
     client.open(robot.bus.baud)
+    while away := [servo for servo in robot.servos if not client.ping(servo.id)]:
+        names = format_names(f"{servo.id} ({servo.name})" for servo in away)
+        _asked(ask, f"not connected: {names}; connect all servos, then press Enter ")
 
 
 def _maker(robot: Robot) -> str:
@@ -76,8 +84,7 @@ def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) 
         strange = found if len(found) == 1 else others  # alone it may have another one's ID
         if len(strange) == 1 and strange[0].number == servo.type.number:
             client.open(strange[0].baud)
-            with client.more_patient():  # a second answer at a slow speed comes late
-                alone = len(client.ping(strange[0].id)) == 1
+            alone = len(client.ping(strange[0].id)) == 1
             if alone:
                 return strange[0]
             tell(f"several servos answer as {strange[0].id}; connect one of them only")
@@ -85,7 +92,7 @@ def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) 
         tell(f"this needs one new {servo.model}; found: {format_names(map(str, strange))}")
 
 
-def _write(
+def write_differences(
     robot: Robot,
     client: BusClient,
     servos: Sequence[Servo],
@@ -93,7 +100,20 @@ def _write(
     ask: Ask,
     tell: Tell,
 ) -> None:
-    """Show what differs in these servos, ask, and write it."""
+    """Show what differs in these servos, ask, and write it.
+
+    Args:
+        robot: what its servos are to be.
+        client: a client of their maker.
+        servos: those to look at.
+        there: where each answers now, by name.
+        ask: asks the person.
+        tell: shows a line.
+
+    Raises:
+        ServoError: a servo does not answer, or refuses.
+        HardwareError: a person said no, or nobody answered.
+    """
     plans = {servo.name: _plan(robot, client, servo, there[servo.name]) for servo in servos}
     changes = [change for plan in plans.values() for change in plan]
     if not changes:
@@ -133,7 +153,28 @@ def _plan(robot: Robot, client: BusClient, servo: Servo, found: DetectedServo) -
 def _apply(
     robot: Robot, client: BusClient, servo: Servo, found: DetectedServo, plan: Sequence[Difference]
 ) -> None:
-    """Write a plan: torque off, settings, then ID, then speed; and look whether it answers."""
+    """Write a plan and look whether the servo is as its robot's file wants it."""
+    write_settings(client, servo, found, plan, robot.bus.baud)
+    left = differences(client, robot, servo)
+    if left:
+        raise ServoError(f"{left[0]}, but the servo did not keep it")
+
+
+def write_settings(
+    client: BusClient, servo: Servo, found: DetectedServo, plan: Sequence[Difference], baud: int
+) -> None:
+    """Write a plan: torque off, settings, then ID, then speed; and look whether it answers.
+
+    Args:
+        client: a client of the servo's maker.
+        servo: the servo as it will be.
+        found: where it answers now.
+        plan: what to write.
+        baud: the speed at which it will answer.
+
+    Raises:
+        ServoError: the servo refuses, or does not answer afterwards.
+    """
     client.open(found.baud)
     now = replace(servo, id=found.id)
     write_register(client, now, "torque_enable", 0)
@@ -147,7 +188,7 @@ def _apply(
             register = servo.type.register(change.register)
             client.write(now.id, register.address, register.encode(change.wanted))
             now = servo if change.register == "id" else now
-    client.open(robot.bus.baud)
+    client.open(baud)
     if not any(len(client.ping(servo.id)) == 1 for _ in range(RETRIES)):
         raise ServoError(
             f"servo {servo.id} ({servo.name}) does not answer by its new ID and speed; "
@@ -155,15 +196,12 @@ def _apply(
         )
     if "lock" in servo.type.registers:
         write_register(client, servo, "lock", 1)
-    left = differences(client, robot, servo)
-    if left:
-        raise ServoError(f"{left[0]}, but the servo did not keep it")
 
 
 def _asked(ask: Ask, question: str) -> str:
     try:
         return ask(question)
     except EOFError:
-        raise HardwareError(
+        raise UsageError(
             "setup needs a person at a terminal, and there is none; nothing was written"
         ) from None

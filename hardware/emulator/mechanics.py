@@ -72,6 +72,11 @@ class Mechanics:
         self.data.qvel[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
 
+    def place(self, joint: int, angle: float) -> None:
+        """Put a servo's joint at an angle [rad], at rest."""
+        self.data.qpos[self.qpos[joint]], self.data.qvel[self.dof[joint]] = angle, 0.0
+        mujoco.mj_forward(self.model, self.data)
+
     def hold(self, joints: np.ndarray) -> None:
         """Hold these servos' joints where they are, (n,) bool, and with any of them all the rest.
 

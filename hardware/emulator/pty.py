@@ -31,7 +31,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from hardware.emulator.bus import run_in_time_order
-from hardware.emulator.imu import EmulatedImu
+from hardware.emulator.imu import make_emulated_imu
 from hardware.emulator.mechanics import TICK
 from hardware.emulator.wires import buses_of
 from hardware.emulator.world import EmulatedRobot
@@ -197,7 +197,7 @@ class RealTimeLoop:
         self._imu = lines.pop(IMU, None)
         self._buses = dict(zip(lines.values(), buses_of(world), strict=True))
         self._lines = [*self._buses, *([self._imu] if self._imu else [])]
-        self._frames = EmulatedImu(world) if self._imu else None
+        self._frames = make_emulated_imu(world) if self._imu else None
         self._start = clock() - world.time
         self._looked = world.time
         self._skips = False
@@ -249,6 +249,8 @@ class RealTimeLoop:
         soon = min(line.due for line in self._buses) < now + SPIN
         pause = 0.0 if soon else max(due - now, 0.0)
         free = {line.master: line for line, bus in self._buses.items() if bus.free <= now + AHEAD}
+        if self._imu is not None:
+            free[self._imu.master] = self._imu
         return [free[end] for end in select.select(list(free), [], [], pause)[0]]
 
     def _take(self, readable: Sequence[Line], moment: float) -> None:
@@ -256,7 +258,9 @@ class RealTimeLoop:
         begun = {}
         for line in readable:
             data, speed = line.take()
-            if speed > 0:
+            if line is self._imu and self._frames is not None:
+                self._frames.take(data, moment, speed)
+            elif speed > 0:
                 begun[line] = self._buses[line].begin(data, moment, speed)
         done = run_in_time_order(self._world, list(begun.values()))
         for line, arrivals in zip(begun, done, strict=True):

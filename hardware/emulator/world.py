@@ -127,6 +127,17 @@ class EmulatedRobot:
         self._held[:] = True
         self._let_go()
 
+    def place(self, joint: int, angle: float) -> None:
+        """Hold one joint at an angle [rad], as a hand does; one whose servo has torque resists."""
+        if not self.firmware.torque_on[joint]:
+            self.mechanics.place(joint, angle)
+            self._held[joint] = True
+            self._let_go()
+
+    def connect(self, servo: int, connected: bool = True) -> None:
+        """Put a servo on the bus, or take it off; its supply stays."""
+        self.servos[servo].silent_until = 0.0 if connected else math.inf
+
     def _let_go(self) -> None:
         """Hold no longer the joints whose servos have torque."""
         self._held &= ~self.firmware.torque_on

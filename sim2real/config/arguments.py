@@ -4,6 +4,8 @@
     # ["run=diagnose", "log=swing.csv", "model=arm.xml"]
     as_overrides(["run=replay", "log=~/runs (new)/a=1.csv"])
     # ["run=replay", "log='/home/me/runs (new)/a=1.csv'"]
+    as_overrides(["record", "my_arm.yaml"])     # a robot that is no choice of conf/robot
+    # ["run=record", "~robot", "+robot={name:'my_arm',model:'my_arm.xml',...}"]
 
 Hydra's grammar gives `=`, brackets, commas, spaces and `~` a meaning; a path may hold them all. The
 value of a key that holds paths is therefore quoted, unless it is a list, a sweep of several, or
@@ -15,7 +17,9 @@ from __future__ import annotations
 import difflib
 import re
 from pathlib import Path
+from typing import Any
 
+from hardware.robot_files import SUFFIXES, find_robot, read_robot
 from sim2real.config.catalogue import CONF, EXPERIMENT, options
 from sim2real.config.renamed import ended
 from sim2real.config.targets import ConfigError
@@ -30,6 +34,8 @@ PATHS = (
     "resume",
     "runs",
     "calibration",
+    "leader",
+    "leader_calibration",
     "columns",
     "against",
     "actor",
@@ -58,6 +64,7 @@ PLACES = {  # what stands after a verb without a key
     "record": "robot",
     "report": "runs",
 }
+OTHERWISE = {"out": "hydra.run.dir", "follower": "robot", "follower_port": "port"}  # other names
 SPECIAL = re.compile(r"[\s=()\[\]{},'\"\\]")  # what Hydra's grammar does not take in a bare value
 
 
@@ -77,7 +84,7 @@ def as_overrides(arguments: list[str]) -> list[str]:
     verb = first if first in options("run") else None
     rest = [a for n, a in enumerate(arguments) if not (verb and n == arguments.index(verb))]
     bare = [a for a in rest if verb and not a.startswith("-") and not _is_override(a)]
-    given = [_readable(a) for a in rest if a not in bare]
+    given = [line for a in rest if a not in bare for line in _readable(a)]
     return ([f"run={verb}"] if verb else []) + _placed(verb or "", bare) + given
 
 
@@ -101,23 +108,48 @@ def _placed(verb: str, words: list[str]) -> list[str]:
         raise ConfigError(f"{verb}: {' and '.join(models)} are two models; give one")
     if len(values) > 1 and key not in ("log", "checkpoint", "runs"):
         raise ConfigError(f"{verb} takes one {key}, not {len(values)}: {', '.join(values)}")
+    if key == "robot":
+        return _robot(values[0])
     quoted = [path_value(value) for value in values]
     made = [f"{key}={quoted[0]}"] if len(quoted) == 1 else []
     made = [f"{key}=[{','.join(quoted)}]"] if len(quoted) > 1 else made
     return made + [f"model={path_value(model)}" for model in models]
 
 
-def _readable(argument: str) -> str:
-    """Return an override whose path, if its value is one, is quoted."""
+def _readable(argument: str) -> list[str]:
+    """Return an override whose path, if its value is one, is quoted or read."""
     key, equals, value = argument.partition("=")
+    key = OTHERWISE.get(key, key) if equals else key
     name = key.lstrip("+")
     if equals and name == EXPERIMENT:
-        return f"+{EXPERIMENT}={value}"
+        return [f"+{EXPERIMENT}={value}"]
     if equals and difflib.get_close_matches(name, [EXPERIMENT], cutoff=0.8):
         raise ConfigError(f"{key}: there is no such key; did you mean +{EXPERIMENT}={value}?")
-    if equals and name == "out":
-        return f"hydra.run.dir={path_value(value)}"
-    return f"{key}={path_value(value)}" if equals and name in PATHS else argument
+    if equals and name == "robot":
+        return _robot(value)
+    return [f"{key}={path_value(value)}" if equals and name in PATHS else argument]
+
+
+def _robot(value: str) -> list[str]:
+    """Return the overrides that choose a robot of conf/robot, or take the one of a file.
+
+    Raises:
+        RobotError: the file is not there, or holds no table.
+    """
+    if Path(value).suffix not in SUFFIXES:
+        return [f"robot={value}"]
+    return ["~robot", f"+robot={_value(read_robot(find_robot(value)))}"]
+
+
+def _value(value: Any) -> str:
+    """Return what YAML read as a value of Hydra's grammar."""
+    if isinstance(value, dict):
+        return "{" + ",".join(f"{key}:{_value(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ",".join(map(_value, value)) + "]"
+    if isinstance(value, str):
+        return _quoted(value)
+    return "null" if value is None else str(value).lower()
 
 
 def path_value(value: str) -> str:
@@ -132,7 +164,11 @@ def path_value(value: str) -> str:
     several = "," in path and not Path(path).exists()
     if several or not SPECIAL.search(path):
         return path
-    return "'" + path.replace("\\", "\\\\").replace("'", "\\'") + "'"
+    return _quoted(path)
+
+
+def _quoted(value: str) -> str:
+    return "'" + value.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
 def find_shadowing_module(root: Path = CONF.parent) -> str | None:

@@ -95,6 +95,10 @@ class Config:
     motions: list[str]
     seconds: float
     size: float
+    leader: str | None
+    leader_port: str | None
+    leader_calibration: str | None
+    leader_scale: list[str]
     budget: float
     target: Maker | None
     by: str

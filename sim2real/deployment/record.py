@@ -11,7 +11,7 @@ moves only with `arm=true`; torque is off again when the motion, or anything els
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from hardware.body import EmulatedBody
 from hardware.calibration import apply_calibration, read_calibration
 from hardware.config import Robot, make_robot
 from hardware.connect import make_driver
+from hardware.driver import Driver
 from hardware.emulator.world import EmulatedRobot
 from hardware.excite import Kind, allowed_motions, excite
 from hardware.imu.reader import make_imu
@@ -103,8 +104,39 @@ def record_motions(
         HardwareError: a robot that is wrong, or is not there.
     """
     kinds = allowed_motions(robot, motions)
+
+    def move(guard: Guard, recording: Recording) -> None:
+        here = np.clip(guard.arm().position, guard.low, guard.high)
+        if pose is not None:
+            guard.move_to(pose)
+        middle = here if pose is None else pose
+        recording.drive(excite(robot, middle, seconds, kinds, rng, size))
+
     world = EmulatedRobot(robot, seed=seed) if robot.port is None else None
-    driver = make_driver(robot, world)
+    return record_while(move, make_driver(robot, world), world, path, limits)
+
+
+def record_while(
+    move: Callable[[Guard, Recording], None],
+    driver: Driver,
+    world: EmulatedRobot | None,
+    path: Path | None,
+    limits: StopLimits | None,
+) -> Log:
+    """Connect, let a function move the robot, and let go.
+
+    Args:
+        move: arms the robot and moves it.
+        driver: of the robot.
+        world: the emulated robot, None for a real one.
+        path: where the log goes, row by row; None writes none.
+        limits: when the guard stops it.
+
+    Raises:
+        SafetyError: the robot was stopped on the way.
+        HardwareError: a robot that is wrong, or is not there.
+    """
+    robot = driver.robot
     imu = make_imu(robot)
     emulated = EmulatedBody(world) if world is not None and robot.imu is not None else None
     guard = Guard(driver, limits)
@@ -115,11 +147,7 @@ def record_motions(
         driver.connect()
         driver.configure()
         with guard:
-            here = np.clip(guard.arm().position, guard.low, guard.high)
-            if pose is not None:
-                guard.move_to(pose)
-            middle = here if pose is None else pose
-            recording.drive(excite(robot, middle, seconds, kinds, rng, size))
+            move(guard, recording)
     finally:
         driver.close()
         if imu is not None:

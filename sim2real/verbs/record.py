@@ -1,4 +1,4 @@
-"""The verb `record`: drive a robot along motions that show what it is like, and write a log."""
+"""The verb `record`: drive a robot along motions, or let it follow a leader, and write a log."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from hardware.excite import Kind
 from hardware.log import Log
 from sim2real.deployment.record import draw, prepare_robot, record_motions
 from sim2real.deployment.stops import make_stop_limits
+from sim2real.deployment.teleoperate import prepare_leader, record_following
 
 
 def run(
@@ -24,6 +25,10 @@ def run(
     seconds: float,
     size: float,
     stops: dict[str, float] | None,
+    leader: str | None,
+    leader_port: str | None,
+    leader_calibration: str | None,
+    leader_scale: Sequence[str],
     seed: int,
     out: Path,
 ) -> Log:
@@ -38,6 +43,11 @@ def run(
         seconds: the duration of all of them, shared evenly.
         size: part of the way from where the robot is to the nearer limit that is used, in (0, 1].
         stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
+        leader: a robot that a person moves and this one follows, by its name or path; None drives
+            along the motions. An emulated person moves an emulated leader along them.
+        leader_port: the leader's serial port; None for its own, or the emulated one.
+        leader_calibration: the leader's zeros, signs and limits.
+        leader_scale: joints whose place in their travel is handed over, not their angle.
         seed: the seed of phases, poses and sizes.
         out: the run's folder; gets log.csv (log.csv.part until it is whole), log.json and
             plots/log.png.
@@ -53,6 +63,12 @@ def run(
     limits = make_stop_limits(stops)
     machine = prepare_robot(robot, port, calibration, arm, seconds, size)
     rng, path = np.random.default_rng(seed), Path(out) / "log.csv"
-    log = record_motions(machine, motions, seconds, rng, path, size, limits=limits)
+    if leader is None:
+        log = record_motions(machine, motions, seconds, rng, path, size, limits=limits)
+    else:
+        ahead = prepare_leader(leader, leader_port, leader_calibration, machine)
+        log = record_following(
+            machine, ahead, leader_scale, motions, seconds, rng, path, size, limits=limits
+        )
     draw(log, machine, Path(out) / "plots" / "log.png")
     return log

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware import handshake
+from hardware import serial_ports
 from hardware.clock import RealClock
 from hardware.emulator.faults import Fault
 from hardware.errors import ServoError
@@ -124,7 +124,7 @@ def test_21_a_slow_adapter_is_asked_nothing(rig, tmp_path, monkeypatch):
     timer = tmp_path / "loopback:chain3" / "latency_timer"
     timer.parent.mkdir()
     timer.write_text("16\n")
-    monkeypatch.setattr(handshake, "ADAPTERS", tmp_path)
+    monkeypatch.setattr(serial_ports, "ADAPTERS", tmp_path)
     asked = r.count("asked")
     with pytest.raises(ServoError, match="latency timer is 16 ms"):
         r.driver.connect()

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from hardware import handshake
+from hardware import serial_ports
 from hardware.clock import VirtualClock
 from hardware.driver import Driver
 from hardware.emulator.faults import Fault
@@ -317,7 +317,7 @@ def test_21_latency_timer(rig, tmp_path, monkeypatch):
     timer = tmp_path / "loopback:chain3" / "latency_timer"
     timer.parent.mkdir()
     timer.write_text("16\n")
-    monkeypatch.setattr(handshake, "ADAPTERS", tmp_path)
+    monkeypatch.setattr(serial_ports, "ADAPTERS", tmp_path)
     with pytest.raises(ServoError, match=r"latency timer is 16 ms.*says 1; run: setserial"):
         r.driver.connect()
     link = tmp_path / "usb-FTDI_USB__-__Serial_Converter-if00-port0"

@@ -288,10 +288,14 @@ def test_factory_servos_become_an_arm(monkeypatch):
     factory(shells)
     asked: list[str] = []
 
-    def ask(question: str) -> str:
-        if "missing" in question:
+    def ask(prompt: str, meanwhile: object = None) -> str:
+        if "connect all" in prompt:
+            for core in world.servos:
+                core.silent_until = 0.0
+            return ""
+        if "missing" in prompt:
             alone = len(asked)
-            asked.append(question)
+            asked.append(prompt)
             for i, core in enumerate(world.servos):
                 core.silent_until = 0.0 if i == alone else np.inf
             return ""
@@ -302,8 +306,7 @@ def test_factory_servos_become_an_arm(monkeypatch):
     client, told = FeetechClient(port, clock, 0.001), []
     set_up(robot, client, ask, told.append)
     assert len(asked) == 6
-    for core in world.servos:
-        core.silent_until = 0.0
+    assert all(core.silent_until == 0.0 for core in world.servos)  # it asked for all at the end
     assert [shell["id"] for shell in shells] == [1, 2, 3, 4, 5, 6]
     assert [shell["lock"] for shell in shells] == [1] * 6
     assert all(shell._kept[5] == i + 1 for i, shell in enumerate(shells))

@@ -19,14 +19,17 @@ import pytest
 from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
 from hardware import commands as command
-from hardware.clock import RealClock
+from hardware.calibrate import calibrate
+from hardware.clock import RealClock, VirtualClock
 from hardware.config import load_robot
 from hardware.connect import make_driver
 from hardware.driver import Driver
 from hardware.emulator.faults import Fault
+from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import EmulatedRobot
 from hardware.port_lock import PortLock
 from hardware.safety import Guard, StopLimits
+from tests.hardware.person import Person, places_of
 from tests.hardware.rig import in_real_time
 
 SO101 = str(Path(__file__).with_name("so101.xml"))
@@ -96,13 +99,19 @@ def test_the_monitor_waits_for_slow_answers(monkeypatch, capsys):
     [
         (["scann"], 2, "unknown command 'scann' (did you mean 'scan'?)"),
         (["scan", "prt=1"], 2, "scan takes no 'prt=1' (did you mean 'port'?)"),
-        (["scan", "robot=bench"], 1, "no robot 'bench' (did you mean 'bench1'?)"),
-        (["scan", "port=/dev/no-such"], 1, "/dev/no-such: the port is gone"),
-        (["monitor", "seconds=x"], 1, "seconds=x is not a number"),
-        (["emulate", "hidden=/no/file.yaml"], 1, "/no/file.yaml: the effects cannot be read"),
-        (["emulate", "link=/no/where/robot"], 1, "link=/no/where/robot: there is no folder /no/w"),
-        (["emulate", f"link={__file__}"], 1, "test_main.py: there is something of that name"),
-        (["emulate", "held=maybe"], 1, "held=maybe: it can be true or false"),
+        (["scan", "robot=bench"], 2, "no robot 'bench' (did you mean 'bench1'?)"),
+        (["scan", "port=/dev/no-such"], 1, "/dev/no-such: there is no such port"),
+        (["monitor", "seconds=x"], 2, "seconds=x is not a number"),
+        (["emulate", "hidden=/no/file.yaml"], 2, "/no/file.yaml: the effects cannot be read"),
+        (["emulate", "link=/no/where/robot"], 2, "link=/no/where/robot: there is no folder /no/w"),
+        (["emulate", f"link={__file__}"], 2, "test_main.py: there is something of that name"),
+        (["setup"], 2, "port= is missing: setup takes robot=NAME, or port=, model= and file="),
+        (["setup", "robot=bench1", "file=a.yaml"], 2, "setup makes file= only without robot="),
+        (["write", "servo=hinge"], 2, "register= is missing"),
+        (["torque", "on=true", "robot=bench1", "port=/dev/x"], 2, "then add arm=true"),
+        (["torque", "on=true"], 2, "on=true needs robot=NAME"),
+        (["scan", "robot=no/such.yaml"], 2, "there is no robot 'no/such.yaml'"),
+        (["emulate", "held=maybe"], 2, "held=maybe: it can be true or false"),
     ],
 )
 def test_refusals(capsys, words, status, message):
@@ -131,8 +140,8 @@ def test_calibrate(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(command, "make_driver", driver)
     places = iter([-1.0, 1.2, 0.2, 0.1])
 
-    def ask(prompt: str) -> str:
-        assert prompt.startswith("move hinge to")
+    def ask(prompt: str, meanwhile: object = None) -> str:
+        assert prompt.startswith("move hinge")
         mechanics = worlds[0].mechanics
         mechanics.data.qpos[:], mechanics.data.qvel[:] = next(places), 0.0
         mechanics.lock(0, True)
@@ -150,14 +159,29 @@ def test_calibrate(tmp_path, monkeypatch, capsys):
     assert robot.name in path.read_text()
 
 
+def test_calibrate_follows_more_than_half_a_turn(tmp_path, monkeypatch):
+    """A range of 5 rad, over the encoder's seam, is followed while the hand moves."""
+    robot = replace(load_robot("bench1"), name="wide")
+    wide = replace(robot, servos=(replace(robot.servos[0], position=(-3.0, 3.0)),))
+    world, clock = EmulatedRobot(wide), VirtualClock()
+    person = Person(world, LoopbackPort(world, clock), {"hinge": places_of(-2.2, 2.8, 0.5)})
+    path = tmp_path / "wide.json"
+    calibrate(make_driver(wide, world, clock), path, person, lambda line: None)
+    joint = json.loads(path.read_text())["joints"]["hinge"]
+    step = 2 * np.pi / 4096
+    assert joint["range_min"] == pytest.approx(2048 - 2.2 / step, abs=2)
+    assert joint["range_max"] == pytest.approx(2048 + 2.8 / step, abs=2)
+    assert joint["zero"] == pytest.approx(2048 + 0.5 / step, abs=2)
+
+
 def test_calibrate_needs_somebody(tmp_path, capsys):
     """Without a terminal it says so, and writes nothing."""
 
-    def nobody(_: str) -> str:
+    def nobody(prompt: str, meanwhile: object = None) -> str:
         raise EOFError
 
     file = tmp_path / "arm.json"
-    assert command.main(["calibrate", f"file={file}"], nobody) == 1
+    assert command.main(["calibrate", f"file={file}"], nobody) == 2
     assert "there is none" in capsys.readouterr().err
     assert not file.exists()
 

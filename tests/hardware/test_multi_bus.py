@@ -250,7 +250,7 @@ def test_setup_and_scan_go_through_all_buses(monkeypatch, capsys):
         return made
 
     monkeypatch.setattr(command, "make_driver", driver)
-    assert command.main(["setup", "robot=pair2"], lambda _: "y") == 0
+    assert command.main(["setup", "robot=pair2"], lambda prompt, meanwhile=None: "y") == 0
     out = capsys.readouterr().out
     assert out.count("return_delay_time 250 -> 0") == 2
     assert "pair2: all 2 servos are as its file says" in out

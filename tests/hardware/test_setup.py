@@ -33,9 +33,9 @@ class Bench:
         for i, servo in enumerate(self.world.servos):
             servo.silent_until = 0.0 if i in indices else math.inf
 
-    def ask(self, question: str) -> str:
+    def ask(self, prompt: str, meanwhile: object = None) -> str:
         """Do what the next answer says: connect servos, or say a word."""
-        self.asked.append(question)
+        self.asked.append(prompt)
         answer = next(self.answers)
         if isinstance(answer, tuple):
             self.connect(*answer)
@@ -103,7 +103,7 @@ def test_no_means_no(chain):
         bench.go()
     assert bench.memory() == before
 
-    def nobody(question: str) -> str:
+    def nobody(prompt: str, meanwhile: object = None) -> str:
         raise EOFError
 
     bench.ask = nobody

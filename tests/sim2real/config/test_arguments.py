@@ -5,9 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from hardware.errors import RobotError
+from hardware.robot_files import ROBOTS
 from sim2real.config.arguments import as_overrides, find_shadowing_module, path_value
+from sim2real.config.compose import compose
 from sim2real.config.renamed import ENDED
 from sim2real.config.targets import ConfigError
 
@@ -51,6 +55,24 @@ def test_home_is_expanded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", "/home/me")
     assert path_value("~/x.csv") == "/home/me/x.csv"
     assert as_overrides(["diagnose", "~/x.csv"]) == ["run=diagnose", "log=/home/me/x.csv"]
+
+
+def test_a_robot_by_its_path(tmp_path: Path) -> None:
+    """A file that is no choice of conf/robot is composed whole; its model is found beside it."""
+    text = (ROBOTS / "arm2.yaml").read_text().replace("model: arm2.xml", "model: 'my arm.xml'")
+    (tmp_path / "my arm.xml").touch()
+    path = tmp_path / "mine (1).yaml"
+    path.write_text(text.replace("name: arm2", 'name: "it\'s mine"'))
+    expected = yaml.safe_load(path.read_text()) | {"model": str(tmp_path / "my arm.xml")}
+    for typed in (
+        ["record", str(path)],
+        ["record", f"robot={path}"],
+        ["record", f"follower={path}"],
+    ):
+        tree = compose([*as_overrides(typed), "robot.rate=25"])
+        assert tree["robot"] == expected | {"rate": 25}
+    with pytest.raises(RobotError, match=r"there is no robot 'none\.yaml'"):
+        as_overrides(["record", "none.yaml"])
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,10 @@ def go(out: Path, **changes: Any) -> Path:
         "seconds": 6.0,
         "size": 0.6,
         "stops": None,
+        "leader": None,
+        "leader_port": None,
+        "leader_calibration": None,
+        "leader_scale": [],
         "seed": 0,
         "out": out,
     }
@@ -111,3 +115,37 @@ def test_the_guard_s_limits_are_settings(tmp_path: Path) -> None:
         go(tmp_path / "a", stops={"return_tim": 9})
     with pytest.raises(SafetyError, match=r"hinge has \d+ °C; let it cool"):
         go(tmp_path / "b", stops={"hottest": 60.0})
+
+
+def follow(tmp_path: Path, **changes: Any) -> Path:
+    """Record an emulated arm that follows a leader with other zeros; return the log's path."""
+    arm = yaml.safe_load((ROBOTS / "arm2.yaml").read_text(encoding="utf-8"))
+    servos = {name: each | {"zero": 1900, "sign": -1} for name, each in arm["servos"].items()}
+    leader = tmp_path / "my_leader.yaml"
+    leader.write_text(yaml.safe_dump(arm | {"name": "lead", "model": None, "servos": servos}))
+    given = {"robot": arm, "leader": str(leader), "motions": ["ramp"], "seconds": 3.0}
+    return go(tmp_path / "out", **(given | changes))
+
+
+def test_a_follower_is_recorded(tmp_path: Path) -> None:
+    """Without ports an emulated person moves the leader; its model is the follower's."""
+    log = read_log(follow(tmp_path))
+    assert len(log) == 150
+    assert "stopped" not in log.meta
+    for name in ("shoulder", "elbow"):
+        wanted, measured = log.column(f"action.{name}"), log.column(f"qpos.{name}")
+        assert abs(wanted).max() > 0.5
+        assert abs(wanted - measured).max() < 0.3
+
+
+def test_a_leader_that_cannot_be_followed(tmp_path: Path) -> None:
+    """Other joints, one of both emulated, one port for both: said before anything moves."""
+    with pytest.raises(RobotError, match="the leader so101 has other joints than arm2: 'should"):
+        follow(tmp_path, leader="so101")
+    with pytest.raises(Sim2RealError, match="lead is emulated and arm2 is /dev/x: give leader_p"):
+        follow(tmp_path, port="/dev/x", arm=True)
+    with pytest.raises(Sim2RealError, match="both at /dev/x; each has a port"):
+        follow(tmp_path, port="/dev/x", leader_port="/dev/x", arm=True)
+    with pytest.raises(Sim2RealError, match="add arm=true"):
+        follow(tmp_path, port="/dev/x", leader_port="/dev/y")
+    assert not (tmp_path / "out" / "log.csv").exists()

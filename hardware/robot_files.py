@@ -1,0 +1,57 @@
+"""Where a robot's file is, and what it holds before it is checked.
+
+    read_robot(find_robot("bench1"))        # {"name": "bench1", "model": "bench1.xml", ...}
+    read_robot(find_robot("my_robot.yaml"))
+
+Names are those of conf/robot, and of the folder `robot` of the one that SIM2REAL_CONFIG_DIR names.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hardware.errors import RobotError, did_you_mean, format_names
+from hardware.typed import mapping
+
+ROBOTS = Path(__file__).parents[1] / "conf" / "robot"
+SUFFIXES = (".yaml", ".yml")  # of a robot that is given by its path
+
+
+def find_robot(name_or_path: str | Path) -> Path:
+    """Return the file of a robot: of a name of conf/robot, or a path that ends in .yaml.
+
+    Raises:
+        RobotError: there is no such robot.
+    """
+    path = Path(name_or_path).expanduser()
+    own = os.environ.get("SIM2REAL_CONFIG_DIR")
+    places = [ROBOTS, *([Path(own) / "robot"] if own else [])]
+    files = {file.stem: file for place in places for file in place.glob("*.yaml")}
+    if path.suffix not in SUFFIXES:
+        path = files.get(str(name_or_path), ROBOTS / f"{name_or_path}.yaml")
+    if not path.is_file():
+        known = sorted(files)
+        hint = did_you_mean(str(name_or_path), known)
+        raise RobotError(
+            f"there is no robot {str(name_or_path)!r}{hint}; known: {format_names(known)}"
+        )
+    return path
+
+
+def read_robot(path: Path) -> dict[str, Any]:
+    """Return the content of a robot's file; a model that lies beside it is named by its path.
+
+    Raises:
+        RobotError: it is no YAML, or no table.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise RobotError(f"{path}: this cannot be read as YAML: {error}") from None
+    data = dict(mapping(data, str(path)))
+    beside = path.parent / str(data.get("model"))
+    return {**data, "model": str(beside)} if beside.is_file() else data
