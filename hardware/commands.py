@@ -3,7 +3,7 @@
     scan       find servos at every speed; with robot= compare them with its file
     setup      give a robot's servos their IDs, speed and settings, after showing and asking
     calibrate  torque off; move every joint through its range and to its zero; writes a JSON file
-    monitor    torque off; print what the servos measure, once a second
+    monitor    torque off; print what the servos measure and how the link does, once a second
     emulate    an emulated robot behind a device file, for any client, until Ctrl-C
 
 Keys:
@@ -46,6 +46,7 @@ from hardware.emulator.pty import check_link, serve
 from hardware.emulator.world import EmulatedRobot
 from hardware.errors import HardwareError, SerialPortError, did_you_mean, format_names
 from hardware.imu.rvc import BAUD
+from hardware.monitor import monitor as show
 from hardware.scan import scan as find
 from hardware.setup import set_up
 
@@ -169,37 +170,11 @@ def setup(robot: Robot, keys: Keys, ask: Ask) -> None:
 
 
 def monitor(robot: Robot, keys: Keys, ask: Ask) -> None:
-    """Print positions, currents, voltages, temperatures and counters once a second; torque off."""
+    """Print what the servos measure and how the link does, once a second; torque off."""
+    seconds = _number(keys, "seconds", math.inf)
     if "file" in keys:
         robot = apply_calibration(robot, read_calibration(keys["file"]))
-    driver = make_driver(robot)
-    try:
-        driver.connect()
-        end = driver.clock.now() + _number(keys, "seconds", math.inf)
-        while driver.clock.now() < end:
-            _print_state(driver)
-            driver.clock.sleep_until(driver.clock.now() + 1)
-    finally:
-        driver.close()
-
-
-def _print_state(driver: Driver) -> None:
-    reading = driver.read()
-    for i, servo in enumerate(driver.robot.servos):
-        health = driver.health(i)
-        counters = driver.counters[servo.name]
-        lost = counters.timeout + counters.corrupt + counters.short + counters.stale
-        state = "no answer"
-        if health is not None:
-            errors = format_names(health.errors) if health.errors else "no errors"
-            torque = "on" if health.torque else "off"
-            state = (
-                f"{health.voltage:4.1f} V {health.temperature:3.0f} °C torque {torque}, {errors}"
-            )
-        print(
-            f"{servo.name:>16} {reading.position[i]:8.4f} rad {reading.velocity[i]:7.2f} rad/s "
-            f"{reading.current[i]:7.3f} A  {state}; lost {lost} of {counters.asked}"
-        )
+    show(robot, seconds)
 
 
 def calibrate(robot: Robot, keys: Keys, ask: Ask) -> None:

@@ -56,6 +56,7 @@ from sim2real.diagnosis.inference.run import run_judge
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.checks import UNITS
 from sim2real.diagnosis.prepare import prepare
+from sim2real.diagnosis.report.link import links
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.diagnosis.whole_replay import replayed
@@ -263,6 +264,7 @@ def _inputs(
         "sha256": {path: _sha256(Path(path)) for path in paths if Path(path).is_file()},
         "windows": len(fold),
         "folds": _folds(data),
+        "link": links(data.logs),
     }
 
 

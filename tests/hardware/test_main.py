@@ -74,7 +74,7 @@ def test_scan_and_monitor(capsys):
     assert command.main(["monitor", "seconds=2"]) == 0
     out = capsys.readouterr().out
     assert out.count("hinge   0.0000 rad") == 2
-    assert "5.0 V  25 °C torque off, no errors; lost 0" in out
+    assert "5.0 V  25 °C torque off, no errors; of 102 answers 0 lost" in out
 
 
 @pytest.mark.parametrize(

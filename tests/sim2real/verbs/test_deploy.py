@@ -295,7 +295,10 @@ def test_results_are_told_even_if_parking_fails(run, tmp_path, monkeypatch):
 
 
 def test_a_log_tells_what_it_is_of(run, tmp_path):
-    """Robot, task, settings, counters, jitter and missed deadlines stand beside each log."""
+    """Robot, task, settings, counters, jitter and missed deadlines stand beside each log.
+
+    Its link does as well, and that of all episodes in link.json.
+    """
     go(run, tmp_path)
     meta = json.loads((tmp_path / "logs" / "episode-0001.json").read_text())
     assert (meta["robot"], meta["task"], meta["rate"], meta["missed"]) == (
@@ -307,6 +310,13 @@ def test_a_log_tells_what_it_is_of(run, tmp_path):
     assert meta["settings"]["hinge"]["position_p_gain"] == 800
     assert meta["counters"]["hinge"]["timeout"] == 0
     assert meta["jitter"]["max"] < 1e-6
+    whole = json.loads((tmp_path / "link.json").read_text())
+    logs = [json.loads(path.read_text())["link"] for path in (tmp_path / "logs").glob("*.json")]
+    assert whole["period"] == pytest.approx({"p50": 0.02, "p90": 0.02, "p99": 0.02})
+    assert (whole["overruns"], whole["score"]) == (0, None)
+    assert whole["periods"] == sum(log["periods"] for log in logs) > 0
+    asked = sum(log["servos"]["hinge"]["asked"] for log in logs)
+    assert whole["servos"]["hinge"] == {"asked": asked, "lost": 0, "late": 0, "stale": 0}
 
 
 @pytest.mark.slow
