@@ -182,6 +182,7 @@ def test_a_port_in_use_is_refused(capsys):
         assert command.main(["scan", "robot=bench1", f"port={device}"]) == 0
 
 
+@pytest.mark.slow
 def test_a_feetech_arm_behind_a_device_file(capsys):
     """The maker's SDK reads the arm before and after our driver moved it; then it is watched."""
     sdk = pytest.importorskip("scservo_sdk")

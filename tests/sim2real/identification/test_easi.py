@@ -98,6 +98,7 @@ def test_a_length_is_found_from_rollouts() -> None:
     assert found.entries[0].uncertainty is None  # a population is no posterior
 
 
+@pytest.mark.slow
 def test_distances_of_samples_are_those_of_their_laws() -> None:
     """A shift by 1 along one of five columns is 1 / sqrt(5) along random directions; none is 0."""
     rng, shift = np.random.default_rng(0), np.array([[-1.0], [0.0], [1.0]])

@@ -193,6 +193,7 @@ def test_an_actor_with_a_memory_adapts_on_the_robot(tmp_path):
     assert robot == pytest.approx(twin, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
     """On the robot the network sees what it saw in training: mean and deviation taken out."""
     run = train(tmp_path / "run", SMALL_PPO)

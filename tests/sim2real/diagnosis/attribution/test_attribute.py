@@ -39,6 +39,7 @@ def test_a_couple_is_fitted_to_the_end(tmp_path: Path) -> None:
     assert found.fit is settled
 
 
+@pytest.mark.slow
 def test_where_nothing_helps_alone_two_are_tried_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

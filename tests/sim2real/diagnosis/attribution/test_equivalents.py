@@ -91,6 +91,7 @@ def test_what_makes_one_model_is_one_member(tmp_path: Path) -> None:
     assert not inseparable(search, weak, late)
 
 
+@pytest.mark.slow
 def test_what_no_log_can_part_is_no_reason_to_doubt(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +109,7 @@ def test_what_no_log_can_part_is_no_reason_to_doubt(
     assert cause.confidence > 0.9
 
 
+@pytest.mark.slow
 def test_values_that_never_raced_have_their_look_alikes(tmp_path: Path) -> None:
     """Of fitted values each is told with what points where it points, fitted in its place."""
     log = arm.make_log(("link_mass", {"where": "lower"}, 0.2), noise=FLOOR)
@@ -165,10 +167,11 @@ def test_all_that_is_open_is_told_apart_at_once(tmp_path: Path) -> None:
     assert explanations(fit, [[], []]) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "more", "value", "alike"),
     [
-        pytest.param("encoder_eccentricity", {"phase": 1.7}, 0.2, True, marks=pytest.mark.slow),
+        ("encoder_eccentricity", {"phase": 1.7}, 0.2, True),
         ("encoder_offset", {}, 0.05, False),  # no sine is as flat
     ],
 )

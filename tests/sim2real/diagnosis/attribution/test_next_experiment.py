@@ -72,6 +72,7 @@ def test_fast_motion_and_free_swings_tell_friction_from_a_weaker_motor(plan: Exp
     assert f"run=record robot=bench1 motions=[{plan.item.motions[0]}]" in plan.text
 
 
+@pytest.mark.slow
 def test_more_of_a_known_effect_is_an_explanation(plan: Experiment) -> None:
     """An explanation may add to what is known at its joint."""
     known = [(make("viscous_friction", where="hinge"), (0.01,))]
@@ -135,7 +136,8 @@ def test_explanations_that_no_motion_separates_are_called_so(none: Experiment) -
     assert none.separation <= none.most < 1
 
 
-@pytest.mark.parametrize("exact", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("exact", [0, 1])
 def test_two_that_are_one_do_not_hide_what_can_be_parted(exact: int, none: Experiment) -> None:
     """A shifted encoder and a tilted base are one; friction is parted from both all the same."""
     other = member("viscous_friction", [0.05], where="hinge")
@@ -147,6 +149,7 @@ def test_two_that_are_one_do_not_hide_what_can_be_parted(exact: int, none: Exper
     assert (ask(*SAME, exact=exact) if exact else none).most < 1
 
 
+@pytest.mark.slow
 def test_an_arm_that_would_fall_is_not_let_go() -> None:
     """No swing for a robot that leaves its pose without torque."""
     plan = ask(

@@ -26,6 +26,7 @@ def _probing(data: Data, most: int) -> Data:
     return replace(data, settings=replace(DEFAULT, screening=Screening(probed_max=most)))
 
 
+@pytest.mark.slow
 def test_a_ripple_that_is_looked_for_elsewhere_is_screened_anew(tmp_path: Path) -> None:
     """Its probes are read off what is left: those of the first screening say nothing of them."""
     data = _probing(arm.data_of(arm.make_log(*TRUTH, seconds=4.0), tmp_path), 2)
@@ -154,6 +155,7 @@ def test_no_glance_where_longer_steps_lose_the_motion(tmp_path: Path) -> None:
     assert wild.steps == once  # looked at without any probe, which is remembered, and never again
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", [{}, {"braking": "kept"}])
 def test_a_few_per_cent_of_a_voltage_are_seen(tmp_path: Path, variant: dict[str, Any]) -> None:
     """A motor that is 3 % strong swings its load elsewhere; a quarter more is no straight line."""

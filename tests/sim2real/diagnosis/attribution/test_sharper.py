@@ -74,6 +74,7 @@ def _option(search: Search, name: str) -> Candidate:
     return next(option for option in search.options if option.name == name)
 
 
+@pytest.mark.slow
 def test_a_right_cause_explains_what_the_shortcuts_hide(search: Search) -> None:
     """What it leaves as given is the time step's and the rigid friction's; so is its value's error.
 
