@@ -205,7 +205,9 @@ def test_a_feetech_arm_behind_a_device_file(capsys):
             try:
                 driver.connect()
                 driver.configure()
-                with Guard(driver, StopLimits(misses=50, patience=5.0)) as guard:
+                with Guard(
+                    driver, StopLimits(misses=50, patience=5.0, lost=1.0, stale=1.0)
+                ) as guard:
                     guard.arm()
                     guard.move_to(np.array([0, 0, 0.3, 0, 0, 0]), speed=2.0)
                     time.sleep(0.3)
@@ -265,7 +267,9 @@ def test_device_file_with_our_driver():
             try:
                 driver.connect()
                 driver.configure()
-                with Guard(driver, StopLimits(misses=50, patience=5.0)) as guard:
+                with Guard(
+                    driver, StopLimits(misses=50, patience=5.0, lost=1.0, stale=1.0)
+                ) as guard:
                     guard.arm()
                     guard.move_to(np.array([0.3]), speed=2.0)
                     time.sleep(0.03)
