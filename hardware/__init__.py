@@ -6,7 +6,7 @@
     tables.py       control tables and motors      protocol.py     packets
     bus_client.py   requests and answers           freshness.py    which answers are new
     registers.py    one register by name           timing.py       how long the bus takes
-    port_lock.py    one program a port             rehearsal.py    how long steps really take
+    port_lock.py    one program a port             rehearsal.py    whether a link may drive
     ending.py       torque off at any end          stop_limits.py  when the guard stops
     scan.py         servos at any speed            setup.py        IDs, speeds and settings
     settings.py     what a servo must be set to    readings.py     what servos report
@@ -17,6 +17,7 @@
     emulator/       a bus that is not there        connect.py      a driver for either
     backends.py     episodes on a robot            replayed.py     episodes of a log
     body.py         IMU and tracker                episode_log.py  a log of every step
+    link.py         periods, overruns, answers     monitor.py      the same live
     rows.py         a task on a robot              exported.py     a policy in NumPy
     env.py          the same for TorchRL           commands.py     python -m hardware
     stand.py        a model in the air             nominal.py      a public model with servos

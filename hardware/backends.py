@@ -30,6 +30,7 @@ from hardware.driver import Driver, Health, Reading
 from hardware.emulator.world import EmulatedRobot
 from hardware.errors import SafetyError, SerialPortError
 from hardware.imu.reader import SerialImu, make_imu
+from hardware.link import LinkMonitor
 from hardware.pace import FixedRate
 from hardware.safety import Guard, Sent, StopLimits
 
@@ -121,6 +122,7 @@ class ServoBackend:
         self._pace: FixedRate | None = None
         self._began = self._written = 0.0
         self.missed = self._step = 0  # deadlines of the present episode
+        self.link: LinkMonitor | None = None  # of the present episode
         self._rest: np.ndarray | None = None
         self._constant = np.array([s.type.torque_constant for s in robot.servos])
         self._resistance = np.array([s.type.resistance for s in robot.servos])
@@ -236,6 +238,7 @@ class ServoBackend:
             self._send(guard.last)
         pace.jitter.clear()
         self.missed = self._step = 0
+        self.link = LinkMonitor(pace, self.counters, guard.driver.score)
         self._began = pace.wait()
         return self._measure(self._began)
 
@@ -279,22 +282,11 @@ class ServoBackend:
             SafetyError: the robot was stopped, and why.
         """
         try:
-            return self._measure(self._deadline())
+            # a command that came too late for a deadline gets its time to act before it is read
+            return self._measure(self.pace.wait(latest=self.pace.period / 2))
         except SafetyError as error:
             self.stopped = str(error)
             raise
-
-    def _deadline(self) -> float:
-        """Wait for the next deadline, or the one after if it is half a period ago, and return it.
-
-        A command that came too late for a deadline gets its time to act before anything is read.
-        """
-        pace, clock = self.pace, self.guard.driver.clock
-        deadline = pace.wait()
-        if clock.now() - deadline > pace.period / 2:
-            pace.jitter.pop()
-            deadline = pace.wait()
-        return deadline
 
     def _measure(self, deadline: float) -> RobotMeasurement:
         reading = self.guard.measure()

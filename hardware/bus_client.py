@@ -43,6 +43,7 @@ SHIELD = 2  # bytes read beyond the wanted ones
 NOBODY = 252  # an ID that no servo of a robot may have
 MORE_PATIENT = 10  # times the usual patience, where a machine may be busy
 TURN_ROUND = 1e-4  # s, the most that a servo takes beyond its return delay
+LATE = 1e-3  # s beyond what the wire explains: where ros2_control warns of a component's times
 
 
 @dataclass(frozen=True)
@@ -259,13 +260,14 @@ class BusClient:
             span += waits * (self.return_delay + TURN_ROUND) + self.latency + self.patience
             self.port.setPacketTimeoutMillis(span * 1000)
             # the SDK's own deadline is of the wall clock, which can be set
-            deadline, patience = self.clock.now() + span, self.patience
+            deadline = self.clock.now() + span
+            explained = deadline - self.patience  # what comes later is late
 
         def finish() -> list[Packet]:
             with self._cable():
-                good = self._receive(wanted, deadline, span, to_the_end, fast)
+                good = self._receive(wanted, deadline, span, to_the_end, fast, explained)
                 if good and not to_the_end:
-                    self.lateness = max(self.clock.now() - (deadline - patience), 0.0)
+                    self.lateness = max(self.clock.now() - explained, 0.0)
                 return good
 
         return finish
@@ -288,15 +290,20 @@ class BusClient:
         span: float,
         to_the_end: bool,
         fast: int,
+        explained: float,
     ) -> list[Packet]:
         port, good = self.port, []
         left = [BROADCAST] if fast else [number for number, _ in wanted]
         sizes = {BROADCAST: fast} if fast else {n: self.overhead + size for n, size in wanted}
+        last = self.clock.now()  # s, the answer before
         while True:
             data = port.readPort(4096)
             for packet in self._parser.feed(bytes(data)):
                 if self._fits(packet, left, sizes, to_the_end, bool(fast)):
                     good.append(packet)
+                    servos = [number for number, _ in wanted] if fast else [packet.id]
+                    self._time(servos, max(explained, last + self._span(len(packet.raw))))
+                    last = self.clock.now()
             if not to_the_end and not left:
                 self._doubtful = False
                 return good
@@ -342,6 +349,15 @@ class BusClient:
         if not fast:
             self._count(packet.id, packet.params[0], packet.params[1:])
         return True
+
+    def _span(self, size: int) -> float:
+        """Return how long one answer of so many bytes takes after the one before it [s]."""
+        return size * 10 / self.port.getBaudRate() + self.return_delay + TURN_ROUND + self.latency
+
+    def _time(self, servos: Sequence[int], due: float) -> None:
+        """Count the answer of these servos as late if it was due [s] long ago."""
+        for number in servos:
+            self.counters[number].late += self.clock.now() > due + LATE
 
     def _drain(self) -> None:
         """Let answers that are late come in, and forget them."""

@@ -5,7 +5,7 @@
     setup      with robot= give its servos their IDs, speed and settings; without one make a file
                of the robot from its servos and its model: IDs, then each joint moved by hand
     calibrate  torque off; move every joint through its range and to its zero; writes a JSON file
-    monitor    torque off; print what the servos measure, once a second
+    monitor    torque off; print what the servos measure and how the link does, once a second
     read       print a register, or all
     write      write a register of one servo and read it back
     reboot     reboot a servo, or all: their torque goes off
@@ -46,7 +46,6 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
@@ -59,8 +58,9 @@ from hardware.config import Robot, load_robot
 from hardware.connect import make_driver
 from hardware.detected import detect, scan_port
 from hardware.driver import Driver
-from hardware.errors import HardwareError, RobotError, format_names
+from hardware.errors import HardwareError, RobotError
 from hardware.find_port import find_port
+from hardware.monitor import monitor as show
 from hardware.pack import pack as pack_folder
 from hardware.scan import DetectedServo
 from hardware.scan import scan as find_servos
@@ -218,40 +218,11 @@ def _with(robot: Robot, action: Callable[[Driver], None]) -> None:
 
 
 def monitor(robot: Robot, keys: Keys, ask: Ask) -> None:
-    """Print positions, currents, voltages, temperatures and counters once a second; torque off."""
+    """Print what the servos measure and how the link does, once a second; torque off."""
+    seconds = number(keys, "seconds", math.inf)
     if "file" in keys:
         robot = apply_calibration(robot, read_calibration(keys["file"]))
-    driver = make_driver(robot)
-    try:
-        driver.connect()
-        end = driver.clock.now() + number(keys, "seconds", math.inf)
-        with ExitStack() as stack:
-            for part in driver.parts:  # nothing is late at one look a second
-                stack.enter_context(part.bus_client.more_patient())
-            while driver.clock.now() < end:
-                _print_state(driver)
-                driver.clock.sleep_until(driver.clock.now() + 1)
-    finally:
-        driver.close()
-
-
-def _print_state(driver: Driver) -> None:
-    reading = driver.read()
-    for i, servo in enumerate(driver.robot.servos):
-        health = driver.health(i)
-        counters = driver.counters[servo.name]
-        lost = counters.timeout + counters.corrupt + counters.short + counters.stale
-        state = "no answer"
-        if health is not None:
-            errors = format_names(health.errors) if health.errors else "no errors"
-            torque = "on" if health.torque else "off"
-            state = (
-                f"{health.voltage:4.1f} V {health.temperature:3.0f} °C torque {torque}, {errors}"
-            )
-        print(
-            f"{servo.name:>16} {reading.position[i]:8.4f} rad {reading.velocity[i]:7.2f} rad/s "
-            f"{reading.current[i]:7.3f} A  {state}; lost {lost} of {counters.asked}"
-        )
+    show(robot, seconds)
 
 
 def pack(robot: Robot, keys: Keys, ask: Ask) -> None:

@@ -32,8 +32,10 @@ from hardware.config import Robot, Servo
 from hardware.counters import Counters
 from hardware.errors import SerialPortError, ServoError
 from hardware.freshness import Freshness
+from hardware.link import LinkScore
 from hardware.readings import Health, Reading, errors_of
 from hardware.registers import RETRIES, read_register, write_register
+from hardware.stop_limits import StopLimits
 from hardware.timing import BLOCK, BLOCK_SIZE, cycle_time, sample_times
 from hardware.torque import FIRST_PAUSE, Torque
 
@@ -87,7 +89,7 @@ class Driver(Torque):
         self._stamp = np.zeros(n)
         self._alert = np.zeros(n, bool)
         self.fast = True
-        self._rehearsed = False
+        self.score: LinkScore | None = None  # of the link, as measured since it was opened
         self._powered = set()
 
     def __len__(self) -> int:
@@ -115,7 +117,7 @@ class Driver(Torque):
         handshake.check_latency_timer(self.robot, self.bus_client)
         self.bus_client.open(self.robot.bus.baud)
         handshake.check_servos(self.robot, self.bus_client)
-        self._rehearsed = False
+        self.score = None
         self._ages, self._health_ages = ([Freshness() for _ in self.ids] for _ in range(2))
         with self.bus_client.more_patient():
             self._adopt()
@@ -156,26 +158,33 @@ class Driver(Torque):
             self.clock.sleep_until(self.clock.now() + pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
-    def measure_step_time(self) -> None:
-        """Measure once after connecting what control steps take here, and be as patient as needed.
+    def measure_link(self, limits: StopLimits) -> LinkScore | None:
+        """Measure after connecting what steps and answers are like here; be as patient as needed.
 
-        The emulated bus of this process keeps its own time, and needs none of it.
+        What was good enough is not measured again. The emulated bus of this process keeps its own
+        time, and needs none of it.
 
-        Raises:
-            ServoError: the robot's rate or watchdog cannot be kept; torque is as it was.
+        Args:
+            limits: of a link that may drive the robot.
+
+        Returns:
+            Whether it may; None for the emulated bus. Torque is as it was.
         """
-        if self._rehearsed or self.robot.port is None:
-            return
+        if self.robot.port is None or (self.score is not None and self.score.go):
+            return self.score
         turns = itertools.cycle(range(len(self)))
 
         def step() -> None:
             self.read()
             self.health(next(turns))
 
-        times = rehearsal.check(step, self.clock, self.robot)
-        for part in self.parts:
-            part.bus_client.patience = max(self.clock.jitter, min(times.reply, 1 / self.robot.rate))
-        self._rehearsed = True
+        times, self.score = rehearsal.score_link(
+            step, self.clock, self.robot, self.counters, limits
+        )
+        longest = min(times.reply, 1 / self.robot.rate)
+        for part in self.parts if self.score.go else ():
+            part.bus_client.patience = max(self.clock.jitter, longest)
+        return self.score
 
     def configure(self) -> None:
         """Torque off, then write the robot's registers and verify each.

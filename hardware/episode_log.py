@@ -10,8 +10,8 @@
 Beside the columns of every log there are `obs.<i>` and `action.<i>` (what the policy saw and said),
 `action.<servo>` (the goal that the task made of it) where `ctrl.<servo>` is what was sent;
 `sensor.count_`, `duty_`, `torque_`, `fresh_` and `lost_<servo>` (raw position, duty, N·m, whether
-the answer is new, answers lost so far), those of the IMU if the robot's file says its site,
-`sensor.<name>_<i>` of another sensor, `flag.late` (a deadline was missed in this step),
+the answer is new, answers lost or stale so far), those of the IMU if the robot's file says its
+site, `sensor.<name>_<i>` of another sensor, `flag.late` (a deadline was missed in this step),
 `flag.limited` (the guard sent less than the goal), `flag.stopped` and `flag.end` (the episode's
 last measurement: nothing was sent any more, the last command holds).
 """
@@ -107,9 +107,7 @@ class EpisodeLog:
                     state.temperature,
                 )
         for name, count in counters.items():
-            row[f"sensor.lost_{name}"] = float(
-                count.timeout + count.corrupt + count.short + count.stale
-            )
+            row[f"sensor.lost_{name}"] = float(count.lost + count.stale)
         flags = dict.fromkeys(("flag.late", "flag.stopped", "flag.end"), 0.0)
         self._rows.append(row | {"reward": 0.0} | flags)
 

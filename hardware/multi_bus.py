@@ -39,7 +39,7 @@ class MultiBusDriver(Driver):
         self._where = [  # indices of each bus's servos in the robot's order
             np.array([robot.names.index(name) for name in part.robot.names]) for part in drivers
         ]
-        self._rehearsed = False
+        self.score = None
 
     @property
     def powered(self) -> set[str]:
@@ -63,7 +63,7 @@ class MultiBusDriver(Driver):
 
     def connect(self) -> None:
         """Open every port and check every servo; see `Driver.connect`."""
-        self._rehearsed = False
+        self.score = None
         for part in self._drivers:
             part.connect()
         self.fast = all(part.fast for part in self._drivers)

@@ -5,12 +5,16 @@
         pace.wait()                 # until the next deadline
         ...
 
-Afterwards `pace.missed` and `pace.jitter` say how well it went.
+Afterwards `pace.missed`, `pace.overruns`, `pace.starts` and `pace.jitter` say how well it went.
 """
 
 from __future__ import annotations
 
+import math
+
 from hardware.clock import Clock
+
+ROUNDING = 1e-9  # s, of a sum of periods
 
 
 class FixedRate:
@@ -26,23 +30,38 @@ class FixedRate:
     def __init__(self, clock: Clock, rate: float) -> None:
         self.period = 1 / rate
         self.missed = 0
+        self.overruns = 0  # steps that ended after the next one's deadline
+        self.starts: list[float] = []  # s, when each step began
         self.jitter: list[float] = []  # s that each step began after its deadline
         self._clock = clock
         self._start: float | None = None
         self._steps = 0
 
-    def wait(self) -> float:
-        """Wait for the next deadline and return it [s]."""
+    def wait(self, latest: float = math.inf) -> float:
+        """Wait for the next deadline and return it [s].
+
+        Args:
+            latest: how long after its deadline a step may begin [s]; later it waits for the next.
+        """
+        deadline = self._next()
+        self.overruns += self._clock.now() > deadline + ROUNDING
+        self._clock.sleep_until(deadline)
+        if self._clock.now() - deadline > latest:
+            deadline = self._next()
+            self._clock.sleep_until(deadline)
+        self.starts.append(self._clock.now())
+        self.jitter.append(self.starts[-1] - deadline)
+        return deadline
+
+    def _next(self) -> float:
+        """Return the next deadline [s], and count those that have passed by whole periods."""
         now = self._clock.now()
         if self._start is None:
             self._start = now
         else:
             self._steps += 1
-            behind = int((now - self._start) / self.period + 1e-9) - self._steps
+            behind = int((now - self._start) / self.period + ROUNDING) - self._steps
             if behind > 0:
                 self.missed += behind
                 self._steps += behind
-        deadline = self._start + self._steps * self.period
-        self._clock.sleep_until(deadline)
-        self.jitter.append(self._clock.now() - deadline)
-        return deadline
+        return self._start + self._steps * self.period

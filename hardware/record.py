@@ -11,6 +11,7 @@ the guard, Ctrl-C or anything else ends early.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -24,12 +25,14 @@ from hardware.config import Robot
 from hardware.driver import Reading
 from hardware.errors import HardwareError, LogError, SerialPortError
 from hardware.excite import ExcitationPlan
+from hardware.link import LinkMonitor
 from hardware.log import Log
 from hardware.log_writer import LogWriter
 from hardware.pace import FixedRate
 from hardware.safety import Guard
 
 Row = dict[str, float]
+_logger = logging.getLogger(__name__)
 
 
 def joint_names(robot: Robot) -> list[str]:
@@ -66,6 +69,7 @@ class Recording:
         self._rows: list[Row] = []
         self._start: float | None = None
         self._joints = joint_names(guard.driver.robot)
+        self.link: LinkMonitor | None = None  # from where the plan begins
         self.stopped: str | None = None  # why the plan was not driven to its end
         self._writer = None if path is None else LogWriter(path, self._meta())
 
@@ -111,13 +115,17 @@ class Recording:
 
     def _run(self, count: int, steps: Iterator[tuple[np.ndarray, bool]]) -> None:
         """Take so many steps, each asked for when its time has come."""
-        pace, on = FixedRate(self._guard.driver.clock, self._guard.driver.robot.rate), True
+        driver, on = self._guard.driver, True
+        pace = FixedRate(driver.clock, driver.robot.rate)
+        self.link = link = LinkMonitor(pace, driver.counters, driver.score)
         try:
             for _ in range(count):
                 pace.wait()
                 wanted, torque = next(steps)
                 self._step(wanted, torque, on)
                 on = torque
+                if link.is_due(driver.clock.now()):
+                    _logger.info("%s", link.statistics())
         except BaseException as error:
             self.stopped = str(error) or type(error).__name__
             raise
@@ -214,6 +222,8 @@ class Recording:
             "command_delay": robot.command_delay,
             "supply_voltage": robot.supply.voltage,
         }
+        if self.link is not None:
+            meta["link"] = self.link.statistics().as_dict()
         return meta if self.stopped is None else meta | {"stopped": self.stopped}
 
 

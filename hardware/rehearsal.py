@@ -1,7 +1,9 @@
-"""What control steps take on this machine and port, measured before torque goes on.
+"""What control steps and answers are like on this machine and port, before torque goes on.
 
-    times = rehearse(step, clock, rate=100.0)       # `step` asks the servos and writes nothing
-    check(times, robot)                             # raises if the robot's rate cannot be kept
+    times, score = score_link(step, clock, robot, driver.counters, StopLimits())
+    print(score)            # link score 0.62: go; one control step in 20 takes 3.8 ms of 10.0 ms
+
+`step` asks the servos and writes nothing.
 
 On a busy machine, behind a slow adapter or a virtual port, steps take longer than the wire does. A
 robot that moves already would then be stopped by its guard, or by its servos' watchdogs.
@@ -9,34 +11,98 @@ robot that moves already would then be stopped by its guard, or by its servos' w
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from hardware.clock import Clock
 from hardware.config import Robot
-from hardware.errors import ServoError
+from hardware.counters import Counters
+from hardware.link import LinkMonitor, LinkScore, LinkStatistics
 from hardware.pace import FixedRate
+from hardware.stop_limits import StopLimits
 
 SPAN = 1.0  # s of one attempt: some of the machine's usual interruptions fall into it
 ATTEMPTS = 3  # the first good one counts: other programs may just have started
-LATE_PART = 0.05  # of the steps, that may be late
-WATCHDOG_PART = 0.5  # of the watchdog's time, that the longest pause between steps may take
+
+
+class Margin(NamedTuple):
+    """How much of a limit a link uses."""
+
+    what: str  # in words
+    used: float  # part of the limit; above 1 the robot is not armed
+    refusal: str  # what is wrong and what helps, where it is above 1
 
 
 class StepTimes(NamedTuple):
-    """What the steps of one attempt took [s]."""
+    """What the steps of one attempt took [s], and what became of the answers."""
 
     typical: float  # the median, from a step's deadline to its end
-    slow: float  # exceeded by a part of LATE_PART
+    slow: float  # exceeded by the part `slow_steps` of them
     pause: float  # the longest from the end of one step to the end of the next
     reply: float  # the longest that `step` itself took
+    link: LinkStatistics
+
+    def margins(self, robot: Robot, limits: StopLimits) -> list[Margin]:
+        """Return how much of each limit is used.
+
+        Args:
+            robot: the robot; a watchdog of 0 is off.
+            limits: of the link.
+        """
+        period, place = 1 / robot.rate, f"{robot.name} at {robot.port}"
+        one_in = f"one control step in {1 / limits.slow_steps:.0f} takes"
+        slow, pause = f"{self.slow * 1e3:.1f} ms", f"{self.pause * 1e3:.0f} ms"
+        found = [
+            Margin(
+                f"{one_in} {slow} of {period * 1e3:.1f} ms",
+                self.slow / period,
+                f"{place}: {one_in} {slow} or more (half of them {self.typical * 1e3:.1f} ms), and "
+                f"{robot.rate:g} steps a second leave {period * 1e3:.1f} ms; end other programs, "
+                f"or give a rate of at most {np.floor(1 / max(self.slow, period)):.0f}",
+            )
+        ]
+        if robot.watchdog > 0:
+            silence = f"{robot.watchdog * 1e3:.0f} ms"
+            found.append(
+                Margin(
+                    f"the longest pause is {pause}, the servos' watchdogs allow {silence}",
+                    self.pause / (limits.longest_pause * robot.watchdog),
+                    f"{place}: between two control steps {pause} went by, and the servos stop by "
+                    f"themselves after {silence} without a command; end other programs, or raise "
+                    f"watchdog to {1.25 * self.pause / limits.longest_pause:.2f}",
+                )
+            )
+        for kind, remedy in (
+            ("lost", "look at cable, supply and adapter"),
+            ("stale", "look at the adapter, the hub, and other programs"),
+        ):
+            name, part = self.link.worst(kind)
+            allowed = getattr(limits, kind)
+            words = f"{part:.1%} of {name}'s answers are {kind}"
+            refusal = f"{place}: {words}, and stops.{kind} allows {allowed:.1%}; {remedy}"
+            found.append(Margin(f"{words}, of {allowed:.1%}", part / allowed, refusal))
+        return found
+
+    def score(self, robot: Robot, limits: StopLimits) -> LinkScore:
+        """Return whether the robot may be armed, with the limit that is used most, or exceeded."""
+        margins = self.margins(robot, limits)
+        value = 1 - max(margin.used for margin in margins)
+        worst = next((m for m in margins if m.used > 1), max(margins, key=lambda m: m.used))
+        return LinkScore(value, worst.refusal if worst.used > 1 else worst.what)
 
 
-def rehearse(step: Callable[[], object], clock: Clock, rate: float) -> StepTimes:
+def rehearse(
+    step: Callable[[], object],
+    clock: Clock,
+    rate: float,
+    counters: Mapping[str, Counters],
+    limits: StopLimits,
+) -> StepTimes:
     """Take steps at this rate for SPAN seconds, and return what they took."""
     pace, ends, late, took = FixedRate(clock, rate), [], [], []
+    link = LinkMonitor(pace, counters)
     for _ in range(max(round(SPAN * rate), 10)):
         deadline = pace.wait()
         begin = clock.now()
@@ -44,43 +110,22 @@ def rehearse(step: Callable[[], object], clock: Clock, rate: float) -> StepTimes
         ends.append(clock.now())
         late.append(ends[-1] - deadline)
         took.append(ends[-1] - begin)
-    slow = float(np.quantile(late, 1 - LATE_PART))
-    return StepTimes(float(np.median(late)), slow, max(np.diff(ends)), max(took))
+    slow = float(np.quantile(late, 1 - limits.slow_steps))
+    pause = float(max(np.diff(ends)))
+    return StepTimes(float(np.median(late)), slow, pause, max(took), link.statistics())
 
 
-def problem(times: StepTimes, robot: Robot) -> str | None:
-    """Return why the robot's rate or watchdog cannot be kept, or None.
-
-    Args:
-        times: what the steps took.
-        robot: the robot; a watchdog of 0 is off.
-    """
-    period, place = 1 / robot.rate, f"{robot.name} at {robot.port}"
-    if times.slow > period:
-        return (
-            f"{place}: one control step in {1 / LATE_PART:.0f} takes {times.slow * 1e3:.1f} ms or "
-            f"more (half of them {times.typical * 1e3:.1f} ms), and {robot.rate:g} steps a second "
-            f"leave {period * 1e3:.1f} ms; end other programs, or give a rate of at most "
-            f"{np.floor(1 / times.slow):.0f}"
-        )
-    if 0 < robot.watchdog * WATCHDOG_PART < times.pause:
-        return (
-            f"{place}: between two control steps {times.pause * 1e3:.0f} ms went by, and the "
-            f"servos stop by themselves after {robot.watchdog * 1e3:.0f} ms without a command; "
-            f"end other programs, or raise watchdog to {2.5 * times.pause:.2f}"
-        )
-    return None
-
-
-def check(step: Callable[[], object], clock: Clock, robot: Robot) -> StepTimes:
-    """Measure until the steps are quick enough, at most ATTEMPTS times, and return what they took.
-
-    Raises:
-        ServoError: the robot's rate or watchdog cannot be kept; with what was measured.
-    """
+def score_link(
+    step: Callable[[], object],
+    clock: Clock,
+    robot: Robot,
+    counters: Mapping[str, Counters],
+    limits: StopLimits,
+) -> tuple[StepTimes, LinkScore]:
+    """Rehearse until the score means go, at most ATTEMPTS times; return what was measured last."""
     for _ in range(ATTEMPTS):
-        times = rehearse(step, clock, robot.rate)
-        found = problem(times, robot)
-        if found is None:
-            return times
-    raise ServoError(f"{found}; torque stays off")
+        times = rehearse(step, clock, robot.rate, counters, limits)
+        score = times.score(robot, limits)
+        if score.go:
+            break
+    return times, score

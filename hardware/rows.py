@@ -25,6 +25,7 @@ from hardware.backends import Backend, RobotMeasurement, ServoBackend
 from hardware.body import SIZES
 from hardware.episode_log import EpisodeLog
 from hardware.errors import RobotError, SafetyError, ServoError, did_you_mean, format_names
+from hardware.link import LinkStatistics
 from hardware.safety import Sent
 
 
@@ -88,6 +89,7 @@ class RobotRows:
         self.log = EpisodeLog(robot, folder, driven=not getattr(backend, "dry_run", False))
         self.stopped: str | None = None
         self.over = True  # no episode is going on
+        self.link: LinkStatistics | None = None  # of all episodes that have ended
         self.facts: dict[str, Any] = {}  # further metadata of the logs, such as "policy"
         self._rest: np.ndarray = np.asarray(task.rest(model))[None]  # (1, n)
         self._measured: RobotMeasurement | None = None
@@ -240,8 +242,16 @@ class RobotRows:
             facts["counters"] = {name: c.as_dict() for name, c in backend.counters.items()}
             facts |= {"missed": backend.missed, "jitter": _spread(backend.pace.jitter)}
             facts["stopped"] = self.stopped
+            facts["link"] = self._add_link(backend).as_dict()
         self.log.finish(facts)
         self._measured = None
+
+    def _add_link(self, backend: ServoBackend) -> LinkStatistics:
+        """Return the statistics of an episode that ends, and add them to those of all before."""
+        assert backend.link is not None
+        found = backend.link.statistics()
+        self.link = found if self.link is None else self.link + found
+        return found
 
     def close(self) -> None:
         """Write the log, park, switch torque off, let go.

@@ -90,8 +90,8 @@ class Guard:
         Raises:
             SafetyError: a servo is outside its limits, too hot, at another voltage than the
                 robot's file says, or reports an error.
-            ServoError: this machine or port is too slow for the robot's rate or watchdog, or a
-                servo does not follow its command.
+            ServoError: the link's score means no-go (see `hardware/rehearsal.py`), or a servo does
+                not follow its command.
             HardwareError: whatever it is, torque is off again, or the message says where it may
                 not be.
         """
@@ -103,7 +103,9 @@ class Guard:
 
     def _arm(self) -> Reading:
         driver = self.driver
-        driver.measure_step_time()
+        score = driver.measure_link(self.limits)
+        if score is not None and not score.go:
+            raise ServoError(f"{score}; torque stays off")
         reading = self._whole_reading()
         self._check_start(reading)
         states = [self._state(i) for i in range(len(driver))]
@@ -115,6 +117,8 @@ class Guard:
             level = logging.INFO if driver.robot.port is None else logging.WARNING
             words = "torque goes on; killed, or on a bus that stays away, %s stay powered"
             _logger.log(level, words, alone(driver.robot, driver.robot.names))
+            if score is not None:
+                _logger.info("%s", score)
         self._power(reading)
         self._commanded, self._pause = driver.clock.now(), 0.0
         return reading

@@ -54,7 +54,6 @@ class ShutdownHook:
                 if not (ignored and number in OF_THE_TERMINAL):
                     self._before[number] = signal.signal(number, self._on_signal)
         atexit.register(self._stop)
-        gc.collect()
         gc.freeze()
         return self
 

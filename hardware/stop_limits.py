@@ -1,4 +1,4 @@
-"""When the guard stops a robot: the thresholds, each a setting of its own.
+"""When the guard stops a robot, and when it does not arm one: each threshold is a setting.
 
 Guard(driver, StopLimits(odd_voltage=0.3))
 """
@@ -11,10 +11,12 @@ import numpy as np
 
 from hardware.config import Robot, Servo
 
+PARTS = ("slow_steps", "longest_pause", "lost", "stale")  # of a whole: at most 1
+
 
 @dataclass(frozen=True)
 class StopLimits:
-    """When to stop.
+    """When to stop, and when not to arm.
 
     Args:
         misses: stop after so many readings in a row without one servo's answer.
@@ -26,6 +28,15 @@ class StopLimits:
             commands then lead it back in.
         odd_voltage: stop when the supply differs from the robot's file by this part of it.
         return_time: how long to retry a bus that disappeared, for torque-off [s].
+        slow_steps: arm only if at most this part of the control steps takes longer than their
+            period. Judgement; not studied.
+        longest_pause: arm only if no pause between steps takes more than this part of the servos'
+            watchdog. Judgement: half of it is left for what a rehearsal of a second does not meet.
+        lost: arm only if at most this part of one servo's answers is lost. Derived: a reading
+            without an answer is repeated at once, so that `misses` = 5 in a row have a probability
+            of 0.05^10 = 1e-13.
+        stale: arm only if at most this part of one servo's answers is of an earlier question. As
+            many held readings shift a joint's recorded motion by 0.05 of a step on average.
     """
 
     misses: int = 5
@@ -35,6 +46,10 @@ class StopLimits:
     outside: float = 0.2
     odd_voltage: float = 0.2
     return_time: float = 4.0
+    slow_steps: float = 0.05
+    longest_pause: float = 0.5
+    lost: float = 0.05
+    stale: float = 0.05
 
 
 def full_duty_errors(robot: Robot) -> np.ndarray:

@@ -127,8 +127,12 @@ def check_module(name: str, words: list[str], monkeypatch: pytest.MonkeyPatch) -
 
 
 def marked(line: str, place: str) -> Any:
-    """Return a command line as a parameter; those of docstrings alone wait for the long suite."""
-    marks = [pytest.mark.slow] if place.endswith(".py") else []
+    """Return a command line as a parameter.
+
+    Those of docstrings alone and of tables of results wait for the long suite.
+    """
+    late = place.endswith(".py") or place.startswith("benchmarks/results")
+    marks = [pytest.mark.slow] if late else []
     return pytest.param(line, id=f"{place}: {line}", marks=marks)
 
 

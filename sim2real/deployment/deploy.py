@@ -27,6 +27,7 @@ from hardware.config import Robot, make_robot
 from hardware.errors import SafetyError
 from hardware.rows import RobotRows
 from sim2real.deployment.fit import check_interface
+from sim2real.deployment.link_file import write_link
 from sim2real.deployment.robot_env import play, robot_of
 from sim2real.deployment.session import STATE, Deployment, EpisodePlan, save
 from sim2real.deployment.trained import task_of
@@ -121,8 +122,8 @@ def run_deployment(
         env: the robot, see `on_robot`.
         trained: the policy.
         deployment: which episodes are left.
-        out: gets state.npz and returns.csv after each episode, and parameters.csv where the robot's
-            are identified.
+        out: gets state.npz, returns.csv and link.json after each episode, and parameters.csv where
+            the robot's are identified.
         measure: what is added to the return of an episode, such as the distance that somebody
             measured; None for nothing.
         resume: the folder that a message says to continue; None for `out`.
@@ -155,7 +156,10 @@ def run_deployment(
                 write_text(
                     out / "parameters.csv", identified_parameters_table(deployment.session).csv()
                 )
-            log_.info("%s, episode %d: return %.4g", turn.phase, turn.number + 1, value)
+            write_link(out, rows.link)
+            text = "%s, episode %d: return %.4g; %s"
+            log_.info(text, turn.phase, turn.number + 1, value, rows.link)
+        log_.info("all %d episodes are done; %s", deployment.total, rows.link)
     except KeyboardInterrupt:
         done = f"stopped after {deployment.done} of {deployment.total} episodes, torque is off"
         raise RunInterrupted(f"{done}; {again}", 130) from None

@@ -153,7 +153,7 @@ def record_while(
         if imu is not None:
             imu.close()
         if recording.close() and path is not None:
-            log_.info("%d rows in %s", len(recording), path.name)
+            log_.info("%d rows in %s; %s", len(recording), path.name, recording.link)
     return recording.log()
 
 

@@ -52,6 +52,7 @@ from sim2real.diagnosis.inference.run import About, Causes, find_causes
 from sim2real.diagnosis.numerics import null_test
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.prepare import prepare
+from sim2real.diagnosis.report.link import links
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.diagnosis.whole_replay import replayed
@@ -240,6 +241,7 @@ def _inputs(
         "sha256": {path: _sha256(Path(path)) for path in paths if Path(path).is_file()},
         "windows": len(fold),
         "folds": _folds(data),
+        "link": links(data.logs),
     }
 
 

@@ -71,7 +71,8 @@ def run(
         stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.
         resume: folder of a deployment that was interrupted; None starts one.
         seed: the seed of starts and perturbations.
-        out: the run's folder; gets logs/, returns.csv, table.md, table.csv, plots/ and state.npz.
+        out: the run's folder; gets logs/, returns.csv, link.json, table.md, table.csv, plots/ and
+            state.npz.
 
     Returns:
         The deployment, with all its returns.

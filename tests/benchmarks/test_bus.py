@@ -25,6 +25,7 @@ def test_each_way_moves_the_servos(way: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(angles, [0.2, -0.1], atol=0.05)
 
 
+@pytest.mark.slow
 def test_the_table_has_every_way(tmp_path: Path) -> None:
     """A row for each robot, a cost for each way."""
     table = compare([1, 2], 20)

@@ -78,6 +78,7 @@ def test_the_table_tells_the_memory_and_its_limit(memory: float, holds: str) -> 
     assert f"| diagnose_6_joints | {memory:.2f} | 2 | {holds} |" in text
 
 
+@pytest.mark.slow
 def test_a_row_prices_causes() -> None:
     """Every subset of the causes has its episodes, and each cause a price."""
     row = PriceCauses("worth_quad8", 2)

@@ -61,6 +61,7 @@ class Shell:
         return True
 
 
+@pytest.mark.slow
 def test_each_step_is_done_once_and_in_order(tmp_path: Path, monkeypatch) -> None:
     """The randomized policy walks first; EASI is given its walks, and training what it found."""
     shell = Shell(monkeypatch)

@@ -26,6 +26,7 @@ def cause(effect: str, where: str | None, *alike: Equivalent) -> Cause:
     return Cause(effect, where, None, 0.1, (0.0, 0.2), "", {}, 0.9, 0.9, equivalent=alike)
 
 
+@pytest.mark.slow
 def test_walks_hold_encoders_and_imu_and_half_begin_in_mid_gait() -> None:
     """Nothing of the base's position, nothing of the policy."""
     first, second = walks("quad8", [], 1, episodes=2)

@@ -77,6 +77,7 @@ def plan(
     return Plan(names, seeds, tmp_path / "runs", tmp_path / "results")
 
 
+@pytest.mark.slow
 def test_each_policy_is_trained_and_taken_to_the_bus(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -96,6 +97,7 @@ def test_each_policy_is_trained_and_taken_to_the_bus(
     assert shifts == {name for of_robot in SHIFTS.values() for name in of_robot.values()}
 
 
+@pytest.mark.slow
 def test_meta_learning_goes_on_from_the_walking_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -140,6 +140,7 @@ def test_05_a_late_answer_is_no_second_servo(rig, late):
     assert r.powered == [True] * 3
 
 
+@pytest.mark.slow
 def test_22_ten_seconds_of_twelve_servos(chain):
     """Every request is answered: one group read a step and one servo's health in turn."""
     r = Rig(chain(12))

@@ -26,6 +26,7 @@ from sim2real.diagnosis.preflight.channels import NOTES
 from sim2real.diagnosis.report import (
     charts,
     closed_loop,
+    link,
     motion,
     provenance,
     robot_drawing,
@@ -142,6 +143,7 @@ def view(report: Report) -> dict[str, Any]:
         "shown": SHOWN,
         "correlations": charts.correlations(report),
         "bands": charts.bands(report, _units(report)),
+        "links": link.table(evidence.inputs),
         "inputs": provenance.flat(evidence.inputs),
         "settings": [provenance.setting(row) for row in evidence.settings],
         "numerics": text.numerics(report.numerics),

@@ -53,8 +53,8 @@ def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
     """Return a tree of names and values as lines of a list."""
     lines = []
     for key, value in tree.items():
-        if key == "command":
-            continue  # it stands above the list
+        if key in ("command", "link"):
+            continue  # they stand elsewhere on the page
         own = str(key)  # a word, or the path of a log, which keeps its underscores
         title = head + (own.replace("_", " ") if own.isidentifier() else own)
         if isinstance(value, Mapping):

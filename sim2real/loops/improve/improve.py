@@ -32,6 +32,7 @@ from envs.effects.file import load_effects, write_effects
 from hardware.errors import SafetyError
 from hardware.log import Log, read_logs
 from sim2real.deployment.actors import LoadedPolicy, actor_of, load_actor
+from sim2real.deployment.link_file import read_link
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.evaluation.cause_costs import read_causes
 from sim2real.learning.algorithms.base import Components
@@ -205,7 +206,8 @@ class _Loop:
         site, trained = self.site, self.first
         robot = None if self.plan.logs else site.deploy(trained, self.out / "round_0" / "deploy")
         score = site.score(trained, self.parts.environment.fixed)
-        self.add(Round(0, str(trained.source), robot, score))
+        link = read_link(self.out / "round_0" / "deploy")
+        self.add(Round(0, str(trained.source), robot, score, link=link))
         for number in range(1, self.plan.rounds + 1):
             self.number = number
             if (end := self.story.end() or self._looked(trained)) is not None:
@@ -256,7 +258,8 @@ class _Loop:
         score = site.score(made, [(cause.effect, cause.values) for cause in causes])
         told = facts(place)
         found = (self.contract, told["verdict"], told["causes"])
-        one = Round(self.number, str(made.source), robot, score, *found)
+        link = read_link(place / "deploy")
+        one = Round(self.number, str(made.source), robot, score, *found, link)
         self.add(one)
         table_of(one, told["gap"]).write(place / "table", f"Round {self.number}")
         return made

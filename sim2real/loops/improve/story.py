@@ -66,6 +66,8 @@ class Round:
             nothing was compared.
         verdict: of the diagnosis; None in round 0.
         causes: what was found, with value, interval and cost; () in round 0.
+        link: periods, overruns and answers of the deployment, see `hardware/link.py`; None where
+            there was none, or no servos.
     """
 
     number: int
@@ -75,6 +77,7 @@ class Round:
     contract: str | None = None
     verdict: str | None = None
     causes: Sequence[Mapping[str, Any]] = ()
+    link: Mapping[str, Any] | None = None
 
 
 @dataclass

@@ -44,6 +44,7 @@ def test_the_nominal_model_is_right_where_nothing_is_hidden(
     assert left < 2 * overall(difference(log, again))
 
 
+@pytest.mark.slow
 def test_the_true_effect_closes_the_gap(tmp_path: Path) -> None:
     """An effect of the emulator's own laws is the same effect in the simulator's."""
     from envs.effects import make
@@ -78,6 +79,7 @@ def _start(plan: ExcitationPlan, rows: int) -> ExcitationPlan:
     return ExcitationPlan(plan.angles[:rows], plan.torque[:rows])
 
 
+@pytest.mark.slow
 def test_where_a_robot_stood_is_no_gap(tmp_path: Path) -> None:
     """Logs that differ in their first second alone differ by nothing: a replay starts from it."""
     robot = exam_robot("bench1", tmp_path)

@@ -50,6 +50,7 @@ def masses(*bodies: str, low: float = 0.3, high: float = 3.0) -> Distribution:
     )
 
 
+@pytest.mark.slow
 def test_a_known_gaussian_is_recovered() -> None:
     """Masses N(1.5, 0.2) and N(0.9, 0.05): means within 5 %, deviations within a quarter."""
     rng = np.random.default_rng(0)

@@ -98,6 +98,7 @@ def test_a_length_is_found_from_rollouts() -> None:
     assert found.entries[0].uncertainty is None  # a population is no posterior
 
 
+@pytest.mark.slow
 def test_distances_of_samples_are_those_of_their_laws() -> None:
     """A shift by 1 along one of five columns is 1 / sqrt(5) along random directions; none is 0."""
     rng, shift = np.random.default_rng(0), np.array([[-1.0], [0.0], [1.0]])
@@ -204,6 +205,7 @@ def test_embeddings_ask_what_follows_and_not_where_a_robot_comes() -> None:
     assert right > 3 * left, "a distance of samples sees where the robot was"
 
 
+@pytest.mark.slow
 def test_embeddings_find_the_length() -> None:
     """With CMA-ES, from one episode of each simulation."""
     found = Easi(Embedding(), Cma(population=12, generations=20)).fit(rollout, PRIOR, DATA)

@@ -162,6 +162,7 @@ def test_errors_that_hang_together_count_less() -> None:
     assert autocorrelation_time(rng.normal(size=(1, 40000, 1))) == pytest.approx([1.0], abs=0.1)
 
 
+@pytest.mark.slow
 def test_mass_and_gain_are_flat_together(tmp_path: Path) -> None:
     """A cart in free space shows the quotient alone: it is found, and the direction is named."""
     data = Recordings([slide(tmp_path, 1.5, 1.2, seed) for seed in range(2)])
@@ -180,6 +181,7 @@ def test_mass_and_gain_are_flat_together(tmp_path: Path) -> None:
     assert (drawn[inside, 1] / drawn[inside, 0]).std() < 0.1
 
 
+@pytest.mark.slow
 def test_a_damper_parts_mass_and_gain(tmp_path: Path) -> None:
     """With a known damper both are seen, and nothing is flat."""
     data = Recordings([slide(tmp_path, 1.5, 1.2, seed, damping=2.0) for seed in range(2)])
@@ -189,6 +191,7 @@ def test_a_damper_parts_mass_and_gain(tmp_path: Path) -> None:
     assert found.mean == pytest.approx([1.5, 1.2], rel=0.01)
 
 
+@pytest.mark.slow
 def test_two_robots_are_found_as_spread(tmp_path: Path) -> None:
     """Carts of 1.2 and 1.8 kg: the spread is theirs, ten times the uncertainty of one alone."""
     logs = [slide(tmp_path, mass, 1.0, seed) for seed, mass in enumerate((1.2, 1.8) * 3)]

@@ -115,6 +115,7 @@ def test_two_that_are_one_do_not_end_it(tmp_path: Path, monkeypatch: pytest.Monk
     assert found.apart is not None and found.apart < 3
 
 
+@pytest.mark.slow
 def test_a_spent_budget_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where less than a motion's time is left, what is open stays open, by name."""
     pair = tuple(

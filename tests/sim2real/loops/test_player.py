@@ -58,6 +58,7 @@ def deployed(trained: TrainedPolicy, *hidden: dict) -> list[Log]:
     return found
 
 
+@pytest.mark.slow
 def test_the_corrected_simulator_is_nearer_to_an_emulated_robot(trained: TrainedPolicy) -> None:
     """The emulator's laws are its own: a weak motor closes most of the distance and the return's.
 

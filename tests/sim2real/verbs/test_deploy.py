@@ -193,6 +193,7 @@ def test_an_actor_with_a_memory_adapts_on_the_robot(tmp_path):
     assert robot == pytest.approx(twin, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
     """On the robot the network sees what it saw in training: mean and deviation taken out."""
     run = train(tmp_path / "run", SMALL_PPO)
@@ -273,6 +274,8 @@ def test_a_robot_that_is_stopped_says_why_and_how_to_go_on(run, tmp_path):
     assert len(done.before) == 2
     with pytest.raises(Sim2RealError, match=r"stops\.odd_volt=0\.5 \(did you mean 'odd_voltage'"):
         go(run, tmp_path / "out", "stops={odd_volt: 0.5}")
+    with pytest.raises(Sim2RealError, match=r"stops\.lost=5 is a part: above 0 and at most 1"):
+        go(run, tmp_path / "out", "stops={lost: 5}")
 
 
 def test_results_are_told_even_if_parking_fails(run, tmp_path, monkeypatch):
@@ -295,7 +298,10 @@ def test_results_are_told_even_if_parking_fails(run, tmp_path, monkeypatch):
 
 
 def test_a_log_tells_what_it_is_of(run, tmp_path):
-    """Robot, task, settings, counters, jitter and missed deadlines stand beside each log."""
+    """Robot, task, settings, counters, jitter and missed deadlines stand beside each log.
+
+    Its link does as well, and that of all episodes in link.json.
+    """
     go(run, tmp_path)
     meta = json.loads((tmp_path / "logs" / "episode-0001.json").read_text())
     assert (meta["robot"], meta["task"], meta["rate"], meta["missed"]) == (
@@ -307,6 +313,13 @@ def test_a_log_tells_what_it_is_of(run, tmp_path):
     assert meta["settings"]["hinge"]["position_p_gain"] == 800
     assert meta["counters"]["hinge"]["timeout"] == 0
     assert meta["jitter"]["max"] < 1e-6
+    whole = json.loads((tmp_path / "link.json").read_text())
+    logs = [json.loads(path.read_text())["link"] for path in (tmp_path / "logs").glob("*.json")]
+    assert whole["period"] == pytest.approx({"p50": 0.02, "p90": 0.02, "p99": 0.02})
+    assert (whole["overruns"], whole["score"]) == (0, None)
+    assert whole["periods"] == sum(log["periods"] for log in logs) > 0
+    asked = sum(log["servos"]["hinge"]["asked"] for log in logs)
+    assert whole["servos"]["hinge"] == {"asked": asked, "lost": 0, "late": 0, "stale": 0}
 
 
 @pytest.mark.slow

@@ -156,6 +156,7 @@ def test_the_report_says_what_the_verb_replay_says(tmp_path: Path) -> None:
     assert f"{quantity(known, 'rad')} with effects.yaml" in page
 
 
+@pytest.mark.slow
 def test_a_known_effect_leaves_no_gap(tmp_path: Path) -> None:
     """What a diagnosis found, put into the model, is not found again."""
     diagnosis = found("coulomb_friction", 0.02)

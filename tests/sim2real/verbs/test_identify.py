@@ -80,6 +80,7 @@ def test_a_log_becomes_a_distribution(tmp_path: Path, log: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_stopped_run_resumes(tmp_path: Path, log: Path) -> None:
     """What was told is not asked again, and the run ends where the whole one did."""
     whole = go(tmp_path / "whole", log)

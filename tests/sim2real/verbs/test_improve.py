@@ -104,6 +104,9 @@ def test_a_round_finds_retrains_and_deploys(
     assert law.std[0] == pytest.approx((FOUND[1] - FOUND[0]) / 2 / 1.645, rel=1e-3)
     facts = told(out)
     assert (facts["end"], facts["rounds"][1]["causes"][0]["value"]) == (done.end, WEAK)
+    for number, one in enumerate(facts["rounds"]):
+        link = json.loads((out / f"round_{number}" / "deploy" / "link.json").read_text())
+        assert one["link"] == link and link["servos"]["hinge"]["lost"] == 0 < link["periods"]
     assert "motor_strength.hinge 0.3 [0.29, 0.31]" in (out / "improve.md").read_text()
     assert f"It ended because {facts['words']}" in (out / "improve.md").read_text()
     assert (out / "plots" / "improve.png").stat().st_size > 5000

@@ -51,6 +51,7 @@ def rmse(log: Path, out: Path, effects: Path | None = None) -> float:
     return json.loads((out / "replay.json").read_text(encoding="utf-8"))["rmse"]
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_a_gap_that_closes_once_it_is_known(tmp_path: Path) -> None:
     """Model and emulated robot agree to 15 mrad; hidden friction parts them; known, it does not."""
     hidden = tmp_path / "effects.yaml"

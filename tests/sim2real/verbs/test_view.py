@@ -121,6 +121,7 @@ def test_a_watched_clock_keeps_the_time_of_an_unwatched_one():
     assert clock.now() == 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.render
 def test_a_film_of_it(tmp_path):
     """video=film needs no display."""

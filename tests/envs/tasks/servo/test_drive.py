@@ -132,9 +132,12 @@ def pattern(task: ServoTask, action: np.ndarray, steps: int) -> np.ndarray:
     ("make_task", "action", "nearest", "farthest"),
     [
         (Bench1, [0.0], 6e-3, 50e-3),
-        (Hopper2, [0.1, -0.3], 25e-3, 25e-3),
+        pytest.param(Hopper2, [0.1, -0.3], 25e-3, 25e-3, marks=pytest.mark.slow),
         (Quad8, [0.1, 0.1, 0.0, 0.0, -0.2, -0.1, -0.1, -0.2], 13e-3, 25e-3),
-        (Quad12, [0.1, 0.1, 0.0, 0.0, -0.2, -0.1, -0.1, -0.2, 0, 0, 0.1, 0.1], 16e-3, 25e-3),
+        pytest.param(
+            *(Quad12, [0.1, 0.1, 0.0, 0.0, -0.2, -0.1, -0.1, -0.2, 0, 0, 0.1, 0.1], 16e-3, 25e-3),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_servo_is_near_the_emulated_bus_and_ideal_is_not(

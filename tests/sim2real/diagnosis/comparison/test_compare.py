@@ -81,6 +81,7 @@ def test_nothing_is_said_of_a_robot_that_is_the_same(model) -> None:
     assert own.interval[1] - own.interval[0] < 0.02
 
 
+@pytest.mark.slow
 def test_a_servo_that_measures_at_other_ticks_has_not_changed(model) -> None:
     """One joint is read 2 ms earlier in its motion than it was the other day."""
     after = noisy(driven(), 2)
@@ -90,6 +91,7 @@ def test_a_servo_that_measures_at_other_ticks_has_not_changed(model) -> None:
     assert compare(noisy(driven(), 1), later, model, watch=WATCH).verdict == "unchanged"
 
 
+@pytest.mark.slow
 def test_other_motions_are_compared_too(model) -> None:
     """Nothing cancels then, and more is needed; sides are exchanged."""
     first, second = noisy(driven(), 1), noisy(driven(0.05, motion=4), 2)
@@ -113,6 +115,7 @@ def test_what_all_joints_share_is_put_down_to_temperature(model) -> None:
     assert compare(noisy(before, 1, **known), colder, model, watch=WATCH).verdict == "unchanged"
 
 
+@pytest.mark.slow
 def test_a_supply_that_was_measured_needs_no_statistics(model) -> None:
     """A tenth less voltage is a change, told by its sensor; within its limit it passes."""
     sides = noisy(driven(), 1, voltage=12.0), noisy(driven(), 2, voltage=10.8)

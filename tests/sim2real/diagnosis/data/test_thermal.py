@@ -52,7 +52,11 @@ def _hold(fixed: Sequence[Fixed] = ()) -> Log:
 
 @pytest.mark.parametrize(
     ("where", "braking", "value", "weaker"),
-    [("a", 0.0, 0.04, 0.2), ("a", 1.0, 0.04, 0.2), (None, 1.0, 0.4, 0.9)],
+    [
+        ("a", 0.0, 0.04, 0.2),
+        pytest.param("a", 1.0, 0.04, 0.2, marks=pytest.mark.slow),
+        pytest.param(None, 1.0, 0.4, 0.9, marks=pytest.mark.slow),
+    ],
 )
 def test_windows_start_as_hot_as_one_long_replay_gets(
     tmp_path: Path, where: str | None, braking: float, value: float, weaker: float
@@ -83,6 +87,7 @@ def test_windows_start_as_hot_as_one_long_replay_gets(
     np.testing.assert_allclose(rules[0].heat, expected, rtol=0.07, atol=0.05)
 
 
+@pytest.mark.slow
 def test_the_true_derating_leaves_no_error_in_later_windows(tmp_path: Path) -> None:
     """Windows that start hot are simulated hot: the truth explains the last ones, too."""
     effect = ("thermal_derating", {"where": "a"}, 0.04)

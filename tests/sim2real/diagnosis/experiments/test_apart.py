@@ -6,6 +6,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pytest
 
 from envs.effects import make
 from envs.replay import Recording
@@ -64,6 +65,7 @@ def test_what_was_recorded_holds_values_in_place() -> None:
     assert (separation(pair, motions[:1], held) >= alone - 1e-9).all()
 
 
+@pytest.mark.slow
 def test_each_pair_is_told_by_itself() -> None:
     """A third explanation is near the one that it is like, and as far from the first as that."""
     asked, motions = bench()

@@ -63,6 +63,7 @@ def none() -> Experiment:
     return ask(*SAME)
 
 
+@pytest.mark.slow
 def test_fast_motion_and_free_swings_tell_friction_from_a_weaker_motor(plan: Experiment) -> None:
     """Slow ramps ask little of either; a chirp is braked by one, and without torque one is gone."""
     ranked = dict(plan.ranking)
@@ -72,6 +73,7 @@ def test_fast_motion_and_free_swings_tell_friction_from_a_weaker_motor(plan: Exp
     assert f"run=record robot=bench1 motions=[{plan.item.motions[0]}]" in plan.text
 
 
+@pytest.mark.slow
 def test_more_of_a_known_effect_is_an_explanation(plan: Experiment) -> None:
     """An explanation may add to what is known at its joint."""
     known = [(make("viscous_friction", where="hinge"), (0.01,))]
@@ -129,13 +131,15 @@ def test_a_pair_that_no_motion_parts_has_no_say() -> None:
     assert none.least(np.array([1.0, 2.0])) == 2.0
 
 
+@pytest.mark.slow
 def test_explanations_that_no_motion_separates_are_called_so(none: Experiment) -> None:
     """A pendulum whose encoder is shifted and one on a tilted base are one and the same."""
     assert "no motion that was looked at separates them" in none.text
     assert none.separation <= none.most < 1
 
 
-@pytest.mark.parametrize("exact", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("exact", [0, 1])
 def test_two_that_are_one_do_not_hide_what_can_be_parted(exact: int, none: Experiment) -> None:
     """A shifted encoder and a tilted base are one; friction is parted from both all the same."""
     other = member("viscous_friction", [0.05], where="hinge")
@@ -147,6 +151,7 @@ def test_two_that_are_one_do_not_hide_what_can_be_parted(exact: int, none: Exper
     assert (ask(*SAME, exact=exact) if exact else none).most < 1
 
 
+@pytest.mark.slow
 def test_an_arm_that_would_fall_is_not_let_go() -> None:
     """No swing for a robot that leaves its pose without torque."""
     plan = ask(

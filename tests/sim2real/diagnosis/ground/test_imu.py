@@ -70,6 +70,7 @@ def left(estimates: list[Estimate], name: str | None, values: list[float]) -> fl
     return float(np.sqrt(data.mean_squares(cleared).mean()))
 
 
+@pytest.mark.slow
 def test_an_imu_that_is_askew_is_not_blamed_on_the_ground(log: Log) -> None:
     """The mounting leaves a third of what the model as given leaves, or less; a slope does not."""
     seen = estimate_all([askew(log)], None, DEFAULT.ground)
@@ -79,6 +80,7 @@ def test_an_imu_that_is_askew_is_not_blamed_on_the_ground(log: Log) -> None:
     assert right < slope / 2
 
 
+@pytest.mark.slow
 def test_an_imu_that_is_late_is_followed(log: Log) -> None:
     """With the delay of one row less than half is left."""
     seen = estimate_all([late(log)], None, DEFAULT.ground)

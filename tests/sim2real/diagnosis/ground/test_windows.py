@@ -94,6 +94,7 @@ def test_a_push_is_told_and_left_out(cut: Cut) -> None:
     assert all(1.6 < moment < 2.1 for moment in moments)
 
 
+@pytest.mark.slow
 def test_a_light_push_makes_its_window_count_for_less() -> None:
     """No window goes; those about the push weigh less, and the report tells when."""
     data, estimates = pushed(0.3)

@@ -39,6 +39,7 @@ def rows(*members: Candidate) -> Rows:
     return Rows(members, WINDOWS, np.tile(point, (len(WINDOWS), 1)))
 
 
+@pytest.mark.slow
 def test_rows_are_the_same_beside_others_as_alone(data: Data) -> None:
     """To the bit: of every effect that is stepped, beside all the others of its kind."""
     options = [o for o in candidates(data) if o.group in (PLAIN, RULES)]

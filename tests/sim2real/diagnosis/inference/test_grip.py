@@ -23,6 +23,7 @@ def said(walk: Walk) -> list[Finding]:
     return check_grip(Replayer(data), FLOOR)
 
 
+@pytest.mark.slow
 def test_of_feet_that_hardly_slip_it_is_said_that_nothing_is_known() -> None:
     """Of all feet as one, with the coefficients that were tried."""
     found = {finding.where: finding.finding for finding in said(sway(0.02))}

@@ -10,11 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hardware.log import Log
 from sim2real.diagnosis.evidence import Trace
 from sim2real.diagnosis.report.html import render, write_html
+from sim2real.diagnosis.report.link import links
 from sim2real.diagnosis.schema import Equivalent, Finding, GapMetrics, Report, Unexplained
 from tests.sim2real.diagnosis.report import sample
 
+NO_ANSWERS = {"asked": 0, "lost": 0, "late": 0, "stale": 0}
 EVIL = "</script><script>alert('x')</script>&"
 
 
@@ -101,6 +104,27 @@ def test_it_shows_the_policy_in_both_simulators(report: Report) -> None:
     assert "The policy in the corrected simulator" not in without
     tracks = [sum(a.get("class") == "track" for _, a in some) for some in (tags, fewer)]
     assert tracks[0] - tracks[1] == 9  # three worlds, by two distances and the return
+
+
+def test_it_shows_the_link_of_each_log(report: Report) -> None:
+    """Of logs that tell it: answers of each servo, periods in ms, overruns, the score."""
+    servos = {"hip": {"asked": 900, "lost": 7, "late": 8, "stale": 9}, "knee": dict(NO_ANSWERS)}
+    told = {"period": {"p50": 0.01, "p90": 0.0104, "p99": 0.02}, "overruns": 13, "servos": servos}
+    score = {"score": 0.618, "go": True, "reason": "narrow"}
+    silent = {"period": {}, "overruns": 0, "servos": {"hip": NO_ANSWERS}, "score": None}
+    columns = {name: np.arange(2.0) for name in ("time", "ctrl.hip", "qpos.hip")}
+    columns["episode"] = np.zeros(2)
+    logs = [
+        Log(columns, {"link": told | {"score": score}}, Path("runs/a.csv")),
+        Log(columns, {"link": silent}, Path("b.csv")),
+        Log(columns, {}, Path("c.csv")),
+    ]
+    inputs = {**report.evidence.inputs, "link": links(logs)}
+    shown = replace(report, evidence=replace(report.evidence, inputs=inputs))
+    text, _ = read(render(shown))
+    assert "a.csv hip 900 7 8 9 10.0, 10.4, 20.0 13 0.62 a.csv knee 0 0 0 0" in text
+    assert "b.csv hip 0 0 0 0 –, –, – 0 –" in text
+    assert "The link of the recordings" not in read(render(report))[0]
 
 
 def test_it_needs_no_network(report: Report) -> None:

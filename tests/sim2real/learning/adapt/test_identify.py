@@ -108,6 +108,7 @@ def test_a_policy_that_is_told_nothing_is_refused() -> None:
             given["eval"].check(build(given["algorithm"], given["parts"]))
 
 
+@pytest.mark.slow
 def test_on_a_simulated_robot_it_finds_the_truth() -> None:
     """From one short episode to mass and friction; the policy then acts as the oracle does."""
     _, given = instantiate(compose([*TOLD, *SMALL, "seed=1"]), Path())

@@ -40,6 +40,7 @@ def learner(made: tuple[TrainedPolicy, Components], epochs: int = 4) -> Distill:
     return Distill(parts, teacher=lambda: trained, epochs=epochs, batch_size=32, **SETTINGS)
 
 
+@pytest.mark.slow
 def test_the_student_learns_which_robot_it_is(made: tuple[TrainedPolicy, Components]) -> None:
     """Its guesses come nearer to the truth than the middle of the ranges does."""
     one = learner(made)

@@ -120,7 +120,8 @@ def test_what_is_trained_is_the_actor_and_its_critic() -> None:
     assert scores.after.shape == (1, 2)
 
 
-@pytest.mark.parametrize("name", ["es_ppo", pytest.param("es_ppo_lite", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["es_ppo", "es_ppo_lite"])
 def test_the_experiments_search_the_whole_policy(name: str, tmp_path: Path) -> None:
     """Two small iterations: 64 or 192 pairs of actor, log-deviation and critic [128, 64]."""
     few = ["algorithm.pairs=2", "algorithm.num_rows=4", "adapt.steps=16", "env.task.max_steps=12"]

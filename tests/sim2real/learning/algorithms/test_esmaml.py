@@ -91,6 +91,7 @@ def test_hill_climbing_beats_the_gradient_beats_no_adaptation() -> None:
     assert scores["gradient"] > scores["none"] + 10
 
 
+@pytest.mark.slow
 def test_first_order_learns_to_adapt() -> None:
     """The first-order variant improves what a gradient step reaches on Nav-2D."""
     algorithm = make_nav(

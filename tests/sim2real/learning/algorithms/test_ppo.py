@@ -265,7 +265,7 @@ def test_preset_sb3_starts_and_steps_as_stable_baselines3_by_default() -> None:
     torch.testing.assert_close(log_std(ours), log_std(copied))
 
 
-@pytest.mark.parametrize("preset", ["ppo_sb3", "ppo"])
+@pytest.mark.parametrize("preset", [pytest.param("ppo_sb3", marks=pytest.mark.slow), "ppo"])
 def test_a_loaded_state_goes_on_to_the_last_bit(preset: str, tmp_path: Path) -> None:
     """Iterations from a checkpoint equal those of the run that was saved, to the last bit."""
     small: dict[str, Any] = {"num_rows": 8, "steps": 32, "epochs": 2, "minibatch_size": 64}

@@ -166,6 +166,7 @@ def test_a_loaded_state_goes_on_to_the_last_bit(kept: int, tmp_path: Path) -> No
         assert torch.equal(value, numbers(second)[name])
 
 
+@pytest.mark.slow
 def test_random_steps_resume_as_such(tmp_path: Path) -> None:
     """A run that is saved before it has learned goes on acting at random for as long."""
     late: dict[str, Any] = {"warmup_frames": 800, "update_ratio": 0.1}

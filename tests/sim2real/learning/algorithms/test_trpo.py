@@ -151,6 +151,7 @@ def test_a_loaded_state_goes_on_to_the_last_bit(tmp_path: Path) -> None:
         assert torch.equal(one, other)
 
 
+@pytest.mark.slow
 def test_it_learns_to_balance_a_pole() -> None:
     """Within 20000 steps the actor alone keeps the pole up for all 60."""
     algorithm, score = learner("step.max_kl=0.05", "critic_epochs=4", "optimizer.lr=3.0e-3"), 0.0
