@@ -60,7 +60,7 @@ class StepTimes(NamedTuple):
                 self.slow / period,
                 f"{place}: {one_in} {slow} or more (half of them {self.typical * 1e3:.1f} ms), and "
                 f"{robot.rate:g} steps a second leave {period * 1e3:.1f} ms; end other programs, "
-                f"or give a rate of at most {np.floor(1 / self.slow):.0f}",
+                f"or give a rate of at most {np.floor(1 / max(self.slow, period)):.0f}",
             )
         ]
         if robot.watchdog > 0:

@@ -11,6 +11,8 @@ import numpy as np
 
 from hardware.config import Robot, Servo
 
+PARTS = ("slow_steps", "longest_pause", "lost", "stale")  # of a whole: at most 1
+
 
 @dataclass(frozen=True)
 class StopLimits:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 from hardware.errors import did_you_mean
-from hardware.stop_limits import StopLimits
+from hardware.stop_limits import PARTS, StopLimits
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -21,4 +21,6 @@ def make_stop_limits(stops: dict[str, float] | None) -> StopLimits:
                 f"stops.{name}={value}{did_you_mean(name, known)}: a guard has numbers above 0 for "
                 f"{', '.join(known)}"
             )
+        if name in PARTS and value > 1:
+            raise Sim2RealError(f"stops.{name}={value} is a part: above 0 and at most 1")
     return StopLimits(**(stops or {}))  # type: ignore[arg-type]

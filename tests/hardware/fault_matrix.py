@@ -327,7 +327,7 @@ def _strike(
 def run_program(folder: Path, patience: float) -> None:
     """Be the program of `over_a_pty`."""
     machine = robot(folder, str(folder / "port"))
-    limits = StopLimits(return_time=patience, misses=20, patience=5.0)
+    limits = StopLimits(misses=20, patience=5.0, return_time=patience, lost=1.0, stale=1.0)
     backend = ServoBackend(machine, 0.1, limits=limits)
     program(backend, folder / "logs", _mark)
 

@@ -345,7 +345,7 @@ def test_a_pseudo_terminal_is_a_real_port(tmp_path: Path):
         real = replace(robot, port=str(link), watchdog=2.54)
 
         def drive() -> None:
-            patient = StopLimits(misses=50, patience=5.0)
+            patient = StopLimits(misses=50, patience=5.0, lost=1.0, stale=1.0)
             with HardwareEnv(Bench1(), ServoBackend(real, settle=0.1, limits=patient)) as env:
                 with pytest.raises(SafetyError, match="not armed"):
                     env.reset()

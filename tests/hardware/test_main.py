@@ -28,6 +28,7 @@ from hardware.port_lock import PortLock
 from hardware.safety import Guard, StopLimits
 from tests.hardware.rig import in_real_time
 
+BUSY = StopLimits(misses=50, patience=5.0, lost=1.0, stale=1.0)  # for a busy machine
 SO101 = str(Path(__file__).with_name("so101.xml"))
 
 
@@ -205,7 +206,7 @@ def test_a_feetech_arm_behind_a_device_file(capsys):
             try:
                 driver.connect()
                 driver.configure()
-                with Guard(driver, StopLimits(misses=50, patience=5.0)) as guard:
+                with Guard(driver, BUSY) as guard:
                     guard.arm()
                     guard.move_to(np.array([0, 0, 0.3, 0, 0, 0]), speed=2.0)
                     time.sleep(0.3)
@@ -265,7 +266,7 @@ def test_device_file_with_our_driver():
             try:
                 driver.connect()
                 driver.configure()
-                with Guard(driver, StopLimits(misses=50, patience=5.0)) as guard:
+                with Guard(driver, BUSY) as guard:
                     guard.arm()
                     guard.move_to(np.array([0.3]), speed=2.0)
                     time.sleep(0.03)

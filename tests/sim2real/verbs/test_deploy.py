@@ -274,6 +274,8 @@ def test_a_robot_that_is_stopped_says_why_and_how_to_go_on(run, tmp_path):
     assert len(done.before) == 2
     with pytest.raises(Sim2RealError, match=r"stops\.odd_volt=0\.5 \(did you mean 'odd_voltage'"):
         go(run, tmp_path / "out", "stops={odd_volt: 0.5}")
+    with pytest.raises(Sim2RealError, match=r"stops\.lost=5 is a part: above 0 and at most 1"):
+        go(run, tmp_path / "out", "stops={lost: 5}")
 
 
 def test_results_are_told_even_if_parking_fails(run, tmp_path, monkeypatch):

@@ -20,7 +20,8 @@ from tests.sim2real.trained import train
 from tests.sim2real.verbs.test_improve import POLICY, diagnosed, go, hidden
 
 __all__ = ["diagnosed"]  # a fixture
-PATIENT = "stops={misses: 50, patience: 5.0, stray: 2.0}"  # a busy machine is no reason to stop
+# a busy machine is no reason to stop, nor not to arm
+PATIENT = "stops={misses: 50, patience: 5.0, stray: 2.0, lost: 1.0, stale: 1.0}"
 TRIES = 6
 pytestmark = pytest.mark.slow
 
