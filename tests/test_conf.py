@@ -22,6 +22,7 @@ APART = ("run", "experiment")  # they choose of other groups
 ALONE = ("algorithm", "transforms", "buffer", "robot", "exam", "identify", "bayrn")
 CHOICES = [(g, o) for g in groups() if g in ALONE for o in options(g)]
 TOGETHER = [g for g in groups() if g not in (*APART, *ALONE)]
+LATER = ("blindcheck_drake", "pixels_single", "pixels_stack4_lr1e4")  # needs Drake; like others
 FILLERS = {"the", "what", "its", "which"}
 
 
@@ -92,8 +93,8 @@ def test_choices_compose_together(number: int) -> None:
 
 
 def alone(name: str) -> Any:
-    """Return an experiment as a parameter; the one that needs Drake waits for the long suite."""
-    marks = [pytest.mark.slow] if name == "blindcheck_drake" else []
+    """Return an experiment as a parameter; those of LATER wait for the long suite."""
+    marks = [pytest.mark.slow] if name in LATER else []
     return pytest.param(name, marks=marks)
 
 

@@ -260,7 +260,12 @@ def test_a_module_of_ours_that_is_missing_is_a_defect() -> None:
 
 
 @pytest.mark.parametrize(
-    ("verb", "lost"), [("record", "log.csv"), ("replay", "png"), ("diagnose", "report.html")]
+    ("verb", "lost"),
+    [
+        ("record", "log.csv"),
+        ("replay", "png"),
+        pytest.param("diagnose", "report.html", marks=pytest.mark.slow),
+    ],
 )
 def test_a_full_disk_is_one_sentence_and_nothing_is_half_written(
     verb: str, lost: str, run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]

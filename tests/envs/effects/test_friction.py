@@ -120,6 +120,7 @@ def hysteresis(arm) -> float:
     return abs(ends[1] - ends[0])
 
 
+@pytest.mark.slow
 def test_load_dependent_friction_grows_with_the_load(bench, one) -> None:
     """A hold sticks where |tau_m - T| <= K |tau_m + T|: from T (1-K)/(1+K) to T (1+K)/(1-K)."""
     coefficient, gain, load = 0.2, 4.0, 0.2 * 9.81 * 0.1

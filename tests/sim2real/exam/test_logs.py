@@ -79,6 +79,7 @@ def _start(plan: ExcitationPlan, rows: int) -> ExcitationPlan:
     return ExcitationPlan(plan.angles[:rows], plan.torque[:rows])
 
 
+@pytest.mark.slow
 def test_where_a_robot_stood_is_no_gap(tmp_path: Path) -> None:
     """Logs that differ in their first second alone differ by nothing: a replay starts from it."""
     robot = exam_robot("bench1", tmp_path)

@@ -205,6 +205,7 @@ def test_embeddings_ask_what_follows_and_not_where_a_robot_comes() -> None:
     assert right > 3 * left, "a distance of samples sees where the robot was"
 
 
+@pytest.mark.slow
 def test_embeddings_find_the_length() -> None:
     """With CMA-ES, from one episode of each simulation."""
     found = Easi(Embedding(), Cma(population=12, generations=20)).fit(rollout, PRIOR, DATA)

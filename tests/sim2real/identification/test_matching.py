@@ -181,6 +181,7 @@ def test_mass_and_gain_are_flat_together(tmp_path: Path) -> None:
     assert (drawn[inside, 1] / drawn[inside, 0]).std() < 0.1
 
 
+@pytest.mark.slow
 def test_a_damper_parts_mass_and_gain(tmp_path: Path) -> None:
     """With a known damper both are seen, and nothing is flat."""
     data = Recordings([slide(tmp_path, 1.5, 1.2, seed, damping=2.0) for seed in range(2)])

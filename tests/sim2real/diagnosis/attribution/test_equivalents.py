@@ -128,6 +128,7 @@ def test_values_that_never_raced_have_their_look_alikes(tmp_path: Path) -> None:
     assert search.blocks.rms(others[0].error) < 0.2 * search.before
 
 
+@pytest.mark.slow
 def test_a_twin_that_was_screened_far_from_its_value_is_named(tmp_path: Path) -> None:
     """Three times a link's inertia is answered by a rotor; the link, probed at 1.8, is with it."""
     log = arm.make_log(("link_inertia", {"where": "upper"}, 3.06), noise=FLOOR)

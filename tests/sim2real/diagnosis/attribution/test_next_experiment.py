@@ -63,6 +63,7 @@ def none() -> Experiment:
     return ask(*SAME)
 
 
+@pytest.mark.slow
 def test_fast_motion_and_free_swings_tell_friction_from_a_weaker_motor(plan: Experiment) -> None:
     """Slow ramps ask little of either; a chirp is braked by one, and without torque one is gone."""
     ranked = dict(plan.ranking)
@@ -130,6 +131,7 @@ def test_a_pair_that_no_motion_parts_has_no_say() -> None:
     assert none.least(np.array([1.0, 2.0])) == 2.0
 
 
+@pytest.mark.slow
 def test_explanations_that_no_motion_separates_are_called_so(none: Experiment) -> None:
     """A pendulum whose encoder is shifted and one on a tilted base are one and the same."""
     assert "no motion that was looked at separates them" in none.text

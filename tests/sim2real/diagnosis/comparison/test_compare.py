@@ -81,6 +81,7 @@ def test_nothing_is_said_of_a_robot_that_is_the_same(model) -> None:
     assert own.interval[1] - own.interval[0] < 0.02
 
 
+@pytest.mark.slow
 def test_a_servo_that_measures_at_other_ticks_has_not_changed(model) -> None:
     """One joint is read 2 ms earlier in its motion than it was the other day."""
     after = noisy(driven(), 2)

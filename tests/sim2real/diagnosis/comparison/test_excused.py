@@ -64,6 +64,7 @@ def test_colder_joints_are_simulated_until_noise_is_left(model) -> None:
     assert moved["coulomb_friction"] == pytest.approx(0.02, rel=0.15)
 
 
+@pytest.mark.slow
 def test_without_rounds_everything_is_left(model) -> None:
     """The errors are those of the same model on both sides."""
     first, found, _ = excused(model, 0)

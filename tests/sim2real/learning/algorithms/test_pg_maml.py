@@ -85,6 +85,7 @@ def test_each_task_acts_by_its_own_parameters() -> None:
         torch.testing.assert_close(data["scale"][rows], log_scale.exp())
 
 
+@pytest.mark.slow
 def test_a_loaded_state_goes_on_to_the_last_bit(tmp_path: Path) -> None:
     """Iterations from a checkpoint equal those of the run that was saved; so for clipped steps."""
     for algorithm in ("pg_maml", "promp"):
