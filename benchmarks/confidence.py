@@ -17,6 +17,7 @@ import sys
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -57,8 +58,8 @@ def fit(said: np.ndarray, right: np.ndarray) -> float:
         p = np.clip(at(said, np.exp(log_times)), LEAST, 1 - LEAST)
         return -float(np.sum(right * np.log(p) + (1 - right) * np.log(1 - p)))
 
-    low, high = np.log(SPAN)
-    return float(np.exp(minimize_scalar(loss, bounds=(low, high), method="bounded").x))
+    found: Any = minimize_scalar(loss, bounds=tuple(np.log(SPAN)), method="bounded")
+    return float(np.exp(found.x))
 
 
 def table(said: np.ndarray, right: np.ndarray) -> Table:

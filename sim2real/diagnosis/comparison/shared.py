@@ -127,7 +127,7 @@ def _fit(
     fit = least_squares(
         lambda point: replay(point)[0],
         inside,
-        slopes,
+        jac=slopes,  # type: ignore[arg-type]
         bounds=(low, high),
         x_scale=size,
         max_nfev=rounds,

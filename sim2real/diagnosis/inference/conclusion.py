@@ -247,8 +247,9 @@ def _cause(
 
 def _remedy(member: Member, values: np.ndarray) -> str | None:
     """Return how to mend the log, where the member is a mistake of it."""
-    mistake = isinstance(member, LogChange) and member.robot is None
-    return member.mending(values) if mistake else None
+    if isinstance(member, LogChange) and member.robot is None:
+        return member.mending(values)
+    return None
 
 
 def _name(member: Member) -> str:

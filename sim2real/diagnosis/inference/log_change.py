@@ -85,4 +85,4 @@ class LogChange:
         Densities of readings as logged are compared: else shrinking them would make any model
         right.
         """
-        return dict.fromkeys(self.read, -math.log(abs(self.first(values))))
+        return {joint: -math.log(abs(self.first(values))) for joint in self.read}
