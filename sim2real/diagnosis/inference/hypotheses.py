@@ -56,14 +56,14 @@ def _bounds_of(member: Member, reach: float) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Members, those of the log last."""
+    """Members, those that change the log last."""
 
     members: tuple[Member, ...]
 
     @staticmethod
     def of(members: Sequence[Member]) -> Hypothesis:
-        """Return members in the order in which they act: on the robot, then on its log."""
-        return Hypothesis(tuple(sorted(members, key=lambda m: get_kind(m) == "log")))
+        """Return members in the order in which they act: in the simulation, then in the log."""
+        return Hypothesis(tuple(sorted(members, key=lambda m: isinstance(m, LogChange))))
 
     @property
     def effects(self) -> tuple[Candidate, ...]:

@@ -6,7 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2real.diagnosis.inference.replayer import cut_whole_episodes, skip_beginnings
+from sim2real.diagnosis.inference.candidates import candidates
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
+from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.replayer import Replayer, cut_whole_episodes, skip_beginnings
 from tests.sim2real.diagnosis import arm
 
 ROWS = 6
@@ -35,3 +38,20 @@ def test_an_episode_is_one_window(tmp_path: Path) -> None:
     assert (whole.first, whole.last) == (0, len(data.logs[0]))
     (later,) = cut_whole_episodes(skip_beginnings(data, ROWS))
     assert (later.start, later.first) == (ROWS, ROWS)
+
+
+def test_late_readings_beside_friction_are_undone_in_the_log(tmp_path: Path) -> None:
+    """Whatever the order in which members are named, each gets its own values."""
+    data = arm.data_of(arm.make_log(("coulomb_friction", {"where": "b"}, 0.12)), tmp_path)
+    late = next(c for c in list_log_changes(data) if c.label == "observation_delay")
+    friction = next(c for c in candidates(data) if c.label == "coulomb_friction.b")
+    replayer = Replayer(data)
+
+    def errors(members: list[Member], values: list[float]) -> np.ndarray:
+        rows = np.tile(values, (len(replayer.every), 1))
+        return replayer.follow(Hypothesis.of(members), rows)[0]
+
+    alone = errors([friction], [0.12])
+    for members in ([late, friction], [friction, late]):
+        np.testing.assert_allclose(errors(members, [0.12, 0.0]), alone, atol=1e-6)
+        assert np.abs(errors(members, [0.12, 0.02]) - alone).max() > 1e-3
