@@ -30,6 +30,7 @@ class Standing(NamedTuple):
         inside: whether all values lie within the bounds of what they can physically be.
         replays: whether whole episodes follow it at least as well as a joint that stays.
         closes: by what share it shortens errors, in noises of a reading.
+        alone: whether no explanation as short as this does as well with quite other causes.
     """
 
     members: int
@@ -38,6 +39,7 @@ class Standing(NamedTuple):
     inside: bool = True
     replays: bool = True
     closes: float = 1.0
+    alone: bool = True
 
 
 def decide_verdict(standing: Standing, settings: Inference) -> Verdict:
@@ -52,7 +54,8 @@ def decide_verdict(standing: Standing, settings: Inference) -> Verdict:
         return "no_gap" if equivalent else "unexplained"
     if not all(gain.low > 0 for gain in standing.over):
         return "unexplained"
-    if equivalent and standing.inside and standing.replays and standing.closes >= settings.most:
+    sound = standing.inside and standing.replays and standing.alone
+    if equivalent and sound and standing.closes >= settings.most:
         return "explained"
     return "partly_explained" if standing.closes > 0 else "unexplained"
 

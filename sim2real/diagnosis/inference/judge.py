@@ -23,6 +23,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.decision import Standing, compute_posterior, decide_verdict
+from sim2real.diagnosis.inference.distance import is_told_apart
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
@@ -55,6 +56,7 @@ NONE = Hypothesis(())
 SHARES = (0.05, 0.3, 0.5, 0.6, 0.7)  # of the work that is done, by the members that are known
 SURE = 4.0  # noises or counts that an error of noise alone does not reach
 LEAST = 3  # windows of a fold that changes are screened on
+APART = 2  # members by which an explanation is another one
 HALVES = 2  # half of what was fitted at a glance goes on
 
 
@@ -325,7 +327,13 @@ class Judge:
         low, high = best.hypothesis.bounded(self.settings.implausible)
         inside = bool(((best.values > low) & (best.values < high))[:, best.hypothesis.smooth].all())
         standing = Standing(
-            members, left.gain, gains, inside, self._replays(best), self._closes(best)
+            members,
+            left.gain,
+            gains,
+            inside,
+            self._replays(best),
+            self._closes(best),
+            not any(self._contests(rival, best) for rival in tried.values()),
         )
         verdict, pushes = decide_verdict(standing, self.settings), ()
         if verdict == "partly_explained" or (verdict == "unexplained" and not members):
@@ -366,6 +374,17 @@ class Judge:
         fits = self.fitter.fit(map(restart, finalists), rounds=self.settings.glances)
         refitted = {fit.label: fit for fit in [self.given, *fits]}
         return self._prune(refitted), refitted
+
+    def _contests(self, rival: Fit, best: Fit) -> bool:
+        """Return whether an explanation as long as the best does as well with quite other causes.
+
+        One other member is an equivalent of the one in whose place it stands; two are no names.
+        """
+        own, other = best.hypothesis.members, rival.hypothesis.members
+        labels = {member.label for member in other}
+        if len(own) != len(other) or sum(m.label not in labels for m in own) < APART:
+            return False
+        return not is_told_apart(self.fitter, self.bootstrap, best, rival)
 
     def _replays(self, fit: Fit) -> bool:
         """Return whether whole episodes, from their starts, follow a fit rather than stay."""

@@ -31,6 +31,7 @@ def test_explained_asks_for_equivalence_nulls_bounds_and_replays() -> None:
         {"inside": False},
         {"replays": False},
         {"closes": 0.49},
+        {"alone": False},
     ):
         assert decide_verdict(full._replace(**change), SETTINGS) == "partly_explained"
     assert decide_verdict(full._replace(over=[SURE, UNSURE]), SETTINGS) == "unexplained"
