@@ -24,6 +24,7 @@ from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.decision import Standing, compute_posterior, decide_verdict
 from sim2real.diagnosis.inference.distance import is_told_apart
+from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
@@ -37,7 +38,7 @@ from sim2real.diagnosis.inference.moves import (
     without,
 )
 from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
-from sim2real.diagnosis.inference.replayer import Job, Replayer, cut_whole_episodes
+from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
 from sim2real.diagnosis.inference.screen import (
     Line,
@@ -47,7 +48,7 @@ from sim2real.diagnosis.inference.screen import (
     pick_starts,
     trace_lines,
 )
-from sim2real.diagnosis.inference.unknowns import cap_directions, compute_unknowns, is_lost
+from sim2real.diagnosis.inference.unknowns import compute_unknowns, is_lost
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Verdict
 
@@ -331,7 +332,7 @@ class Judge:
             left.gain,
             gains,
             inside,
-            self._replays(best),
+            follows_episodes(self.data, best, *self._rest),
             self._closes(best),
             not any(self._contests(rival, best) for rival in tried.values()),
         )
@@ -385,25 +386,6 @@ class Judge:
         if len(own) != len(other) or sum(m.label not in labels for m in own) < APART:
             return False
         return not is_told_apart(self.fitter, self.bootstrap, best, rival)
-
-    def _replays(self, fit: Fit) -> bool:
-        """Return whether whole episodes, from their starts, follow a fit rather than stay."""
-        if not fit.hypothesis.members:
-            return True
-        whole = self.data.with_windows(cut_whole_episodes(self.data))
-        replayer = Replayer(whole, *self._rest)
-        values = np.tile(fit.mean, (len(replayer.every), 1))
-        (made,) = replayer.replay([Job(fit.hypothesis, values, replayer.every)])
-        local = cap_directions(replayer, replayer.starts(fit.hypothesis, values))
-        none = np.zeros((*made.error.shape, 0))
-        likelihood = Likelihood(
-            replayer.times, replayer.used, replayer.noise, local, none, self.settings
-        )
-        follows, stays = (
-            likelihood.train(likelihood.project(errors), replayer.every).density
-            for errors in (made.error, replayer.holding())
-        )
-        return follows + made.log_scale.sum() > stays
 
     def _closes(self, fit: Fit) -> float:
         """Return by what share a fit shortens errors, in noises of a reading."""

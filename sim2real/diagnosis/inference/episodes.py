@@ -1,0 +1,48 @@
+"""Whether whole episodes, replayed from their starts, follow an explanation.
+
+    follows_episodes(data, fit, fixed, work)
+
+Windows start anew from the measured state every few seconds, which hides what runs off slowly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from envs.plant import Fixed
+from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.inference.fit import Fit
+from sim2real.diagnosis.inference.likelihood import Likelihood
+from sim2real.diagnosis.inference.replayer import Job, Replayer, cut_whole_episodes
+from sim2real.diagnosis.inference.unknowns import cap_directions
+
+
+def follows_episodes(
+    data: Data, fit: Fit, fixed: Sequence[Fixed], work: Work | None, on_run: Callable[[], None]
+) -> bool:
+    """Return whether whole episodes follow a fit rather than joints that stay.
+
+    Args:
+        data: the windows.
+        fit: the explanation; the model as given passes.
+        fixed: effects that are in the model.
+        work: counts what is simulated.
+        on_run: called after each simulation.
+    """
+    if not fit.hypothesis.members:
+        return True
+    replayer = Replayer(data.with_windows(cut_whole_episodes(data)), fixed, work, on_run)
+    values = np.tile(fit.mean, (len(replayer.every), 1))
+    (made,) = replayer.replay([Job(fit.hypothesis, values, replayer.every)])
+    local = cap_directions(replayer, replayer.starts(fit.hypothesis, values))
+    none = np.zeros((*made.error.shape, 0))
+    rows = replayer.times, replayer.used, replayer.noise
+    likelihood = Likelihood(*rows, local, none, replayer.settings)
+    follows, stays = (
+        likelihood.train(likelihood.project(errors), replayer.every).density
+        for errors in (made.error, replayer.holding())
+    )
+    return follows + made.log_scale.sum() > stays
