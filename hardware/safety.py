@@ -112,7 +112,7 @@ class Guard:
         self._watch.begin(states)
         for reason in map(self._watch.climate, range(len(driver)), states):
             if reason is not None:
-                raise SafetyError(reason)
+                raise SafetyError(f"{reason}; torque stays off")
         if not (self.armed or self.dry_run):
             level = logging.INFO if driver.robot.port is None else logging.WARNING
             words = "torque goes on; killed, or on a bus that stays away, %s stay powered"

@@ -245,14 +245,14 @@ class Judge:
         """Fit what promises most beside the best into what was tried; pairs if no change does.
 
         Returns:
-            Whether any change promises what it has to win.
+            Whether there is a gap, or any change promises what it has to win.
         """
         (base,) = self.glance.fit([restart(best)], rounds=0)
         lines = trace_lines(self.glance, base, starts)
         if not best.hypothesis.members:
             self.traced = base, lines
         least = self.settings.equivalence_tolerance * self.glance.replayer.readings
-        if max((line.gain for line in lines), default=0.0) < least:
+        if self._explains(best) and max((line.gain for line in lines), default=0.0) < least:
             return False
         self._fit(pick_starts(base, lines, self.settings.refits), tried)
         if not best.hypothesis.members and not self._explains(self._choose(tried)):

@@ -187,7 +187,7 @@ def test_a_robot_that_is_stopped_ends_it(run: Path, tmp_path: Path) -> None:
     done = go(run, tmp_path / "out", f"robot.hidden={path}")
     assert (done.end, done.exit_status) == ("stopped", 3)
     assert "V, not 5.0 V" in told(tmp_path / "out")["why"]
-    assert "torque is off" in done.why
+    assert "torque stays off" in done.why
 
 
 def test_nothing_found_on_the_ground_ends_it(
