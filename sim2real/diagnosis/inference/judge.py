@@ -322,22 +322,11 @@ class Judge:
             best = self._prune(tried)
             self.moving(f"fitting {best.label} and its rivals once more", SHARES[-1])
             best, tried = self._refit(best, tried)
-        left, members = self.left(best), len(best.hypothesis.members)
-        over = {**self.nulls, **({self.given.label: self.given} if members else {})}
-        gains = [self.bootstrap.gain(best.score - other.score) for other in over.values()]
-        low, high = best.hypothesis.bounded(self.settings.implausible)
-        inside = bool(((best.values > low) & (best.values < high))[:, best.hypothesis.smooth].all())
-        standing = Standing(
-            members,
-            left.gain,
-            gains,
-            inside,
-            follows_episodes(self.data, best, *self._rest),
-            self._closes(best),
-            not any(self._contests(rival, best) for rival in tried.values()),
-        )
-        verdict, pushes = decide_verdict(standing, self.settings), ()
-        if verdict == "partly_explained" or (verdict == "unexplained" and not members):
+        verdict, pushes = self._decide(best, tried), ()
+        if verdict != "explained" and self._explains(self.given):
+            best, verdict = self.given, "no_gap"  # what explains a part of no gap is no cause
+        left = self.left(best)
+        if verdict == "partly_explained" or (verdict == "unexplained" and best is self.given):
             pushes = find_pushes(self.fitter, best, self.excess(best))
             verdict = "partly_explained" if pushes else verdict
         rivals = [fit for fit in tried.values() if fit is not best and fit.hypothesis.members]
@@ -362,6 +351,23 @@ class Judge:
             unknown,
             self,
         )
+
+    def _decide(self, best: Fit, tried: dict[str, Fit]) -> Verdict:
+        """Return the verdict on the best of what was tried."""
+        members = best.hypothesis.members
+        over = [*self.nulls.values(), *([self.given] if members else [])]
+        low, high = best.hypothesis.bounded(self.settings.implausible)
+        inside = (best.values > low) & (best.values < high)
+        standing = Standing(
+            len(members),
+            self.left(best).gain,
+            [self.bootstrap.gain(best.score - other.score) for other in over],
+            bool(inside[:, best.hypothesis.smooth].all()),
+            follows_episodes(self.data, best, *self._rest),
+            self._closes(best),
+            not any(self._contests(rival, best) for rival in tried.values()),
+        )
+        return decide_verdict(standing, self.settings)
 
     def _refit(self, best: Fit, tried: dict[str, Fit]) -> tuple[Fit, dict[str, Fit]]:
         """Return the best and its nearest rivals, fitted where the answer is the model."""
