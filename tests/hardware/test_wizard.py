@@ -186,7 +186,7 @@ def test_a_limit_outside_the_servo_s(tmp_path):
     data["servos"]["hinge"] |= {"zero": 3500, "position": [-1.0, 1.0]}
     path = tmp_path / "bench.yaml"
     path.write_text(yaml.safe_dump(data))
-    with pytest.raises(RobotError, match=r"2848 to 4152 counts \(zero 3500\), and a .* takes 0 to 4095"):
+    with pytest.raises(RobotError, match=r"2848 to 4152 counts .* takes 0 to 4095: narrow it"):
         load_robot(path)
     data["registers"]["operating_mode"] = 4
     path.write_text(yaml.safe_dump(data))

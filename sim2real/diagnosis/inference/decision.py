@@ -25,7 +25,7 @@ class Standing(NamedTuple):
 
     Args:
         members: how many changes it has; 0: the model as given.
-        left: what a free discrepancy still gains [nats a reading], with its bounds.
+        left: what a free discrepancy still gains but for moments [nats a reading], with bounds.
         over: what it gains over each null explanation and the model as given [nats], with bounds.
         inside: whether all values lie within the bounds of what they can physically be.
         replays: whether whole episodes follow it at least as well as a joint that stays.

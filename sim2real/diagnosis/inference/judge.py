@@ -72,7 +72,6 @@ class Judgement:
         nulls: the null explanations by name.
         rivals: other explanations that were fitted to the end, the best first.
         left: what a free discrepancy still gains over one of a count [nats a reading].
-        where_left: the same of each window, not by reading, (W,).
         pushes: torques that act for a moment and hold most of what is left.
         probability: of the best and of each rival, (1 + n,).
         unknown: probability of a law that is not in the vocabulary.
@@ -85,7 +84,6 @@ class Judgement:
     nulls: dict[str, Fit]
     rivals: tuple[Fit, ...]
     left: Gain
-    where_left: np.ndarray
     pushes: tuple[Pushed, ...]
     probability: np.ndarray
     unknown: float
@@ -95,8 +93,8 @@ class Judgement:
 class Left(NamedTuple):
     """What a free discrepancy gains over one of at most a count."""
 
-    gain: Gain  # nats a reading
-    windows: np.ndarray  # (W,) nats
+    gain: Gain  # nats a reading, but for a few windows: contact and sticking make errors jump
+    whole: float  # upper bound with those windows
 
 
 class Judge:
@@ -167,8 +165,11 @@ class Judge:
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
         windows = fit.score - self.fitter.score_capped(fit, self.most)
-        gain = self.bootstrap.gain(windows)
-        return Left(Gain(*(value / self.readings for value in gain)), windows)
+        few = int(self.settings.moments * len(windows))
+        rank = np.argsort(np.argsort(-windows))
+        lasting = np.where(rank < few, 0.0, windows)
+        gain, whole = self.bootstrap.gain(lasting), self.bootstrap.gain(windows)
+        return Left(Gain(*(value / self.readings for value in gain)), whole.high / self.readings)
 
     def excess(self, fit: Fit) -> np.ndarray:
         """Return by how much squared errors exceed what noise and counts make, (W, N, M)."""
@@ -326,11 +327,11 @@ class Judge:
         if verdict != "explained" and self._explains(self.given):
             best, verdict = self.given, "no_gap"  # what explains a part of no gap is no cause
         left = self.left(best)
-        if verdict == "partly_explained" or (verdict == "unexplained" and best is self.given):
+        causes = verdict != "unexplained" or best is self.given
+        if causes and left.whole > self.settings.equivalence_tolerance:
             pushes = find_pushes(self.fitter, best, self.excess(best))
             verdict = "partly_explained" if pushes else verdict
-        rivals = [fit for fit in tried.values() if fit is not best and fit.hypothesis.members]
-        rivals.sort(key=lambda fit: -fit.total)
+        rivals = rank_fits([f for f in tried.values() if f is not best and f.hypothesis.members])
         fits = [best, *rivals]
         chances, unknown = compute_posterior(
             [fit.total / self.readings for fit in fits],
@@ -345,7 +346,6 @@ class Judge:
             self.nulls,
             tuple(rivals),
             left.gain,
-            left.windows,
             pushes,
             chances,
             unknown,

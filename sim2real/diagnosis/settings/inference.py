@@ -96,6 +96,12 @@ class Inference:
         "share by which causes shorten errors where they explain a gap",
         "derived: most of it, and not what is put down to usual errors",
     )
+    moments: float = setting(
+        0.1,
+        "1",
+        "share of the windows in which something may be left: a contact, a servo that goes on",
+        JUDGED,
+    )
     temperature: float = setting(
         0.03, "1", "nats a reading that change the odds of two hypotheses by e", JUDGED
     )
