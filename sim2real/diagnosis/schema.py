@@ -26,6 +26,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from envs.effects import EFFECTS
 from sim2real.diagnosis.evidence import Evidence, Pair
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -283,8 +284,9 @@ class Report:
 
     @property
     def effects(self) -> tuple[Cause, ...]:
-        """Those that are the robot's: what `effects.yaml` holds."""
-        return tuple(cause for cause in self.values if cause.kind == "robot")
+        """Those that every verb knows: what `effects.yaml` holds."""
+        known = [c for c in self.values if c.kind != "world" or c.effect in EFFECTS]
+        return tuple(c for c in known if c.kind != "log")
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of report.json: plain tables, lists, numbers, words."""

@@ -17,7 +17,7 @@ from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.distance import compute_separation, is_told_apart
 from sim2real.diagnosis.inference.fit import Fit
-from sim2real.diagnosis.inference.hypotheses import Member, get_kind
+from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind
 from sim2real.diagnosis.inference.intervals import compute_intervals
 from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_change import LogChange
@@ -88,8 +88,7 @@ def make_conclusion(
     ]
     if judgement.verdict not in ("explained", "partly_explained"):
         causes, parts = [], []
-    kinds = {p.place: get_kind(best.hypothesis.members[p.place]) for p in parts}
-    places = [place for place, kind in kinds.items() if kind != "log"]
+    places = [p.place for p in parts if get_effect(best.hypothesis.members[p.place]) is not None]
     firsts = [best.hypothesis.columns[place].start for place in places]
     named = frozenset(range(len(causes)))
     after = error if named else baseline.errors
@@ -109,11 +108,10 @@ def make_conclusion(
 
 
 def effects_of(fit: Fit, places: Sequence[int] | None = None) -> tuple[Fixed, ...]:
-    """Return the effects of a fit with their values; of the members at these places, or of all."""
+    """Return the effects of a fit with their values; of the members at some places, or of all."""
     members, columns = fit.hypothesis.members, fit.hypothesis.columns
     chosen = range(len(members)) if places is None else places
-    pairs = [(members[place], fit.mean[columns[place]]) for place in chosen]
-    effects = [(m.effect if isinstance(m, Candidate) else m.robot, v) for m, v in pairs]
+    effects = [(get_effect(members[place]), fit.mean[columns[place]]) for place in chosen]
     return tuple((effect, tuple(map(float, v))) for effect, v in effects if effect is not None)
 
 
@@ -293,7 +291,7 @@ def _explanations(
     others = {}
     for crowd in alike:
         for _, fit in crowd:
-            if not fit.hypothesis.mistakes:
+            if None not in map(get_effect, fit.hypothesis.members):
                 others[fit.label] = effects_of(fit)
     return ((best.label, own), *others.items()) if others else ()
 

@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 
+from envs.effects import EFFECTS, Effect
 from sim2real.diagnosis.inference.candidates import FREE, Candidate
 from sim2real.diagnosis.inference.log_change import LogChange
 
@@ -29,6 +30,12 @@ def get_kind(member: Member) -> Kind:
     if isinstance(member, LogChange):
         return "log" if member.robot is None else "robot"
     return "world" if member.name in WORLD else "robot"
+
+
+def get_effect(member: Member) -> Effect | None:
+    """Return the effect that every verb knows a member by; None where there is none."""
+    effect = member.effect if isinstance(member, Candidate) else member.robot
+    return effect if effect is not None and effect.name in EFFECTS else None
 
 
 def get_joints(member: Member) -> set[str]:
