@@ -6,12 +6,11 @@
     Report.from_json(json.loads(Path("report.json").read_text()))
 
 A report is plain numbers and words. `closed` is (before - after) / (before - noise floor) on
-segments that no parameter was fitted to. `evidence` stays in memory: `report.json` does not hold
-it, and a report that was read has none.
+segments that no parameter was fitted to. `evidence` stays in memory: a read report has none.
 
 More than four effects are a fit and no explanation: the verdict is then `fitted`, `causes` is empty
-and the values stand under `fitted`. `report.values` are all whose values were found, whatever
-they are called; `report.effects` those of the robot.
+and the values stand under `fitted`. `report.values` are all whose values were found;
+`report.effects` those that every verb knows.
 """
 
 from __future__ import annotations
@@ -285,8 +284,7 @@ class Report:
     @property
     def effects(self) -> tuple[Cause, ...]:
         """Those that every verb knows: what `effects.yaml` holds."""
-        known = [c for c in self.values if c.kind != "world" or c.effect in EFFECTS]
-        return tuple(c for c in known if c.kind != "log")
+        return tuple(c for c in self.values if c.kind != "log" and c.effect in EFFECTS)
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of report.json: plain tables, lists, numbers, words."""
