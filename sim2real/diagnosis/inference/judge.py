@@ -143,7 +143,7 @@ class Judge:
             if not self._refine(best, starts, tried):
                 break
             before, best = best, self._choose(tried)
-            if best is before:
+            if best is before or self._explains(best):
                 break
         return self._conclude(tried)
 
