@@ -37,8 +37,6 @@ Place = Literal["joint", "actuator", "body", "contact", "robot"]
 RENAMED = {  # attributes that users' own effects set
     "words": "display_name",
     "closes_gaps": "visible_in_replay",
-    "passes_for": "mimics",
-    "needs_witness": "needs_measured_channel",
     "why_not_mjcf": "mjcf_limitation",
 }
 BOTH: tuple[Engine, ...] = ("batch", "warp")  # engines of what does not act between steps
@@ -95,10 +93,7 @@ class Effect:
     group: ClassVar[str] = ""  # PLAIN, RULES or "", alone: what it is simulated side by side with
     visible_in_replay: ClassVar[bool] = True  # False: noise, what a camera sees
     shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
-    needs_measured_channel: ClassVar[bool] = False  # it explains only what a channel measured, too
     imitates: ClassVar[Mapping[str, str]] = {}  # by another at its joint: what both act like
-    servo_rank: ClassVar[int | None] = None  # its turn among what every servo's model guesses
-    tied: ClassVar[str] = ""  # effects of one such name start from one factor
     no_mjcf: ClassVar[str | None] = "its class does not declare that MJCF can"  # None: MJCF can
     own_mjcf: ClassVar[bool] = False  # whether `to_mjcf` writes it, and not its model fields
     comparable: ClassVar[bool] = False  # whether the emulator's law takes the same value
@@ -276,17 +271,6 @@ class Effect:
         if free := tuple(e.name for e in cls.extras if e.fit is not None):
             more["free"] = free
         return [{"side": side, **more} for side in cls.sides] or [more]
-
-    def mimics(self, scale: RobotScale) -> str | None:
-        """Return the name of an effect at the same place that this one hardly differs from.
-
-        It is then fitted in that one's place alone, from each of its probes, and takes part in no
-        race. None: it is a candidate like all others.
-
-        Args:
-            scale: the robot's sizes, and how it moved.
-        """
-        return None
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return values that span what the effect may be on a robot, where a search looks first.

@@ -35,9 +35,6 @@ class ClockDrift(Effect):
     unit = ""
     typical = (-0.03, 0.03)
     no_mjcf = "it is the log's, not the robot's"
-    needs_measured_channel = (
-        True  # a motion that is stretched in time looks like a change of inertia
-    )
     symptom = "swings and ramps that are all too long or too short by the same fraction"
     source = "t_log = (1 + d) t; quartz: 1e-5 to 1e-4, rates that were taken as nominal: 1e-2"
     experiment = "a free swing of known length, or readings with stamps of another clock"

@@ -9,11 +9,9 @@ from envs.effects.bound import Measurement, SubstepRule
 from envs.effects.extras import phase
 from envs.effects.places import block, joints
 from envs.effects.plant_view import PlantView
-from envs.effects.scale import RobotScale
 from envs.effects.servo import is_joint_servo
 
 STEPS = 4  # of Newton's method, which starts within the amplitude of the answer
-SEEN = 1.5  # rad: in less of a turn the sine is an offset and a slope
 
 
 class _Eccentric(Measurement):
@@ -114,7 +112,3 @@ class EncoderEccentricity(Effect):
                 f"servo of {self.label()}", lambda: _Loop(plant, encoder, servos)
             )
         return encoder
-
-    def mimics(self, scale: RobotScale) -> str | None:
-        """Return the shifted encoder where the joint turned little."""
-        return "encoder_offset" if scale.span(str(self.where)) < SEEN else None

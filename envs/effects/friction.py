@@ -101,7 +101,6 @@ class CoulombFriction(FieldEffect):
     field = "dof_frictionloss"
     typical = (0.0, 0.2)
     display_name = "Coulomb friction"
-    servo_rank = 2
     comparable = True
     sizes = Sizes("add", "stall", 2e-3, 0.3)
     shared = True
@@ -134,7 +133,6 @@ class ViscousFriction(FieldEffect):
     hows: ClassVar[tuple[How, ...]] = ("add", "scale", "set")
     field = "dof_damping"
     typical = (0.0, 0.1)
-    servo_rank = 3
     comparable = True
     sizes = Sizes("add", "braking", 0.02, 10.0)
     shared = True

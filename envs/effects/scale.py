@@ -37,11 +37,6 @@ def no_heat(actuator: str) -> float:
     return 0.0
 
 
-def any_span(joint: str) -> float:
-    """Return through how much an unknown motion moves a joint."""
-    return float("inf")
-
-
 def any_speed(joint: str) -> float:
     """Return how fast an unknown motion moves a joint [rad/s]."""
     return FASTEST
@@ -59,7 +54,6 @@ class RobotScale:
         heat: what an actuator's squared torque adds up to in the hardest of the logs [N²·m²·s].
         commands: the largest command of an actuator without its sign, in the actuator's own unit.
         touching: names of the geoms that were seen to touch the ground.
-        span: through how much a joint moved [rad or m], by its name.
         bases: names of bodies whose own motion is compared, though no joint that is moves them.
         feels: whether it is an IMU that says how a floating base turns.
         reached: the speed that a joint passed in a hundredth of the time [rad/s], by its name.
@@ -82,7 +76,6 @@ class RobotScale:
         heat: Callable[[str], float] = no_heat,
         commands: Callable[[str], float] = no_command,
         touching: Sequence[str] = (),
-        span: Callable[[str], float] = any_span,
         bases: Sequence[str] = (),
         feels: bool = False,
         reached: Callable[[str], float] = any_speed,
@@ -91,7 +84,7 @@ class RobotScale:
         self.feels, self.reached = feels, reached
         every = [j for j in range(model.njnt) if model.jnt_type[j] in SCALAR]
         self.joints = [model.joint(j).name for j in every] if joints is None else list(joints)
-        self.speeds, self.heat, self.commands, self.span = speeds, heat, commands, span
+        self.speeds, self.heat, self.commands = speeds, heat, commands
         self.actuators = [model.actuator(i).name for i in range(model.nactuator)]
         self.driven = {
             name: model.joint(int(model.actuator_trnid[i, 0])).name

@@ -93,7 +93,6 @@ class _Gain(ActuatorEffect):
     typical = (0.4, 2.5)
     composes = True
     no_mjcf = None
-    tied = "gain"
     bias_column: ClassVar[int]
     with_gain: ClassVar[bool]
     limits = (0.0, np.inf)
@@ -117,7 +116,6 @@ class PositionGain(_Gain):
     engines = BOTH
     bias_column = 1
     with_gain = True
-    servo_rank = 0
     comparable = True
     sizes = Sizes("factor", "one", 0.02, 1.2)
     symptom = (
@@ -146,7 +144,6 @@ class DerivativeGain(_Gain):
     engines = BOTH
     bias_column = 2
     with_gain = False
-    servo_rank = 1
     symptom = "overshoot after steps, or creeping towards the goal"
     source = "tau = -kv w; MuJoCo XML reference, position/kv"
     experiment = "steps from rest at two gains"

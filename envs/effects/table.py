@@ -90,11 +90,8 @@ Optional attributes and methods of the class:
   `probes(scale)` where they depend on the robot's sizes (`RobotScale`; by default they follow from
   `typical`); `places(scale)` and `variants(scale)`, where and with which arguments it is tried;
   `shared`, whether one value for all places is tried; `fit` of an `Extra`, the range in which a
-  further scalar is fitted; `group`, which effects can be simulated beside it; `servo_rank` and
-  `tied`, whether it joins first if every joint is wrong, and from which factor.
-  `visible_in_replay = False` leaves it out of a search, as for noise. `mimics(scale)` names another
-  effect where the logs hardly tell the two apart: a search then fits it in that one's place alone,
-  as an equivalent.
+  further scalar is fitted; `group`, which effects can be simulated beside it.
+  `visible_in_replay = False` leaves it out of a search, as for noise.
 * For `model.xml`: `no_mjcf`, None if the model fields that it writes express it, else why MJCF
   cannot; `own_mjcf` and `to_mjcf` if the class writes its own MJCF.
 * For reports: `display_name`, its name in a sentence.

@@ -83,7 +83,6 @@ def prior_from_candidates(
             this robot cannot have.
     """
     there = candidates(data.windows, fixed=data.fixed)
-    there += candidates(data.windows, fixed=data.fixed, standing_in=True)
     if not isinstance(given, str | Path):
         return check_width(Distribution(tuple(_named(given, there))))
     report = _report(Path(given).expanduser())

@@ -46,7 +46,6 @@ class Candidate:
         high: largest values, (P,).
         group: candidates of one group can be simulated in one batch.
         shown: joints whose motion it changes: its own, and for a body all that carry it.
-        passes_for: the effect in whose place alone it is looked for; None: in any.
     """
 
     effect: Effect
@@ -57,7 +56,6 @@ class Candidate:
     high: np.ndarray
     group: str
     shown: tuple[str, ...] = ()
-    passes_for: str | None = None
 
     @property
     def name(self) -> str:
@@ -121,8 +119,6 @@ def candidates(
     data: Data,
     exclude: Sequence[str] = (),
     fixed: Sequence[Fixed] = (),
-    *,
-    standing_in: bool = False,
 ) -> list[Candidate]:
     """Return every effect that the models can have, but those excluded.
 
@@ -131,24 +127,18 @@ def candidates(
         exclude: names of effects to leave out.
         fixed: effects that are in the model already; more of the same is a candidate where two of
             them add up, and no candidate where they would get into each other's way.
-        standing_in: return those that in these logs pass for another effect, in whose place alone
-            they are looked for, and none of the others.
 
     Raises:
-        Sim2RealError: an unknown name to exclude, or one that an effect says it passes for.
+        Sim2RealError: an unknown name to exclude.
     """
     check_names(exclude)
     scale, spec = robot_scale(data, fixed), untextured(data.specs[0])
     found = []
     for name, effect in EFFECTS.items():
-        if standing_in and effect.mimics is Effect.mimics:
-            continue  # passes for none, on no robot
         if effect.visible_in_replay and name not in exclude:
             for place, more in itertools.product(effect.places(scale), effect.variants(scale)):
                 candidate = candidate_of(name, {"where": place, **more}, spec, scale)
-                if candidate is None or (candidate.passes_for is not None) != standing_in:
-                    continue
-                if not _taken(candidate.effect, fixed):
+                if candidate is not None and not _taken(candidate.effect, fixed):
                     found.append(candidate)
     return found
 
@@ -203,13 +193,7 @@ def candidate_of(
     shown = (joint,) if joint else ()
     if effect.place == "body":
         shown = scale.carriers(str(effect.where))
-    passes_for, group = effect.mimics(scale), effect.batch()
-    if passes_for is not None and passes_for not in EFFECTS:
-        raise Sim2RealError(
-            f"{effect.label()}.passes_for returned {passes_for!r}, which is no effect"
-            f"{did_you_mean(passes_for, EFFECTS)}; return one of docs/effects.md, or None"
-        )
-    return Candidate(effect, joint, probes, neutral, low, high, group, shown, passes_for)
+    return Candidate(effect, joint, probes, neutral, low, high, effect.batch(), shown)
 
 
 def _joint(effect: Effect, scale: RobotScale) -> str | None:

@@ -132,7 +132,7 @@ class Judge:
         """Return the judgement on the gap.
 
         Args:
-            vocabulary: what it may be explained by; looked at only if there is a gap.
+            vocabulary: what it may be explained by.
         """
         tried = {self.given.label: self.given}
         best = self.given

@@ -43,7 +43,6 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
         heat=_Heats(data, fixed),
         commands=_Commands(data),
         touching=touching(data.models[0], _poses(data)),
-        span=lambda joint: _span(data, joint),
         bases=_bases(data),
         feels=_feels(data),
         reached=lambda joint: _reached(data, joint),
@@ -68,12 +67,6 @@ def _feels(data: Data) -> bool:
     compared = {joint.name for joint in data.joints}
     free = [name.rpartition(".")[0] for name in compared if "." in name]
     return bool(free) and not any(f"{name}.0" in compared for name in free)
-
-
-def _span(data: Data, joint: str) -> float:
-    """Return through how much a joint moved in all logs [rad or m]."""
-    found = [log.columns[f"qpos.{joint}"] for log in data.logs if f"qpos.{joint}" in log.columns]
-    return float(np.ptp(np.concatenate(found))) if found else 0.0
 
 
 def _reached(data: Data, joint: str) -> float:

@@ -1,6 +1,6 @@
 """Which changes promise most: straight lines through their probes, in the likelihood's metric.
 
-    lines = trace_lines(fitter, base, vocabulary.list_starts(errors))
+    lines = trace_lines(fitter, base, vocabulary.list_starts(errors, joints))
     starts = pick_starts(base, lines, 12) + pick_pairs(fitter, base, lines, 12)
     pick_alike(fitter, base, lines, member, 4)      # what does about the same
 

@@ -30,7 +30,7 @@ def list_effects(
     data: Data, exclude: Sequence[str] = (), fixed: Sequence[Fixed] = ()
 ) -> list[Candidate]:
     """Return what may differ of the robot and its world, each label once."""
-    found = candidates(data, exclude, fixed) + candidates(data, exclude, fixed, standing_in=True)
+    found = candidates(data, exclude, fixed)
     known = {member.label for member in found}
     world = [one for one in list_world_changes(data) if one.name not in exclude]
     return found + [member for member in world if member.label not in known]
