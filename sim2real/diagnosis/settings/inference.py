@@ -50,7 +50,7 @@ class Inference:
     damping_ratio: float = setting(
         1000.0, "1", "ratio of the two dampings that are tried side by side", COST
     )
-    rounds: int = setting(4, "1", "Gauss-Newton steps at most", COST)
+    rounds: int = setting(8, "1", "Gauss-Newton steps at most", COST)
     settled: float = setting(0.5, "1", "gain of a step [nats] below which a fit has settled", COST)
     reach: float = setting(
         5.0, "1", "standard deviation of a value, in the largest of its probes", JUDGED
