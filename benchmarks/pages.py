@@ -23,6 +23,15 @@ from sim2real.runs.files import write_text
 
 REFERENCE = Path(__file__).resolve().parents[1] / "docs" / "reference"
 KEY = re.compile(r"^(\w+): +(.*?) +# (.*)$")  # of conf/config.yaml: name, value, comment
+JSON = (  # types of Python, and what they are in a file
+    (r"Mapping\[.*\]", "table"),
+    (r"tuple\[(\w+), \.\.\.\]", r"list of \1"),
+    (r"\bPair\b", "[low, high]"),
+    (r"\bfloat\b|\bint\b", "number"),
+    (r"\bstr\b|\w*Verdict\b|\bForm\b|\bKind\b", "text"),
+    (r"\bbool\b", "true or false"),
+    (r" \| None", " or null"),
+)
 REPORT = (  # classes of report.json, outermost first
     schema.Report,
     schema.GapMetrics,
@@ -102,7 +111,7 @@ def report_json() -> str:
         " not finite is `null`. `Report.from_json` reads a report in Python.",
     ]
     for kind in REPORT:
-        lines = [(f"`{n}`", f"`{of}`", about) for n, of, about in _fields(kind)]
+        lines = [(f"`{name}`", of, about) for name, of, about in _fields(kind)]
         first = (kind.__doc__ or "").split("\n\n")[0].strip()
         parts += [f"## {kind.__name__}", " ".join(first.split())]
         parts += [markdown(("key", "type", "meaning"), lines)]
@@ -116,9 +125,18 @@ def _fields(kind: type) -> Iterator[tuple[str, str, str]]:
     )
     for one in dataclasses.fields(kind):
         if one.name != "evidence":
-            of = str(one.type).replace("Mapping[str, Any]", "table").replace(", ...", "")
+            of = _kind(str(one.type))
             meaning = " ".join(about.get(one.name, "–").split())
             yield one.name, of, meaning.rstrip(".")
+
+
+def _kind(text: str) -> str:
+    """Return a field's type as JSON has it, with links to the tables of this page."""
+    for python, json in JSON:
+        text = re.sub(python, json, text)
+    for kind in REPORT:
+        text = re.sub(rf"\b{kind.__name__}\b", f"[{kind.__name__}](#{kind.__name__.lower()})", text)
+    return text
 
 
 def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
