@@ -58,7 +58,7 @@ def test_an_interval_of_a_count_is_computed(name: str) -> None:
 
 
 def test_the_evidence_tables_hold_no_other_figures() -> None:
-    """Each row of the tables of README and of the evidence page ends in a marked figure."""
+    """Each row of README's and the evidence page's table: a marked figure, its interval."""
     for page, head in (
         ("README.md", "| question |"),
         ("docs/explanation/evidence.md", "| question |"),
@@ -68,4 +68,8 @@ def test_the_evidence_tables_hold_no_other_figures() -> None:
         body = [line for line in lines[start + 2 :]]
         rows = body[: next((i for i, line in enumerate(body) if not line.startswith("|")), None)]
         assert len(rows) >= 5
-        assert all(MARK.search(row) for row in rows)
+        for row in rows:
+            marks = MARK.findall(row)
+            assert len(marks) == 1, row
+            low, high = CLAIMS[marks[0][1]]["interval"]
+            assert f"[{100 * low:.0f}, {100 * high:.0f}] %" in row
