@@ -13,7 +13,7 @@ The arm touches something in some logs: its gripper is then centimetres below th
 base stands on, and joints stay where they are, whatever their goals, which no effect on the robot
 explains. All rows count; a note says what is left in the others. Positions alone part the two.
 
-docs/logs.md says where the logs are from; they are no part of this project.
+docs/explanation/evidence.md names the logs, which are not part of this project.
 """
 
 from __future__ import annotations

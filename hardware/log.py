@@ -315,7 +315,7 @@ def _check_columns(columns: dict[str, np.ndarray], place: str) -> None:
         raise LogError(
             f"{place}: {what} {' and '.join(lacking)} {verb} missing{hints}; it has "
             f"{format_names(columns)}. If they have other names, `sim2real convert LOG "
-            "columns=columns.yaml` writes a mapping to check (docs/logs.md)"
+            "columns=columns.yaml` writes a mapping to check (docs/how-to/prepare_logs.md)"
         )
 
 

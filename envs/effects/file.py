@@ -4,7 +4,7 @@
     plant = Plant(spec, fixed=load_effects("effects.yaml"))
 
 The file is a list of entries with the keys below. Values are in the effect's first way (see
-`docs/effects.md`):
+`docs/reference/effects/index.md`):
 
     - effect: backlash
       where: elbow          # null: the whole robot, or every place that can have it

@@ -99,7 +99,7 @@ def _columns(path: Path, header: list[str], separator: str) -> dict[str, np.ndar
     if rows and not any(map(is_value, rows[0])):
         raise LogError(
             f"{path}, row 0 (line {FIRST_LINE}): there is no number in it; if it is a second line "
-            "of names or units, remove it, or write a columns.yaml (docs/logs.md)"
+            "of names or units, remove it, or write a columns.yaml (docs/how-to/prepare_logs.md)"
         )
     found = {}
     for number, name in enumerate(header):

@@ -163,7 +163,7 @@ def _columns(log: Path) -> str:
             columns[key] = entry | ({"index": i} if width > 1 else {})
     words += _ask_units(columns, _values(log))
     lines = [
-        f"# which column of {log.name} is what; check names, units and signs (docs/logs.md)",
+        f"# columns of {log.name}: check names, units and signs (docs/how-to/prepare_logs.md)",
         *(f"# not recognized: {name}" for name in rest),
         *(f"# {text}" for text in (*words, *_missing(columns))),
     ]
@@ -255,7 +255,7 @@ def _topics(log: Path) -> str:
     if not any(channel["to"] == "ctrl" for channel in channels):
         example = {"topic": "/joint_commands", "field": "data", "names": ["joint"], "to": "ctrl"}
         channels.insert(0, example)
-    lines = [f"# which topic of {log.name} is what; check them (docs/logs.md). It has:"]
+    lines = [f"# topics of {log.name}: check them (docs/how-to/prepare_logs.md). It has:"]
     lines += [f"#   {topic}: {kind}" for topic, kind in sorted(there.items())]
     return "\n".join(lines) + "\n" + yaml.safe_dump({"channels": channels}, sort_keys=False)
 

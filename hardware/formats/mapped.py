@@ -97,7 +97,7 @@ def _mapping(file: Path) -> dict[str, Any]:
             raise LogError(f"{file}: there is no key {key!r}{did_you_mean(key, KEYS)}")
     for name, entry in tree["columns"].items():
         if not known(str(name)):
-            raise LogError(f"{file}: a log has no column {name!r}; see docs/logs.md for the names")
+            raise LogError(f"{file}: unknown column {name!r}; names: docs/reference/log_format.md")
         entry = dict(entry) if isinstance(entry, dict) else {"from": entry}
         if isinstance(entry.get("from"), int):
             entry["from"] = str(entry["from"])

@@ -164,13 +164,13 @@ class RealExam:
         if not self.data.parts:
             raise Sim2RealError(
                 "real logs are needed, and exam.data names no folder of them; let the environment "
-                "variable SIM2REAL_DATA name it (docs/logs.md says where public logs are)"
+                "variable SIM2REAL_DATA name it (docs/explanation/evidence.md names public logs)"
             )
         for base in BASES.values():
             if not (self.data / base.folder / base.model).is_file():
                 raise Sim2RealError(
                     f"exam.data={self.data} has no {base.folder}/{base.model}; let the environment "
-                    "variable SIM2REAL_DATA name the folder of real logs (docs/logs.md)"
+                    "variable SIM2REAL_DATA name the folder of real logs"
                 )
         wanted = [
             (robot, effect)

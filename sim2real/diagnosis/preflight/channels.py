@@ -218,7 +218,7 @@ def _ranged(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             f"{'; '.join(found.values())}.",
             "Give them in rad; a columns.yaml beside the log says how: `unit: deg`, "
             "`unit: counts/4096` with `zero: 2048`, or a `scale` and an `offset` of your own "
-            "(docs/logs.md).",
+            "(docs/reference/log_format.md).",
         )
 
 

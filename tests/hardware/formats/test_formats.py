@@ -76,7 +76,7 @@ def test_a_recording_without_a_mapping_says_what_it_holds(tmp_path: Path) -> Non
         (0, {"unit": "degree"}, "unit 'degree' is not known"),
         ("qpos.pan", {"from": "pan pos"}, "there is no 'pan pos'"),
         ("qpos.pan", {"form": "x"}, "`from` is needed"),
-        ("position.pan", "pan qpos", "a log has no column 'position.pan'"),
+        ("position.pan", "pan qpos", "unknown column 'position.pan'"),
         ("qpos.pan", {"from": "pan qpos", "unit": "grad"}, "unit 'grad' is not known"),
     ],
 )
