@@ -44,7 +44,7 @@ class Line(NamedTuple):
 
 
 def pick_starts(base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
-    """Return the changes that promise most beside a base, at their best along a straight line.
+    """Return the changes that promise most with a base, at their best along a straight line.
 
     Args:
         base: fitted to the windows that are looked at, with what is known.
@@ -65,7 +65,7 @@ def pick_alike(
 
     Args:
         fitter: of the windows that are looked at.
-        base: beside which the lines were traced.
+        base: from which the lines were traced.
         lines: of all changes.
         member: one of them.
         most: how many are returned.
@@ -84,7 +84,7 @@ def pick_alike(
 
 
 def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line]:
-    """Return the best line of each change that can stand beside the base."""
+    """Return the best line of each change that can be combined with the base."""
     own = [s for s in starts if are_compatible(base.hypothesis, s.hypothesis.members[0])]
     asked = [(s, point) for s in own for point in s.points]
     joined = [join_members(base, s.hypothesis.members, point[None]) for s, point in asked]
