@@ -66,7 +66,7 @@ def lines() -> Iterator[str]:
 
 
 def keys(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield the top-level keys of a YAML file that have a value there, and the comments beside."""
+    """Yield the top-level keys of a YAML file that have a value there, with their comments."""
     for line in path.read_text(encoding="utf-8").splitlines():
         key, colon, rest = line.partition(":")
         if colon and key.isidentifier() and rest.partition("#")[0].strip():

@@ -225,7 +225,7 @@ class CoalitionRollouts:
                     report(len(found), len(robots))
         return found
 
-    def beside(self, one: Cause) -> Outcome:
+    def with_added(self, one: Cause) -> Outcome:
         """Play a robot that has all causes and another one; at its place it stands for a cause."""
         kept = [i for i, cause in enumerate(self.causes) if cause.label != one.label]
         other = copy(self)
@@ -348,15 +348,15 @@ def compute_cause_costs(
         last[name] = [interval(values[everything] - values[everything - {i}]) for i in range(count)]
     open_ = []
     for number, one in enumerate(excluded, 1):
-        more = _more(game.beside(one), outcomes[everything])
+        more = _more(game.with_added(one), outcomes[everything])
         cost = {name: interval(values) for name, values in more.items()}
         effect = one.effect
         open_.append(EffectCost(effect.name, effect.where, one.values[0], effect.unit, cost))
         if report is not None:
             report(len(robots) + number, len(robots) + len(excluded))
     open_.sort(key=lambda one: -one.cost["return"].value)
-    told = (costs, alone, last, tuple(open_), not drawn, episodes)
-    return CauseCosts(tuple(causes), got(nothing), got(everything), *told)
+    rest = (costs, alone, last, tuple(open_), not drawn, episodes)
+    return CauseCosts(tuple(causes), got(nothing), got(everything), *rest)
 
 
 def _interval(values: np.ndarray, rng: np.random.Generator, resamples: int) -> Interval:

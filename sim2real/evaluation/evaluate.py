@@ -209,20 +209,20 @@ def run_cells(
 
 
 def check_context_adaptation(algorithm: Algorithm) -> None:
-    """Refuse to adapt what is told the truth anyway by something else than finding it.
+    """Refuse to adapt a policy that receives the true parameters, except by identification.
 
     Raises:
         Sim2RealError: a policy that knows its robot's parameters, and another adaptation.
     """
     environment, adapt = algorithm.parts.environment, algorithm.parts.adapt
     if environment.context_is_true and adapt.episodes and not isinstance(adapt, Identify):
-        told = environment.context_spec
-        assert told is not None
+        context = environment.context_spec
+        assert context is not None
         raise Sim2RealError(
-            f"on simulated robots this policy is told {', '.join(told.names)} as they are, and "
-            f"{adapt} would adapt what no robot gives it; use adapt=none (told the truth), "
-            "adapt=identify (told what its logs say), or transforms.with_params.truth=false (told "
-            "the middle) with any"
+            f"{adapt} cannot be evaluated: in simulation this policy already receives the true "
+            f"values of {', '.join(context.names)}. Use adapt=none (true values), adapt=identify "
+            "(estimates), or transforms.with_params.truth=false (centre of the range) with any "
+            "adapt"
         )
 
 

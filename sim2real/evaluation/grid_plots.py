@@ -20,7 +20,7 @@ from sim2real.runs.statistics import bootstrap, mean
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# black dashes on white: told from every colour of the map, whatever the reader's eyes
+# black dashes on white: distinct from every colour of the map, also for colour-blind readers
 FRAME = (("white", 3.2, "-"), ("black", 1.6, (0, (3, 2))))
 
 

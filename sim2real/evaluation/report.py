@@ -83,7 +83,7 @@ def long_table(study: Study, baseline: str | None, seed: int) -> Table:
 
 
 def claims_table(study: Study, verdicts: Sequence[ClaimResult]) -> Table:
-    """Return what became of each claim, beside the figures of the study."""
+    """Return the verdict of each claim, with the figures of the study."""
     table = Table(("claim", "verdict", "found", "steps", "the study"))
     for claim, verdict, found, steps in verdicts:
         table.add(claim.text, verdict, found, steps or None, _studied(study, claim))

@@ -45,7 +45,7 @@ class Run:
     Args:
         folder: the folder of its files.
         experiment: its name, or "default".
-        settings: what decided its result beside the seed, as {"params.width": 0.075}.
+        settings: what decided its result other than the seed, as {"params.width": 0.075}.
         expect: what the experiment expected; see `sim2real.evaluation.hypotheses`.
         scores: what it got on each robot.
     """

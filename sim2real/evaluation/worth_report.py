@@ -144,12 +144,12 @@ def read_diagnosis(path: str | Path) -> dict[str, Any]:
 def shares_closed(facts: Mapping[str, Any], causes: Sequence[Cause]) -> dict[int, float]:
     """Return which share of the gap each cause closes, by its number; those that are named."""
     found = {}
-    for told in [*facts.get("causes", []), *facts.get("fitted", [])]:
-        body = (told.get("extra") or {}).get("body")
+    for fact in [*facts.get("causes", []), *facts.get("fitted", [])]:
+        body = (fact.get("extra") or {}).get("body")
         for k, cause in enumerate(causes):
             place = cause.effect.where
-            if told["effect"] == cause.effect.name and place in (told.get("where"), body):
-                found.setdefault(k, float(told["closed"]))
+            if fact["effect"] == cause.effect.name and place in (fact.get("where"), body):
+                found.setdefault(k, float(fact["closed"]))
     return found
 
 

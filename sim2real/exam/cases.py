@@ -87,7 +87,7 @@ class Case:
 
 
 def write_task(folder: Path, exclude: Sequence[str], effects: str | None = None) -> None:
-    """Write what a diagnosis is given beside its logs; `effects` is a file there of known ones."""
+    """Write a diagnosis's inputs other than logs; `effects` names a file of known effects there."""
     task = {"exclude": list(exclude), "effects": effects, "seed": 0}
     write_text(folder / TASK, json.dumps(task, indent=1) + "\n")
 

@@ -123,7 +123,7 @@ def diagnose(names: Sequence[str], folder: Path, longest: float, most: int | Non
 def share(
     names: Sequence[str], done: Callable[[str], bool], do: Callable[[str], None], claims: Path
 ) -> None:
-    """Do what is not done, beside other programs that do the same, and wait for them at the end.
+    """Do the open pieces of work, shared with other programs; wait for those at the end.
 
     Args:
         names: the names of the pieces of work.
@@ -273,8 +273,8 @@ def _head(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> str:
         )
     versions = _versions(marks, folder)
     if len(versions) > 1:
-        told = ", ".join(f"{count} by {name}" for name, count in versions.items())
-        head += f"\n\nSeveral versions of the diagnosis answered: {told}."
+        counts = ", ".join(f"{count} by {name}" for name, count in versions.items())
+        head += f"\n\nSeveral versions of the diagnosis answered: {counts}."
     return head
 
 

@@ -202,7 +202,7 @@ class RealExam:
         rng = np.random.default_rng([outline.seed, 1])
         where = str(rng.choice(base.where[effect])) or None
         up = bool(rng.integers(2))
-        spec = told(self.data / base.folder / base.model, base.joints)
+        spec = keep_joints(self.data / base.folder / base.model, base.joints)
         model = spec.copy().compile()
         held = self._log(base, base.held)
         residue = overall(apart(held, spec, _effects(known(base))))
@@ -241,7 +241,7 @@ class RealExam:
 
 
 class Lie(NamedTuple):
-    """One thing made wrong: in the logs, in what the simulator is told, or in its masses."""
+    """One thing made wrong: in the logs, in the simulator's inputs, or in its masses."""
 
     value: float  # of the effect that undoes it
     known: list[tuple[str, str, float]]
@@ -310,7 +310,7 @@ def known(base: Base) -> list[tuple[str, str, float]]:
     return list(base.known)
 
 
-def told(path: Path, joints: Sequence[str]) -> mujoco.MjSpec:
+def keep_joints(path: Path, joints: Sequence[str]) -> mujoco.MjSpec:
     """Return a model with these joints alone; others are fixed, with their actuators gone."""
     spec = mujoco.MjSpec.from_file(str(path))
     for actuator in list(spec.actuators):

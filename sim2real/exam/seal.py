@@ -45,7 +45,7 @@ def cases(logs: Path) -> list[str]:
 
 
 def close(keys: Path, logs: Path, names: Iterable[str]) -> Path:
-    """Add the hashes of these cases' keys to those beside the logs, and return the file.
+    """Add the hashes of these cases' keys to those next to the logs, and return the file.
 
     What was sealed before stays as it was.
     """

@@ -58,8 +58,8 @@ class Bayesian:
         for turn in range(self.generations):
             if turn:
                 asked = promising(shares, _values(numbers), self.population, seed + turn)
-            told = evaluate(low + width * asked, turn)
-            shares, numbers = np.concatenate([shares, asked]), np.concatenate([numbers, told])
+            scores = evaluate(low + width * asked, turn)
+            shares, numbers = np.concatenate([shares, asked]), np.concatenate([numbers, scores])
             best = low + width * shares[numbers.argmin()]
             history.append((best, width * asked.std(axis=0)))
             if on_turn is not None:

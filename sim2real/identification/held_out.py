@@ -6,7 +6,7 @@
 
 Held-out recordings are replayed under draws of the distribution, each with what was left of the gap
 added as noise: a band that holds nine tenths of the draws should hold about nine tenths of the
-readings. How much noise that takes is told by the recordings that were fitted. CRPS is the
+readings. The noise level comes from the recordings that were fitted. CRPS is the
 continuous ranked probability score of these draws (Gneiting and Raftery 2007, the ensemble's form);
 an estimate without a width scores its absolute error.
 """

@@ -91,7 +91,7 @@ def notes(outcome: Outcome) -> Iterator[str]:
         yield (
             f"held out: gap {judged.before:.4g} before, {judged.after:.4g} after; "
             f"{judged.coverage:.0%} of the readings are within the {judged.band:.0%} band of "
-            f"draws; CRPS {judged.crps:.4g} beside an absolute error of {judged.absolute:.4g}."
+            f"draws; CRPS {judged.crps:.4g}, absolute error {judged.absolute:.4g}."
         )
 
 

@@ -100,37 +100,38 @@ class EnvironmentFactory:
 
     @property
     def has_transforms(self) -> bool:
-        """Whether nothing is done to what the base shows but drawing its robots."""
+        """Whether the only transform is the one that draws robots."""
         return all(_randomizes(one) for one in self.transforms.values())
 
     @cached_property
     def context_spec(self) -> ContextSpec | None:
-        """What the policy is told of its robot, beside what that shows; None: nothing.
+        """The robot's parameters that the policy receives; None: none.
 
         Raises:
-            Sim2RealError: tasks without ranges, or a world that is not one over rows.
+            Sim2RealError: tasks without ranges, or an environment that is not one over rows.
         """
         for one in self.transforms.values():
             if _tells(one):
-                return _keywords(one).get("told") or ContextSpec.from_tasks(
+                return _keywords(one).get("context") or ContextSpec.from_tasks(
                     self.tasks, self.base_rows(1, threads=1).space
                 )
         return None
 
     @property
     def context_is_true(self) -> bool:
-        """Whether policies are told the truth of simulated robots."""
+        """Whether policies receive the true parameters of simulated robots."""
         return any(
             _tells(one) and "student" not in _keywords(one) and _keywords(one).get("truth", True)
             for one in self.transforms.values()
         )
 
     def with_estimated_context(self, student: Student) -> EnvironmentFactory:
-        """Return this with policies that are told what a student guesses instead of the truth."""
+        """Return this with policies that receive a student's estimates instead of the truth."""
 
         def guess(one: Callable[..., Transform]) -> Callable[..., Transform]:
-            own = {k: v for k, v in _keywords(one).items() if k not in ("told", "truth")}
-            return partial(EstimateContext, told=self.context_spec, **{**own, "student": student})
+            own = {k: v for k, v in _keywords(one).items() if k not in ("context", "truth")}
+            own |= {"context": self.context_spec, "student": student}
+            return partial(EstimateContext, **own)
 
         transforms = {
             name: guess(one) if _tells(one) else one for name, one in self.transforms.items()
@@ -166,14 +167,14 @@ class EnvironmentFactory:
 
     def with_base(self, base: partial[EnvBase]) -> EnvironmentFactory:
         """Return the same transforms over another base, whose robots are what they are."""
-        told = self.context_spec
-        made = self if told is None else self.with_context_spec(told)
+        context = self.context_spec
+        made = self if context is None else self.with_context_spec(context)
         return replace(made, base=base, tasks=Randomization(), fixed=())
 
-    def with_context_spec(self, told: ContextSpec) -> EnvironmentFactory:
-        """Return this with policies that are told the same, whatever its robots differ in."""
+    def with_context_spec(self, context: ContextSpec) -> EnvironmentFactory:
+        """Return this with policies that receive these parameters, whatever robots are drawn."""
         transforms = {
-            name: partial(one, told=told) if _tells(one) else one
+            name: partial(one, context=context) if _tells(one) else one
             for name, one in self.transforms.items()
         }
         return replace(self, transforms=transforms)
@@ -218,7 +219,7 @@ class EnvironmentFactory:
     def _transform(self, one: Callable[..., Transform]) -> Any:
         if _randomizes(one):
             return one(tasks=self.tasks)
-        return one(told=self.context_spec) if _tells(one) else one()
+        return one(context=self.context_spec) if _tells(one) else one()
 
     def _append(self, env: TransformedEnv, name: str, transform: Transform, seed: int) -> None:
         """Put a transform behind the others, and see that what it reads is there."""

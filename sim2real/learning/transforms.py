@@ -97,9 +97,9 @@ BLIND = (  # what they do is not to what is seen
 def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
     """Return what transforms subtract from "observation" and divide it by, (O + P,) each.
 
-    Behind the environment's own numbers stand the robot's parameters, each in its unit, where the
-    policy is told them; that they are told within limits is left out. None where the transforms do
-    anything else to what the environment shows.
+    The environment's own numbers are followed by the robot's parameters, each in its unit, if the
+    policy receives them; their clipping is left out. None if the transforms change the observation
+    in any other way.
     """
     size = env.base_env.full_observation_spec["observation"].shape[-1]
     mean, std = np.zeros(size), np.ones(size)

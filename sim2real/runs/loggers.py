@@ -46,7 +46,7 @@ class Logger(ABC):
 
         Args:
             out: the run's folder; its last three parts name the run.
-            config: what the run was started with, to be shown beside its metrics.
+            config: what the run was started with, to be shown with its metrics.
 
         Raises:
             LoggerError: when the service cannot be used.

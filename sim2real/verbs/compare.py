@@ -39,8 +39,8 @@ def run(
         before: logs of the robot as it was: a log, a folder, or a list of these.
         after: logs of the robot as it is.
         units: of a fleet, in place of the two: a log or folder for each robot.
-        ci: a robot_ci.yaml (docs/compare.md), which says `before` and all others but `after`; what
-            is given beside it holds.
+        ci: a robot_ci.yaml (docs/compare.md), which says `before` and all others but `after`; other
+            arguments override it.
         model: an MJCF for all logs; None takes the one that each log names.
         effects: an effects.yaml of what the robot had before; None fits what both sides share.
         watch: names of effects that may change; empty for the usual ones.

@@ -40,8 +40,8 @@ def run(
         model: an MJCF for all logs; None takes the one that each log names.
         effects: an effects.yaml of what is known already; put into the model first.
         exclude: names of effects that are left out of the candidates.
-        against: an earlier diagnosis, its folder or report.json; comparison.html sets it beside
-            this one. None for none.
+        against: an earlier diagnosis, its folder or report.json; comparison.html compares both.
+            None for none.
         actor: the policy that wrote the log: a run, a checkpoint, or an export; None for the one
             that the log names, if any. It plays in the corrected simulator.
         seed: the seed of the bootstrap.

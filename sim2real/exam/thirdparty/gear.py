@@ -20,7 +20,7 @@ class Gear:
         stiffness: [N·m/rad].
         damping: [N·m·s/rad].
         play: the whole dead band [rad].
-        rub: dry friction beside the spring [N·m], which the robot adds as it moves.
+        rub: dry friction parallel to the spring [N·m], which the robot adds as it moves.
     """
 
     stiffness: float

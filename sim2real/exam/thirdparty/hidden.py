@@ -4,8 +4,8 @@
     truth = LAWS["backlash"].draw(rig, "elbow", rng)(0.03)  # of a size: an entry of an effects.yaml
     other = put(rig, {"effect": "backlash", **truth})       # the robot that hides it
 
-A size is a positive number in which every effect grows from nothing. Laws are those of the modules
-beside this one; the names are the vocabulary's, and nothing else is shared with it.
+A size is a positive number in which every effect grows from nothing. The models are those of this
+package's other modules; the names are the vocabulary's, and nothing else is shared with it.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ def _spring(rig: Rig, truth: Truth) -> Rig:
 
 
 def _hysteretic(rig: Rig, truth: Truth) -> Rig:
-    """A spring with dry friction beside it, between the same two sides."""
+    """A spring with dry friction parallel to it, between the same two sides."""
     soft = _spring(rig, truth)
     gear = soft.joints[truth["joint"]].gear
     assert gear is not None

@@ -2,7 +2,7 @@
 
     one = mark(key, report, closed=0.97)
 
-Rules, beside those of `sim2real.exam.score`:
+Rules, in addition to those of `sim2real.exam.score`:
 
 * Rank 1 and place are asked wherever something of the vocabulary is hidden; under a dirty
   background of the dominant effect.

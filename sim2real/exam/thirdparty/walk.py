@@ -39,7 +39,7 @@ class Imu:
 
     Args:
         mounting: how it is turned in its site's axes, a rotation vector [rad], (3,).
-        delay: age of its readings beside the usual one [s].
+        delay: age of its readings beyond the usual one [s].
         bias: of its gyro [rad/s], (3,).
     """
 
@@ -161,8 +161,8 @@ def hide(walk: Walk, entry: Mapping[str, Any]) -> Walk:
     if name == "ground_friction":
         return replace(walk, friction=float(value))
     if name in own:
-        told = tuple(value) if name != "imu_delay" else float(value)
-        return replace(walk, imu=replace(walk.imu, **{own[name]: told}))
+        one = tuple(value) if name != "imu_delay" else float(value)
+        return replace(walk, imu=replace(walk.imu, **{own[name]: one}))
     if name not in LAWS:
         raise Sim2RealError(f"{name!r} is no effect of a robot that walks in another engine")
     if name == "payload":

@@ -114,10 +114,10 @@ class Dropo:
         def evaluate(points: np.ndarray, turn: int) -> np.ndarray:
             return np.array([self._surprise(provider, prior, point, normal) for point in points])
 
-        def told(points: np.ndarray, turn: int) -> np.ndarray:
+        def recorded(points: np.ndarray, turn: int) -> np.ndarray:
             return journal.evaluate(points, turn, evaluate)
 
-        best = self.search.minimize(told, box, run.seed, run.watch).best
+        best = self.search.minimize(recorded, box, run.seed, run.watch).best
         mean, std = best[:count], np.exp(best[count:])
         noise = self.noise * provider.scale
         found = gaussian(prior, mean, np.diag(std**2), std)

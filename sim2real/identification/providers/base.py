@@ -1,6 +1,6 @@
 """What every provider offers: what was measured, and what simulations make of it.
 
-    sample = provider.simulate(values, turn=0)      # (n, ...) beside provider.real (...)
+    sample = provider.simulate(values, turn=0)      # (n, ...), to compare with provider.real (...)
 
 An aligned provider compares row by row: real (W, T, M) is W pieces of T rows and M readings, NaN
 where nothing is compared, and each piece belongs to an episode. Any other compares transitions:

@@ -99,7 +99,7 @@ class SlicedWasserstein(StatelessScore):
 
 
 class Embedding(StatelessScore):
-    """Conditional mean embedding: simulated changes beside those that real ones lead to expect.
+    """Conditional mean embedding: simulated changes against those predicted from real ones.
 
     Kernel ridge regression, by random Fourier features (Rahimi and Recht, NeurIPS 2007), learns
     from the real transitions which change follows an observation and an action (Song, Fukumizu and

@@ -193,4 +193,4 @@ class LearnerCohort(BatchedSession):
         return self.results[members]
 
     def _advance(self, members: np.ndarray, stage: int) -> None:
-        raise Sim2RealError("adapt=ppo: members learn from steps, and were told returns alone")
+        raise Sim2RealError("adapt=ppo: members learn from steps, and received returns alone")

@@ -108,7 +108,7 @@ class Algorithm(ABC):
     collecting: Any = None
 
     def close(self) -> None:
-        """End what works beside the algorithm: the processes of a collector."""
+        """End the processes that the algorithm started, such as those of a collector."""
         if self.collecting is not None:
             self.collecting.close()
 

@@ -105,7 +105,7 @@ class ESMAMLSettings(StrategySettings, FitnessSettings, RowsSettings):
         warm_up: environment steps at the start during which candidates are scored as they are: an
             unadapted candidate costs one episode, and what adapts well later begins with what
             works at all.
-        critic: whether the policy's critic is searched beside its actor, for an adaptation that
+        critic: whether the policy's critic is searched as well as its actor, for an adaptation that
             learns by it.
 
     Raises:

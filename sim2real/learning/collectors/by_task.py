@@ -6,7 +6,7 @@
     actor(tensordict)                                   # (800,) rows
 
 `TaskBatch` is a distribution that `RandomizeParams` draws from; a row keeps its task until the
-environment is told to draw anew (`RowsEnv.randomize`).
+environment draws its robots again (`RowsEnv.randomize`).
 """
 
 from __future__ import annotations

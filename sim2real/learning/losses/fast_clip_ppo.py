@@ -90,7 +90,7 @@ class FastClipPPOLoss(ClipPPOLoss):
         super().__init__(*networks, **options)
         self._gradient, self._present = ClipGradient(actor, critic), []
         if {id(p) for p in self.parameters()} != {id(p) for p in self._gradient.flat.parameters}:
-            raise Sim2RealError("loss: a network has parameters beside those of its layers")
+            raise Sim2RealError("loss: a network has parameters other than those of its layers")
 
     @dispatch  # type: ignore[arg-type]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

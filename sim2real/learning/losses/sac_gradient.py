@@ -37,7 +37,7 @@ class Transitions(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What the losses need beside transitions."""
+    """Numbers of the losses."""
 
     gamma: float  # discount of a step
     alpha: float  # temperature: how much entropy counts

@@ -104,7 +104,7 @@ def actor_critic(
         critic: makes the network of the value; None for an actor alone.
         in_keys: entries that are seen, side by side.
         body: networks that actor and critic share, by name and in order; None for none.
-        memory: makes a recurrent module that both see beside the entries; None for none.
+        memory: makes a recurrent module whose output both see, too; None for none.
         window: steps that a gradient reaches back through the memory.
         log_std: logarithm of the actions' first standard deviation.
         orthogonal: whether weights start orthogonal (Saxe et al. 2014), with the gains of

@@ -1,4 +1,4 @@
-"""A policy that is told a few latent numbers z beside its observation.
+"""A policy conditioned on a few latent numbers z in addition to its observation.
 
     policy = LatentPolicy(11, 3, low, high, latent=2, hidden=(32,), ...)    # as MLPPolicy
     theta[-policy.latent :]                                                 # z

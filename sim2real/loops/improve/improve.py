@@ -1,7 +1,7 @@
 """Deploy, diagnose, price, retrain, deploy again: until the robot does what the simulator promises.
 
-    told = improve(site, parts, training, first, plan, out)
-    told.end, told.best                         # "within_noise", 1
+    history = improve(site, parts, training, first, plan, out)
+    history.end, history.best                         # "within_noise", 1
 
 Round 0 deploys the policy as given. A round checks the interface of the policy on its log, records
 the robot, diagnoses all recordings so far, prices what was found, trains on from where the policy
@@ -185,11 +185,11 @@ class _Loop:
         file = self.out / RESULT
         if not file.is_file():
             return
-        told = json.loads(file.read_text(encoding="utf-8"))
+        earlier = json.loads(file.read_text(encoding="utf-8"))
         for key, value in self.about.items():
-            if told.get(key) != value:
+            if earlier.get(key) != value:
                 raise Sim2RealError(
-                    f"resume={self.out}: that loop has {key}={told.get(key)}, this one {value}; "
+                    f"resume={self.out}: that loop has {key}={earlier.get(key)}, this one {value}; "
                     "a loop goes on with its own settings, or start another folder"
                 )
 
@@ -256,12 +256,12 @@ class _Loop:
         made = learn(place, POLICY, parts, longer(self.training, source), start=source)
         robot = None if self.plan.absent else site.deploy(made, place / "deploy")
         score = site.score(made, [(cause.effect, cause.values) for cause in causes])
-        told = facts(place)
-        found = (self.contract, told["verdict"], told["causes"])
+        report = facts(place)
+        found = (self.contract, report["verdict"], report["causes"])
         link = read_link(place / "deploy")
         one = Round(self.number, str(made.source), robot, score, *found, link)
         self.add(one)
-        table_of(one, told["gap"]).write(place / "table", f"Round {self.number}")
+        table_of(one, report["gap"]).write(place / "table", f"Round {self.number}")
         return made
 
     def _known(self) -> Path | None:

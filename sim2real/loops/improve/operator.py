@@ -1,10 +1,10 @@
-"""Whoever stands beside a real robot: is asked before it moves, and may measure how far it went.
+"""The person next to a real robot, who consents to each motion and may measure its distance.
 
     operator = Operator()
     operator.consents("bench1 runs three episodes. Is the space around it clear?")
     operator.distance("episode 2")              # m
 
-Nobody at the terminal is a no.
+Without a terminal the answer is no.
 """
 
 from __future__ import annotations

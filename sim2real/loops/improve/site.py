@@ -52,7 +52,7 @@ class RobotSetup:
     Args:
         machine: the robot; with a port a real one, which the operator is asked about.
         environment: the simulator of its task, as given.
-        operator: stands beside a real robot.
+        operator: the person next to a real robot.
         trials: episodes of each policy.
         settle: how long the start is held before each [s].
         limits: when the guard stops it.
