@@ -15,7 +15,7 @@ import mujoco
 
 from envs.errors import EnvsError
 
-ROW = 140_000  # bytes of one MjData beside its buffer: measured, 139,600 to 167,000 on four robots
+ROW = 140_000  # bytes of one MjData without its buffer: measured, 139,600 to 167,000 on four robots
 MEMINFO, STATM = Path("/proc/meminfo"), Path("/proc/self/statm")
 CGROUP = Path("/sys/fs/cgroup")
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB")

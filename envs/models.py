@@ -1,6 +1,6 @@
 """A robot's model from its file: MJCF, or URDF with its actuators in a few lines of YAML.
 
-    spec = load_spec(Path("arm.urdf"))      # and arm.actuators.yaml beside it
+    spec = load_spec(Path("arm.urdf"))      # and arm.actuators.yaml next to it
 
     # arm.actuators.yaml: position servos, as MJCF's <position> has them
     shoulder: {joint: shoulder_pan, kp: 20.0, kv: 0.6, forcerange: [-1.5, 1.5]}
@@ -188,8 +188,8 @@ def _add_actuators(spec: mujoco.MjSpec, path: Path) -> None:
     file = path.with_name(f"{path.stem}.actuators.yaml")
     if not file.is_file():
         raise TaskError(
-            f"{path}: a URDF has no actuators; write {file.name} beside it, a line for each servo: "
-            "`elbow: {kp: 12.0, forcerange: [-1.5, 1.5]}`"
+            f"{path}: a URDF has no actuators; write {file.name} next to it, a line for each "
+            "servo: `elbow: {kp: 12.0, forcerange: [-1.5, 1.5]}`"
         )
     text = file.read_text(encoding="utf-8")
     try:

@@ -159,7 +159,7 @@ class Plant:
         ]
         self._starters = sorted(
             starters, key=lambda b: not isinstance(b, CommandRule)
-        )  # what arrives, then who hears it
+        )  # commands first, then the effects that act on them
         own = [id(bound) for bound in self._bound]
         single = [b for b in self._bound if isinstance(b, SubstepRule) and own.count(id(b)) == 1]
         rules = [b for b in self._parts if isinstance(b, SubstepRule)]

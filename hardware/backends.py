@@ -44,7 +44,7 @@ class RobotMeasurement(NamedTuple):
     time: float  # s from the episode's start to when the servos were asked
     reading: Reading
     torque: np.ndarray  # N·m, of the motors, (n,)
-    body: Mapping[str, np.ndarray]  # of sensors beside the servos, see `hardware/body.py`
+    body: Mapping[str, np.ndarray]  # of sensors other than the servos, see `hardware/body.py`
     last: bool = False  # nothing follows: the end of a recorded episode
 
 
@@ -52,11 +52,11 @@ class Backend(Protocol):
     """What episodes run on; see the module's docstring. Arrays are in the order of the servos."""
 
     robot: Robot
-    real: bool  # moves something in the world: it must be armed by whoever stands beside it
+    real: bool  # true for a physical robot, which must be armed by a person next to it
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
-        """Return the names of the sensors beside the servos."""
+        """Return the names of the sensors other than the servos."""
         ...
 
     def open(self) -> None:
@@ -93,7 +93,7 @@ class ServoBackend:
             robot comes to rest, a real one is put back on its feet.
         world: the emulated robot; None makes one as the file says.
         dry_run: switch torque off, then read everything and compute commands, but send none.
-        sensors: an IMU or a tracker beside the servos, in place of the IMU at the port that the
+        sensors: an IMU or a tracker, instead of the IMU at the port that the
             robot's file names; the emulated robot has its own.
         limits: when the guard stops the robot.
         seed: the seed of the emulated robot's randomness.
@@ -131,7 +131,7 @@ class ServoBackend:
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
-        """The names of the sensors beside the servos."""
+        """The names of the sensors other than the servos."""
         return () if self.sensors is None else self.sensors.names
 
     @property
@@ -300,7 +300,7 @@ class ServoBackend:
         )
 
     def _sense(self, now: float) -> Mapping[str, np.ndarray]:
-        """Return what the sensors beside the servos measure; stop the robot if they do not."""
+        """Return the readings of the sensors other than the servos; stop the robot if they fail."""
         if self.sensors is None:
             return {}
         try:

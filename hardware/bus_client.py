@@ -65,7 +65,7 @@ class BusClient:
         return_delay: how long a servo waits before it answers [s].
     """
 
-    overhead = 11  # bytes of an answer beside its data
+    overhead = 11  # bytes of an answer in addition to its data
     parser: ClassVar[type[Parser]] = Parser  # what cuts bytes into packets
 
     def __init__(

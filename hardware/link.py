@@ -126,14 +126,14 @@ class LinkStatistics:
         return format_link(self.as_dict())
 
 
-def format_link(told: Mapping[str, Any]) -> str:
+def format_link(link: Mapping[str, Any]) -> str:
     """Return what a run's JSON says of its link, as one line."""
-    percentiles, servos = told["period"], told["servos"]
+    percentiles, servos = link["period"], link["servos"]
     spread = "/".join(f"{1e3 * percentiles.get(f'p{p}', math.nan):.1f}" for p in PERCENTILES)
     total = sum((AnswerCounts(**counts) for counts in servos.values()), AnswerCounts())
     line = (
-        f"link: period {spread} ms (p50/p90/p99), {told['overruns']} overruns in "
-        f"{told['periods']} periods; of {total.asked} answers {total.lost} lost, "
+        f"link: period {spread} ms (p50/p90/p99), {link['overruns']} overruns in "
+        f"{link['periods']} periods; of {total.asked} answers {total.lost} lost, "
         f"{total.late} late, {total.stale} stale"
     )
     bad = {name: c["lost"] + c["late"] + c["stale"] for name, c in servos.items()}
@@ -157,7 +157,7 @@ class LinkMonitor:
         self._score = score
         self._counters = counters
         self._before = {name: replace(count) for name, count in counters.items()}
-        self._told: float | None = None
+        self._reported: float | None = None
 
     def statistics(self) -> LinkStatistics:
         """Return the statistics until now."""
@@ -181,9 +181,9 @@ class LinkMonitor:
         Args:
             now: the time [s].
         """
-        if self._told is None:
-            self._told = now
-        if now - self._told < EVERY:
+        if self._reported is None:
+            self._reported = now
+        if now - self._reported < EVERY:
             return False
-        self._told = now
+        self._reported = now
         return True

@@ -59,7 +59,7 @@ class Log:
 
     Args:
         columns: name to values, (T,) each; `episode` becomes int64, everything else float64.
-        meta: what is known beside the numbers, as JSON can hold it.
+        meta: metadata, as JSON can hold it.
         path: the file it was read from.
 
     Raises:
@@ -111,8 +111,8 @@ class Log:
         if name is None:
             return None
         folder = self.path.parent if self.path else Path()
-        beside = folder / Path(name).name
-        return beside if beside.is_file() and not (folder / name).exists() else folder / name
+        here = folder / Path(name).name
+        return here if here.is_file() and not (folder / name).exists() else folder / name
 
     @property
     def settings(self) -> dict[str, Any]:

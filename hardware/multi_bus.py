@@ -5,8 +5,8 @@
 
 Each bus has a driver of its own, of the maker of its servos. What is asked of all servos goes out
 on every bus before an answer is waited for, so that a step takes as long as the slowest bus, not as
-all together. Torque-off is told to every bus first, and then verified bus by bus, whatever becomes
-of the others.
+all together. Torque-off is sent to every bus first, and then verified bus by bus, even if one
+fails.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class MultiBusDriver(Driver):
         """Tell the servos of every bus to switch their torque off, whatever becomes of the others.
 
         Raises:
-            SerialPortError: a port cannot be used; the others were told.
+            SerialPortError: a port cannot be used; the others received it.
         """
         self._on_all(Driver.broadcast_torque_off)
 

@@ -41,7 +41,7 @@ class Servo:
         position: least and largest angle to command [rad].
         velocity: fastest motion of a command [rad/s].
         torque: largest torque [N·m], None for all it has.
-        registers: registers of this servo beside the robot's.
+        registers: registers of this servo in addition to the robot's.
         bus: the name of its bus, where the robot has several.
         current: largest current [A] that the guard lets it draw for longer than `stops.patience`;
             None for the servo's own limit.

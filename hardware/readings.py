@@ -23,7 +23,7 @@ class Reading(NamedTuple):
 
 
 class Health(NamedTuple):
-    """One servo's state beside its motion."""
+    """One servo's state other than its motion."""
 
     torque: bool
     errors: tuple[str, ...]  # of the hardware error status

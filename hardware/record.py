@@ -54,7 +54,7 @@ class Recording:
     Args:
         guard: armed servos.
         episode: its number.
-        sensors: what is beside the servos, of which an IMU is written down; None for nothing.
+        sensors: sensors other than the servos, of which an IMU is logged; None for none.
         path: the CSV file that gets each row as it comes, see `LogWriter`; None writes none.
     """
 
@@ -191,7 +191,7 @@ class Recording:
 
         Returns:
             A log with ctrl, qpos, qvel, current, stamp and torque of every servo, voltage and
-            temperature as last told (one servo a step tells them), the wanted angles as `action`,
+            temperature as last read (one servo a step), the requested angles as `action`,
             the duty as `sensor.duty_<servo>`, the raw position as `sensor.count_<servo>`, and
             `flag.fresh` (0: an answer was missing, the last value is held), and the IMU's columns
             where there is one. Its metadata say

@@ -43,7 +43,7 @@ def find_robot(name_or_path: str | Path) -> Path:
 
 
 def read_robot(path: Path) -> dict[str, Any]:
-    """Return the content of a robot's file; a model that lies beside it is named by its path.
+    """Return the content of a robot's file; a model next to it is named by its path.
 
     Raises:
         RobotError: it is no YAML, or no table.
@@ -53,5 +53,5 @@ def read_robot(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise RobotError(f"{path}: this cannot be read as YAML: {error}") from None
     data = dict(mapping(data, str(path)))
-    beside = path.parent / str(data.get("model"))
-    return {**data, "model": str(beside)} if beside.is_file() else data
+    model = path.parent / str(data.get("model"))
+    return {**data, "model": str(model)} if model.is_file() else data

@@ -101,7 +101,7 @@ class RobotRows:
         _check_sensors(self, self.needs())
 
     def needs(self) -> tuple[set[str], set[str]]:
-        """Return the sensors beside the servos that the observation, and that the reward, use."""
+        """Return the sensors, other than the servos, that the observation and the reward use."""
         seen, paid = set(), set()
         turned = np.array([[0.96, 0.16, 0.16, 0.16]])
         odd = {"gyro": np.full((1, 3), 0.3), "position": np.full((1, 3), 0.3)}

@@ -5,7 +5,7 @@
     raise SerialPortError(explain_failure("/dev/ttyUSB7", error))
 
 Linux gives a serial device to a group (`dialout` or `uucp`), and holds the bytes of an FTDI adapter
-such as the U2D2 back for 16 ms unless it is told otherwise.
+such as the U2D2 back for 16 ms by default.
 """
 
 from __future__ import annotations

@@ -215,10 +215,10 @@ def _supply(driver: Driver) -> float:
         ServoError: a servo does not tell it.
     """
     health = [driver.health(i) for i in range(len(driver))]
-    told = [each.voltage for each in health if each is not None]
-    if not told:
-        raise ServoError(f"no servo tells its voltage: {format_names(driver.robot.names)}")
-    return statistics.median(told)
+    voltages = [each.voltage for each in health if each is not None]
+    if not voltages:
+        raise ServoError(f"no servo reports its voltage: {format_names(driver.robot.names)}")
+    return statistics.median(voltages)
 
 
 def _limits(travel: Travel) -> list[float]:

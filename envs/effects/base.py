@@ -259,7 +259,7 @@ class Effect:
 
     @classmethod
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
-        """Return the arguments, beside `where`, with which a search should try the effect.
+        """Return the arguments, other than `where`, with which a search should try the effect.
 
         Every side, with the extras free that a fit moves. Extras that must be given are taken from
         what is known of the robot; none is returned where one is not known.

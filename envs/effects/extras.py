@@ -18,7 +18,8 @@ class Extra(NamedTuple):
         low: smallest value.
         high: largest value.
         about: what it is.
-        fit: range within which a diagnosis fits it beside the value; None: it stays constant.
+        fit: range within which a diagnosis fits it together with the value; None: it stays
+            constant.
         typical: what real robots show; the exam's search for rivals goes through all of it. None:
             it stays constant there.
     """

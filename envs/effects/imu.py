@@ -186,7 +186,7 @@ class ImuMounting(_ImuEffect):
 
 
 class ImuDelay(_ImuEffect):
-    """How old orientation and angular velocity of the base are, beside what the encoders say.
+    """The age of the base's orientation and angular velocity, compared with the encoders.
 
     `longest` sizes the memory.
     """

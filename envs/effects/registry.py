@@ -49,7 +49,7 @@ def named(entry: Mapping[str, Any], place: str, more: tuple[str, ...] = ()) -> E
     Args:
         entry: the effect's standard name, and arguments of its class.
         place: where the mapping is, for messages.
-        more: keys that the mapping may have beside them, for messages.
+        more: further keys that the mapping may have, for messages.
 
     Raises:
         EffectError: no name, or an argument that the effect does not have, with the nearest.

@@ -133,7 +133,7 @@ class SeriesEffect(Effect):
         self.encoder = encoder or self.side
 
     def options(self) -> dict[str, Any]:
-        """Return where the log's encoder sits, if not beside the servo's."""
+        """Return where the log's encoder sits, if not on the servo's side."""
         return {} if self.encoder == self.side else {"encoder": self.encoder}
 
     @property

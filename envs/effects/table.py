@@ -90,7 +90,7 @@ Optional attributes and methods of the class:
   `probes(scale)` where they depend on the robot's sizes (`RobotScale`; by default they follow from
   `typical`); `places(scale)` and `variants(scale)`, where and with which arguments it is tried;
   `shared`, whether one value for all places is tried; `fit` of an `Extra`, the range in which a
-  further scalar is fitted; `group`, which effects can be simulated beside it.
+  further scalar is fitted; `group`, which effects can be simulated with it.
   `visible_in_replay = False` leaves it out of a search, as for noise.
 * For `model.xml`: `no_mjcf`, None if the model fields that it writes express it, else why MJCF
   cannot; `own_mjcf` and `to_mjcf` if the class writes its own MJCF.

@@ -117,7 +117,7 @@ class GLRenderer(Renderer):
             pipe.write(np.array([len(rows), *rows], np.int64).tobytes())
             pipe.flush()
         except BrokenPipeError:
-            pass  # that it is gone is told where its answer is read
+            pass  # reading its answer reports that it is gone
 
     def close(self) -> None:
         """End the drawing processes and free the memory."""

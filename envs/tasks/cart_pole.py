@@ -24,7 +24,7 @@ NO_LOAD = 1.25  # times that: the largest speed of the drive, 0.6 m/s
 
 
 class CartPole(Task):
-    """Balance a pole on a cart that moves to where it is told.
+    """Balance a pole on a cart with position commands.
 
     Observation (4,): cart position [m] and velocity [m/s], pole angle from upright [rad] and
     velocity [rad/s]. Action (1,): the drive's goal in [-1, 1] times 0.2 m. Reward: 1 - angle² -

@@ -1,4 +1,4 @@
-"""Tasks with a hidden goal: robots that are told by their rewards alone what to do.
+"""Tasks with a hidden goal, which only the rewards reveal.
 
     MujocoEnv(task=SwimmerDirection(), effects=[Goal()])       # forward or backward
     MujocoEnv(task=AntPosition(), effects=[Goal(axes=2)])      # to a point of the plane

@@ -33,7 +33,7 @@ from hardware.tables import servo_type
 
 POSITION, WHEEL, PWM, STEP = range(4)
 INNER_MODE = {POSITION: EXTENDED, WHEEL: VELOCITY, PWM: DUTY, STEP: EXTENDED}
-DAMPING, CALIBRATE = 2, 128  # values of torque_enable, beside 0 and 1
+DAMPING, CALIBRATE = 2, 128  # values of torque_enable, in addition to 0 and 1
 TURN, MIDDLE, MOST_OFFSET = 4096, 2048, 2047  # counts
 REBOOT_TIME = 0.8  # s, from the maker's protocol manual
 

@@ -67,8 +67,8 @@ class EmulatedImu:
 class EmulatedBno055(EmulatedImu):
     """A BNO055 at the site that the robot's file names, over its serial port.
 
-    Assumed, as the maker does not publish it: how long it takes to answer. Registers beside the
-    identity, mode, units and data hold what was written.
+    Assumed, as the maker does not publish it: how long it takes to answer. Registers other than
+    the identity, mode, units and data hold what was written.
     """
 
     def __init__(self, world: EmulatedRobot) -> None:

@@ -5,7 +5,7 @@
     inertial.measure()["acceleration"]      # m/s^2 along the site's axes; at rest 9.81 upwards
 
 Errors are those of the robot's file (`imu.emulated`), and what the robot hides (`Hidden.imu`): a
-part that is askew, later still, or whose gyro is off; without them the truth is told. Noise is
+part that is askew, later still, or whose gyro is off; without them readings are exact. Noise is
 white: each reading draws its own, so that a value that is read twice differs.
 """
 

@@ -1,6 +1,6 @@
 """Logs under other names, in CSV, Parquet, HDF5 or Zarr: a `columns.yaml` says what is what.
 
-    # columns.yaml, beside the log (or NAME.columns.yaml for one log)
+    # columns.yaml, next to the log (or NAME.columns.yaml for one log)
     columns:
       time:       {from: t_ms, unit: ms}
       ctrl.elbow: {from: cmd_elbow, unit: deg}

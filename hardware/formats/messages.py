@@ -1,6 +1,6 @@
 """Recordings of messages as logs: MCAP files and rosbag2 folders, each channel on its own clock.
 
-    # topics.yaml, beside the recording (or in it, for a folder; or NAME.topics.yaml)
+    # topics.yaml, next to the recording (or in it, for a folder; or NAME.topics.yaml)
     channels:
       - {topic: /joint_commands, field: data, names: [pan, lift], to: ctrl}
       - {topic: /joint_states, field: position, names: name, to: qpos}
@@ -64,7 +64,7 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if file is None:
         there = "; ".join(f"{t} ({kind})" for t, kind in sorted(topics(path).items())) or "none"
         raise LogError(
-            f"{path}: a {NAME} beside it must map its topics "
+            f"{path}: a {NAME} next to it must map its topics "
             f"(`sim2real convert {path.name} columns={NAME}` writes one); it has: {there}"
         )
     tree = _checked(file)

@@ -1,4 +1,4 @@
-"""The JSON file beside a log: what is known besides the numbers."""
+"""The JSON file next to a log: its metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The IMU of a robot's file, read over its serial port, as sensors beside the servos.
+"""The IMU of a robot's file, read over its serial port.
 
     imu = SerialImu(robot.imu, RealClock())
     imu.open()                              # SerialPortError: what came instead of frames
@@ -206,7 +206,7 @@ class AskedImu(SerialImu):
             self._write(register, value)
 
     def _write(self, register: int, value: int) -> None:
-        """Write a register and wait for its answer; a busy part is told again."""
+        """Write a register and wait for its answer; a busy part gets it again."""
         assert self._port is not None
         clock, end = self._clock, self._clock.now() + FIRST
         while clock.now() < end:
