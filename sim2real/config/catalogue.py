@@ -16,6 +16,7 @@ sim2real: find out why a policy that works in simulation fails on the robot, and
 transfers.
 
   python -m sim2real diagnose LOG.csv MODEL.xml     which physical effect the simulator lacks
+  python -m sim2real view REPORT.html               the report in a browser
   python -m sim2real +experiment=NAME               one job
   python -m sim2real +experiment=NAME seed=3        the same with another value
   python -m sim2real +experiment=NAME adapt=none    the same with another choice of a group

@@ -303,3 +303,19 @@ def test_a_log_file_on_a_full_disk_is_no_traceback(
     monkeypatch.setattr(logging.FileHandler, "emit", full)
     assert run("record", "bench1", "seconds=1.0", "motions=[ramp]") == 0
     assert "Logging error" not in capsys.readouterr().err
+
+
+def test_a_page_is_viewed_without_a_run(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`view PAGE.html` opens the file, makes no folder, and takes one page alone."""
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda url: bool(opened.append(url)) or True)
+    (tmp_path / "report.html").touch()
+    assert run("view", "report.html") == 0
+    assert opened == [(tmp_path / "report.html").as_uri()]
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+    assert run("view", "report.html", "seed=1") == 2
+    assert run("view", "other.html") == 2
+    assert "there is no page other.html" in capsys.readouterr().err
+    assert len(opened) == 1
