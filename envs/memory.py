@@ -52,7 +52,7 @@ def available() -> int:
 
 
 def _cached() -> int:
-    """Return what a container holds of files [bytes]."""
+    """Return the size of a container's file cache [bytes]."""
     try:
         lines = (CGROUP / "memory.stat").read_text(encoding="ascii").splitlines()
         stat = dict(line.split() for line in lines)
@@ -62,7 +62,7 @@ def _cached() -> int:
 
 
 def _addressed() -> int:
-    """Return what this process has of its address space [bytes]; 0 where nobody counts it."""
+    """Return the size of this process's address space [bytes]; 0 if it is unknown."""
     try:
         return int(STATM.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
     except (OSError, ValueError):

@@ -212,7 +212,7 @@ class Plant:
         return name in self._fields
 
     def field_values(self, name: str, ids: np.ndarray) -> np.ndarray:
-        """Return what a model field is in the rows ids (n,), (n, ...); read only."""
+        """Return a model field in the rows ids (n,), (n, ...); read only."""
         if name in self._fields:
             return self._fields[name][ids]
         own = np.asarray(getattr(self.model, name))
@@ -326,7 +326,7 @@ class Plant:
         return self.physics.broken(rows)
 
     def _received(self, ids: np.ndarray | None, rows: Any, ctrl: Array) -> Array:
-        """Return what arrives of the commands (n, nu) in the rows ids, which the engine indexes."""
+        """Return the commands (n, nu) as they arrive in the rows ids, which the engine indexes."""
         ctrl = self.arrays.xp.asarray(ctrl, dtype=self.arrays.dtype, copy=True)
         fresh = self._fresh if ids is None else self._fresh[ids]
         if fresh.any():
@@ -359,7 +359,7 @@ class Plant:
         self._sensed[0][rows], self._sensed[1][rows] = qpos, qvel
 
     def measured(self, ids: np.ndarray | None) -> tuple[Array, Array]:
-        """Return what sensors say of qpos (n, nq) and qvel (n, nv) in the rows ids (None: all)."""
+        """Return sensor readings of qpos (n, nq) and qvel (n, nv) in the rows ids (None: all)."""
         return self.readings(self.arrays.rows(ids))
 
     def readings(self, rows: Any) -> tuple[Array, Array]:

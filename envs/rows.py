@@ -67,5 +67,5 @@ class Rows(Protocol):
 
 
 def arrays_of(rows: Rows) -> Arrays:
-    """Return what the rows' observations, actions and rewards are made of: NumPy's, or others."""
+    """Return the array library of the rows' observations, actions and rewards: NumPy or another."""
     return getattr(rows, "arrays", NUMPY)

@@ -165,7 +165,7 @@ class RowsEnv(EnvBase):
         return {**self._seen(ids), "failed": no, **flags}
 
     def _seen(self, ids: np.ndarray | None) -> dict[str, torch.Tensor]:
-        """Return what every row sees, after the rows ids (None: all) moved or started."""
+        """Return every row's observation, after the rows ids (None: all) moved or started."""
         return {"observation": self._tensor(self._last, self._float)}
 
     def _draw(self, ids: np.ndarray) -> None:

@@ -88,7 +88,7 @@ class EmulatedBody:
         self.names: tuple[str, ...] = (*imu, "position") if self._home else imu
 
     def measure(self, now: float) -> dict[str, np.ndarray]:
-        """Return what the robot's IMU and the tracker see now."""
+        """Return the current readings of the robot's IMU and of the tracker."""
         self._world.advance(now)
         mechanics = self._world.mechanics
         inertial = self._world.inertial

@@ -77,7 +77,7 @@ class Calibration:
 
 
 def calibration_of(robot: Robot) -> Calibration:
-    """Return what a robot's own file says, as a calibration."""
+    """Return the calibration that a robot's own file contains."""
     joints = {}
     for servo in robot.servos:
         low, high = sorted(servo.count(angle) for angle in servo.position)

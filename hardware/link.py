@@ -44,7 +44,7 @@ class LinkScore(NamedTuple):
         return self.value >= 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what a run's JSON says."""
+        """Return the entry of a run's JSON."""
         return {"score": self.value, "go": self.go, "reason": self.reason}
 
     def __str__(self) -> str:
@@ -112,7 +112,7 @@ class LinkStatistics:
         return name, parts[name]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what a run's JSON says: counts, and periods in seconds."""
+        """Return the entry of a run's JSON: counts, and periods in seconds."""
         servos = {name: dict(vars(counts)) for name, counts in self.servos.items()}
         return {
             "periods": len(self.periods),
@@ -127,7 +127,7 @@ class LinkStatistics:
 
 
 def format_link(link: Mapping[str, Any]) -> str:
-    """Return what a run's JSON says of its link, as one line."""
+    """Format the link quality in a run's JSON as one line."""
     percentiles, servos = link["period"], link["servos"]
     spread = "/".join(f"{1e3 * percentiles.get(f'p{p}', math.nan):.1f}" for p in PERCENTILES)
     total = sum((AnswerCounts(**counts) for counts in servos.values()), AnswerCounts())

@@ -24,7 +24,7 @@ SHORTEST = 3  # letters of a name that is replaced; a shorter one is in every wo
 
 
 def personal() -> list[tuple[str, str]]:
-    """Return what is replaced, and by what: longer words first."""
+    """Return pairs of a word and its replacement, longer words first."""
     words = {str(Path.cwd()): ".", str(Path.home()): "~", platform.node(): "HOST"}
     if (user := getpass.getuser()) != "root":  # a name of bodies, and of nobody
         words[user] = "USER"

@@ -138,7 +138,7 @@ class Imu:
 
 
 def shared_of_servos(data: Any, place: str) -> dict[str, Any]:
-    """Return what the servos of a robot have in common, what every robot's have included."""
+    """Return the settings that the servos of a robot share, including those of every robot."""
     known = [one.name for one in fields(Servo) if one.name not in ("name", "id")]
     for key in (data := mapping({} if data is None else data, place)):
         if key not in known:

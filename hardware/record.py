@@ -177,7 +177,7 @@ class Recording:
         return row | {"flag.fresh": float(reading.fresh.all())}
 
     def _sense(self, now: float) -> Mapping[str, np.ndarray]:
-        """Return what an IMU measures; stop the robot if it does not."""
+        """Return the IMU's readings; stop the robot if there are none."""
         if self._sensors is None:
             return {}
         try:
@@ -187,7 +187,7 @@ class Recording:
         return {name: value for name, value in values.items() if name in OF_THE_IMU}
 
     def log(self) -> Log:
-        """Return what was recorded so far.
+        """Return the recording so far.
 
         Returns:
             A log with ctrl, qpos, qvel, current, stamp and torque of every servo, voltage and

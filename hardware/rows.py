@@ -230,7 +230,7 @@ class RobotRows:
         return Step(self._last.copy(), np.zeros(1), yes, no, yes)
 
     def _facts(self) -> dict[str, Any]:
-        """Return what a log's metadata say of the task, and of who commands the robot."""
+        """Return a log's metadata of the task and of the source of its commands."""
         return {"task": type(self.task).__name__, **self.facts}
 
     def finish(self) -> None:

@@ -96,7 +96,7 @@ def latency_timer(name: str) -> float | None:
 
 
 def hints(port: SerialPort) -> list[str]:
-    """Return what to do before a port can be used well."""
+    """Return advice on a port that is not set up well."""
     found = []
     if not os.access(port.device, os.R_OK | os.W_OK) and os.path.exists(port.device):
         found.append(explain_failure(port.device, PermissionError(errno.EACCES, "")))

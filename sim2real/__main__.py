@@ -104,7 +104,7 @@ def page_of(arguments: list[str]) -> str | None:
 
 
 def readable(arguments: list[str]) -> list[str]:
-    """Return what was typed as Hydra's overrides, if this project's packages are all found.
+    """Return the arguments as Hydra's overrides, if this project's packages are all found.
 
     Raises:
         ConfigError: a package of the same name that hides ours; see also `as_overrides`.

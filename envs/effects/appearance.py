@@ -41,7 +41,7 @@ class Colour(Appearance):
     typical = (-0.3, 0.3)
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return what is added to red, green and blue."""
+        """Return the offsets of red, green and blue."""
         self._geoms(model)
         return tuple(self.parameter(c, low=-1.0, high=1.0) for c in ("red", "green", "blue"))
 

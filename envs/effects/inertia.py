@@ -78,7 +78,7 @@ class LinkMass(FieldEffect):
         self.inertia: Inertia = inertia
 
     def options(self) -> dict[str, Any]:
-        """Return what becomes of the inertia, where it is not kept."""
+        """Return how the inertia follows the mass, unless it is kept."""
         return {} if self.inertia == "kept" else {"inertia": self.inertia}
 
     def bind(self, plant: PlantView) -> BoundEffect:

@@ -181,7 +181,7 @@ class Layout:
         self._start_qpos[ids] = raw_qpos
 
     def encoder_positions(self, raw: np.ndarray) -> np.ndarray:
-        """Return what encoders see of positions of the simulated model: (..., nq) of the nominal.
+        """Map positions of the simulated model to the encoders' readings, (..., nq) of the nominal.
 
         A joint on whose motor's side the encoder sits is left out.
         """

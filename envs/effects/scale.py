@@ -33,7 +33,7 @@ def no_command(actuator: str) -> float:
 
 
 def no_heat(actuator: str) -> float:
-    """Return what an unknown motion heats a motor by [N²·m²·s]."""
+    """Return a motor's heating by an unknown motion [N²·m²·s]."""
     return 0.0
 
 

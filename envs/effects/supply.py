@@ -247,7 +247,7 @@ class _Derating(_Weakening):
         self.damping[self.at] *= self._braking(weaker) / np.maximum(brakes, 1e-9)
 
     def _braking(self, factor: np.ndarray) -> np.ndarray:
-        """Return what is left of the back-EMF where that much is left of the torque, (n, k)."""
+        """Return the back-EMF's remaining fraction, given that of the torque, (n, k)."""
         return factor + (1.0 - factor) * self.spared if self.spares else factor
 
 

@@ -150,7 +150,7 @@ def _markdown(rows: Sequence[Sequence[str]]) -> str:
 
 
 def sections(effects: Iterable[type[Effect]]) -> str:
-    """Return what each effect is, its symptom and source, and how to isolate it."""
+    """Return each effect's description, symptom, source and isolating motion."""
     return "\n".join(_section(effect) for effect in effects)
 
 

@@ -52,7 +52,7 @@ class Schedule(NamedTuple):
 
 
 def schedule(recording: Recording, dt: float) -> Schedule:
-    """Return what a recording asks for at each physics step of `dt` seconds.
+    """Return a recording's commands at each physics step of `dt` seconds.
 
     Raises:
         TaskError: a recording whose time is so long, for its rows, that no memory would hold it.

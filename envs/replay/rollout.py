@@ -146,7 +146,7 @@ def _stop(path: np.ndarray) -> int:
 
 
 def _shifted(plant: Plant, ctrl: np.ndarray) -> np.ndarray:
-    """Return what arrives of the commands."""
+    """Return the commands as they arrive."""
     if not plant.command_rules:
         return ctrl
     ctrl = np.array(ctrl)
@@ -158,7 +158,7 @@ def _shifted(plant: Plant, ctrl: np.ndarray) -> np.ndarray:
 
 
 def _measured(plant: Plant, raw: dict[str, np.ndarray]) -> np.ndarray:
-    """Return what encoders say, (N, K + 1, nq), along paths of the simulated model."""
+    """Return the encoders' readings, (N, K + 1, nq), along paths of the simulated model."""
     qpos = plant.layout.encoder_positions(raw["qpos"])
     qvel = (
         plant.layout.encoder_velocities(raw["qvel"])

@@ -82,7 +82,7 @@ class CartPole(Task):
         return ~((cart <= self.edge) & (pole <= self.lowest))  # a NaN is not kept
 
     def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
-        """Return what an upright, quiet pole pays, or the fall's -2, (n,)."""
+        """Return the reward for an upright, quiet pole, or -2 for a fall, (n,)."""
         cart, pole = self.xp.abs(after.qvel).T
         paid = 1.0 - after.qpos[:, 1] ** 2 - 0.01 * cart - 0.005 * pole
         return self.xp.where(terminated, self.fall, paid)

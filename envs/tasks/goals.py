@@ -34,10 +34,10 @@ class GoalTask(Task):
 
     @abstractmethod
     def goal_reward(self, before: State, after: State, goal: Array) -> Array:
-        """Return what the goals (n,) or (n, axes) pay for the motion between two states, (n,)."""
+        """Return the reward, (n,), of goals (n,) or (n, axes) for the motion between two states."""
 
     def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
-        """Return what the goal pays + alive - cost of the effort, (n,)."""
+        """Return the goal's reward + alive - cost of the effort, (n,)."""
         assert after.goal is not None
         paid = self.goal_reward(before, after, after.goal)
         return paid + self.alive * ~terminated - self.effort_cost * self.effort(action)

@@ -54,7 +54,7 @@ class InertialSensor:
             self._past.append(self._truth())
 
     def measure(self) -> dict[str, np.ndarray]:
-        """Return what the part reads now, along the axes of the site.
+        """Return the part's current readings along the axes of the site.
 
         Returns:
             orientation: a unit quaternion w x y z, (4,).
@@ -99,7 +99,7 @@ class InertialSensor:
 
 
 def _askew(truth: Mapping[str, np.ndarray], mount: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what a part feels that is turned by a rotation vector in the site's axes."""
+    """Return the readings of a part that is turned by a rotation vector in the site's axes."""
     axes, back = np.zeros(4), np.zeros(4)
     angle = float(np.linalg.norm(mount))
     mujoco.mju_axisAngle2Quat(axes, mount / angle, angle)

@@ -163,7 +163,7 @@ class Line:
             self._give(heapq.heappop(self._waiting)[2])
 
     def take(self) -> tuple[bytes, int]:
-        """Return what the client wrote, and its speed [bits/s]: 0 if the line hangs up."""
+        """Return the client's bytes, and its speed [bits/s]: 0 if the line hangs up."""
         speed = line_speed(self._slave)
         return os.read(self.master, max(int(AHEAD * speed / 10), 1)), speed
 

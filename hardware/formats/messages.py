@@ -235,7 +235,7 @@ def _get(message: Any, name: str) -> Any:
 
 
 def _field(message: Any, dotted: str, place: str) -> Any:
-    """Return what a dotted name means in a message; numbers index lists."""
+    """Return the value of a dotted name in a message; numbers index lists."""
     found = message
     for part in dotted.split("."):
         before, found = found, found[int(part)] if part.isdigit() else _get(found, part)

@@ -61,7 +61,7 @@ def command(register: int, data: bytes) -> bytes:
 
 
 def sample(payload: bytes) -> Sample | None:
-    """Return what the registers from DATA on say; None if they cannot be true."""
+    """Return the readings in the registers from DATA on; None if they are impossible."""
     values = struct.unpack("<16h", payload)
     quaternion = np.array(values[12:16]) * QUATERNION_STEP
     length = math.sqrt(float(quaternion @ quaternion))

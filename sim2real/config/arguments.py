@@ -142,7 +142,7 @@ def _robot(value: str) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """Return what YAML read as a value of Hydra's grammar."""
+    """Write a value that YAML read in Hydra's grammar."""
     if isinstance(value, dict):
         return "{" + ",".join(f"{key}:{_value(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list):

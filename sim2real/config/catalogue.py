@@ -46,7 +46,7 @@ def files(group: str) -> dict[str, Path]:
 
 
 def summary(path: Path) -> str:
-    """Return what the first comment of a YAML file says, on one line."""
+    """Return the first comment of a YAML file, one line."""
     for line in path.read_text(encoding="utf-8").splitlines():
         text = line.removeprefix("#").strip()
         if line.startswith("#") and not text.startswith("@package"):

@@ -66,7 +66,7 @@ def with_run(overrides: list[str]) -> list[str]:
 
 
 def _value(folder: Path, own: list[str], key: str) -> Any:
-    """Return what a run has at a key that says what it is; None where any value may be given."""
+    """Return a run's value of a key that identifies it; None for a key that may differ."""
     root, *names = key.split(".")
     if root not in FIXED or (names and names[-1] in MACHINES):
         return None

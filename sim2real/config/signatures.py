@@ -77,7 +77,7 @@ class Argument:
         return kinds - {"None"} == {"maker"}
 
     def inner(self) -> Argument:
-        """Return what each item is of a list or a mapping that is given for the argument."""
+        """Return the type of the items of a list or a mapping that is given for the argument."""
         ways = _alternatives(self.hint, self.module)
         items = [(hint, module) for kind, hint, module in ways if kind in ("list", "map")]
         hint, module = items[0] if items else (None, self.module)

@@ -205,7 +205,7 @@ def _onnx(path: Path) -> LoadedPolicy:
 
 
 def _array(value: Any) -> np.ndarray:
-    """Return what a program returned as an array; raises ActorError if it is no tensor."""
+    """Return a program's result as an array; raises ActorError unless it is a tensor."""
     if isinstance(value, tuple | list) and value:
         value = value[0]
     as_numpy = getattr(value, "numpy", None)

@@ -147,7 +147,7 @@ def check_parity(got: np.ndarray, wanted: np.ndarray, name: str) -> None:
 
 
 def describe(trained: TrainedPolicy, task: ServoTask, arrays: Arrays) -> dict[str, Any]:
-    """Return what somebody must know who runs the policy elsewhere."""
+    """Describe a policy for programs that run it elsewhere."""
     model = task.spec().compile()
     machine, context = task.machine, trained.context
     return {

@@ -189,7 +189,7 @@ def write_film(
 def motion_driver(
     robot: Robot, motions: list[Kind], seconds: float, seed: int
 ) -> Callable[[ServoBackend], None]:
-    """Return what drives a robot along motions, again and again."""
+    """Return a driver that repeats motions."""
     rng, kinds = np.random.default_rng(seed), allowed_motions(robot, motions)
 
     def drive(backend: ServoBackend) -> None:
@@ -205,7 +205,7 @@ def motion_driver(
 def policy_driver(
     task: ServoTask, trained: TrainedPolicy, seed: int
 ) -> Callable[[ServoBackend], None]:
-    """Return what drives a robot by a policy, episode after episode."""
+    """Return a driver that runs a policy, episode after episode."""
     rng = np.random.default_rng(seed)
 
     def drive(backend: ServoBackend) -> None:

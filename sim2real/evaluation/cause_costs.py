@@ -367,7 +367,7 @@ def _interval(values: np.ndarray, rng: np.random.Generator, resamples: int) -> I
 
 
 def _more(one: Outcome, other: Outcome) -> dict[str, np.ndarray]:
-    """Return what each episode of the first one costs more than of the other one, by measure."""
+    """Return the first outcome's excess cost over the other's in each episode, by measure."""
     return {name: SIGNS[name] * (one.measure(name) - other.measure(name)) for name in MEASURES}
 
 

@@ -91,7 +91,7 @@ def claims_table(study: Study, verdicts: Sequence[ClaimResult]) -> Table:
 
 
 def _studied(study: Study, claim: Claim) -> str | None:
-    """Return what the study found for both sides of a claim, where it gave figures."""
+    """Return the study's figures for both sides of a claim, where there are any."""
     words = []
     for side in (side for side in (claim.left, claim.right) if side is not None):
         groups = study.find(side.experiment, side.when)
@@ -182,7 +182,7 @@ def _figure_words(group: Group, robot: str) -> str | None:
 
 
 def robot_pairs(study: Study) -> list[tuple[str | None, str]]:
-    """Return what a study compares: the robot of the training, and the robot of the evaluation."""
+    """Return the pairs of robots that a study compares: of training and of evaluation."""
     trained = dict.fromkeys(group.trained_on for group in study.groups)
     order = [robot for robot in study.robots if robot in trained]
     return [(one, other) for one in [*order, *(t for t in trained if t not in order)]

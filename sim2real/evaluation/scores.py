@@ -156,7 +156,7 @@ class GridScores:
         return {"before adaptation": self.before[:, mask], after: self.after[:, mask]}
 
     def note(self) -> str:
-        """Return what was run and what the intervals are over, in words."""
+        """Describe the runs and what the intervals are over."""
         count = self.repeats if self.repeats > 1 else self.adaptations
         kind = "one" if self.repeats == 1 else "few" if self.repeats < FEW else "runs"
         kind = "none" if count == 1 else kind

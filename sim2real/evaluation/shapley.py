@@ -65,7 +65,7 @@ def shapley(values: Mapping[Set, np.ndarray], players: int) -> np.ndarray:
 
 
 def marginal_contributions(values: Mapping[Set, np.ndarray], orders: Sequence[Order]) -> np.ndarray:
-    """Return what each player adds when it joins, (orders, players, ...).
+    """Return each player's marginal contribution, (orders, players, ...).
 
     Args:
         values: of each prefix of the orders, arrays of one shape.

@@ -234,7 +234,7 @@ def _brief(key: str, value: Any) -> str:
 
 
 def _fixed(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what must be equal in a table: the world, without what distinguishes the robots."""
+    """Return the settings that must be equal in a table: the environment without the robots."""
     return {key: settings.get(key) for key in ("env.task.masses", "env.task.max_steps", "effects")}
 
 

@@ -132,7 +132,7 @@ def _bar(
 
 
 def _kinds(main: Sequence[Group], baseline: str | None) -> dict[str, list[Group]]:
-    """Return what is drawn together: runs of other robots, and of other settings of the training.
+    """Group the runs that are drawn together: by robot and by settings of the training.
 
     The baseline stands in both.
     """

@@ -85,7 +85,7 @@ def table_of(worth: CauseCosts, closed: Mapping[int, float]) -> Table:
 
 
 def open_of(priced: Sequence[EffectCost]) -> Table:
-    """Return what effects at the ends of their intervals could cost, the dearest first."""
+    """Return the costs of effects at the ends of their intervals, the largest first."""
     table = Table(("effect", "value", *WORDS.values()))
     for one in priced:
         label = one.effect + (f" at {one.where}" if one.where else "")

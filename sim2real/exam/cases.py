@@ -225,7 +225,7 @@ def _record(robot: Robot, hidden: Hidden, seed: int, logs: Path, key: Path) -> b
 
 
 def _residue(robot: Robot, seed: int) -> float:
-    """Return what the nominal model leaves of a robot that hides nothing [rad]."""
+    """Return the nominal model's error on a robot that hides nothing [rad]."""
     log = drive(robot, [], plans(robot, seed)["held"], seed + 9)
     return overall(apart(log, mujoco.MjSpec.from_file(str(robot.model))))
 

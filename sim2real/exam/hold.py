@@ -203,7 +203,7 @@ def _mark(folder: Path, name: str) -> Mark:
 def closes(
     log: Log, known: Sequence[Fixed], named: Sequence[Fixed], residue: float
 ) -> float | None:
-    """Return what share of a log's closable gap the found effects close.
+    """Return the fraction of a log's closable gap that the found effects close.
 
     None where they cannot be put into the model.
 

@@ -306,7 +306,7 @@ def inject(effect: str, where: str | None, size: float, base: Base, model: mujoc
 
 
 def known(base: Base) -> list[tuple[str, str, float]]:
-    """Return what is known of a robot."""
+    """Return the known effects of a robot."""
     return list(base.known)
 
 

@@ -106,7 +106,7 @@ def promising(points: np.ndarray, values: np.ndarray, count: int, seed: int) -> 
 
 
 def expected(points: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return what the process, given values (n,) at points (n, P), expects at these, (n,)."""
+    """Return the posterior mean (n,) at the points (n, P) with values (n,)."""
     return values.mean() + _scale(values) * _expected(_model(points, values), points)
 
 
@@ -137,5 +137,5 @@ def _scale(values: np.ndarray) -> float:
 
 
 def _values(numbers: np.ndarray) -> np.ndarray:
-    """Return what is to be maximized in the place of numbers that are to be small."""
+    """Return scores to minimize as values to maximize: negated, of positive ones the logarithm."""
     return -np.log(numbers) if numbers.min() > 0 else -numbers

@@ -164,7 +164,7 @@ def panel(ax: Any, outcome: Outcome) -> None:
 
 
 def legend(truth: bool) -> list:
-    """Return what the colours mean, and whether there is a truth among them."""
+    """Return the legend of the colours, and whether a truth is among them."""
     from matplotlib.lines import Line2D
 
     kinds = [

@@ -31,7 +31,7 @@ from sim2real.runs.errors import Sim2RealError
 def prior_from_tasks(
     tasks: Tasks, data: Recordings | None = None, beyond: float = 0.0
 ) -> Distribution:
-    """Return what a training draws from as a prior.
+    """Return the distribution that a training draws from, as a prior.
 
     Args:
         tasks: a `Randomization`, or a distribution, which is a prior as it is.

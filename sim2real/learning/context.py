@@ -74,7 +74,7 @@ class ContextSpec:
 
     @classmethod
     def from_tasks(cls, tasks: Tasks, space: ParamSpace) -> ContextSpec:
-        """Return what tasks draw.
+        """Return the parameters that tasks draw, with their ranges.
 
         Raises:
             Sim2RealError: tasks that draw nothing, have no known range, or one without width.
@@ -161,7 +161,7 @@ class AppendContext(Transform):
         )
 
     def affine(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is subtracted from parameters, and what they are then divided by."""
+        """Return the offset and the scale of parameters: (value - offset) / scale."""
         return self.context.center, self.context.half_range
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:

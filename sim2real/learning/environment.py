@@ -346,7 +346,7 @@ def environment_of(config: Mapping[str, Any]) -> EnvironmentFactory:
 
 
 def _argument(base: partial[EnvBase], name: str) -> Any:
-    """Return what a world is made of: its first argument, given by name or by place."""
+    """Return the base's first argument, given by name or by position."""
     return base.keywords[name] if name in base.keywords else base.args[0]
 
 
@@ -360,7 +360,7 @@ def _tells(one: Callable[..., Transform]) -> bool:
 
 
 def _made(one: Callable[..., Transform]) -> Callable[..., Transform]:
-    """Return what is called in the end, behind all arguments that were given already."""
+    """Return the function inside nested partials."""
     while isinstance(one, partial):
         one = one.func
     return one

@@ -240,7 +240,7 @@ def from_actor(
 def _program(
     policy: Any, environment: EnvironmentFactory, affine: tuple[np.ndarray, np.ndarray]
 ) -> Callable[[np.ndarray], nn.Module] | None:
-    """Return what makes the actor's means a function of raw observations; None if it is none."""
+    """Return the function from raw observations to the actor's means; None if there is none."""
     if policy.network(policy.actor) is None:
         return None
     _, low, high = environment.observation_and_action_spec()
@@ -286,11 +286,11 @@ class ExternalObservationRows:
         self.observation = np.zeros((num_rows, observation_size))
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        """Return what was put in."""
+        """Return the supplied observations."""
         return self.observation[ids]
 
     def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
-        """Return what was put in; nothing moves, nothing is paid, nothing ends."""
+        """Return the supplied observations; rewards are 0 and nothing ends."""
         no = np.zeros(self.num_rows, bool)
         return Step(self.observation, np.zeros(self.num_rows), no, no, no)
 

@@ -95,7 +95,7 @@ BLIND = (  # what they do is not to what is seen
 
 
 def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return what transforms subtract from "observation" and divide it by, (O + P,) each.
+    """Return the offset and the scale that transforms apply to "observation", (O + P,) each.
 
     The environment's own numbers are followed by the robot's parameters, each in its unit, if the
     policy receives them; their clipping is left out. None if the transforms change the observation
@@ -117,7 +117,7 @@ def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def reward_scale(env: TransformedEnv) -> float:
-    """Return what transforms divide rewards by in training; 1 where none does."""
+    """Return the divisor of rewards in training; 1 if no transform scales them."""
     unit, chain = 1.0, env.transform
     for one in getattr(chain, "transforms", ()):
         if isinstance(one, RewardScaling):
@@ -163,7 +163,7 @@ class RunningNorm(Transform):
         self._newest: dict[str, tuple[Tensor, Tensor]] = {}  # applied in evaluation
 
     def affine(self, key: str = "observation") -> tuple[Tensor, Tensor]:
-        """Return what is subtracted from an entry, and what it is then divided by."""
+        """Return the offset and the scale applied to an entry: (value - offset) / scale."""
         return self.moments[key].mean, self.moments[key].std
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -213,7 +213,7 @@ class RunningNorm(Transform):
         return observation_spec
 
     def get_extra_state(self) -> dict[str, Any]:
-        """Return what was seen, and what is applied."""
+        """Return the running statistics, and those that are applied."""
         seen = {key: one.state() for key, one in self.moments.items()}
         return {**seen, "steps": self._steps, "held": dict(self._held)}
 
@@ -275,7 +275,7 @@ class RewardScaling(Transform):
         return observation_spec
 
     def get_extra_state(self) -> dict[str, Any]:
-        """Return what was seen, and what runs."""
+        """Return the return's statistics, and the running returns."""
         return {"moments": self.moments.state(), "running": self._running}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:

@@ -269,7 +269,7 @@ def run_folder(checkpoint: Path) -> Path:
 
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
-    """Return what a checkpoint says about itself, without its state.
+    """Return a checkpoint's description, without its state.
 
     Raises:
         CheckpointError: for a file that is no checkpoint, or a damaged one.

@@ -27,7 +27,7 @@ class DiskError(Sim2RealError):
 
     @staticmethod
     def remedy(error: OSError) -> str:
-        """Return what can be done about an error of the file system."""
+        """Return the remedy for an error of the file system."""
         if error.errno in NO_ROOM:
             return "free some space"
         return "name a folder that can be written, with out=FOLDER, or make this one writable"

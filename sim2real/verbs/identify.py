@@ -86,7 +86,7 @@ def run(
 def _world(
     checkpoint: str | list[str], prior: Distribution, fixed: Sequence[Fixed], seed: int
 ) -> PolicySimulation:
-    """Return what rollouts need: the checkpoint's policy in the simulator that it was trained in.
+    """Return the checkpoint's policy in the simulator that it was trained in, for rollouts.
 
     It draws its actions, as EASI's does. This imports torch.
     """

@@ -120,7 +120,7 @@ class ServoTask(Task):
         return other
 
     def fixed(self) -> Sequence[tuple[Effect, Sequence[float]]]:
-        """Return what readings go through, and a slow voltage where the registers ask for it."""
+        """Return the servos' effects on readings, and a slow voltage if the registers set one."""
         if self.fidelity == "ideal":
             return ()
         machine = self.machine
@@ -234,7 +234,7 @@ def settled_pose(model: mujoco.MjModel) -> np.ndarray:
 
 
 def commanded(state: State) -> CommandState:
-    """Return what was commanded; raises TaskError for a state that does not say."""
+    """Return the command; raises TaskError for a state without one."""
     if state.command is None:
         raise TaskError(
             "a servo task needs the time, the last action and the last goals: give State.command"

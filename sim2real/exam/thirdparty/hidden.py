@@ -82,7 +82,7 @@ class Law:
 
 
 def units(rig: Rig, joint: str | None) -> dict[str, float]:
-    """Return what sizes multiply at a joint, at the first one for the robot."""
+    """Return the unit of sizes at a joint; for the robot, that of its first joint."""
     name = joint or rig.driven[0]
     one, link = rig.joints[name], rig.tree.mover(name)
     servo = one.servo

@@ -184,7 +184,7 @@ def _inside(
 def _as_wide(
     cause: Mapping[str, Any], members: list[tuple[str, str | None]]
 ) -> list[tuple[str, str | None]]:
-    """Return what a cause names as one for the robot; of one joint it names nothing."""
+    """Return the members of a cause that are effects of the whole robot."""
     if cause.get("shared"):
         return [(effect, None) for effect, _ in members]
     return [(effect, where) for effect, where in members if where is None]

@@ -177,7 +177,7 @@ class Moving:
         self._angle, self._speed, self._demand = angle, 0.0, 0.0
 
     def shown(self, angle: float) -> float:
-        """Return what the log's encoder shows while the link is at this angle [rad]."""
+        """Return the reading of the log's encoder while the link is at this angle [rad]."""
         own = self._joint.gear is not None and self._joint.log_reads == "motor"
         return self._encoded(self._angle if own else angle)
 

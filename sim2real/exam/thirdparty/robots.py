@@ -112,7 +112,7 @@ def plan(robot: Robot, seconds: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def joint_of(model: mujoco.MjModel, name: str) -> Joint:
-    """Return what a model says of a joint and of the actuator of its name."""
+    """Return a model's values of a joint and of the actuator of its name."""
     dof, actuator = int(model.joint(name).dofadr[0]), model.actuator(name).id
     gain, bias = model.actuator_gainprm[actuator], model.actuator_biasprm[actuator]
     servo = Servo(

@@ -46,7 +46,7 @@ class FitContext:
         return Journal(path, score, start)
 
     def made_by(self, method: str, **parts: object) -> dict[str, str | int]:
-        """Return what a distribution says of how it was made: the method, its parts' classes."""
+        """Return the provenance that a distribution records: the method and its parts' classes."""
         classes = {name: type(part).__name__ for name, part in parts.items()}
         return {"method": method, **classes, "seed": self.seed}
 

@@ -31,7 +31,7 @@ class Provider(Protocol):
     neutral: np.ndarray  # (P,) values at which the effects are absent
 
     def simulate(self, values: np.ndarray, turn: int = 0) -> np.ndarray:
-        """Return what simulations under values (n, P) make of the data, (n, ...).
+        """Return the data as simulated under values (n, P), (n, ...).
 
         Args:
             values: of the effects' parameters.
@@ -103,7 +103,7 @@ class AlignedProvider(ABC):
         return np.where(np.isnan(self.real), np.nan, found)
 
     def simulate(self, values: np.ndarray, turn: int = 0) -> np.ndarray:
-        """Return what simulations under values make of the data, (n, W, T, M)."""
+        """Return the data as simulated under values, (n, W, T, M)."""
         return self.real + self.errors(values)
 
     def subset(self, pieces: np.ndarray) -> AlignedProvider:
@@ -115,7 +115,7 @@ class AlignedProvider(ABC):
         return other
 
     def split(self, settings: Settings = DEFAULT) -> tuple[AlignedProvider, AlignedProvider]:
-        """Return what is fitted to and what is held out.
+        """Return the data that are fitted to and those that are held out.
 
         Whole episodes are held out where there are enough of them, else stretches of all; of a
         single piece nothing can be spared, and both are the same.

@@ -34,7 +34,7 @@ class Score(Protocol):
         ...
 
     def state(self) -> dict[str, Any]:
-        """Return what later calls depend on, as arrays by name; {} for a score without memory."""
+        """Return the state of the score, as arrays by name; {} for a stateless score."""
         ...
 
     def load(self, state: dict[str, Any]) -> None:

@@ -90,7 +90,7 @@ class Critic:
             return net(seen)[..., 0].double().numpy()
 
     def _inputs(self, real: np.ndarray, values: np.ndarray) -> torch.Tensor:
-        """Return what the network sees of transitions (..., 2 O + A)."""
+        """Return the network's inputs for transitions (..., 2 O + A)."""
         if self.variant == "gp":
             return torch.as_tensor(standardize(real, values), dtype=torch.float32)
         size = self._observation

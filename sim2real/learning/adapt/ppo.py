@@ -185,7 +185,7 @@ class LearnerCohort(BatchedSession):
             )
 
     def learners(self, members: np.ndarray) -> BlockedPPO:
-        """Return what acts and learns for some members, (k,)."""
+        """Return the blocked PPO of some members, (k,)."""
         return BlockedPPO(self.operator, *self._networks, self.results[members])
 
     def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:

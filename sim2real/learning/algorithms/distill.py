@@ -118,7 +118,7 @@ class Distill(Algorithm):
 
     @torch.no_grad()
     def _episodes(self) -> tuple[Tensor, Tensor, np.ndarray]:
-        """Return what the student saw (B, H, W), the truth (B, P) and the returns (N,)."""
+        """Return the student's inputs (B, H, W), the targets (B, P) and the returns (N,)."""
         teacher, count, context = self._teacher, self._num_rows, self._teacher.context
         assert context is not None
         env = self.trained().make_env(count)

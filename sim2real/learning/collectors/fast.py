@@ -116,7 +116,7 @@ class FastCollector(Collector):
         return tensordict
 
     def _following(self, frame: TensorDictBase, after: TensorDictBase) -> TensorDictBase:
-        """Return what the next step starts from, in rows that ended a new episode's start."""
+        """Return the start of the next step: in rows that ended, that of a new episode."""
         rewards = self.env.reward_keys
         kept = {key: x for key, x in after.items() if key not in rewards}
         nested = {key: x.copy() for key, x in kept.items() if isinstance(x, TensorDictBase)}

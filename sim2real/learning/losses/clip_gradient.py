@@ -160,7 +160,7 @@ def _mean(x: Array) -> float:
 def _ratios(
     ratio: Array, inside: Array, log_ratio: Array, shape: tuple[int, ...]
 ) -> dict[str, Any]:
-    """Return what is logged of the ratios (B,) of samples of a shape."""
+    """Return the metrics of the ratios (B,) of samples of a shape."""
     mean, squared = _mean(ratio), ratio * ratio
     if len(shape) > 1:  # along the first dimension
         sums = ratio.reshape(shape).sum(0), squared.reshape(shape).sum(0)

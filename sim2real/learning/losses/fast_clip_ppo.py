@@ -186,7 +186,7 @@ def _refuse_distribution(network: Any, actor: Dense) -> None:
 
 
 def _joined(tensordict: TensorDictBase, network: Dense) -> Array:
-    """Return what a network reads, (B, in)."""
+    """Return a network's input, (B, in)."""
     parts = [tensordict.get(key) for key in network.in_keys]
     whole = parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
     return whole.flatten(0, -2).numpy()
@@ -198,7 +198,7 @@ def _numbers(tensordict: TensorDictBase, key: Any) -> Array:
 
 
 def _tensors(found: Losses) -> dict[str, Tensor]:
-    """Return what is logged as tensors; the numbers among it are made together."""
+    """Return the metrics as tensors; scalars are converted in one call."""
     logged, dtype = found.logged, found.gradient.dtype
     several = {name: x for name, x in logged.items() if isinstance(x, np.ndarray)}
     plain = [name for name in logged if name not in several]

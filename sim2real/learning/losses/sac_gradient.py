@@ -136,7 +136,7 @@ class SACGradient:
     def _targets(
         self, batch: Transitions, settings: Settings, drawn: Draw, target: Sequence[Array]
     ) -> Array:
-        """Return what the critics should say of the taken actions, (B,)."""
+        """Return the critics' targets for the taken actions, (B,)."""
         count = len(batch.reward)
         after = np.concatenate([batch.next_observation, drawn.action[count:]], 1)
         values = [self._critic.forward(one, after)[-1][:, 0] for one in _each(target)]

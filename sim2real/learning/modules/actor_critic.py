@@ -70,7 +70,7 @@ class Policy(nn.Module):
         return self.critic if self._head is None else self._head
 
     def network(self, actor: Any) -> nn.Module | None:
-        """Return what makes an actor's means of one entry; None where it is more than that."""
+        """Return the module from one entry to an actor's means; None if there is more to it."""
         plain = self._head is None and len(actor.in_keys) == 1
         return actor[0].module[0] if plain else None
 
@@ -162,7 +162,7 @@ Module = TensorDictModule
 
 
 def _spread(mean: nn.Module, scale: nn.Module, seen: list[NestedKey]) -> list[Module]:
-    """Return what writes the normal law: one module, where one entry is seen."""
+    """Return the modules that write the normal distribution: a single one for a single entry."""
     both: list[NestedKey] = ["loc", "scale"]
     if len(seen) == 1:
         return [Module(nn.Sequential(mean, scale), seen, both)]

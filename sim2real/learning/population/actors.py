@@ -58,7 +58,7 @@ class Acts(Protocol):
     actor: TensorDictModuleBase
 
     def network(self, actor: Any) -> nn.Module | None:
-        """Return what makes an actor's means of one entry; None where it is more than that."""
+        """Return the module from one entry to an actor's means; None if there is more to it."""
         ...
 
     def primers(self) -> Sequence[Transform]:

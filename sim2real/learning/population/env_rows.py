@@ -132,7 +132,7 @@ class EnvRows:
         )
 
     def _play(self, kept: np.ndarray, restarted: np.ndarray) -> np.ndarray:
-        """Return what some rows show and are paid in a few steps; others restart after each."""
+        """Return some rows' observations and rewards in a few steps while others restart."""
         seeds, points = self._ids.astype(np.uint64), self.space.points(self.num_rows)
         rng = np.random.default_rng(0)  # any actions do, if they are the same twice
         said = [self.reset(self._ids, points, seeds)[kept].ravel()]

@@ -74,7 +74,7 @@ def score_identification(
 
 
 def _said(trained: TrainedPolicy, thetas: list[np.ndarray | None]) -> np.ndarray:
-    """Return what stands behind the parameters, (n, P)."""
+    """Return the context that follows the parameters, (n, P)."""
     return np.stack([theta[len(trained.theta) :] for theta in thetas if theta is not None])
 
 

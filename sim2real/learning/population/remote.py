@@ -134,7 +134,7 @@ class Stream:
         self._finished += members.tolist()
 
     def outcomes(self) -> Outcomes:
-        """Return what is finished, and make room."""
+        """Return the outcomes of finished episodes, and free their rows."""
         at = np.array(self._finished, np.int64)
         self._free += self._finished
         self._finished = []

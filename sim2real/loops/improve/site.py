@@ -138,7 +138,7 @@ class RobotSetup:
         return ServoBackend(self.machine, self.settle, limits=self.limits, seed=self.seed)
 
     def score(self, trained: TrainedPolicy, effects: Sequence = ()) -> list[float]:
-        """Return what a policy earns in the simulator with effects, from the robot's starts."""
+        """Return a policy's returns in the simulator with effects, from the robot's starts."""
         world = replace(self.environment, tasks=Randomization(), fixed=effects)
         return trained.run_episodes(
             self._plan(trained).fresh, world.with_task(self.task)

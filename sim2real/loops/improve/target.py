@@ -84,7 +84,7 @@ class Target:
         return record(robot, trained.controller(num_rows=self.trials), self._seeds)
 
     def score(self, trained: TrainedPolicy, effects: Sequence = ()) -> list[float]:
-        """Return what a policy earns in the simulator with effects, from the target's starts."""
+        """Return a policy's returns in the simulator with effects, from the target's starts."""
         world = replace(self.environment, tasks=Randomization(), fixed=effects)
         return self._played(trained, world).returns.tolist()
 
