@@ -65,7 +65,7 @@ class Marginal:
         """Return the law's quantiles at some shares in (0, 1), of any shape.
 
         Raises:
-            ParameterError: particles have no law of their own.
+            ParameterError: particles have no marginal distribution.
         """
         if self.kind == "particles":
             raise ParameterError("particles are drawn from their table, they have no quantiles")

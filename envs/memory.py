@@ -30,7 +30,7 @@ def available() -> int:
     """Return the memory that a program can still have [bytes].
 
     A container's limit counts, and so does that of `ulimit -v`. What a container uses includes
-    files that were read, which the system gives up for whoever needs the memory.
+    files that were read, which the system frees when memory is needed.
     """
     free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:

@@ -149,7 +149,7 @@ def _urdf(path: Path) -> mujoco.MjSpec:
 
 
 def _check_links(root: ElementTree.Element, path: Path, text: str) -> None:
-    """Add the link `world` where joints hang on it and nobody declared it; refuse other ones."""
+    """Declare the link `world` if joints hang on it; refuse other undeclared links."""
     links = [link.get("name", "") for link in root.iter("link")]
     for joint in root.findall("joint"):
         for end in ("parent", "child"):
@@ -162,7 +162,7 @@ def _check_links(root: ElementTree.Element, path: Path, text: str) -> None:
                 line = _line(text, rf"<{end}\s[^>]*link\s*=\s*[\"']{re.escape(name)}[\"']")
                 raise TaskError(
                     f"{path}{line}: the joint {joint.get('name')!r} has the {end} {name!r}, which "
-                    f"is no link{did_you_mean(name, links)}; add <link name={name!r}/>"
+                    f"is not a link{did_you_mean(name, links)}; add <link name={name!r}/>"
                 )
 
 

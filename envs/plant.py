@@ -16,7 +16,7 @@ Contracts:
   steps of a changed mass.
 * A simulation that diverges is reset silently by the engine; `step` reads the warnings and says
   which rows that was.
-* `fixed` effects have values of their own and are no parameters; drawn effects come after them and
+* `fixed` effects have fixed values and are not parameters; drawn effects come after them and
   compose with them.
 * Parameters and starts are NumPy arrays of the host whatever steps the simulations; what moves with
   them (`qpos`, `ctrl`, readings) are arrays of the engine, `arrays` (see `envs.physics`).
@@ -312,7 +312,8 @@ class Plant:
     def advance(self, ids: np.ndarray | None, ctrl: Array, nstep: int) -> Array:
         """Do as `step` does, but read no sensors: `qpos`, `qvel` and `measured` stay behind.
 
-        Whoever replays many steps reads `layout.raw_qpos`, and turns the whole path into readings.
+        Code that replays many steps reads `layout.raw_qpos`, and turns the whole path into
+        readings.
         """
         rows = self.arrays.rows(ids)
         sent = self._received(ids, rows, ctrl) if self._starters or self._commands else ctrl

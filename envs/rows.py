@@ -5,7 +5,7 @@
 
 Contracts:
 
-* A row is one episode at a time. Nothing restarts by itself: whoever steps the rows resets those
+* A row is one episode at a time. Nothing restarts by itself: the caller resets those
   that ended.
 * An episode is a pure function of the actions it is given, of its parameter values and of its seed.
   Which row it runs in, what the other rows do, and the number of threads change no bit of it.
@@ -36,7 +36,7 @@ class Step(NamedTuple):
 class Rows(Protocol):
     """N rows of episodes of one task; see the module's docstring.
 
-    Rows whose observations, actions and rewards are no NumPy arrays say so by an attribute
+    Rows whose observations, actions and rewards are not NumPy arrays say so by an attribute
     `arrays` (see `arrays_of`).
     """
 

@@ -305,7 +305,7 @@ class RandomizeParams(Transform):
     def _handed(
         self, env: EnvBase | None, tensordict: TensorDictBase | None
     ) -> TensorDictBase | None:
-        """Return the reset's tensordict with draws for an environment of somebody else's."""
+        """Return the reset's tensordict with draws, for a third-party environment."""
         if env is None or "params" not in env.observation_spec:
             if env is not None and _draws_nothing(self.tasks):
                 return tensordict

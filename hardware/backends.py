@@ -192,7 +192,7 @@ class ServoBackend:
         return make_driver(self.robot, self.world, self._clock)
 
     def arm(self) -> None:
-        """Switch torque on where the robot is; whoever calls this has cleared the space around it.
+        """Switch torque on at the robot's pose; the space around it must be clear.
 
         After a stop everything is connected, checked and set up again before: the cable may have
         been out, and a servo that rebooted has lost its settings.

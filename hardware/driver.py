@@ -201,7 +201,7 @@ class Driver(Torque):
         self._find_turns()  # another operating mode may count turns anew
 
     def read(self) -> Reading:
-        """Read all servos once, and those that did not answer once more."""
+        """Read all servos, and again those that did not answer."""
         return self.begin_read()()
 
     def begin_read(self) -> Callable[[], Reading]:
@@ -211,7 +211,7 @@ class Driver(Torque):
         return lambda: self._read(asked, finish())
 
     def _read(self, asked: float, replies: Replies) -> Reading:
-        """Make a reading of the answers, and ask those once more that gave none."""
+        """Make a reading of the answers, after a retry of the servos that gave none."""
         stamps = asked + sample_times(self.robot, self.fast)
         fresh = self._take(replies, self.ids, asked)
         left = [number for number, new in zip(self.ids, fresh, strict=True) if not new]
@@ -343,7 +343,7 @@ class Driver(Torque):
         """Take over what the servos are set to, and the robot's file leaves open: nothing here."""
 
     def set_watchdogs(self, steps: int) -> None:
-        """Let servos stop by themselves after so many silent steps of 20 ms; 0 for never."""
+        """Let servos stop by themselves after a number of silent steps of 20 ms; 0 for never."""
         for servo in self.robot.servos:
             self.write_register(servo, "bus_watchdog", steps)
 

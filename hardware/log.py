@@ -285,7 +285,7 @@ def _check(columns: dict[str, np.ndarray], place: str, first_line: int | None) -
         bad = np.flatnonzero(np.abs(values) > LARGEST) if moves else bad
         if bad.size:
             raise LogError(
-                f"{at(bad[0], name)}: {values[bad[0]]:g} is no position, speed or command of a "
+                f"{at(bad[0], name)}: {values[bad[0]]:g} is not a position, speed or command of a "
                 "robot; remove or repair the row"
             )
     episode, time = columns["episode"], columns["time"]

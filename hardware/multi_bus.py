@@ -3,7 +3,7 @@
     driver = MultiBusDriver(robot, [Driver(left, port, clock), FeetechDriver(right, other, clock)])
     driver.read()                           # all buses are asked before any answer is waited for
 
-Each bus has a driver of its own, of the maker of its servos. What is asked of all servos goes out
+Each bus has its own driver, for the maker of its servos. What is asked of all servos goes out
 on every bus before an answer is waited for, so that a step takes as long as the slowest bus, not as
 all together. Torque-off is sent to every bus first, and then verified bus by bus, even if one
 fails.
@@ -129,7 +129,7 @@ class MultiBusDriver(Driver):
         return self._of(servo).read_register(servo, name)
 
     def set_watchdogs(self, steps: int) -> None:
-        """Let each servo that can stop by itself after so many steps of 20 ms in silence."""
+        """Let each servo that can stop by itself after a number of silent steps of 20 ms."""
         for part in self._drivers:
             part.set_watchdogs(steps if part.robot.watchdog else 0)
 

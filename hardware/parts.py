@@ -120,7 +120,7 @@ class ImuErrors:
 
 @dataclass(frozen=True)
 class Imu:
-    """An IMU on a serial port of its own.
+    """An IMU on a separate serial port.
 
     Args:
         model: part and mode, one of IMUS.

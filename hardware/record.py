@@ -114,7 +114,7 @@ class Recording:
         self._run(steps, iter(ask, None))
 
     def _run(self, count: int, steps: Iterator[tuple[np.ndarray, bool]]) -> None:
-        """Take so many steps, each asked for when its time has come."""
+        """Take a number of steps, each requested at its time."""
         driver, on = self._guard.driver, True
         pace = FixedRate(driver.clock, driver.robot.rate)
         self.link = link = LinkMonitor(pace, driver.counters, driver.score)

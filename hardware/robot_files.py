@@ -46,7 +46,7 @@ def read_robot(path: Path) -> dict[str, Any]:
     """Return the content of a robot's file; a model next to it is named by its path.
 
     Raises:
-        RobotError: it is no YAML, or no table.
+        RobotError: it is not YAML, or not a table.
     """
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))

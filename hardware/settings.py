@@ -68,7 +68,7 @@ def _feetech_dangers(client: BusClient, servo: Servo) -> list[Difference]:
     mode = read_register(client, servo, "operating_mode")
     if mode == servo.type.position_mode:
         return []
-    why = f"operating mode {mode}: its goals are no positions"
+    why = f"operating mode {mode}: its goals are not positions"
     return [Difference(servo, "operating_mode", mode, servo.type.position_mode, why)]
 
 

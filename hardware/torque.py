@@ -46,7 +46,7 @@ class Torque:
         raise NotImplementedError
 
     def set_watchdogs(self, steps: int) -> None:
-        """Let servos stop by themselves after so many silent steps of 20 ms; 0 for never."""
+        """Let servos stop by themselves after a number of silent steps of 20 ms; 0 for never."""
         raise NotImplementedError
 
     def find_powered(self) -> None:

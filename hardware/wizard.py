@@ -53,7 +53,7 @@ def make_robot_file(port: str, model: Path, path: Path, ask: Ask, tell: Tell) ->
         tell: shows a line.
 
     Raises:
-        UsageError: nobody answers, it was interrupted, or the file ends in something else; it is
+        UsageError: no one answers, it was interrupted, or the file ends in something else; it is
             not written.
         RobotError: the model has no actuators, or the file is there already.
         HardwareError: the servos are not there, or are not what they must be.
@@ -134,7 +134,7 @@ def _one_by_one(names: Sequence[str], port: str, ask: Ask, tell: Tell) -> list[D
 def _wait_for(
     count: int, what: str, port: str, makers: Iterable[str], ask: Ask, tell: Tell
 ) -> list[DetectedServo]:
-    """Ask until so many servos answer."""
+    """Ask until a number of servos answers."""
     while True:
         ask(f"{what}, then press Enter ")
         found = _seen(port, tell, makers)

@@ -53,7 +53,7 @@ class Effect:
         how: `set`, `add` or `scale`; None takes the effect's first way.
         side: for backlash and compliance: `motor` (the encoder is before them) or `link` (the servo
             sees them).
-        free: the extras that are parameters of their own, to be drawn or fitted; the others are
+        free: the extras that are separate parameters, to be drawn or fitted; the others are
             constants.
         extra: values of the extras that are constants, or neutral values of the free ones.
 
@@ -187,7 +187,7 @@ class Effect:
         return Parameter(self.label(*scalar), self.name, self.where, **{**own, **changes})
 
     def options(self) -> dict[str, Any]:
-        """Return the arguments that are no numbers, by name, as `effects.yaml` keeps them."""
+        """Return the arguments that are not numbers, by name, as `effects.yaml` keeps them."""
         return {}
 
     def free_parameters(self) -> tuple[Parameter, ...]:

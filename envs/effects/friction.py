@@ -141,7 +141,7 @@ class ViscousFriction(FieldEffect):
     experiment = "a swing with the motor switched off, which has no back-EMF"
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return sizes that cost fractions of the torque at speed, and less than the model's own."""
+        """Return sizes that cost fractions of the torque at speed, and less than the model has."""
         sizes = np.array([0.02, 0.1, 0.4, 1.2]) * scale.torque_at(self.where) / FASTEST
         return with_less(sizes, scale.own("dof_damping", self.where))
 

@@ -4,7 +4,7 @@
     paths = replay(plant, recordings)            # (T, nq) each, when positions were read
 
 It is the only replay there is: `run=replay`, every step of a diagnosis, the exam and the plans of
-experiments go through it. Whoever replays recordings again and again does it in parts:
+experiments go through it. To replay recordings many times, do it in parts:
 
     plans = [schedule(recording, dt) for recording in recordings]       # once
     motion = simulate(plant, plans)              # after plant.set_params

@@ -47,7 +47,7 @@ class Schedule(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """K: so many physics steps reach one beyond the last row and reading."""
+        """K, the number of physics steps to one step beyond the last row and reading."""
         return len(self.ctrl)
 
 

@@ -123,7 +123,7 @@ class Task(ABC):
         return np.tile(self.start, (n, 1)) + noise, qvel
 
     def fixed(self) -> Sequence[tuple[Effect, Sequence[float]]]:
-        """Return the effects, with values, that the task's robot has of its own; none by default.
+        """Return the effects, with values, that the task's robot always has; none by default.
 
         One that the user fixes or draws at the same place replaces it.
         """

@@ -223,7 +223,7 @@ class Bus:
         return (s for s in self._servos if s.id == number and self._hears(s))
 
     def _group(self, number: int) -> list[Servo]:
-        """Servos that obey this number as their group's, and have another one of their own."""
+        """Servos that obey this ID as their group's, and have another ID themselves."""
         if number > LARGEST_ID:
             return []
         servos = self._servos

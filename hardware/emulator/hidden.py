@@ -107,7 +107,7 @@ class HiddenEffects:
 
 
 def nothing_hidden(count: int) -> HiddenEffects:
-    """Return the neutral effects of so many servos."""
+    """Return the neutral effects of a number of servos."""
     servo = {}
     for name, extras in SERVO_EFFECTS.items():
         servo[name] = np.full(count, NEUTRAL.get(name, 0.0))

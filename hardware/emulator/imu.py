@@ -47,7 +47,7 @@ class EmulatedImu:
             self._number += 1
 
     def take(self, data: bytes, moment: float, speed: int) -> None:
-        """Take what a client wrote: this part listens to nobody."""
+        """Discard what a client wrote: this part ignores its input."""
 
     def _turned(self, site: np.ndarray) -> tuple[float, float, float]:
         """Return the part's yaw, pitch and roll in the world [rad], of its site's orientation."""

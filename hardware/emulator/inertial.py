@@ -75,7 +75,7 @@ class InertialSensor:
     def _truth(self) -> dict[str, np.ndarray]:
         """Return the model's sensors at the site.
 
-        What holds a robot is no part of the physics, which lets it fall and puts it back: what is
+        What holds a robot is not part of the physics, which lets it fall and puts it back: what is
         held feels its weight.
         """
         mechanics, data = self._mechanics, self._mechanics.data

@@ -2,7 +2,7 @@
 
     model, plays = build_model(robot, hidden, timestep=0.0005)
 
-The nominal actuators go; each servo becomes a `dcmotor` driven by voltage, in a group of its own so
+The nominal actuators go; each servo becomes a `dcmotor` driven by voltage, in a separate group so
 that it can be switched off (a motor at 0 V brakes, a servo without torque does not). A servo with
 play or a spring gets a second joint in addition to its own, between gear and link. The nominal
 joint then is the motor's side.

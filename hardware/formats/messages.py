@@ -261,7 +261,7 @@ def _rows(
     cuts = np.diff(moments) > float(tree.get("gap", GAP))
     episode = np.r_[0, np.cumsum(cuts)]
     sizes = np.bincount(episode)
-    kept = sizes[episode] >= 2  # a single command between two pauses is no motion
+    kept = sizes[episode] >= 2  # a single command between two pauses is not a motion
     moments, episode = moments[kept], episode[kept]
     starts = np.r_[True, np.diff(episode) > 0]
     origin = moments[starts][np.cumsum(starts) - 1]

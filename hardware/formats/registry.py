@@ -58,7 +58,7 @@ def known() -> str:
 
 
 def refuse(path: Path) -> LogError:
-    """Return the error for a path that is no log."""
+    """Return the error for a path that is not a log."""
     if path.suffix in mapped.ARRAYS:
         return LogError(
             f"{path}: a {path.suffix} file needs a {mapped.NAME} next to it that maps its arrays "

@@ -4,10 +4,10 @@
 
 A position that is missing, or that no servo can have had, gets a number between its neighbours, so
 that every number is finite, and its row `flag.fresh` = 0, so that no comparison counts it. A
-command that is missing is not guessed. Each note is a sentence for whoever works with the log; they
+command that is missing is not guessed. Each note is a sentence for the log's reader; they
 lie under `reading` in its metadata.
 
-* Time is counted in seconds: rows that are 1 or more apart are no seconds but milliseconds,
+* Time is counted in seconds: rows that are 1 or more apart are not seconds but milliseconds,
   microseconds or nanoseconds. An episode that begins more than 1 s from 0 is of another clock, and
   counted from its start.
 * Lost answers are cells without a number; a constant that a reading jumps to and back from (0 or

@@ -79,7 +79,7 @@ def payload(seen: Sample) -> bytes:
 
 
 class Parser:
-    """Cuts a stream of bytes into answers; what is no answer is counted."""
+    """Cuts a stream of bytes into answers; what is not an answer is counted."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()

@@ -4,7 +4,7 @@
     # ["run=diagnose", "log=swing.csv", "model=arm.xml"]
     as_overrides(["run=replay", "log=~/runs (new)/a=1.csv"])
     # ["run=replay", "log='/home/me/runs (new)/a=1.csv'"]
-    as_overrides(["record", "my_arm.yaml"])     # a robot that is no choice of conf/robot
+    as_overrides(["record", "my_arm.yaml"])     # a robot that is not a choice of conf/robot
     # ["run=record", "~robot", "+robot={name:'my_arm',model:'my_arm.xml',...}"]
 
 Hydra's grammar gives `=`, brackets, commas, spaces and `~` a meaning; a path may hold them all. The
@@ -172,7 +172,7 @@ def _quoted(value: str) -> str:
 
 
 def find_shadowing_module(root: Path = CONF.parent) -> str | None:
-    """Return the file that Python finds in the place of one of our packages; None if none does."""
+    """Return the file that Python finds instead of one of our packages; None if there is none."""
     from importlib.util import find_spec
 
     for name in ("envs", "hardware", "sim2real"):

@@ -150,7 +150,7 @@ def compose(overrides: list[str]) -> dict[str, Any]:
     try:
         return validate(hydra_compose(inherited(overrides)), overrides)
     except yaml.YAMLError as error:
-        raise ConfigError(f"this is no YAML: {' '.join(str(error).split())}") from error
+        raise ConfigError(f"invalid YAML: {' '.join(str(error).split())}") from error
     except (HydraException, OmegaConfBaseException) as error:
         raise explain(error, overrides) from error
 

@@ -1,4 +1,4 @@
-"""Renamed keys and verbs that ended: whoever types the old name is given the new one."""
+"""Renamed keys and removed verbs: an error message names the new one."""
 
 from __future__ import annotations
 

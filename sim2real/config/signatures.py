@@ -30,7 +30,7 @@ _WORDS = {
 }
 _LISTS = ("Sequence", "Iterable", "Collection", "list", "tuple")
 _MAPS = ("Mapping", "MutableMapping", "dict")
-_MAKERS = ("Callable", "partial", "type")  # what makes an object, with arguments of its own
+_MAKERS = ("Callable", "partial", "type")  # types that make an object from further arguments
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,8 @@ def servo_task(environment: EnvironmentFactory) -> ServoTask:
     task = task_of(environment)
     if not isinstance(task, ServoTask):
         raise Sim2RealError(
-            f"{type(task).__name__} is no task of a servo robot; give a checkpoint of one, such as "
-            "those of env=bench1, env=hopper2 or env=quad8"
+            f"{type(task).__name__} is not a task of a servo robot; give a checkpoint of one, such "
+            "as those of env=bench1, env=hopper2 or env=quad8"
         )
     return task
 

@@ -49,7 +49,7 @@ def export(trained: TrainedPolicy, task: ServoTask, out: Path, rng: np.random.Ge
     """Write a policy's files into a folder, compared before; see the module's text.
 
     Raises:
-        ExportError: a network that is no perceptron, or programs that do not agree.
+        ExportError: a network that is not a perceptron, or programs that do not agree.
     """
     if trained.program is None:
         raise ExportError(
@@ -99,8 +99,8 @@ def to_arrays(module: nn.Module, task: ServoTask) -> tuple[Arrays, dict[str, Any
     if not linear or not alternating or not (between <= {nn.Tanh} or between <= {nn.ReLU}):
         found = ", ".join(type(layer).__name__ for layer in layers) or type(module).__name__
         raise ExportError(
-            f"the policy's network ({found}) is no perceptron with one nonlinearity; export knows "
-            "policy=linear, mlp, mlp2 and actor_critic"
+            f"the policy's network ({found}) is not a perceptron with one nonlinearity; export "
+            "knows policy=linear, mlp, mlp2 and actor_critic"
         )
     buffers = {name: value.numpy() for name, value in module.named_buffers()}
     low, high = task.action_range(task.spec().compile())
@@ -183,7 +183,7 @@ def learned_for(trained: TrainedPolicy) -> dict[str, Any] | None:
 def parameters(context: ContextSpec) -> list[dict[str, Any]]:
     """Describe the robot's parameters that follow an observation, in their order.
 
-    Somebody must find them (`run=identify`) and put them there, each in its unit and within the
+    They must be identified (`run=identify`) and put there, each in its unit and within the
     range that the policy was trained in.
     """
     return [

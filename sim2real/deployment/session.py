@@ -186,6 +186,6 @@ def load(path: str | Path, deployment: Deployment) -> None:
         if isinstance(error, Sim2RealError):
             raise
         raise Sim2RealError(
-            f"resume={path}: this is no whole state of a deployment ({error}); give the folder of "
+            f"resume={path}: this is incomplete or damaged ({error}); give the folder of "
             "one that was interrupted"
         ) from error

@@ -48,7 +48,7 @@ class Screen(Protocol):
     every: float
 
     def show(self, world: EmulatedRobot) -> None:
-        """Show the robot as it is now; raises Closed if nobody looks any more."""
+        """Show the robot as it is now; raises Closed once the window is closed."""
         ...
 
 
@@ -154,7 +154,7 @@ def watch(
     drive: Callable[[ServoBackend], None],
     stops: dict[str, float] | None,
 ) -> None:
-    """Drive the emulated robot and show it, until it is over or nobody looks any more."""
+    """Drive the emulated robot and show it, until it is over or the window is closed."""
     clock = RenderingClock(world, screen, seconds)
     backend = ServoBackend(world.robot, SETTLE, world, limits=make_stop_limits(stops), clock=clock)
     try:

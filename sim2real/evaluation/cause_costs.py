@@ -72,7 +72,7 @@ class Cause:
 
     @property
     def structural(self) -> bool:
-        """Whether it adds to the robot's structure, so that it takes a batch of its own."""
+        """Whether it adds to the robot's structure, so that it needs a separate batch."""
         return self.effect.batch() not in (PLAIN, RULES)
 
 

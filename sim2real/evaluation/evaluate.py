@@ -41,7 +41,7 @@ from sim2real.runs.errors import Sim2RealError
 
 log = logging.getLogger(__name__)
 ROUNDS = 16  # episodes of a chunk per row: long enough that rows which idle at its end cost little
-ROWS = 256  # episodes side by side of a policy whose algorithm has no population of its own
+ROWS = 256  # episodes side by side of a policy whose algorithm has no population
 LARGE = 0.95  # share of the cells that gain less than the one whose large gain is filmed
 EVALUATION, INTERVALS = 1, 2  # streams of randomness that follow from one seed
 Report = Callable[[int, int], None]

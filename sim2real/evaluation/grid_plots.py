@@ -64,7 +64,7 @@ def heatmaps(
         maps: mean return of each cell, (C,), by title.
         path: where the picture goes.
         box: range to frame, by parameter; one of no width is marked as a line or a point.
-        gain: differences of each cell, (C,), on a scale of their own around 0.
+        gain: differences of each cell, (C,), on a separate scale around 0.
         gain_title: what the differences are.
     """
     count = len(maps) + (gain is not None)

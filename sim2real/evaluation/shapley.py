@@ -23,7 +23,7 @@ Order = tuple[int, ...]
 
 
 def coalitions(players: int) -> list[Set]:
-    """Return all subsets of so many players, the smallest first."""
+    """Return all subsets of n players, the smallest first."""
     every = range(players)
     return [frozenset(some) for size in range(players + 1) for some in combinations(every, size)]
 

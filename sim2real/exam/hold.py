@@ -108,7 +108,7 @@ def prepare(exam: Examiner, block: Sequence[Outline], folder: Path) -> list[str]
 
 
 def diagnose(names: Sequence[str], folder: Path, longest: float, most: int | None) -> int:
-    """Ask for the answers that are not there yet, at most so many; return how many it was."""
+    """Ask for missing answers, up to a maximum number; return how many were asked for."""
     left = [name for name in names if not answered(folder / ANSWERS / name)][:most]
 
     def ask_one(name: str) -> None:

@@ -41,7 +41,7 @@ from sim2real.runs.files import write_text
 
 KNOWN = "known.yaml"
 PART = 30.0  # s of each log
-WORSE = 1.3  # an injected gap is at least so many times what was there before
+WORSE = 1.3  # least ratio of an injected gap to the gap before
 TRIES = 6  # sizes that are tried for that
 
 
@@ -143,8 +143,8 @@ class RealExam:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
         each: cases of each robot and effect; places and sizes are drawn anew for each.
         longest: time after which a diagnosis counts as failed [s].
-        block: make and seal so many cases before the first of them is diagnosed.
-        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+        block: number of cases that are made and sealed before the first of them is diagnosed.
+        most: maximum number of cases to diagnose now; answered ones are scored. None: all.
 
     Raises:
         Sim2RealError: no case; from `draw`: no folder, or one without these logs.

@@ -86,8 +86,8 @@ class LogExam:
         count: cases.
         beside: of these, cases with a hidden effect as well.
         longest: time after which a diagnosis counts as failed [s].
-        block: make and seal so many cases before the first of them is diagnosed.
-        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+        block: number of cases that are made and sealed before the first of them is diagnosed.
+        most: maximum number of cases to diagnose now; answered ones are scored. None: all.
 
     Raises:
         Sim2RealError: no robot, no case, or more with an effect than there are.

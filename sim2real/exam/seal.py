@@ -4,9 +4,9 @@
     check(keys, logs)               # raises if one of them has changed since
 
 A diagnosing process is given one case's folder below `logs`, never `keys`. The hashes lie with the
-logs, so that whoever has these can tell later whether the key is the one that they came with. A
+logs, so that their owner can check later whether the key is the one that they came with. A
 hash of a hundred digits and letters tells nothing of what it was made of: the key holds numbers of
-full precision that nobody can try one by one.
+full precision, too many to try one by one.
 """
 
 from __future__ import annotations

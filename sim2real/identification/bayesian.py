@@ -1,4 +1,4 @@
-"""Bayesian optimization by BoTorch: for simulations that are so dear that only few can be paid.
+"""Bayesian optimization by BoTorch, for simulations so costly that only few are affordable.
 
     found = Bayesian(first=16, generations=20).minimize(evaluate, prior, seed=0)
 
@@ -19,11 +19,11 @@ from scipy.stats.qmc import Sobol
 from sim2real.identification.searches import Evaluate, OnTurn, SearchResult, Space
 from sim2real.runs.errors import Sim2RealError
 
-RESTARTS, RAW = 4, 128  # of the search for where to ask next: from so many of so many drawn points
+RESTARTS, RAW = 4, 128  # restarts of the search for the next point, and draws for their starts
 
 
 class Bayesian:
-    """See the module's text.
+    """Bayesian optimization with a Gaussian process.
 
     Args:
         first: points of the first generation, spread evenly (a Sobol sequence).

@@ -128,8 +128,8 @@ def _report(path: Path) -> Report:
         raise Sim2RealError(f"candidates={path}: {error.strerror}") from None
     except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
         raise Sim2RealError(
-            f"candidates={path} is no report.json of a diagnosis ({error}); give one, or names of "
-            "effects in brackets: candidates=[coulomb_friction,link_mass]"
+            f"candidates={path} is not a report.json of a diagnosis ({error}); give one, or names "
+            "of effects in brackets: candidates=[coulomb_friction,link_mass]"
         ) from None
 
 

@@ -47,7 +47,7 @@ class Space(Protocol):
 
 
 class Box(NamedTuple):
-    """A space of its own ends."""
+    """A box of parameter values."""
 
     low: np.ndarray  # (P,)
     high: np.ndarray  # (P,)
@@ -65,7 +65,7 @@ class SearchResult(NamedTuple):
 
 
 class Search(Protocol):
-    """See the module's text."""
+    """Base class of searches."""
 
     def minimize(
         self,

@@ -87,7 +87,7 @@ class EnvironmentFactory:
 
     @property
     def task(self) -> Task | None:
-        """What is simulated; None for a world that is no task on a robot."""
+        """What is simulated; None for an environment without a robot."""
         return _argument(self.base, "task") if self.simulated else None
 
     @property
@@ -197,8 +197,8 @@ class EnvironmentFactory:
             extra: further transforms behind the others, such as a policy's primers.
 
         Raises:
-            Sim2RealError: a base that is no environment of that batch size, a transform whose keys
-                are not there.
+            Sim2RealError: a base that is not an environment of that batch size, a transform whose
+                keys are not there.
         """
         base = self._base(num_envs, threads, device)
         env = SerializableEnv(base, self, seed)
@@ -284,7 +284,9 @@ class EnvironmentFactory:
         """
         base = self.on_host._base(num_rows, threads, "cpu")
         if not isinstance(base, RowsEnv):
-            raise Sim2RealError(f"{self.name} is no world of rows; choose one such as env=hopper")
+            raise Sim2RealError(
+                f"{self.name} does not consist of rows; choose one such as env=hopper"
+            )
         return base.rows
 
     def observation_and_action_spec(self) -> tuple[int, np.ndarray, np.ndarray]:

@@ -97,7 +97,7 @@ def read_interface(checkpoint: Path) -> Block:
     try:
         return dict(json.loads(file.read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError) as error:
-        raise Sim2RealError(f"{file}: this is no interface of a policy ({error})") from None
+        raise Sim2RealError(f"{file}: this is not a policy's interface ({error})") from None
 
 
 def observation_names(task: ServoTask) -> list[str]:

@@ -55,7 +55,7 @@ class TrainedPolicy:
         statistics: state of the environment's transforms.
         primers: makes the transforms that the policy itself needs, such as those of a memory.
         program: makes the policy with given parameters as one torch module, from raw observations
-            (..., O) to actions (..., A); None where it is no such function.
+            (..., O) to actions (..., A); None if it is not such a function.
         frames: environment steps of its training.
         dtype: the dtype of the observations that a robot returns.
         source: the checkpoint that it is from, if any.

@@ -134,7 +134,7 @@ class RunningNorm(Transform):
         limit: deviations beyond which an entry is cut.
         hold: steps for which the mean and deviation that are applied stay the same; with the length
             of a batch, its values and returns are of one normalization. Entries pass as they are
-            until so many steps were taken. 1 renews them at each step.
+            for this number of steps. 1 renews them at each step.
 
     In evaluation mode (`eval()`) the statistics stay as they are, and the newest are applied.
 

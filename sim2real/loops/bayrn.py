@@ -39,7 +39,7 @@ Try = Callable[[Distribution, str], float]  # a distribution, the name of its fo
 
 
 class BayRn:
-    """See the module's text.
+    """Bayesian optimization over distributions, scored on the robot.
 
     Args:
         first: distributions that are spread evenly, before the process says anything.
@@ -133,7 +133,7 @@ class Session:
         """Report what the policy earned on the robot, the mean of its episodes.
 
         Raises:
-            Sim2RealError: a value that is not finite, or one that nobody asked for.
+            Sim2RealError: a value that is not finite, or one that was not asked for.
         """
         if len(self.values) >= len(self._points):
             raise Sim2RealError(

@@ -58,7 +58,7 @@ class SearchBudget:
     Args:
         budget: s of robot time in all.
         draws: motions that are drawn for each design, besides the menu's.
-        exact: of so many of the best, refits are simulated until they settle.
+        exact: number of the best motions whose refits are simulated until they settle.
     """
 
     budget: float

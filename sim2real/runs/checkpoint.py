@@ -272,12 +272,12 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     """Return a checkpoint's description, without its state.
 
     Raises:
-        CheckpointError: for a file that is no checkpoint, or a damaged one.
+        CheckpointError: for a file that is not a checkpoint, or a damaged one.
     """
     path = find(path)
     if path.suffix != ".torchrl":
         raise CheckpointError(
-            f"{path} is no checkpoint of this program; they are named checkpoint-*.torchrl"
+            f"{path} is not a checkpoint of this program; they are named checkpoint-*.torchrl"
         )
     try:
         return dict(Checkpoint.manifest(path)["metadata"])

@@ -4,7 +4,7 @@
         loggers.log({"train/return": 12.5}, step=1)
 
 `metrics.csv` (see `sim2real.runs.metrics`) is the record that a resumed run continues without a
-seam; these are views of it. A resumed run has a folder, and so a view, of its own, which
+seam; these are views of it. A resumed run has its own folder, and so its own view, which
 starts at the step where it goes on.
 """
 
@@ -192,6 +192,6 @@ class Loggers:
 
 
 def _plain(config: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
-    """Return settings by dotted name; what is no number, text or truth becomes text."""
+    """Return settings by dotted name; what is not a number, text or truth becomes text."""
     items = flatten(config).items()
     return {k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in items}

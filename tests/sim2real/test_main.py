@@ -205,11 +205,11 @@ def test_broken_yaml_of_a_user_is_a_sentence(
     (tmp_path / "mine" / "experiment").mkdir(parents=True)
     (tmp_path / "mine" / "experiment" / "bad.yaml").write_text("a: [1\n b: {")
     assert run("--config-dir", "mine", "+experiment=bad") == 2
-    assert re.search(r"no YAML: .*bad\.yaml.*line 2", capsys.readouterr().err)
+    assert re.search(r"invalid YAML: .*bad\.yaml.*line 2", capsys.readouterr().err)
     (tmp_path / "mine" / "robot").mkdir()
     (tmp_path / "mine" / "robot" / "broken.yaml").write_text("rate: [1\n b: {")
     assert run("record", "robot=broken", "--config-dir", "mine") == 2
-    assert re.search(r"no YAML: .*broken\.yaml.*line 2", capsys.readouterr().err)
+    assert re.search(r"invalid YAML: .*broken\.yaml.*line 2", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("value", ["-1", "nan"])

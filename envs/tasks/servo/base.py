@@ -77,8 +77,8 @@ class ServoTask(Task):
         steps = 1.0 / (self.machine.rate * TIMESTEP)
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-9:
             raise TaskError(
-                f"{self.machine.name}: a rate of {self.machine.rate} per second is no whole number"
-                f" of physics steps of {TIMESTEP} s; choose a divisor of {1 / TIMESTEP:.0f}"
+                f"{self.machine.name}: a rate of {self.machine.rate} per second is not a whole "
+                f"number of physics steps of {TIMESTEP} s; choose a divisor of {1 / TIMESTEP:.0f}"
             )
         self.frame_skip = round(steps)
         self.max_steps = round(seconds * self.machine.rate)

@@ -54,9 +54,9 @@ class EngineExam:
         engine: what moves the robots: drake or dart.
         seconds: of each motion [s].
         longest: time after which a diagnosis counts as failed [s].
-        block: make and seal so many cases before the first of them is diagnosed.
-        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
-        skip: leave out so many of the first cases of the draw: those that were opened before.
+        block: number of cases that are made and sealed before the first of them is diagnosed.
+        most: maximum number of cases to diagnose now; answered ones are scored. None: all.
+        skip: number of the first drawn cases to leave out: those that were opened before.
 
     Raises:
         Sim2RealError: an unknown kind, half or engine, an engine that is not installed, or a number

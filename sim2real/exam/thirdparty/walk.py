@@ -164,7 +164,7 @@ def hide(walk: Walk, entry: Mapping[str, Any]) -> Walk:
         one = tuple(value) if name != "imu_delay" else float(value)
         return replace(walk, imu=replace(walk.imu, **{own[name]: one}))
     if name not in LAWS:
-        raise Sim2RealError(f"{name!r} is no effect of a robot that walks in another engine")
+        raise Sim2RealError(f"{name!r} is not an effect of a robot that walks in another engine")
     if name == "payload":
         return replace(walk, rig=_loaded(walk.rig, entry["where"], value))
     truth = {**entry, "joint": entry["where"], "side": None, "extra": {}}

@@ -1,4 +1,4 @@
-"""What every method is, and what it hands to whoever watches or stops it.
+"""The interface of every method, and what it reports to a caller that watches or stops it.
 
 found = method.fit(provider, prior, data)
 """
@@ -52,7 +52,7 @@ class FitContext:
 
 
 class Method(Protocol):
-    """See the module's text."""
+    """Base class of identification methods."""
 
     name: str  # what `made_by` calls it
     provider: MakeProvider  # what a verb gives `fit`

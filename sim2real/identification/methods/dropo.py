@@ -41,7 +41,7 @@ class Dropo:
         samples: of the Gaussian, for each transition.
         noise: standard deviation added to every reading, in its change in a row (the paper's
             epsilon).
-        transitions: at most so many are compared, drawn at random.
+        transitions: maximum number that is compared, drawn at random.
         narrowest: least standard deviation that is looked for, in widths of the prior.
         widest: largest.
         settings: see `Settings`.
@@ -124,7 +124,7 @@ class Dropo:
         return replace(found, noise=dict(zip(provider.names, map(float, noise), strict=True)))
 
     def _few(self, provider: AlignedProvider, seed: int) -> AlignedProvider:
-        """Return the provider with at most so many transitions."""
+        """Return the provider with at most `transitions` transitions."""
         count = len(provider.chosen)
         if count <= self.transitions:
             return provider

@@ -40,11 +40,11 @@ class SimOpt:
     Args:
         method: what fits in each round; its provider, score and search are its own.
         rounds: at most.
-        widen: a round's prior is so many times as wide as what the round before found, compared by
+        widen: width of a round's prior, in widths of the previous round's result, compared by
             their standard deviations. The logs are counted again in each round: with 2.5 the
             uncertainty comes out too small by 8 % at most, sqrt(1 - 1 / widen^2).
         narrowest: least width of a round's prior, in widths of the first one: a population that
-            collapsed is no certainty.
+            collapsed is not certain.
         still: the rounds end when no mean moves by more than this, in uncertainties of the estimate
             (in standard deviations of the distribution where the method knows no uncertainty).
 

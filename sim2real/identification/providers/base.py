@@ -24,7 +24,7 @@ HELD = 0  # the stream of randomness of what is held out
 
 
 class Provider(Protocol):
-    """See the module's text."""
+    """Base class of providers of simulated data."""
 
     aligned: bool
     real: np.ndarray

@@ -3,7 +3,7 @@
     numbers = score(real, simulated, turn)      # (...), (n, ...) -> (n,)
 
 `aligned` says whether it compares row by row, or samples of transitions; see the providers. `rows`
-is what an aligned score compares: so many rows on from each measured state, None for whole windows.
+is the horizon of an aligned score: rows after each measured state, or None for whole windows.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 
 class Score(Protocol):
-    """See the module's text."""
+    """Base class of scores."""
 
     aligned: bool
 

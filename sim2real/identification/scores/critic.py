@@ -5,7 +5,7 @@
 
 The critic is that of a Wasserstein GAN on transitions. `paper` is EASI's (Dong et al. 2024, and its
 code): inputs as they are, weights clipped to 0.01. `gp` standardizes observation, action and change
-and takes a gradient penalty (Gulrajani et al. 2017) in the place of clipping.
+and takes a gradient penalty (Gulrajani et al. 2017) instead of clipping.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from sim2real.runs.errors import Sim2RealError
 
 
 def subsample(values: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
-    """Return at most so many rows of values (N, F), drawn at random."""
+    """Return at most `most` rows of values (N, F), drawn at random."""
     if len(values) <= most:
         return values
     return values[rng.choice(len(values), most, replace=False)]

@@ -20,7 +20,7 @@ WIDE = 512  # rows from which two shards are faster than one, on 4, 8 and 16 cor
 
 
 def layout(num_rows: int, cores: int) -> tuple[int, int]:
-    """Return how many shards, and threads of each, step that many rows fastest on so many cores.
+    """Return how many shards, and threads of each, step `num_rows` rows fastest on `cores`.
 
     The shards' Python threads share one interpreter, those of the physics do not. Measured on 4, 8
     and 16 cores (`benchmarks/results/shards.csv`), one or two shards with the cores' threads

@@ -1,4 +1,4 @@
-"""Episodes of several tasks side by side, each task with parameters of its own.
+"""Episodes of several tasks side by side, each task with its own parameters.
 
     tasks = TaskBatch(parts.tasks, each=20)             # rows 0 ... 19 meet one task, and so on
     actor = TaskActor(law, count=40)                    # for 40 tasks

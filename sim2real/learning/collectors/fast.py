@@ -150,7 +150,7 @@ class FastCollector(Collector):
         return self._new(out)
 
     def _number(self, start: TensorDictBase, done: Tensor) -> None:
-        """Give the episodes that begin a number of their own."""
+        """Number the episodes that begin."""
         collector, mask = start.get("collector"), done[:, 0]
         ids = collector.get("traj_ids")
         new = self._traj_pool.get_traj_and_increment(int(mask.sum()), device=ids.device)

@@ -82,7 +82,7 @@ class ClipGradient:
         self._bodies = ArrayMLP(actor.activation), ArrayMLP(critic.activation)
 
     def _renew(self) -> None:
-        """Follow parameters that somebody has moved."""
+        """Follow parameters that were changed outside."""
         if not self.flat.renew():
             return
         vector = self.flat.vector.numpy()

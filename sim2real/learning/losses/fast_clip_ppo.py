@@ -168,7 +168,7 @@ def _refuse_options(options: dict[str, Any]) -> None:
 
 
 def _refuse_distribution(network: Any, actor: Dense) -> None:
-    """Raise Sim2RealError for an actor that is no Gaussian around an MLP."""
+    """Raise Sim2RealError for an actor that is not a Gaussian around an MLP."""
     last, scale = network[-1], actor.head
     if not isinstance(last, ProbabilisticTensorDictModule):
         raise Sim2RealError("loss: the actor ends in no distribution; use a ProbabilisticActor")

@@ -43,7 +43,7 @@ class FunctionalActor:
         in_keys: the entries that it reads, in the order of its arguments.
 
     Raises:
-        Sim2RealError: for an actor of another distribution, or one that is no function.
+        Sim2RealError: for an actor of another distribution, or one that is not a function.
     """
 
     def __init__(self, actor: Any) -> None:

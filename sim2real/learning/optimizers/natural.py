@@ -147,7 +147,7 @@ def conjugate_gradient(product: Product, vector: Tensor, iterations: int) -> Ten
     Args:
         product: multiplies a vector (P,) by A.
         vector: b, (P,).
-        iterations: at most so many products.
+        iterations: maximum number of products.
 
     Returns:
         x, (P,).

@@ -7,7 +7,7 @@
 
 A perceptron around whose output a Gaussian draws acts as `MLPPolicy` does, at its speed. Any other
 actor is called for all rows at once by `torch.func`, and so must be one that `vmap` can call; a
-recurrent one takes `GRUModule(python_based=True)`, and each row has a memory of its own. As there,
+recurrent one takes `GRUModule(python_based=True)`, and each row has its own memory. As there,
 a row's action depends on nothing but its own parameters, memory and observation, to the last bit.
 Actions are cut at their limits, as `RowsEnv` cuts them.
 """
@@ -98,7 +98,7 @@ class ActorPolicy:
     Args:
         actor: maps "observation" to "action", on the CPU. Its present parameters are the first.
         env: its specs say what is seen and the actions' limits.
-        network: see `Acts`; the default is that of an actor that is no function.
+        network: see `Acts`; the default is that of an actor that is not a function.
         primers: see `Acts`.
         critic: the policy's critic, if any.
         searched: whether the critic's parameters stand behind the actor's; what acts leaves them
@@ -344,7 +344,7 @@ def _memory(actor: nn.Module) -> dict[str, tuple[int, ...]]:
 
 
 def _perceptron(policy: ActorPolicy) -> MLPPolicy | None:
-    """Return the same network for the fast path; None for an actor that is no such network."""
+    """Return the same network for the fast path; None if the actor is not such a network."""
     actor = policy.actor
     if not isinstance(actor, ProbabilisticTensorDictSequential):
         return None

@@ -74,7 +74,7 @@ class ObservationScaling(NamedTuple):
 
 
 class Stream:
-    """The episodes that a worker holds: a shard's feed in which each is a member of its own.
+    """The episodes that a worker holds: a shard's feed in which each is a separate member.
 
     Args:
         capacity: episodes held at a time.
@@ -266,7 +266,7 @@ class RemoteShard:
         job.requeue(members, episodes)
         self.link = self._start(GRACE)
         if self.link is None:
-            log.warning("there is no place for another worker; going on with the rest")
+            log.warning("no CPU is free for a replacement worker; continuing with the others")
 
 
 class RemotePopulation(Population):
@@ -274,7 +274,7 @@ class RemotePopulation(Population):
 
     Args:
         shards: the workers' stand-ins.
-        policy: what all members are, with parameters of their own.
+        policy: the policy of all members, whose parameters differ.
         space: parameters of the task.
     """
 

@@ -115,7 +115,7 @@ def improve(
     plan: Plan,
     out: Path,
 ) -> Improvement:
-    """Run rounds until there is nothing to gain, nothing to find, or somebody ends it.
+    """Run rounds until nothing is left to gain or to find, or a person ends it.
 
     Args:
         site: the robot, or what stands for it.

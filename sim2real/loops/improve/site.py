@@ -124,14 +124,14 @@ class RobotSetup:
         if other is None:
             raise Sim2RealError(
                 f"the reward of {type(task).__name__} needs {', '.join(sorted(lacking))}, which "
-                f"{self.machine.name} does not measure and nobody can enter; give it a tracker "
-                "(hardware/body.py)"
+                f"{self.machine.name} does not measure and a person cannot enter; give it a "
+                "tracker (hardware/body.py)"
             )
         return other
 
     @property
     def by_distance(self) -> bool:
-        """Whether somebody enters the distance of each episode."""
+        """Whether a person enters the distance of each episode."""
         return self.task is not servo_task(self.environment)
 
     def _backend(self) -> ServoBackend:

@@ -47,7 +47,7 @@ def learn(
     settings: dict[str, Any],
     start: str | Path | None = None,
 ) -> TrainedPolicy:
-    """Train in a folder of its own, from where it stopped, and return the policy.
+    """Train in a separate folder, from where it stopped, and return the policy.
 
     Args:
         folder: of the loop.

@@ -50,7 +50,7 @@ class Target:
         seed: of their starts.
 
     Raises:
-        Sim2RealError: fewer than two trials, or worlds that are no simulations of a robot.
+        Sim2RealError: fewer than two trials, or worlds that are not simulations of a robot.
     """
 
     world: EnvironmentFactory
@@ -115,7 +115,7 @@ class Target:
 
 
 def cut(log: Log, seconds: float) -> Log:
-    """Return the log in episodes of about so many seconds, each from its own recorded state."""
+    """Return the log in episodes of about `seconds` s, each from its own recorded state."""
     parts = []
     for part in log.episodes():
         pieces = max(1, round(float(part.time[-1]) / seconds))
