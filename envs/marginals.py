@@ -25,7 +25,7 @@ UNIFORM_WIDTH = math.sqrt(12.0)  # of a uniform law, over its standard deviation
 
 @dataclass(frozen=True)
 class Marginal:
-    """How one parameter is distributed.
+    """The distribution of one parameter.
 
     Args:
         kind: "normal" and "lognormal" (mean and std before they are cut off at low and high),

@@ -172,17 +172,17 @@ class Plant:
 
     @property
     def substep_rules(self) -> tuple[SubstepRule, ...]:
-        """What acts before each physics substep."""
+        """The rules that act before each physics substep."""
         return self._substeps.rules
 
     @property
     def command_rules(self) -> tuple[CommandRule, ...]:
-        """What acts on the command of each control step."""
+        """The rules that act on the command of each control step."""
         return tuple(self._commands)
 
     @property
     def measurements(self) -> tuple[Measurement, ...]:
-        """What changes the readings of the sensors."""
+        """The rules that change the readings of the sensors."""
         return tuple(self._measurements)
 
     def take_warnings(self) -> np.ndarray:

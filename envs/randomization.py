@@ -46,7 +46,7 @@ class Tasks(Protocol):
 
 @dataclass(frozen=True)
 class Draw:
-    """How the parameters of one effect are drawn, each by itself.
+    """The independent distributions of one effect's parameters.
 
     Args:
         effect: what is randomized.

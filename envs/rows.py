@@ -24,7 +24,7 @@ from envs.physics.arrays import NUMPY, Array, Arrays
 
 
 class Step(NamedTuple):
-    """What one control step of n rows returned, as arrays of the rows."""
+    """The result of one control step of n rows, as arrays of the rows."""
 
     observation: Array  # (n, O) float64, float32 on a device
     reward: Array  # (n,) float64, float32 on a device

@@ -1,4 +1,4 @@
-"""What an episode on a robot runs on: servos at a port, the emulated robot, or a recorded log.
+"""Backends of an episode on a robot: servos at a port, the emulated robot, or a recorded log.
 
     backend = ServoBackend(load_robot("quad8"), settle=0.5)      # no port: the emulated robot
     backend.open()                                               # everything checked, torque off
@@ -38,7 +38,7 @@ PATIENCE = 5.0  # s that a lost port is waited for
 
 
 class RobotMeasurement(NamedTuple):
-    """What a robot of n servos measured at one deadline."""
+    """The readings of a robot of n servos at one deadline."""
 
     step: int  # deadlines since the episode's start, missed ones included
     time: float  # s from the episode's start to when the servos were asked
@@ -49,7 +49,7 @@ class RobotMeasurement(NamedTuple):
 
 
 class Backend(Protocol):
-    """What episodes run on; see the module's docstring. Arrays are in the order of the servos."""
+    """The interface of backends. Arrays are in the order of the servos."""
 
     robot: Robot
     real: bool  # true for a physical robot, which must be armed by a person next to it
@@ -150,7 +150,7 @@ class ServoBackend:
 
     @property
     def counters(self) -> dict[str, Counters]:
-        """What happened to the requests to each servo."""
+        """The link counters of each servo."""
         return self.guard.driver.counters
 
     @property

@@ -1,4 +1,4 @@
-"""Where each joint's zero is, which way it counts, and how far it may go: one JSON file a robot.
+"""A robot's calibration: each joint's zero, sign and limits, in one JSON file.
 
     write_calibration("bench1.json", calibration_of(robot))
     robot = apply_calibration(robot, read_calibration("bench1.json"))

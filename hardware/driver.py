@@ -102,7 +102,7 @@ class Driver(Torque):
 
     @property
     def counters(self) -> dict[str, Counters]:
-        """What happened to the requests to each servo, by its name."""
+        """The link counters of each servo, by its name."""
         return {servo.name: self.bus_client.counters[servo.id] for servo in self.robot.servos}
 
     def connect(self) -> None:

@@ -1,4 +1,4 @@
-"""How well a run kept its rate, and what became of the answers that it asked its servos for.
+"""The link quality of a run: how well it kept its rate, and how many answers came in time.
 
     link = LinkMonitor(pace, driver.counters)       # from here on
     ...                                             # steps of `pace`, answers of `driver`
@@ -53,7 +53,7 @@ class LinkScore(NamedTuple):
 
 @dataclass(frozen=True)
 class AnswerCounts:
-    """What became of the answers that were asked of one servo."""
+    """Counts of one servo's answers: asked for, lost, late and stale."""
 
     asked: int = 0
     lost: int = 0
@@ -102,7 +102,7 @@ class LinkStatistics:
 
     @property
     def total(self) -> AnswerCounts:
-        """What became of the answers of all servos together."""
+        """Counts of the answers of all servos together."""
         return sum(self.servos.values(), AnswerCounts())
 
     def worst(self, kind: str) -> tuple[str, float]:

@@ -57,7 +57,7 @@ class MultiBusDriver(Driver):
 
     @property
     def counters(self) -> dict[str, Counters]:
-        """What happened to the requests to each servo, by its name."""
+        """The link counters of each servo, by its name."""
         found = {name: c for part in self._drivers for name, c in part.counters.items()}
         return {name: found[name] for name in self.robot.names}
 

@@ -1,4 +1,4 @@
-"""What a robot's file is made of: servos, buses, an IMU, a supply."""
+"""The parts of a robot's file: servos, buses, an IMU, a supply."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Bus(BusSettings):
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """What an emulated IMU measures, and how far from the truth; the axes are those of its site.
+    """Channels and errors of an emulated IMU, along the axes of its site.
 
     Args:
         measures: the quantities that the robot without ports has, some of QUANTITIES; at a port the

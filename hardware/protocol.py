@@ -114,7 +114,7 @@ class Parser:
 
     @property
     def pending(self) -> int:
-        """How many bytes wait for the rest of their packet."""
+        """The number of bytes that wait for the rest of their packet."""
         return len(self._buffer)
 
     def clear(self) -> None:

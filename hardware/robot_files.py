@@ -1,4 +1,4 @@
-"""Where a robot's file is, and what it holds before it is checked.
+"""Find a robot's file, and read its content before it is checked.
 
     read_robot(find_robot("bench1"))        # {"name": "bench1", "model": "bench1.xml", ...}
     read_robot(find_robot("my_robot.yaml"))

@@ -30,7 +30,7 @@ from hardware.safety import Sent
 
 
 class Step(NamedTuple):
-    """What one control step returned; the fields of `envs.rows.Step`, one row each."""
+    """The result of one control step; the fields of `envs.rows.Step`, one row each."""
 
     observation: np.ndarray  # (1, O)
     reward: np.ndarray  # (1,)
@@ -40,7 +40,7 @@ class Step(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """What was asked of the robot last.
+    """The robot's last action.
 
     The fields of `envs.tasks.base.CommandState`, one row each.
     """
@@ -51,7 +51,7 @@ class Commanded(NamedTuple):
 
 
 class ActionRecord(NamedTuple):
-    """What became of the last action; n servos in the task's order."""
+    """The outcome of the last action; n servos in the task's order."""
 
     goal: np.ndarray  # rad, (n,): what the task made of the action
     applied: np.ndarray  # rad, (n,): what was sent after every limit

@@ -23,7 +23,7 @@ SentGoals = Sequence[tuple[float, np.ndarray]]  # s, and counts (n,)
 
 
 class Watch:
-    """What was seen of each servo since it was armed.
+    """Each servo's condition since it was armed.
 
     Args:
         driver: the servos.

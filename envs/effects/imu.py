@@ -213,7 +213,7 @@ class ImuDelay(_ImuEffect):
 
 
 class GyroBias(_ImuEffect):
-    """What a gyro says at rest, about the base's axes: measured = true + value."""
+    """A gyro's bias about the base's axes: measured = true + value."""
 
     name = "gyro_bias"
     unit = "rad/s"

@@ -182,7 +182,7 @@ class _Shift(BoundEffect):
 
 
 class CenterOfMass(Effect):
-    """How far a body's centre of mass is moved from the body's origin towards its child joint.
+    """A shift of a body's centre of mass from the body's origin towards its child joint.
 
     A leaf: towards its farthest geom or site. The inertia about the centre of mass stays.
     """

@@ -23,7 +23,7 @@ SERIES = "/series/"  # in the name of a joint that an effect added
 
 
 class SeriesJoint(Protocol):
-    """What the layout needs to know of a joint that an effect added."""
+    """A joint that an effect added, as the layout needs it."""
 
     motor: int  # id of the joint before it, in the simulated model
     joint: int  # its own id there
@@ -37,7 +37,7 @@ class SeriesJoint(Protocol):
 
 
 class Editing(Protocol):
-    """What an effect does to a spec."""
+    """The changes that an effect makes to a spec."""
 
     moves_mass: ClassVar[
         bool

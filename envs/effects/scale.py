@@ -43,7 +43,7 @@ def any_speed(joint: str) -> float:
 
 
 class RobotScale:
-    """How large things are on one robot.
+    """Typical magnitudes of one robot.
 
     Args:
         model: the robot.

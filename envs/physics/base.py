@@ -1,4 +1,4 @@
-"""What a plant asks of an engine that steps its simulations.
+"""The interface of an engine that steps a plant's simulations.
 
 A `mujoco.batch.Batch` of the same rows always holds the parameters and starts the episodes, in
 float64: effects write its expanded fields, `set_const` follows, and a reset computes the state from

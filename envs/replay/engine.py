@@ -40,7 +40,7 @@ class InterpolationPoints(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What N rows did."""
+    """The simulated paths of N rows."""
 
     dt: float  # s between physics steps
     qpos: np.ndarray  # (N, K + 1, nq) what the encoders say; NaN from where a row diverged

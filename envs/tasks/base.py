@@ -39,7 +39,7 @@ class State(NamedTuple):
 
 
 class CommandState(NamedTuple):
-    """What was asked of n robots last, and when in their episodes they are."""
+    """The last actions of n robots, and the times of their episodes."""
 
     time: Array  # (n,) s from the episode's start
     action: Array  # (n, A) the last one, 0 before the first

@@ -21,7 +21,7 @@ from envs.tasks.walker2d import Walker2d
 
 
 class GoalTask(Task):
-    """What tasks with a goal share: the reward asks for it, a bonus is paid while nothing ended.
+    """Base class of tasks with a goal: the reward depends on it, and each step alive pays a bonus.
 
     Attributes:
         effort_cost: taken off for each squared action.

@@ -1,4 +1,4 @@
-"""What an emulated robot hides: the effects of a file, as numbers for its own laws.
+"""The hidden effects of an emulated robot: those of a file, as values of its own models.
 
     hidden = read_hidden("effects.yaml", robot)
     hidden.coulomb          # N·m, one for each servo

@@ -1,4 +1,4 @@
-"""What the emulated IMU feels at its site: the truth of the physics, late, noisy and biased.
+"""Readings of the emulated IMU at its site: the simulated motion, late, noisy and biased.
 
     inertial = InertialSensor(robot.imu, mechanics, rng)
     inertial.remember()                     # after each tick of the robot

@@ -119,7 +119,7 @@ class LoopbackPort(PortHandler):
 
 
 class PendingWrites:
-    """What was written to the ports of one robot and is not carried out yet.
+    """Requests that were written to the ports of one robot and are not carried out yet.
 
     Args:
         world: the robot.

@@ -1,4 +1,4 @@
-"""What a reader mends in a log before anybody works with it, and what it says about that.
+"""Repairs that a reader makes in a log, each with a note.
 
     columns, notes = repair(columns, "run.csv", line=2)
 

@@ -37,7 +37,7 @@ SWITCH = 0.03  # s that a change of mode takes at most
 
 
 class Sample(NamedTuple):
-    """What the part measures along its own axes.
+    """The part's readings along its own axes.
 
     Args:
         orientation: how it is turned in the world, a unit quaternion w x y z, (4,).

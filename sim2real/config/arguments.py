@@ -1,4 +1,4 @@
-"""What people type, as Hydra reads it: verbs by their names, files by their places, any path.
+"""Translate the command line for Hydra: verbs by name, files by position, any path.
 
     as_overrides(["diagnose", "swing.csv", "arm.xml"])
     # ["run=diagnose", "log=swing.csv", "model=arm.xml"]

@@ -1,4 +1,4 @@
-"""What conf/ offers, read from its files alone: groups, their choices, and a line on each."""
+"""The catalogue of conf/, read from its files only: groups, their choices, and a line on each."""
 
 from __future__ import annotations
 

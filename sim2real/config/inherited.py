@@ -1,4 +1,4 @@
-"""What a command line inherits from the run that it names: `checkpoint=`, `start=` or `resume=`.
+"""Inherit settings from the run that a command line names: `checkpoint=`, `start=`, `resume=`.
 
 inherited(["run=evaluate", "checkpoint=outputs/train/udr/RUN"])     # and the run's own choices
 """

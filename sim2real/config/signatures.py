@@ -1,4 +1,4 @@
-"""What a class or function of this project takes, read from its source: nothing is imported.
+"""Signatures of this project's classes and functions, read from source without importing.
 
     find("envs.Randomization").arguments["per"].describe()     # "one of reset, row"
 

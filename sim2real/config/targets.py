@@ -229,7 +229,7 @@ def _marked_foreign(make: Callable[..., Any], tree: dict[str, Any]) -> dict[str,
 
 
 class DeferredObject(functools.partial):
-    """What a configuration describes, to be made with further arguments; it says where it stands.
+    """A configured object whose remaining arguments are supplied later; errors name its location.
 
     Raises, when called:
         ConfigError: a value that a constructor of a library refuses, with its place.

@@ -112,7 +112,7 @@ class Window:
 
 
 class Picture(Protocol):
-    """How a film looks: `Video` is one."""
+    """The settings of a film; `Video` is one."""
 
     @property
     def width(self) -> int:

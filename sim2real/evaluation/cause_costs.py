@@ -1,4 +1,4 @@
-"""What each cause of a gap costs a policy.
+"""The cost of each cause of a gap to a policy.
 
     causes = read_causes("effects.yaml")
     worth = price(trained, causes, episodes=64, seed=0)
@@ -77,7 +77,7 @@ class Cause:
 
 
 class CauseTasks:
-    """Which causes the episodes of a batch may have: the tasks of an environment.
+    """The causes that the episodes of a batch may have: the tasks of an environment.
 
     Values come with each episode; a row whose episode is over goes on with a robot without causes.
     """
@@ -98,7 +98,7 @@ class CauseTasks:
 
 
 class Outcome(NamedTuple):
-    """What E episodes came to."""
+    """Returns, falls and lengths of E episodes."""
 
     returns: np.ndarray  # (E,)
     falls: np.ndarray  # (E,) 1 where an episode ended before its time
@@ -110,7 +110,7 @@ class Outcome(NamedTuple):
 
 
 class EffectCost(NamedTuple):
-    """What an effect at a value costs on top of all causes."""
+    """The cost of an effect at a value, in addition to all causes."""
 
     effect: str
     where: str | None
@@ -121,7 +121,7 @@ class EffectCost(NamedTuple):
 
 @dataclass(frozen=True)
 class CauseCosts:
-    """What each cause costs.
+    """The costs of all causes.
 
     Attributes:
         causes: n of them.

@@ -78,7 +78,7 @@ class Evaluator(Protocol):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What an evaluation runs.
+    """The cells of an evaluation.
 
     Args:
         grid: the robots.

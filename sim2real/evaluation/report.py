@@ -1,4 +1,4 @@
-"""What many training runs say together about transfer: tables, claims, pictures.
+"""The report of a transfer study over many training runs: tables, claims, pictures.
 
     python -m sim2real run=report runs=outputs/train
     python -m sim2real run=report runs=[outputs/train/udr,outputs/train/ppo_source]

@@ -1,4 +1,4 @@
-"""What policies returned in the cells of a grid, before and after adaptation.
+"""Returns of policies in the cells of a grid, before and after adaptation.
 
     scores = GridScores.read("outputs/evaluate/default/2026-11-21_10-00-00")
     scores.summary(threshold=2000, draws=2000, rng=rng).write("table")

@@ -82,7 +82,7 @@ class Group:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What decided the results, the same for all runs."""
+        """The settings that decided the results, equal in all runs."""
         return next(run.settings for found in self.runs.values() for run in found.values())
 
     @property

@@ -43,7 +43,7 @@ class TransferError(Sim2RealError):
 
 @dataclass(frozen=True)
 class TransferScores:
-    """What one trained policy got on each robot.
+    """One trained policy's returns on each robot.
 
     Args:
         name: the name of the training run: its seed.
@@ -97,7 +97,7 @@ class TransferScores:
 
 @dataclass(frozen=True)
 class Transfer:
-    """What an evaluation runs.
+    """The robots and episodes of an evaluation.
 
     Args:
         robots: for each name, the arguments of the run's task that differ; `effects` names an

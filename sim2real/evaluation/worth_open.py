@@ -1,4 +1,4 @@
-"""Which effects logs do not exclude, at the ends of their intervals.
+"""Effects that the logs do not exclude, at the ends of their intervals.
 
     excluded_of(facts, causes)          # causes of report.json or compare.json to be priced
 

@@ -1,4 +1,4 @@
-"""What `worth` writes: worth.json, a table, and a picture of radians against return.
+"""The output of `worth`: worth.json, a table, and a picture of radians against return.
 
     write(worth, Path("outputs/worth"), closed)         # closed: share of the gap, by cause
 

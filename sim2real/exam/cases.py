@@ -53,7 +53,7 @@ ALIKE = (  # effects that no log of positions can separate: never hidden togethe
 
 @dataclass(frozen=True)
 class Case:
-    """What the key of a case says.
+    """The key of a case.
 
     Args:
         name: the name of its folders.
@@ -94,7 +94,7 @@ def write_task(folder: Path, exclude: Sequence[str], effects: str | None = None)
 
 @dataclass(frozen=True)
 class Exam:
-    """How many cases of which kind.
+    """The numbers of cases by kind.
 
     Args:
         robots: names of conf/robot.

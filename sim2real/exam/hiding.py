@@ -1,4 +1,4 @@
-"""What an exam can hide, where, and in which sizes: numbers for the emulator's own laws.
+"""Effects that an exam can hide, with places and sizes, as values of the emulator's own models.
 
     places(robot, "backlash")                       # ["base", "shoulder", ...]
     secret = choose(robot, "backlash", "elbow", rng)

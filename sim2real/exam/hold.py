@@ -46,7 +46,7 @@ CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # edges of the table of calibra
 
 
 class Examiner(Protocol):
-    """What draws and makes the cases of an exam.
+    """The interface that draws and makes the cases of an exam.
 
     Attributes:
         longest: time after which a diagnosis counts as failed [s].

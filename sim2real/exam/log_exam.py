@@ -52,7 +52,7 @@ BESIDE = tuple(
 
 @dataclass(frozen=True)
 class LogMark:
-    """What became of one case.
+    """The result of one case.
 
     Args:
         case: its name.
@@ -79,7 +79,7 @@ class LogMark:
 
 @dataclass(frozen=True)
 class LogExam:
-    """How many cases of which robots.
+    """The number of cases, and their robots.
 
     Args:
         robots: names of conf/robot; one of them has two joints.

@@ -1,4 +1,4 @@
-"""Which effects can pass for another one: what is withheld together with an effect.
+"""Effects that can imitate another one, and are withheld together with it.
 
     rivals = withheld(robot, truth, log, floor)     # ("payload", "center_of_mass")
 

@@ -46,7 +46,7 @@ Named = tuple[str, str | None]  # effect and place
 
 @dataclass(frozen=True)
 class Mark:
-    """What became of one case; None where a question does not apply.
+    """The result of one case; None where a question does not apply.
 
     Args:
         case: its name.

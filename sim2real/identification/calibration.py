@@ -28,7 +28,7 @@ Ranks = Callable[
 
 
 class Calibration(NamedTuple):
-    """What the ranks say, a number a parameter."""
+    """The calibration by the ranks, a number for each parameter."""
 
     names: tuple[str, ...]
     count: int  # simulated truths

@@ -1,4 +1,4 @@
-"""What an identification is given: logs, their model, and what is known already.
+"""The input of an identification: logs, their model, and known effects.
 
 data = Recordings(read_logs("logs/"), "arm.xml", fixed=load_effects("effects.yaml"))
 """

@@ -1,4 +1,4 @@
-"""What a distribution makes of recordings that nothing was fitted to.
+"""Score a parameter distribution on held-out recordings.
 
     found = widened(fitted, found, np.random.default_rng(0))
     judged = judge(held, found, np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""What an identification leaves behind: the distribution, a table, a picture, numbers.
+"""The output of an identification: the distribution, a table, a picture, numbers.
 
 write(outcome, Path("outputs/identify/..."))    # distribution.yaml, table.md, identify.json, ...
 """

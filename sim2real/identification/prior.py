@@ -1,4 +1,4 @@
-"""What is thought of the parameters before the logs are looked at: a distribution with a width.
+"""The prior distribution of the parameters.
 
 prior = of_tasks(params, data)                     # what training draws, such as params=udr
 prior = of_candidates("report.json", data)         # what a diagnosis leaves open

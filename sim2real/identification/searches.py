@@ -23,7 +23,7 @@ OnTurn = Callable[[int, int, float], None]  # turns done, turns in all, best num
 
 
 class Space(Protocol):
-    """Where to search: a prior, or a box."""
+    """The space of a search: a prior, or a box."""
 
     @property
     def low(self) -> np.ndarray:
@@ -56,7 +56,7 @@ class Box(NamedTuple):
 
 
 class SearchResult(NamedTuple):
-    """Where a search ended."""
+    """The result of a search."""
 
     best: np.ndarray  # (P,) the point of the smallest number that was seen
     mean: np.ndarray  # (P,) of the last generation's law

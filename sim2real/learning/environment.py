@@ -42,7 +42,7 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class EnvironmentFactory:
-    """What makes the environments of a run.
+    """A factory of a run's environments.
 
     Args:
         base: makes the world.
@@ -87,12 +87,12 @@ class EnvironmentFactory:
 
     @property
     def task(self) -> Task | None:
-        """What is simulated; None for an environment without a robot."""
+        """The simulated task; None for an environment without a robot."""
         return _argument(self.base, "task") if self.simulated else None
 
     @property
     def name(self) -> str:
-        """What is learned, for checkpoints: the task, or else what makes the world."""
+        """The name of what is learned, for checkpoints: that of the task, or else of the base."""
         if self.task is not None:
             return type(self.task).__name__
         made = _argument(self.base, "toy") if self.base.func is ToyEnv else self.base

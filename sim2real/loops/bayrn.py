@@ -100,7 +100,7 @@ class Session:
 
     @property
     def expected(self) -> np.ndarray:
-        """What the process expects of each distribution that was tried, (n,)."""
+        """The process's prediction for each distribution that was tried, (n,)."""
         return expected(self._points[: len(self.values)], np.array(self.values))
 
     @property

@@ -53,7 +53,7 @@ WORDS: dict[End, str] = {
 
 @dataclass(frozen=True)
 class SearchBudget:
-    """How long a robot may move, and how hard a motion is looked for.
+    """The robot's time budget, and the effort of the search for motions.
 
     Args:
         budget: s of robot time in all.
@@ -96,7 +96,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Investigation:
-    """How an investigation ended.
+    """The result of an investigation.
 
     Args:
         end: why it ended, see `WORDS`.

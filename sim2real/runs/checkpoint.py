@@ -39,7 +39,7 @@ _SCORE = "score"
 
 
 class Stateful(Protocol):
-    """What can be saved: its state is plain data, which `encode` lists."""
+    """An object that can be saved: its state is plain data, which `encode` lists."""
 
     def state_dict(self) -> dict[str, Any]:
         """Return all that its future depends on."""

@@ -1,4 +1,4 @@
-"""What a user can get wrong above the simulated worlds, and how a run says that it was stopped."""
+"""Errors that a user can cause, and the interruption of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where metrics go besides metrics.csv: TensorBoard, Weights & Biases, MLflow, by TorchRL.
+"""Loggers in addition to metrics.csv: TensorBoard, Weights & Biases, MLflow, by TorchRL.
 
     with Loggers([TensorBoard()]).opened(out, config={"seed": 0}) as loggers:
         loggers.log({"train/return": 12.5}, step=1)

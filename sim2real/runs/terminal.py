@@ -1,4 +1,4 @@
-"""What is written to a person's terminal, and pages that are opened in a browser.
+"""Colours of the terminal, and pages that are opened in the browser.
 
 sys.stdout.write(format_verdict(report, coloured=has_colours(sys.stdout)))
 open_page(Path("outputs/.../report.html"))

@@ -45,7 +45,7 @@ AGAIN = 8.0  # s of the first motion that are driven twice: what noise does
 
 @dataclass(frozen=True)
 class EngineExam:
-    """How many cases of which kinds.
+    """The numbers of cases by kind.
 
     Args:
         kinds: which; see `sim2real.exam.thirdparty.kinds`.

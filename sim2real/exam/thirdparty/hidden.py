@@ -1,4 +1,4 @@
-"""What these robots can hide, where, and in which sizes.
+"""Effects that these robots can hide, with places and sizes.
 
     effects = known(rig)                            # names that this robot can have
     truth = LAWS["backlash"].draw(rig, "elbow", rng)(0.03)  # of a size: an entry of an effects.yaml

@@ -30,7 +30,7 @@ SURE = 0.8  # confidence from which a cause that is none counts as wrong
 
 @dataclass(frozen=True)
 class Mark:
-    """What became of one case; None where a question does not apply.
+    """The result of one case; None where a question does not apply.
 
     Args:
         case: its name.

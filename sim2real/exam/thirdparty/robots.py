@@ -34,7 +34,7 @@ HELD = (60.0, 2.0)  # N·m/rad and N·m·s/rad with which a program makes a leg 
 
 @dataclass(frozen=True)
 class Robot:
-    """What a robot has that its model does not say.
+    """A robot's properties that its model lacks.
 
     Args:
         name: of the robot and of its MJCF in envs/assets/exam.

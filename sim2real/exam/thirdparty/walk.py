@@ -35,7 +35,7 @@ WXYZ, AXES = "wxyz", "xyz"
 
 @dataclass(frozen=True)
 class Imu:
-    """What an IMU gets wrong.
+    """The errors of an IMU.
 
     Args:
         mounting: how it is turned in its site's axes, a rotation vector [rad], (3,).

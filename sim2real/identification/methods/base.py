@@ -25,7 +25,7 @@ Watch = Callable[[int, int, float | None], None]  # turns done, turns in all, be
 
 @dataclass(frozen=True)
 class FitContext:
-    """Where a fit keeps its journal, whom it tells, and where its randomness comes from.
+    """The context of a fit: its journal's folder, its observer and its seed.
 
     Args:
         seed: all randomness follows from it.
@@ -59,7 +59,7 @@ class Method(Protocol):
 
     @property
     def rows(self) -> int | None:
-        """What its score compares, see `Score`."""
+        """The horizon of its score, see `Score`."""
         ...
 
     def fit(

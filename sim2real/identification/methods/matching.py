@@ -45,7 +45,7 @@ UPPER = 0.95  # the quantile at the upper end of a 90 % interval
 
 
 class Estimates(NamedTuple):
-    """What episodes say along K directions."""
+    """Episodes' estimates along K directions."""
 
     shifts: np.ndarray  # (E, K)
     covariances: np.ndarray  # (E, K, K) how well each is known

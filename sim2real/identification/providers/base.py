@@ -1,4 +1,4 @@
-"""What every provider offers: what was measured, and what simulations make of it.
+"""The interface of providers: measured data, and the same data as simulated.
 
     sample = provider.simulate(values, turn=0)      # (n, ...), to compare with provider.real (...)
 

@@ -1,4 +1,4 @@
-"""What every score is.
+"""The interface of scores.
 
     numbers = score(real, simulated, turn)      # (...), (n, ...) -> (n,)
 
@@ -20,7 +20,7 @@ class Score(Protocol):
 
     @property
     def rows(self) -> int | None:
-        """How many rows on it compares; see the module's text."""
+        """Its horizon in rows; see the module's docstring."""
         ...
 
     def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:

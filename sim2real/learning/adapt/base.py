@@ -1,4 +1,4 @@
-"""What all adaptation operators share: stages of episodes, cohorts of members, sessions of one.
+"""The interface of adaptation operators: stages of episodes, batched and single sessions.
 
 The episodes of an operator are numbered 0 … E - 1 and fall into **stages**: the candidates of a
 stage depend only on the values of earlier stages. So the episodes of one stage may run at the same

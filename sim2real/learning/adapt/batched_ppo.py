@@ -54,7 +54,7 @@ class Samples(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ClippedSettings:
-    """How a member learns from a round.
+    """The settings of a member's update in a round.
 
     Args:
         epochs: passes over the steps.

@@ -164,7 +164,7 @@ class IdentifySession(Session):
 
     @property
     def history(self) -> np.ndarray:
-        """What was found after each episode so far, (n, P), each in its unit."""
+        """The estimate after each episode so far, (n, P), each in its unit."""
         return np.array(self._found).reshape(-1, self._spec.size)
 
     @property

@@ -46,7 +46,7 @@ from sim2real.runs.errors import CheckpointError, Sim2RealError
 
 @dataclass(frozen=True, kw_only=True)
 class RowsSettings:
-    """Where episodes run; the numbers change the speed and no result.
+    """The layout of parallel episodes; it changes the speed, not the results.
 
     Args:
         num_rows: episodes that run side by side, in all shards.
@@ -61,7 +61,7 @@ class RowsSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FitnessSettings:
-    """What a candidate is worth.
+    """The fitness of a candidate.
 
     Args:
         paired_tasks: whether both members of a pair (forward_fd: all members) get the same tasks,

@@ -1,4 +1,4 @@
-"""What PPO and TRPO share: an actor and a critic that learn from their own steps.
+"""Base class of PPO and TRPO: an actor and a critic that learn from their own steps.
 
     class Mine(OnPolicy):
         def _learn(self, data): ...                 # from steps (N, T) with their advantages
@@ -157,7 +157,7 @@ class OnPolicy(Algorithm):
 
     @property
     def name(self) -> str:
-        """What its configuration is called, such as "ppo"."""
+        """The name of its configuration, such as "ppo"."""
         return type(self).__name__.lower()
 
     def _made(self, policy: Any) -> Policy:

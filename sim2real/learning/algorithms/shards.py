@@ -1,4 +1,4 @@
-"""How a population's rows are split over the cores of a machine, or put on a device.
+"""Split a population's rows over the cores of a machine, or put them on a device.
 
 rows = make_shards(environment, num_rows=256)       # as is fastest on as many cores
 population = Population(rows, policy)

@@ -46,7 +46,7 @@ class Samples(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What weighs and limits the losses."""
+    """Weights and limits of the losses."""
 
     limits: tuple[float, float]  # least and largest ratio
     critic_coeff: float  # weight of the critic's loss
@@ -57,7 +57,7 @@ class Settings(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """What samples cost, and which way is uphill."""
+    """The losses of samples, and their gradient."""
 
     values: tuple[Any, Any, Any]  # objective, critic, entropy: numbers
     logged: dict[str, Any]  # numbers, or one for each row of samples of several dimensions

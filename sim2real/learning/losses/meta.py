@@ -1,4 +1,4 @@
-"""What MAML climbs: the return after adaptation, as a function of the parameters before it.
+"""MAML's objective: the return after adaptation, as a function of the parameters before it.
 
     objective = MetaObjective(law, operator, before, after, start, first_order=False)
     objective.gradient()                            # (P,), through the step of adaptation

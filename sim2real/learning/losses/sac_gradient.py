@@ -45,7 +45,7 @@ class Settings(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """What transitions cost, and which way is uphill."""
+    """The losses of transitions, and their gradient."""
 
     values: tuple[Any, Any]  # of the actor and of the critics: numbers
     log_prob: Array  # (B,), of the actions drawn in the states

@@ -36,7 +36,7 @@ FEATURES, MEMORY = "features", "recurrent_state"
 
 
 class Policy(nn.Module):
-    """What a policy-gradient method trains.
+    """The actor and the critic of a policy-gradient method.
 
     Args:
         actor: maps the environment's entries to "action" and "action_log_prob".

@@ -60,7 +60,7 @@ class LatentPolicy(MLPPolicy):
 
     @property
     def shape(self) -> dict[str, Any]:
-        """What a parameter vector must fit: sizes and nonlinearities."""
+        """The architecture that a parameter vector must fit: sizes and nonlinearities."""
         return {**super().shape, "latent": self.latent}
 
     def initial(self, rng: np.random.Generator) -> np.ndarray:

@@ -122,7 +122,7 @@ class MLPPolicy:
 
     @property
     def shape(self) -> dict[str, int | str | list[int]]:
-        """What a parameter vector must fit: sizes and nonlinearities."""
+        """The architecture that a parameter vector must fit: sizes and nonlinearities."""
         return {
             "observation_size": self.observation_size,
             "action_size": self.action_size,

@@ -28,7 +28,7 @@ from sim2real.runs.errors import Sim2RealError
 
 
 class SoftPolicy(nn.Module):
-    """What SAC trains.
+    """The actor and the critics of SAC.
 
     Args:
         actor: maps the environment's entries to "action" in (-1, 1) and "action_log_prob".

@@ -28,14 +28,14 @@ RESIDUAL = 1e-10  # squared norm of a residual at which a solution is exact, as 
 
 
 class ObjectiveAndKL(NamedTuple):
-    """What parameters are worth: the objective, and the divergence from the policy that acted."""
+    """The objective of parameters, and their divergence from the policy that acted."""
 
     objective: float
     kl: float
 
 
 class StepResult(NamedTuple):
-    """What a step did.
+    """The result of a step.
 
     Attributes:
         theta: the parameters after it, (P,).

@@ -155,7 +155,7 @@ class ActorPolicy:
 
     @property
     def shape(self) -> dict[str, Any]:
-        """What a parameter vector must fit: the shape of each parameter."""
+        """The architecture that a parameter vector must fit: the shape of each parameter."""
         return {name: list(p.shape) for name, p in self._named()}
 
     def _named(self) -> list[tuple[str, nn.Parameter]]:

@@ -26,7 +26,7 @@ from sim2real.learning.modules.normalizer import Normalizer
 
 @dataclass(frozen=True)
 class BatchedLearningResult:
-    """What J members did in R rounds.
+    """The results of J members in R rounds.
 
     Attributes:
         returns: undiscounted return of the episodes that ended in a round, their mean, (J, R); of

@@ -32,7 +32,7 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class PopulationRequest:
-    """What a population runs: J members with A adaptation and F final episodes each.
+    """A population's plan: J members with A adaptation and F final episodes each.
 
     Attributes:
         cohort: their adaptations, J members.
@@ -65,7 +65,7 @@ class PopulationRequest:
 
 @dataclass(frozen=True)
 class PopulationResult:
-    """What a population returned, E = A + F episodes a member, in their order.
+    """A population's returns, E = A + F episodes a member, in their order.
 
     Attributes:
         returns: undiscounted returns, (J, E).

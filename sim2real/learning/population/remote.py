@@ -55,7 +55,7 @@ class Batch(NamedTuple):
 
 
 class Outcomes(NamedTuple):
-    """What k episodes came to; see `PopulationResult` for the columns."""
+    """The results of k episodes; see `PopulationResult` for the columns."""
 
     tickets: np.ndarray  # (k,)
     returns: np.ndarray  # (k,)
@@ -66,7 +66,7 @@ class Outcomes(NamedTuple):
 
 
 class ObservationScaling(NamedTuple):
-    """How observations are normalized during a run; `mean` None feeds them raw."""
+    """The normalization of observations during a run; `mean` None feeds them raw."""
 
     run: int  # number of the run; a new one makes a worker forget what is left of the last
     mean: np.ndarray | None  # (O,)

@@ -63,7 +63,7 @@ GUARD_STOPPED = 3  # exit status
 
 @dataclass(frozen=True)
 class Plan:
-    """How long a loop goes on.
+    """The limits of a loop.
 
     Args:
         rounds: trainings at most.
@@ -89,7 +89,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Improvement:
-    """How a loop ended.
+    """The result of a loop.
 
     Args:
         end: why, see `story.WORDS`.
@@ -168,7 +168,7 @@ class _Loop:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What a loop that goes on must share."""
+        """The settings that a continued loop must share."""
         site = self.site
         unit = "m less the task's other costs" if site.by_distance else "as the task pays"
         return {

@@ -89,7 +89,7 @@ class RobotSetup:
 
     @property
     def name(self) -> str:
-        """What it is called in the loop's files."""
+        """Its name in the loop's files."""
         return self.machine.name
 
     @property

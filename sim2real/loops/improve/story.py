@@ -1,4 +1,4 @@
-"""What an improvement did, round by round, and why it ended: improve.json, a table and a picture.
+"""The history of an improvement, round by round: improve.json, a table and a picture.
 
     story = ImprovementHistory(tolerance=0.02, seed=0)
     story.rounds.append(Round(0, "RUN", robot=[0.6, 0.5], simulator=[2.2, 2.1]))

@@ -71,7 +71,7 @@ class Target:
 
     @property
     def name(self) -> str:
-        """What it is called in the loop's files."""
+        """Its name in the loop's files."""
         return f"target {self.world.name}"
 
     @cached_property
