@@ -70,7 +70,7 @@ class Distribution:
         logs: SHA-256 of each log, by name.
         flat: directions in which the logs say nothing.
         noise: gap that is left at each joint and made by no draw, root mean square [rad or m].
-        per: "reset" draws anew for each episode; "row" once for each row.
+        per: "reset" draws for each episode; "row" once for each row.
 
     Raises:
         ParameterError: no entries, a joint that is not a correlation matrix, laws that mix

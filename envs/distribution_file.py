@@ -61,7 +61,7 @@ def read(
 
     Args:
         path: a distribution.yaml; particles lie next to it.
-        per: "reset" draws anew for each episode; "row" once for each row.
+        per: "reset" draws for each episode; "row" once for each row.
 
     Raises:
         ParameterError: no path, a file that is missing or no distribution, an unknown key (with the

@@ -56,7 +56,7 @@ class Marginal:
         if not self.low <= self.mean <= self.high:
             raise ParameterError(
                 f"mean={self.mean:g} is not within low={self.low:g} and high={self.high:g}; "
-                "mend one of them"
+                "correct one of them"
             )
         if self.kind == "lognormal" and not self.mean > 0:
             raise ParameterError(f"mean={self.mean:g} of a lognormal law must be above 0")

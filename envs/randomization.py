@@ -142,7 +142,7 @@ class Randomization:
 
     Args:
         draws: one for each effect, or mappings of its keys; see `Draw.of`.
-        per: "reset" draws anew for each episode; "row" once for each row of an environment, which
+        per: "reset" draws for each episode; "row" once for each row of an environment, which
             keeps its robot.
 
     Raises:

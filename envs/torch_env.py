@@ -150,7 +150,7 @@ class RowsEnv(EnvBase):
 
     def _start(self, ids: np.ndarray, seeds: np.ndarray | None = None) -> dict[str, torch.Tensor]:
         """Start episodes in the rows ids (n,); return the entries of all rows after that."""
-        if self.rows.space.size:  # anew: what was returned before belongs to the caller
+        if self.rows.space.size:  # a new one: what was returned before belongs to the caller
             self._params = self._params_tensordict()
         if seeds is None:
             seeds = self.rng.integers(0, 2**63, len(ids)).astype(np.uint64)

@@ -128,7 +128,7 @@ class Driver(Torque):
         self._find_turns()
 
     def _read_first(self) -> None:
-        """Read until every servo has answered anew."""
+        """Read until every servo has given a new answer."""
         for _ in range(RETRIES):
             reading = self.read()
             if reading.fresh.all():
@@ -198,7 +198,7 @@ class Driver(Torque):
                 for name, value in self.robot.registers_of(servo).items():
                     self.write_register(servo, name, value)
         self.read()
-        self._find_turns()  # another operating mode may count turns anew
+        self._find_turns()  # another operating mode may count turns differently
 
     def read(self) -> Reading:
         """Read all servos, and again those that did not answer."""
@@ -253,7 +253,7 @@ class Driver(Torque):
         return self.angles(counts)
 
     def health(self, i: int) -> Health | None:
-        """Read one servo's state; None if it did not answer anew."""
+        """Read one servo's state; None without a new answer."""
         asked = self.clock.now()
         reply = self.bus_client.read(self.ids[i], HEALTH, HEALTH_SIZE)
         if reply is None or len(reply.data) != HEALTH_SIZE:

@@ -22,10 +22,10 @@ Columns (SI units):
 
 Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
 name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log
-is finite, so a reader need not ask: what a file lacks, or counts in another unit of time, is mended
-when it is read (`hardware.formats.repair`), said, and kept under `reading` in the metadata. A
-robot's log is `NAME.csv.part` until it is whole (`hardware/log_writer.py`); one that was left over
-by a killed program is read like any other.
+is finite, so a reader need not ask: what a file lacks, or counts in another unit of time, is
+repaired when it is read (`hardware.formats.repair`), said, and kept under `reading` in the
+metadata. A robot's log is `NAME.csv.part` until it is whole (`hardware/log_writer.py`); one that
+was left over by a killed program is read like any other.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from hardware.formats.repair import repair
 
 _logger = logging.getLogger(__name__)
 MOTIONS = ("ctrl", "qpos", "qvel")
-READING = "reading"  # metadata: what the reader mended, in sentences
+READING = "reading"  # metadata: the reader's repairs, in sentences
 LARGEST = 1e9  # of these, in any unit that a robot may have
 
 

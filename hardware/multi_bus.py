@@ -116,7 +116,7 @@ class MultiBusDriver(Driver):
         return next(part for part in self._drivers if servo.name in part.robot.names)
 
     def health(self, i: int) -> Health | None:
-        """Read one servo's state; None if it did not answer anew."""
+        """Read one servo's state; None without a new answer."""
         part = self._of(self.robot.servos[i])
         return part.health(part.robot.names.index(self.robot.names[i]))
 

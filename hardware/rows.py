@@ -56,7 +56,7 @@ class ActionRecord(NamedTuple):
     goal: np.ndarray  # rad, (n,): what the task made of the action
     applied: np.ndarray  # rad, (n,): what was sent after every limit
     limited: np.ndarray  # (n,) bool: where they differ by a limit
-    fresh: np.ndarray  # (n,) bool: servos that answered anew
+    fresh: np.ndarray  # (n,) bool: servos with a new answer
     age: float  # s from asking the servos to writing the command
     missed: int  # deadlines missed in this step
 

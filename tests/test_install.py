@@ -115,11 +115,11 @@ def test_the_lowest_versions_diagnose_the_demo(dist: Path, tmp_path: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.timeout(2400)
-@pytest.mark.parametrize("version", ["3.11", "3.12", "3.13"])
+@pytest.mark.parametrize("version", ["3.12", "3.13"])  # 3.11: the notebook, and the lowest versions
 def test_the_wheel_runs_without_torch_and_repository(
     dist: Path, tmp_path: Path, version: str
 ) -> None:
-    """The newest dependencies on every Python: the demo, and the page that it leaves."""
+    """The newest dependencies on newer Pythons run the demo, and its verdict is a plain table."""
     succeed(interpreter(version), "-m", "venv", tmp_path / "venv")
     python, program = tmp_path / "venv/bin/python", tmp_path / "venv/bin/sim2real"
     succeed(python, "-m", "pip", "install", wheel_of(dist))

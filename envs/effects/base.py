@@ -216,7 +216,7 @@ class Effect:
 
     @property
     def edits(self) -> bool:
-        """Whether the effect adds to the model's structure, so that it has to be compiled anew."""
+        """Whether the effect adds to the model's structure, so that it has to be recompiled."""
         return type(self).edit is not Effect.edit
 
     def check(self, model: mujoco.MjModel) -> None:

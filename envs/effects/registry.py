@@ -17,7 +17,7 @@ E = TypeVar("E", bound=type[Effect])
 def register(effect: E) -> E:
     """Add an effect class under its name, from where every verb knows it; returns the class.
 
-    The same class defined anew, as a notebook's cell does, replaces the former one.
+    The same class defined again, as a notebook's cell does, replaces the former one.
 
     Raises:
         EffectError: a class without a name, or one whose name another class has.

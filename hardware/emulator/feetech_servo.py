@@ -120,7 +120,7 @@ class FeetechServo:
         return self["homing_offset"] if self._mode == POSITION else 0
 
     def wake(self) -> None:
-        """Begin anew if the inner servo has: EEPROM as it was kept, RAM as from the factory."""
+        """Restart if the inner servo has: EEPROM as it was kept, RAM as from the factory."""
         born = int(self._firmware.born[self._index])
         if born == self._born:
             return
@@ -321,6 +321,6 @@ class FeetechServo:
         self._load(now)
 
     def reboot(self, now: float) -> None:
-        """Start anew, silent for a while."""
+        """Restart, silent for a while."""
         self.core.reboot(now)
         self.core.silent_until = now + REBOOT_TIME

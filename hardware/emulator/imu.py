@@ -117,7 +117,7 @@ class EmulatedBno055(EmulatedImu):
         return bytes([bno055.STATUS, bno055.OK])
 
     def _refresh(self) -> None:
-        """Measure anew if the part has, in its mode; else the registers stay as they are."""
+        """Take over a new measurement, in the part's mode; otherwise the registers stay."""
         if self._registers[bno055.MODE] & 0xF != bno055.IMU:
             return
         if self._world.time - self._measured < 1 / rvc.RATE:

@@ -48,7 +48,7 @@ def shape(memory: ControlTable, way: float) -> int:
 
 
 class Profile:
-    """Goals of n servos on their way [counts]: trapezoids of speed, started anew by each command.
+    """Goals of n servos on their way [counts]: trapezoids of speed, restarted by each command.
 
     Args:
         start: where the goals are, (n,).

@@ -43,7 +43,7 @@ COMMANDS = ("ctrl", "torque", "kp", "kd", "qvel_des", "torque_ff")
 
 
 def repair(columns: Mapping[str, np.ndarray], place: str, line: int | None) -> tuple[Columns, list]:
-    """Return a log's columns, (T,) each, as they are worked with, and what was mended.
+    """Return a log's columns, (T,) each, as they are used, and what was repaired.
 
     Args:
         columns: as they stand in the file; NaN where a cell is empty.

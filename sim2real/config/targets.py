@@ -86,7 +86,7 @@ def build(tree: Any, where: str) -> Any:
 
 
 def build_named(tree: dict[str, Any] | None, where: str) -> dict[str, Callable[..., Any]]:
-    """Check a mapping of names to trees and return, by name, what makes each of them anew.
+    """Check a mapping of names to trees and return, by name, what makes new ones of them.
 
     Raises:
         ConfigError: see `check_named`.

@@ -130,7 +130,7 @@ class CauseCosts:
         costs: by measure, the Shapley value of each cause: lost return, more falls, fewer seconds.
         alone: by measure, what each costs if it is the only one.
         last: by measure, what putting each right alone would bring.
-        open: what effects that the logs do not exclude could cost, the dearest first.
+        open: costs of the effects that the logs do not exclude, the largest first.
         exact: whether every subset was played.
         episodes: E.
     """

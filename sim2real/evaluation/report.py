@@ -122,7 +122,7 @@ def iqm_with_interval(values: np.ndarray, seed: int) -> Interval | float:
     """Return the interquartile mean of runs (n,), with an interval from two runs up."""
     if len(values) < 2:
         return float(iqm(values[:, None]))
-    rng = np.random.default_rng(seed)  # anew, so that a number has one interval in all tables
+    rng = np.random.default_rng(seed)  # reseeded, so that a number has one interval in all tables
     return bootstrap(values[:, None], iqm, rng, draws=DRAWS, resample="rows")
 
 

@@ -64,7 +64,7 @@ def write(
 
 
 def table_of(worth: CauseCosts, closed: Mapping[int, float]) -> Table:
-    """Return a row for each cause, the dearest first."""
+    """Return a row for each cause, the costliest first."""
     table = Table(("cause", "value", *WORDS.values(), "return lost if alone", "gap closed"))
     costs = worth.costs["return"]
     for k in sorted(range(len(costs)), key=lambda k: -costs[k].value):
@@ -91,7 +91,7 @@ def open_of(priced: Sequence[EffectCost]) -> Table:
         label = one.effect + (f" at {one.where}" if one.where else "")
         own = [one.cost[name] for name in MEASURES]
         table.add(label, f"{one.value:.4g} {one.unit}".strip(), *own)
-    table.notes.append("On top of all causes, one at a time. Measure the dearest first.")
+    table.notes.append("On top of all causes, one at a time. Measure the costliest first.")
     return table
 
 

@@ -141,7 +141,7 @@ class RealExam:
 
     Args:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
-        each: cases of each robot and effect; places and sizes are drawn anew for each.
+        each: cases of each robot and effect; places and sizes are drawn for each.
         longest: time after which a diagnosis counts as failed [s].
         block: number of cases that are made and sealed before the first of them is diagnosed.
         most: maximum number of cases to diagnose now; answered ones are scored. None: all.

@@ -17,7 +17,7 @@ Rules:
 * Nothing hidden: `no_gap` is right, everything else a false alarm.
 * Effect removed from the candidates: anything but `explained` is right, if the joint with the
   largest share of the gap is the right one.
-* `closed` is measured anew on a sealed log that the diagnosis never saw, by the exam's own replay.
+* `closed` is measured on a sealed log that the diagnosis never saw, by the exam's own replay.
 """
 
 from __future__ import annotations

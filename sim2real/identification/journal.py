@@ -31,7 +31,7 @@ class Journal:
     Args:
         path: the file; None keeps nothing.
         score: whose memory is kept along; None where it has none.
-        start: the journal of a run to go on from; None starts anew.
+        start: the journal of a run to go on from; None starts a new one.
 
     Raises:
         Sim2RealError: a journal that is damaged.

@@ -23,7 +23,7 @@ class DamagedCheckpointError(CheckpointError):
 class DiskError(Sim2RealError):
     """A file of the run could not be written, such as on a full disk."""
 
-    USUAL = (*NO_ROOM, *NO_FOLDER)  # what the file system says that a user can mend
+    USUAL = (*NO_ROOM, *NO_FOLDER)  # errors of the file system that a user can remedy
 
     @staticmethod
     def remedy(error: OSError) -> str:

@@ -50,7 +50,7 @@ class EngineExam:
     Args:
         kinds: which; see `sim2real.exam.thirdparty.kinds`.
         cases_per_kind: of each of them.
-        half: calibration (to look at and to mend by) or sealed (opened once).
+        half: calibration (to look at and to develop with) or sealed (opened once).
         engine: what moves the robots: drake or dart.
         seconds: of each motion [s].
         longest: time after which a diagnosis counts as failed [s].

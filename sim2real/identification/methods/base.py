@@ -30,7 +30,7 @@ class FitContext:
     Args:
         seed: all randomness follows from it.
         folder: gets `journal.npz`; None keeps nothing.
-        resume: the folder of a run to go on from; None starts anew.
+        resume: the folder of a run to go on from; None starts a new one.
         watch: called after each turn.
     """
 

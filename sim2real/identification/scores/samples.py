@@ -25,7 +25,7 @@ class Mmd(StatelessScore):
     """Maximum mean discrepancy with Gaussian kernels (Gretton et al., JMLR 13, 2012), squared.
 
     Args:
-        rows: transitions of each world that are compared, drawn anew each turn.
+        rows: transitions of each world that are compared, drawn again each turn.
         widths: of the kernels, in the median distance between real transitions.
 
     Raises:
@@ -62,7 +62,7 @@ class SlicedWasserstein(StatelessScore):
     """Wasserstein distance along random directions (Bonneel et al. 2015), by the library POT.
 
     Args:
-        projections: directions, drawn anew each turn.
+        projections: directions, drawn again each turn.
         compared: transitions of each world that are compared.
 
     Raises:

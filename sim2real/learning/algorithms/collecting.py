@@ -88,7 +88,7 @@ class ResumableCollector:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a state; episodes that cannot be played again start anew.
+        """Take over a state; episodes that cannot be replayed restart.
 
         Raises:
             CheckpointError: for a state of other transforms or another number of rows.

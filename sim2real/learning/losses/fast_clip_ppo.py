@@ -106,7 +106,7 @@ class FastClipPPOLoss(ClipPPOLoss):
         return TensorDict._new_unsafe(out, batch_size=torch.Size([]))  # type: ignore[arg-type]
 
     def _settings(self) -> Settings:
-        """Return the settings as numbers, read anew where a schedule has changed one."""
+        """Return the settings as numbers, read again where a schedule has changed one."""
         buffers = [self._buffers.get(name) for name in COEFFICIENTS]
         present = [(id(x), None if x is None else x._version) for x in buffers]
         if present != self._present:

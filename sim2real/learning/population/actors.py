@@ -288,7 +288,7 @@ class ActorSlots:
         self._call = vmap(self._one)
 
     def load(self, ids: np.ndarray, thetas: np.ndarray) -> None:
-        """Put parameter vectors (n, num_parameters) into rows (n,), whose memories start anew."""
+        """Put parameter vectors (n, num_parameters) into rows (n,), whose memories restart."""
         rows, start = torch.from_numpy(ids), 0
         flat = torch.from_numpy(np.asarray(thetas, np.float32))
         for stack in self._params.values():
