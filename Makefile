@@ -1,4 +1,4 @@
-# make run, test, test-long, coverage, bench, bench-long, lint, docs: each sets up first what it needs, once.
+# make run, test, test-long, coverage, bench, bench-long, lint, docs, dist: each sets up first what it needs, once.
 # Needs Python 3.11 or newer (make PYTHON=...), make and a C compiler.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
@@ -8,7 +8,7 @@ TORCH := $(shell sed -n 's/^torch==/torch==/p' constraints.txt)
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test test-long coverage docs bench bench-long lint setup graphics clean
+.PHONY: run test test-long coverage docs dist bench bench-long lint setup graphics clean
 
 run: setup
 	$(BIN)/python -m sim2real +experiment=esmaml
@@ -40,6 +40,11 @@ lint: setup
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
+
+# Wheel and source distribution, in dist/.
+dist: setup
+	$(PIP) hatchling
+	$(BIN)/python -m hatchling build
 
 setup: $(VENV)/.installed graphics
 

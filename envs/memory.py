@@ -15,7 +15,7 @@ import mujoco
 
 from envs.errors import EnvsError
 
-ROW = 140_000  # bytes of one MjData beside its buffer: measured, 139,600 to 167,000 on four robots
+ROW = 140_000  # bytes of one MjData without its buffer: measured, 139,600 to 167,000 on four robots
 MEMINFO, STATM = Path("/proc/meminfo"), Path("/proc/self/statm")
 CGROUP = Path("/sys/fs/cgroup")
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB")
@@ -30,7 +30,7 @@ def available() -> int:
     """Return the memory that a program can still have [bytes].
 
     A container's limit counts, and so does that of `ulimit -v`. What a container uses includes
-    files that were read, which the system gives up for whoever needs the memory.
+    files that were read, which the system frees when memory is needed.
     """
     free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:
@@ -52,7 +52,7 @@ def available() -> int:
 
 
 def _cached() -> int:
-    """Return what a container holds of files [bytes]."""
+    """Return the size of a container's file cache [bytes]."""
     try:
         lines = (CGROUP / "memory.stat").read_text(encoding="ascii").splitlines()
         stat = dict(line.split() for line in lines)
@@ -62,7 +62,7 @@ def _cached() -> int:
 
 
 def _addressed() -> int:
-    """Return what this process has of its address space [bytes]; 0 where nobody counts it."""
+    """Return the size of this process's address space [bytes]; 0 if it is unknown."""
     try:
         return int(STATM.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
     except (OSError, ValueError):

@@ -1,6 +1,6 @@
 """A robot's model from its file: MJCF, or URDF with its actuators in a few lines of YAML.
 
-    spec = load_spec(Path("arm.urdf"))      # and arm.actuators.yaml beside it
+    spec = load_spec(Path("arm.urdf"))      # and arm.actuators.yaml next to it
 
     # arm.actuators.yaml: position servos, as MJCF's <position> has them
     shoulder: {joint: shoulder_pan, kp: 20.0, kv: 0.6, forcerange: [-1.5, 1.5]}
@@ -149,7 +149,7 @@ def _urdf(path: Path) -> mujoco.MjSpec:
 
 
 def _check_links(root: ElementTree.Element, path: Path, text: str) -> None:
-    """Add the link `world` where joints hang on it and nobody declared it; refuse other ones."""
+    """Declare the link `world` if joints hang on it; refuse other undeclared links."""
     links = [link.get("name", "") for link in root.iter("link")]
     for joint in root.findall("joint"):
         for end in ("parent", "child"):
@@ -162,7 +162,7 @@ def _check_links(root: ElementTree.Element, path: Path, text: str) -> None:
                 line = _line(text, rf"<{end}\s[^>]*link\s*=\s*[\"']{re.escape(name)}[\"']")
                 raise TaskError(
                     f"{path}{line}: the joint {joint.get('name')!r} has the {end} {name!r}, which "
-                    f"is no link{did_you_mean(name, links)}; add <link name={name!r}/>"
+                    f"is not a link{did_you_mean(name, links)}; add <link name={name!r}/>"
                 )
 
 
@@ -188,8 +188,8 @@ def _add_actuators(spec: mujoco.MjSpec, path: Path) -> None:
     file = path.with_name(f"{path.stem}.actuators.yaml")
     if not file.is_file():
         raise TaskError(
-            f"{path}: a URDF has no actuators; write {file.name} beside it, a line for each servo: "
-            "`elbow: {kp: 12.0, forcerange: [-1.5, 1.5]}`"
+            f"{path}: a URDF has no actuators; write {file.name} next to it, a line for each "
+            "servo: `elbow: {kp: 12.0, forcerange: [-1.5, 1.5]}`"
         )
     text = file.read_text(encoding="utf-8")
     try:

@@ -16,7 +16,7 @@ Contracts:
   steps of a changed mass.
 * A simulation that diverges is reset silently by the engine; `step` reads the warnings and says
   which rows that was.
-* `fixed` effects have values of their own and are no parameters; drawn effects come after them and
+* `fixed` effects have fixed values and are not parameters; drawn effects come after them and
   compose with them.
 * Parameters and starts are NumPy arrays of the host whatever steps the simulations; what moves with
   them (`qpos`, `ctrl`, readings) are arrays of the engine, `arrays` (see `envs.physics`).
@@ -159,7 +159,7 @@ class Plant:
         ]
         self._starters = sorted(
             starters, key=lambda b: not isinstance(b, CommandRule)
-        )  # what arrives, then who hears it
+        )  # commands first, then the effects that act on them
         own = [id(bound) for bound in self._bound]
         single = [b for b in self._bound if isinstance(b, SubstepRule) and own.count(id(b)) == 1]
         rules = [b for b in self._parts if isinstance(b, SubstepRule)]
@@ -172,17 +172,17 @@ class Plant:
 
     @property
     def substep_rules(self) -> tuple[SubstepRule, ...]:
-        """What acts before each physics substep."""
+        """The rules that act before each physics substep."""
         return self._substeps.rules
 
     @property
     def command_rules(self) -> tuple[CommandRule, ...]:
-        """What acts on the command of each control step."""
+        """The rules that act on the command of each control step."""
         return tuple(self._commands)
 
     @property
     def measurements(self) -> tuple[Measurement, ...]:
-        """What changes the readings of the sensors."""
+        """The rules that change the readings of the sensors."""
         return tuple(self._measurements)
 
     def take_warnings(self) -> np.ndarray:
@@ -212,7 +212,7 @@ class Plant:
         return name in self._fields
 
     def field_values(self, name: str, ids: np.ndarray) -> np.ndarray:
-        """Return what a model field is in the rows ids (n,), (n, ...); read only."""
+        """Return a model field in the rows ids (n,), (n, ...); read only."""
         if name in self._fields:
             return self._fields[name][ids]
         own = np.asarray(getattr(self.model, name))
@@ -312,7 +312,8 @@ class Plant:
     def advance(self, ids: np.ndarray | None, ctrl: Array, nstep: int) -> Array:
         """Do as `step` does, but read no sensors: `qpos`, `qvel` and `measured` stay behind.
 
-        Whoever replays many steps reads `layout.raw_qpos`, and turns the whole path into readings.
+        Code that replays many steps reads `layout.raw_qpos`, and turns the whole path into
+        readings.
         """
         rows = self.arrays.rows(ids)
         sent = self._received(ids, rows, ctrl) if self._starters or self._commands else ctrl
@@ -326,7 +327,7 @@ class Plant:
         return self.physics.broken(rows)
 
     def _received(self, ids: np.ndarray | None, rows: Any, ctrl: Array) -> Array:
-        """Return what arrives of the commands (n, nu) in the rows ids, which the engine indexes."""
+        """Return the commands (n, nu) as they arrive in the rows ids, which the engine indexes."""
         ctrl = self.arrays.xp.asarray(ctrl, dtype=self.arrays.dtype, copy=True)
         fresh = self._fresh if ids is None else self._fresh[ids]
         if fresh.any():
@@ -359,7 +360,7 @@ class Plant:
         self._sensed[0][rows], self._sensed[1][rows] = qpos, qvel
 
     def measured(self, ids: np.ndarray | None) -> tuple[Array, Array]:
-        """Return what sensors say of qpos (n, nq) and qvel (n, nv) in the rows ids (None: all)."""
+        """Return sensor readings of qpos (n, nq) and qvel (n, nv) in the rows ids (None: all)."""
         return self.readings(self.arrays.rows(ids))
 
     def readings(self, rows: Any) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""What acts before each physics substep of a plant, and in which rows.
+"""The rules that act before each physics substep of a plant, and their rows.
 
 substeps = Substeps(num_rows)
 field = substeps.live("dof_frictionloss", field)      # for a rule to change

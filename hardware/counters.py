@@ -1,4 +1,4 @@
-"""What happened to the requests to one servo, as counts."""
+"""Counters of the requests to one servo and of their answers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 @dataclass
 class Counters:
-    """What happened to the requests to one servo."""
+    """Counters of the requests to one servo and of their answers."""
 
     asked: int = 0
     answered: int = 0

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-ROUND = 32768  # the counter starts again after so many milliseconds
+ROUND = 32768  # ms after which the counter starts again
 SLACK = 2.0  # ms: the counter's resolution, and how old a servo's registers may be
 DRIFT = 0.02  # of the time passed, between the servo's clock and ours
 LATEST = 200.0  # ms, no answer is later

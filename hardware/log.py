@@ -22,10 +22,10 @@ Columns (SI units):
 
 Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
 name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log
-is finite, so a reader need not ask: what a file lacks, or counts in another unit of time, is mended
-when it is read (`hardware.formats.repair`), said, and kept under `reading` in the metadata. A
-robot's log is `NAME.csv.part` until it is whole (`hardware/log_writer.py`); one that was left over
-by a killed program is read like any other.
+is finite, so a reader need not ask: what a file lacks, or counts in another unit of time, is
+repaired when it is read (`hardware.formats.repair`), said, and kept under `reading` in the
+metadata. A robot's log is `NAME.csv.part` until it is whole (`hardware/log_writer.py`); one that
+was left over by a killed program is read like any other.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from hardware.formats.repair import repair
 
 _logger = logging.getLogger(__name__)
 MOTIONS = ("ctrl", "qpos", "qvel")
-READING = "reading"  # metadata: what the reader mended, in sentences
+READING = "reading"  # metadata: the reader's repairs, in sentences
 LARGEST = 1e9  # of these, in any unit that a robot may have
 
 
@@ -59,7 +59,7 @@ class Log:
 
     Args:
         columns: name to values, (T,) each; `episode` becomes int64, everything else float64.
-        meta: what is known beside the numbers, as JSON can hold it.
+        meta: metadata, as JSON can hold it.
         path: the file it was read from.
 
     Raises:
@@ -111,8 +111,8 @@ class Log:
         if name is None:
             return None
         folder = self.path.parent if self.path else Path()
-        beside = folder / Path(name).name
-        return beside if beside.is_file() and not (folder / name).exists() else folder / name
+        here = folder / Path(name).name
+        return here if here.is_file() and not (folder / name).exists() else folder / name
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -285,7 +285,7 @@ def _check(columns: dict[str, np.ndarray], place: str, first_line: int | None) -
         bad = np.flatnonzero(np.abs(values) > LARGEST) if moves else bad
         if bad.size:
             raise LogError(
-                f"{at(bad[0], name)}: {values[bad[0]]:g} is no position, speed or command of a "
+                f"{at(bad[0], name)}: {values[bad[0]]:g} is not a position, speed or command of a "
                 "robot; remove or repair the row"
             )
     episode, time = columns["episode"], columns["time"]

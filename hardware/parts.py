@@ -1,4 +1,4 @@
-"""What a robot's file is made of: servos, buses, an IMU, a supply."""
+"""The parts of a robot's file: servos, buses, an IMU, a supply."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Servo:
         position: least and largest angle to command [rad].
         velocity: fastest motion of a command [rad/s].
         torque: largest torque [N·m], None for all it has.
-        registers: registers of this servo beside the robot's.
+        registers: registers of this servo in addition to the robot's.
         bus: the name of its bus, where the robot has several.
         current: largest current [A] that the guard lets it draw for longer than `stops.patience`;
             None for the servo's own limit.
@@ -96,7 +96,7 @@ class Bus(BusSettings):
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """What an emulated IMU measures, and how far from the truth; the axes are those of its site.
+    """Channels and errors of an emulated IMU, along the axes of its site.
 
     Args:
         measures: the quantities that the robot without ports has, some of QUANTITIES; at a port the
@@ -120,7 +120,7 @@ class ImuErrors:
 
 @dataclass(frozen=True)
 class Imu:
-    """An IMU on a serial port of its own.
+    """An IMU on a separate serial port.
 
     Args:
         model: part and mode, one of IMUS.
@@ -138,7 +138,7 @@ class Imu:
 
 
 def shared_of_servos(data: Any, place: str) -> dict[str, Any]:
-    """Return what the servos of a robot have in common, what every robot's have included."""
+    """Return the settings that the servos of a robot share, including those of every robot."""
     known = [one.name for one in fields(Servo) if one.name not in ("name", "id")]
     for key in (data := mapping({} if data is None else data, place)):
         if key not in known:

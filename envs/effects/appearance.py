@@ -41,7 +41,7 @@ class Colour(Appearance):
     typical = (-0.3, 0.3)
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return what is added to red, green and blue."""
+        """Return the offsets of red, green and blue."""
         self._geoms(model)
         return tuple(self.parameter(c, low=-1.0, high=1.0) for c in ("red", "green", "blue"))
 
@@ -109,7 +109,7 @@ class _Dimmer(BoundEffect):
 
 
 class LightDirection(Appearance):
-    """Where the lights shine from: turned about the world's x axis, then about its y axis."""
+    """The lights' direction: turned about the world's x axis, then about its y axis."""
 
     name = "light_direction"
     engines = BOTH
@@ -141,7 +141,7 @@ class _Beam(BoundEffect):
 
 
 class CameraShift(Appearance):
-    """How far the cameras stand from where the model has them, along their own axes."""
+    """The cameras' offset from the model's positions, along their own axes."""
 
     name = "camera_shift"
     engines = BOTH
@@ -171,7 +171,7 @@ class _Stand(BoundEffect):
 
 
 class CameraTurn(Appearance):
-    """How far the cameras look away from where the model has them look: right, then up."""
+    """The cameras' rotation from the model's orientations: right, then up."""
 
     name = "camera_turn"
     engines = BOTH

@@ -53,7 +53,7 @@ class Effect:
         how: `set`, `add` or `scale`; None takes the effect's first way.
         side: for backlash and compliance: `motor` (the encoder is before them) or `link` (the servo
             sees them).
-        free: the extras that are parameters of their own, to be drawn or fitted; the others are
+        free: the extras that are separate parameters, to be drawn or fitted; the others are
             constants.
         extra: values of the extras that are constants, or neutral values of the free ones.
 
@@ -187,7 +187,7 @@ class Effect:
         return Parameter(self.label(*scalar), self.name, self.where, **{**own, **changes})
 
     def options(self) -> dict[str, Any]:
-        """Return the arguments that are no numbers, by name, as `effects.yaml` keeps them."""
+        """Return the arguments that are not numbers, by name, as `effects.yaml` keeps them."""
         return {}
 
     def free_parameters(self) -> tuple[Parameter, ...]:
@@ -216,7 +216,7 @@ class Effect:
 
     @property
     def edits(self) -> bool:
-        """Whether the effect adds to the model's structure, so that it has to be compiled anew."""
+        """Whether the effect adds to the model's structure, so that it has to be recompiled."""
         return type(self).edit is not Effect.edit
 
     def check(self, model: mujoco.MjModel) -> None:
@@ -259,7 +259,7 @@ class Effect:
 
     @classmethod
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
-        """Return the arguments, beside `where`, with which a search should try the effect.
+        """Return the arguments, other than `where`, with which a search should try the effect.
 
         Every side, with the extras free that a fit moves. Extras that must be given are taken from
         what is known of the robot; none is returned where one is not known.

@@ -291,7 +291,7 @@ class ProfileVelocity(_ProfileEffect):
 
 
 class ProfileAcceleration(_ProfileEffect):
-    """How hard a servo accelerates and brakes its goal; 1e6 (a register value of 0) is no limit."""
+    """The acceleration limit of a servo's goal; 1e6 (a register value of 0) is no limit."""
 
     name = "profile_acceleration"
     unit = "rad/s²"

@@ -55,7 +55,7 @@ class _DriveRule(SubstepRule):
         self.low, self.high = (*self.at, 0), (*self.at, 1)  # in the range
 
     def law(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what the actuators' laws ask for in the coming substep, (n, k) each.
+        """Return the actuators' requested torques in the coming substep, (n, k) each.
 
         The force, its part from the command and the position, and the gain.
         """

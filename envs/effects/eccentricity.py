@@ -15,7 +15,7 @@ STEPS = 4  # of Newton's method, which starts within the amplitude of the answer
 
 
 class _Eccentric(Measurement):
-    """What the encoders of k joints say: angle + value sin(angle + phase)."""
+    """Readings of k eccentric encoders: angle + value sin(angle + phase)."""
 
     order = 25
 

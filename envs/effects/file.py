@@ -53,7 +53,7 @@ def load_effects(path: str | os.PathLike[str]) -> list[tuple[Effect, Values]]:
 
     Raises:
         EffectError: a file that is missing or no such list; an unknown key, effect, side or extra
-            (with the nearest); a value that is no finite number, or in another unit. Each names
+            (with the nearest); a value that is not a finite number, or in another unit. Each names
             file and entry.
     """
     path = Path(path, FILE) if Path(path).is_dir() else path
@@ -148,7 +148,7 @@ def write_effects(
         intervals: the intervals of each effect's first value.
 
     Raises:
-        EffectError: a value that is no finite number.
+        EffectError: a value that is not a finite number.
         OSError: the file cannot be written; a former one is then untouched.
     """
     intervals = intervals or [None] * len(effects)
@@ -166,7 +166,7 @@ def write_effects(
 
 
 def entry_of(effect: Effect, values: Sequence[float], ci: Sequence[float] | None) -> dict[str, Any]:
-    """Return one entry of the file; raises EffectError for a value that is no finite number."""
+    """Return one entry of the file; raises EffectError for a value that is not a finite number."""
     numbers = [_number(float(value), effect.label()) for value in values]
     own = numbers[: len(numbers) - len(effect.free)]
     free = dict(

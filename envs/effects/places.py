@@ -1,4 +1,4 @@
-"""Where effects act: objects by name, or by a pattern such as `hip_*`, and blocks of fields."""
+"""Places of effects: objects by name, or by a pattern such as `hip_*`, and blocks of fields."""
 
 from __future__ import annotations
 

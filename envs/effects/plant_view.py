@@ -1,4 +1,4 @@
-"""What an effect sees of the plant that it is bound to; `envs.plant.Plant` is one.
+"""The interface of a plant to the effects that are bound to it; `envs.plant.Plant` is one.
 
     class BoundEffect:
         def __init__(self, plant: PlantView) -> None:

@@ -17,7 +17,7 @@ E = TypeVar("E", bound=type[Effect])
 def register(effect: E) -> E:
     """Add an effect class under its name, from where every verb knows it; returns the class.
 
-    The same class defined anew, as a notebook's cell does, replaces the former one.
+    The same class defined again, as a notebook's cell does, replaces the former one.
 
     Raises:
         EffectError: a class without a name, or one whose name another class has.
@@ -49,7 +49,7 @@ def named(entry: Mapping[str, Any], place: str, more: tuple[str, ...] = ()) -> E
     Args:
         entry: the effect's standard name, and arguments of its class.
         place: where the mapping is, for messages.
-        more: keys that the mapping may have beside them, for messages.
+        more: further keys that the mapping may have, for messages.
 
     Raises:
         EffectError: no name, or an argument that the effect does not have, with the nearest.

@@ -1,4 +1,4 @@
-"""Effects that need a joint of their own between motor and link: play and elasticity.
+"""Effects that need an additional joint between motor and link: play and elasticity.
 
 The motor's joint keeps its name, actuator, friction and armature; a second joint about the same
 axis follows it. Where encoders sit is two choices, since a robot may have two: `side` is where the
@@ -133,7 +133,7 @@ class SeriesEffect(Effect):
         self.encoder = encoder or self.side
 
     def options(self) -> dict[str, Any]:
-        """Return where the log's encoder sits, if not beside the servo's."""
+        """Return where the log's encoder sits, if not on the servo's side."""
         return {} if self.encoder == self.side else {"encoder": self.encoder}
 
     @property
@@ -208,7 +208,7 @@ class SeriesEffect(Effect):
         return SeriesGroup(parts)
 
     def batch(self) -> str:
-        """Return a group of its own: no other effect has its joint."""
+        """Return a separate group: no other effect has its joint."""
         return f"{self.label()} {self.variant}"
 
     def mjcf_limitation(self) -> str | None:

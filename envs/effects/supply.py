@@ -247,7 +247,7 @@ class _Derating(_Weakening):
         self.damping[self.at] *= self._braking(weaker) / np.maximum(brakes, 1e-9)
 
     def _braking(self, factor: np.ndarray) -> np.ndarray:
-        """Return what is left of the back-EMF where that much is left of the torque, (n, k)."""
+        """Return the back-EMF's remaining fraction, given that of the torque, (n, k)."""
         return factor + (1.0 - factor) * self.spared if self.spares else factor
 
 
@@ -255,9 +255,8 @@ class ThermalDerating(ActuatorEffect):
     """A motor that weakens as it heats, by a factor 1 - value E on all its torque.
 
     Law, limit and back-EMF alike, since all go through the winding whose resistance rises. Where a
-    loop sets the current and the firmware takes it away, the damping is no part of it: it brakes as
-    before and makes no heat (`braking` 1).
-    dE/dt = torque² - decay E, with E = 0 at a reset.
+    loop sets the current and the firmware takes it away, the damping is not part of it: it brakes
+    as before and makes no heat (`braking` 1). dE/dt = torque² - decay E, with E = 0 at a reset.
     """
 
     name = "thermal_derating"
@@ -270,7 +269,8 @@ class ThermalDerating(ActuatorEffect):
             0.0,
             0.0,
             1.0,
-            "the part of the actuator's damping that is no current: heat leaves it as it is",
+            "the part of the actuator's damping that is not due to current: heat does not change "
+            "it",
             fit=(0.0, 1.0),
         ),
     )

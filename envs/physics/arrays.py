@@ -18,7 +18,7 @@ Array = Any  # np.ndarray or torch.Tensor
 
 @dataclass(frozen=True)
 class Arrays:
-    """Where arrays are and what they are made of.
+    """The array library and the device of arrays.
 
     Args:
         xp: the namespace: `numpy`, or `array_api_compat.torch`.

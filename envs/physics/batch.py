@@ -55,7 +55,7 @@ class BatchPhysics:
         self._raised.clear()
         if self._warnings.any():
             warned = self._warnings[rows].any(axis=1)  # (n,)
-            # the engine's own reset clears counts: only what rose from 0 can be told
+            # the engine's own reset clears counts: only a rise from 0 is visible
             self._warnings[rows] = 0
             return broken[rows] | warned
         return broken[rows]

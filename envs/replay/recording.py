@@ -47,12 +47,12 @@ class Schedule(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """K: so many physics steps reach one beyond the last row and reading."""
+        """K, the number of physics steps to one step beyond the last row and reading."""
         return len(self.ctrl)
 
 
 def schedule(recording: Recording, dt: float) -> Schedule:
-    """Return what a recording asks for at each physics step of `dt` seconds.
+    """Return a recording's commands at each physics step of `dt` seconds.
 
     Raises:
         TaskError: a recording whose time is so long, for its rows, that no memory would hold it.

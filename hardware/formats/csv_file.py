@@ -83,7 +83,7 @@ def with_time(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def separator_of(line: str) -> str:
-    """Return what separates the cells of a table: the commonest of `,`, `;` and tab in a line."""
+    """Return the separator of a table's cells: the most frequent of `,`, `;` and tab in a line."""
     return max(",;\t", key=line.count)
 
 

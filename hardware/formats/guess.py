@@ -207,7 +207,7 @@ def _missing(columns: Mapping[str, object]) -> Iterator[str]:
     joints = {kind: {n[5:] for n in columns if n.startswith(f"{kind}.")} for kind in KINDS}
     for kind, other in (KINDS, KINDS[::-1]):
         for joint in sorted(joints[other] - joints[kind] if joints[kind] else ()):
-            yield f"missing: `{kind}.{joint}`, beside `{other}.{joint}`; or the names differ"
+            yield f"missing: `{kind}.{joint}` for `{other}.{joint}`, or the names differ"
 
 
 def _values(log: Path) -> dict[str, np.ndarray]:

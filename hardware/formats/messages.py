@@ -1,6 +1,6 @@
 """Recordings of messages as logs: MCAP files and rosbag2 folders, each channel on its own clock.
 
-    # topics.yaml, beside the recording (or in it, for a folder; or NAME.topics.yaml)
+    # topics.yaml, next to the recording (or in it, for a folder; or NAME.topics.yaml)
     channels:
       - {topic: /joint_commands, field: data, names: [pan, lift], to: ctrl}
       - {topic: /joint_states, field: position, names: name, to: qpos}
@@ -64,7 +64,7 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if file is None:
         there = "; ".join(f"{t} ({kind})" for t, kind in sorted(topics(path).items())) or "none"
         raise LogError(
-            f"{path}: a {NAME} beside it must map its topics "
+            f"{path}: a {NAME} next to it must map its topics "
             f"(`sim2real convert {path.name} columns={NAME}` writes one); it has: {there}"
         )
     tree = _checked(file)
@@ -235,7 +235,7 @@ def _get(message: Any, name: str) -> Any:
 
 
 def _field(message: Any, dotted: str, place: str) -> Any:
-    """Return what a dotted name means in a message; numbers index lists."""
+    """Return the value of a dotted name in a message; numbers index lists."""
     found = message
     for part in dotted.split("."):
         before, found = found, found[int(part)] if part.isdigit() else _get(found, part)
@@ -261,7 +261,7 @@ def _rows(
     cuts = np.diff(moments) > float(tree.get("gap", GAP))
     episode = np.r_[0, np.cumsum(cuts)]
     sizes = np.bincount(episode)
-    kept = sizes[episode] >= 2  # a single command between two pauses is no motion
+    kept = sizes[episode] >= 2  # a single command between two pauses is not a motion
     moments, episode = moments[kept], episode[kept]
     starts = np.r_[True, np.diff(episode) > 0]
     origin = moments[starts][np.cumsum(starts) - 1]

@@ -1,13 +1,13 @@
-"""What a reader mends in a log before anybody works with it, and what it says about that.
+"""Repairs that a reader makes in a log, each with a note.
 
     columns, notes = repair(columns, "run.csv", line=2)
 
 A position that is missing, or that no servo can have had, gets a number between its neighbours, so
 that every number is finite, and its row `flag.fresh` = 0, so that no comparison counts it. A
-command that is missing is not guessed. Each note is a sentence for whoever works with the log; they
+command that is missing is not guessed. Each note is a sentence for the log's reader; they
 lie under `reading` in its metadata.
 
-* Time is counted in seconds: rows that are 1 or more apart are no seconds but milliseconds,
+* Time is counted in seconds: rows that are 1 or more apart are not seconds but milliseconds,
   microseconds or nanoseconds. An episode that begins more than 1 s from 0 is of another clock, and
   counted from its start.
 * Lost answers are cells without a number; a constant that a reading jumps to and back from (0 or
@@ -43,7 +43,7 @@ COMMANDS = ("ctrl", "torque", "kp", "kd", "qvel_des", "torque_ff")
 
 
 def repair(columns: Mapping[str, np.ndarray], place: str, line: int | None) -> tuple[Columns, list]:
-    """Return a log's columns, (T,) each, as they are worked with, and what was mended.
+    """Return a log's columns, (T,) each, as they are used, and what was repaired.
 
     Args:
         columns: as they stand in the file; NaN where a cell is empty.

@@ -129,7 +129,7 @@ def _cell(path: Path, row: int, text: str | None, column: str) -> Any:
 
 
 def _meta(folder: Path) -> dict[str, Any]:
-    """What log.json says; the model's path is made absolute."""
+    """The content of log.json, with an absolute path of the model."""
     meta: dict[str, Any] = {}
     for place in _places(folder):
         path = place / "log.json"

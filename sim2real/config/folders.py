@@ -60,8 +60,8 @@ def check_paths_exist(tree: dict[str, Any], used: Collection[str]) -> None:
         used: the root keys that its verb uses.
 
     Raises:
-        ConfigError: a log, a model, a checkpoint or another file that is not there, with the
-            nearest name beside it, or was not given to a verb that needs it.
+        ConfigError: a log, a model, a checkpoint or another file that does not exist, with the
+            nearest name in its folder, or was not given to a verb that needs it.
     """
     verb = tree["run"]["_target_"].split(".")[-2]
     needed = NEEDED.get(verb)

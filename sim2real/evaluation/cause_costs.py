@@ -1,4 +1,4 @@
-"""What each cause of a gap costs a policy.
+"""The cost of each cause of a gap to a policy.
 
     causes = read_causes("effects.yaml")
     worth = price(trained, causes, episodes=64, seed=0)
@@ -72,12 +72,12 @@ class Cause:
 
     @property
     def structural(self) -> bool:
-        """Whether it adds to the robot's structure, so that it takes a batch of its own."""
+        """Whether it adds to the robot's structure, so that it needs a separate batch."""
         return self.effect.batch() not in (PLAIN, RULES)
 
 
 class CauseTasks:
-    """Which causes the episodes of a batch may have: the tasks of an environment.
+    """The causes that the episodes of a batch may have: the tasks of an environment.
 
     Values come with each episode; a row whose episode is over goes on with a robot without causes.
     """
@@ -98,7 +98,7 @@ class CauseTasks:
 
 
 class Outcome(NamedTuple):
-    """What E episodes came to."""
+    """Returns, falls and lengths of E episodes."""
 
     returns: np.ndarray  # (E,)
     falls: np.ndarray  # (E,) 1 where an episode ended before its time
@@ -110,7 +110,7 @@ class Outcome(NamedTuple):
 
 
 class EffectCost(NamedTuple):
-    """What an effect at a value costs on top of all causes."""
+    """The cost of an effect at a value, in addition to all causes."""
 
     effect: str
     where: str | None
@@ -121,7 +121,7 @@ class EffectCost(NamedTuple):
 
 @dataclass(frozen=True)
 class CauseCosts:
-    """What each cause costs.
+    """The costs of all causes.
 
     Attributes:
         causes: n of them.
@@ -130,7 +130,7 @@ class CauseCosts:
         costs: by measure, the Shapley value of each cause: lost return, more falls, fewer seconds.
         alone: by measure, what each costs if it is the only one.
         last: by measure, what putting each right alone would bring.
-        open: what effects that the logs do not exclude could cost, the dearest first.
+        open: costs of the effects that the logs do not exclude, the largest first.
         exact: whether every subset was played.
         episodes: E.
     """
@@ -225,7 +225,7 @@ class CoalitionRollouts:
                     report(len(found), len(robots))
         return found
 
-    def beside(self, one: Cause) -> Outcome:
+    def with_added(self, one: Cause) -> Outcome:
         """Play a robot that has all causes and another one; at its place it stands for a cause."""
         kept = [i for i, cause in enumerate(self.causes) if cause.label != one.label]
         other = copy(self)
@@ -348,15 +348,15 @@ def compute_cause_costs(
         last[name] = [interval(values[everything] - values[everything - {i}]) for i in range(count)]
     open_ = []
     for number, one in enumerate(excluded, 1):
-        more = _more(game.beside(one), outcomes[everything])
+        more = _more(game.with_added(one), outcomes[everything])
         cost = {name: interval(values) for name, values in more.items()}
         effect = one.effect
         open_.append(EffectCost(effect.name, effect.where, one.values[0], effect.unit, cost))
         if report is not None:
             report(len(robots) + number, len(robots) + len(excluded))
     open_.sort(key=lambda one: -one.cost["return"].value)
-    told = (costs, alone, last, tuple(open_), not drawn, episodes)
-    return CauseCosts(tuple(causes), got(nothing), got(everything), *told)
+    rest = (costs, alone, last, tuple(open_), not drawn, episodes)
+    return CauseCosts(tuple(causes), got(nothing), got(everything), *rest)
 
 
 def _interval(values: np.ndarray, rng: np.random.Generator, resamples: int) -> Interval:
@@ -367,7 +367,7 @@ def _interval(values: np.ndarray, rng: np.random.Generator, resamples: int) -> I
 
 
 def _more(one: Outcome, other: Outcome) -> dict[str, np.ndarray]:
-    """Return what each episode of the first one costs more than of the other one, by measure."""
+    """Return the first outcome's excess cost over the other's in each episode, by measure."""
     return {name: SIGNS[name] * (one.measure(name) - other.measure(name)) for name in MEASURES}
 
 

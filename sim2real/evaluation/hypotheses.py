@@ -79,7 +79,7 @@ class Operand:
 
     @property
     def words(self) -> str:
-        """What the side is, for people."""
+        """The side in words."""
         return " ".join([self.experiment, *(f"{k}={v}" for k, v in self.when.items())])
 
     def values(self, study: Study, group: Group, budget: int) -> np.ndarray:
@@ -95,7 +95,7 @@ class Operand:
 
 @dataclass(frozen=True)
 class Claim:
-    """What is expected; see the module's text for the rules.
+    """An expectation; the module's docstring gives the rules.
 
     Args:
         text: the claim in words.

@@ -41,7 +41,7 @@ from sim2real.runs.files import write_text
 
 KNOWN = "known.yaml"
 PART = 30.0  # s of each log
-WORSE = 1.3  # an injected gap is at least so many times what was there before
+WORSE = 1.3  # least ratio of an injected gap to the gap before
 TRIES = 6  # sizes that are tried for that
 
 
@@ -141,10 +141,10 @@ class RealExam:
 
     Args:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
-        each: cases of each robot and effect; places and sizes are drawn anew for each.
+        each: cases of each robot and effect; places and sizes are drawn for each.
         longest: time after which a diagnosis counts as failed [s].
-        block: make and seal so many cases before the first of them is diagnosed.
-        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+        block: number of cases that are made and sealed before the first of them is diagnosed.
+        most: maximum number of cases to diagnose now; answered ones are scored. None: all.
 
     Raises:
         Sim2RealError: no case; from `draw`: no folder, or one without these logs.
@@ -202,7 +202,7 @@ class RealExam:
         rng = np.random.default_rng([outline.seed, 1])
         where = str(rng.choice(base.where[effect])) or None
         up = bool(rng.integers(2))
-        spec = told(self.data / base.folder / base.model, base.joints)
+        spec = keep_joints(self.data / base.folder / base.model, base.joints)
         model = spec.copy().compile()
         held = self._log(base, base.held)
         residue = overall(apart(held, spec, _effects(known(base))))
@@ -241,7 +241,7 @@ class RealExam:
 
 
 class Lie(NamedTuple):
-    """One thing made wrong: in the logs, in what the simulator is told, or in its masses."""
+    """One thing made wrong: in the logs, in the simulator's inputs, or in its masses."""
 
     value: float  # of the effect that undoes it
     known: list[tuple[str, str, float]]
@@ -306,11 +306,11 @@ def inject(effect: str, where: str | None, size: float, base: Base, model: mujoc
 
 
 def known(base: Base) -> list[tuple[str, str, float]]:
-    """Return what is known of a robot."""
+    """Return the known effects of a robot."""
     return list(base.known)
 
 
-def told(path: Path, joints: Sequence[str]) -> mujoco.MjSpec:
+def keep_joints(path: Path, joints: Sequence[str]) -> mujoco.MjSpec:
     """Return a model with these joints alone; others are fixed, with their actuators gone."""
     spec = mujoco.MjSpec.from_file(str(path))
     for actuator in list(spec.actuators):

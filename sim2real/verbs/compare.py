@@ -45,7 +45,7 @@ def run(
         effects: an effects.yaml of what the robot had before; None fits what both sides share.
         watch: names of effects that may change; empty for the usual ones.
         limits: by effect, how much of a change passes, in its unit.
-        remounted: whether the robot may have been mounted anew in between.
+        remounted: whether the robot may have been remounted in between.
         seed: of the permutations.
         out: the run's folder; gets compare.json and compare.html.
 

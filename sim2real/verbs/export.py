@@ -46,7 +46,7 @@ def run(
         The folder.
 
     Raises:
-        Sim2RealError: a checkpoint that does not fit, or a network that is no perceptron.
+        Sim2RealError: a checkpoint that does not fit, or a network that is not a perceptron.
     """
     one_checkpoint(checkpoint)
     task = servo_task(parts.environment)

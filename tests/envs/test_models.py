@@ -57,7 +57,7 @@ def test_a_urdf_swings_and_is_driven(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("actuators", "sentence"),
     [
-        (None, r"write arm.actuators.yaml beside it"),
+        (None, r"write arm.actuators.yaml next to it"),
         ("", "a table of actuators is needed"),
         ("sholder: {kp: 20}", r"no joint 'sholder'.*did you mean 'shoulder'"),
         ("shoulder: {kP: 20}", "no key 'kP'"),

@@ -205,11 +205,11 @@ def test_broken_yaml_of_a_user_is_a_sentence(
     (tmp_path / "mine" / "experiment").mkdir(parents=True)
     (tmp_path / "mine" / "experiment" / "bad.yaml").write_text("a: [1\n b: {")
     assert run("--config-dir", "mine", "+experiment=bad") == 2
-    assert re.search(r"no YAML: .*bad\.yaml.*line 2", capsys.readouterr().err)
+    assert re.search(r"invalid YAML: .*bad\.yaml.*line 2", capsys.readouterr().err)
     (tmp_path / "mine" / "robot").mkdir()
     (tmp_path / "mine" / "robot" / "broken.yaml").write_text("rate: [1\n b: {")
     assert run("record", "robot=broken", "--config-dir", "mine") == 2
-    assert re.search(r"no YAML: .*broken\.yaml.*line 2", capsys.readouterr().err)
+    assert re.search(r"invalid YAML: .*broken\.yaml.*line 2", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("value", ["-1", "nan"])
@@ -303,3 +303,19 @@ def test_a_log_file_on_a_full_disk_is_no_traceback(
     monkeypatch.setattr(logging.FileHandler, "emit", full)
     assert run("record", "bench1", "seconds=1.0", "motions=[ramp]") == 0
     assert "Logging error" not in capsys.readouterr().err
+
+
+def test_a_page_is_viewed_without_a_run(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`view PAGE.html` opens the file, makes no folder, and takes one page alone."""
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda url: bool(opened.append(url)) or True)
+    (tmp_path / "report.html").touch()
+    assert run("view", "report.html") == 0
+    assert opened == [(tmp_path / "report.html").as_uri()]
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+    assert run("view", "report.html", "seed=1") == 2
+    assert run("view", "other.html") == 2
+    assert "there is no page other.html" in capsys.readouterr().err
+    assert len(opened) == 1

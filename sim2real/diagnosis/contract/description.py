@@ -3,7 +3,7 @@
     about = read_description("OBS.yaml", joints=["hip", "knee"])     # or a ready-made one: "quad8"
     about.terms, about.history, about.action.scale, about.size
 
-`base: legged_gym` starts from a ready-made file (`READY`); the keys beside it replace its own.
+`base: legged_gym` starts from a ready-made file (`READY`); the keys next to it replace its own.
 docs/how-to/check_policy_interface.md explains every key.
 """
 

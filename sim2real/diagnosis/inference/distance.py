@@ -1,4 +1,4 @@
-"""How far apart two explanations predict, in nats: the one notion of "cannot be told apart".
+"""How far apart two explanations predict, in nats: the one measure of equivalence.
 
     compute_separation(fitter, one, other)              # after both were fitted
 
@@ -22,7 +22,7 @@ def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
     Args:
         fitter: that made both.
         one: whose discrepancy counts.
-        other: the explanation beside it.
+        other: the explanation that it is compared with.
     """
     apart = (one.own - other.own)[..., None]
     return sum(

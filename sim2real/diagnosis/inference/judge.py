@@ -5,7 +5,7 @@
     judgement.verdict, judgement.best.label
 
 Every change of the robot, its log and its world is looked at in part of the windows; those that
-promise most are fitted, and scored alike, the null explanations beside them. The best grows by one
+promise most are fitted, and scored alike, the null explanations with them. The best grows by one
 member as long as each wins what the tolerance asks for, and loses those that do not.
 """
 
@@ -101,7 +101,7 @@ class Judge:
         fixed: effects that are known.
         rng: for the bootstrap.
         work: counts what is simulated.
-        moving: told what is being tried, and of each simulation.
+        moving: receives what is being tried, and each simulation.
     """
 
     def __init__(
@@ -135,8 +135,8 @@ class Judge:
         tried = {self.given.label: self.given}
         best = self.given
         while len(best.hypothesis.members) < self.settings.members_max:
-            beside = f" beside {best.label}" if best.hypothesis.members else ""
-            self.moving(f"looking at every change{beside}", SHARES[len(best.hypothesis.members)])
+            added = f" in addition to {best.label}" if best.hypothesis.members else ""
+            self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
             starts = vocabulary.list_starts(self.replay_errors(best), self._find_open(best))
             if not self._refine(best, starts, tried):
                 break
@@ -206,7 +206,7 @@ class Judge:
         return base, local, common
 
     def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
-        """Fit what promises most beside the best into what was tried; pairs if no change does.
+        """Fit what promises most with the best into what was tried; pairs if no change does.
 
         Returns:
             Whether there is a gap, or any change promises what it has to win.
@@ -259,7 +259,7 @@ class Judge:
         """Return the best, or one of fewer free values that is not significantly worse.
 
         A whole number, such as of rows or turns, is not free to follow anything. Then those without
-        mistakes of the log go first: what cannot be told from an effect of the robot is called one.
+        mistakes of the log go first: what is equivalent to an effect of the robot is called one.
         """
         top = max(fits, key=lambda fit: fit.total)
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]

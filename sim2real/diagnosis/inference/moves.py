@@ -35,7 +35,7 @@ def restart(fit: Fit) -> Start:
 
 
 def are_compatible(hypothesis: Hypothesis, member: Member) -> bool:
-    """Return whether a change can stand beside those of a hypothesis."""
+    """Return whether a change can be combined with those of a hypothesis."""
     return all(_compatible(member, other) for other in hypothesis.members)
 
 

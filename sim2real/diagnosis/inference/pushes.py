@@ -180,7 +180,7 @@ def _candidate(joint: str) -> Candidate:
 def _job(
     hypothesis: Hypothesis, values: np.ndarray, push: Candidate, span: Pair, some: np.ndarray
 ) -> Job:
-    """Return a window with a push of one newton metre beside a hypothesis."""
+    """Return a window with a push of one newton metre added to a hypothesis."""
     count = sum(len(member.neutral) for member in hypothesis.effects)
     pushed = Hypothesis((*hypothesis.effects, push, *hypothesis.changes))
     return Job(pushed, np.insert(values, [count] * 3, [1.0, *span])[None], some)

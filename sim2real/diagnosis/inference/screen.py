@@ -44,7 +44,7 @@ class Line(NamedTuple):
 
 
 def pick_starts(base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
-    """Return the changes that promise most beside a base, at their best along a straight line.
+    """Return the changes that promise most with a base, at their best along a straight line.
 
     Args:
         base: fitted to the windows that are looked at, with what is known.
@@ -96,7 +96,7 @@ def pick_alike(
 
 
 def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line]:
-    """Return the lines of each change that can stand beside the base, one through each probe."""
+    """Return the lines of each change that can join the base, one through each probe."""
     own = [s for s in starts if are_compatible(base.hypothesis, s.hypothesis.members[0])]
     asked = [(s, point) for s in own for point in s.points]
     joined = [join_members(base, s.hypothesis.members, point[None]) for s, point in asked]

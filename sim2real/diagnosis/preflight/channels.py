@@ -216,7 +216,7 @@ def _ranged(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             next(iter(found)) if len(found) == 1 else None,
             "Positions are in another unit, or counted from elsewhere: "
             f"{'; '.join(found.values())}.",
-            "Give them in rad; a columns.yaml beside the log says how: `unit: deg`, "
+            "Give them in rad; a columns.yaml next to the log says how: `unit: deg`, "
             "`unit: counts/4096` with `zero: 2048`, or a `scale` and an `offset` of your own "
             "(docs/reference/log_format.md).",
         )

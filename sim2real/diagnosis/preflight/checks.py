@@ -121,8 +121,8 @@ def _causes(found: Sequence[Finding], turned: dict[str | None, str]) -> list[Fin
         cause = everywhere or first.get(turned.get(finding.where, finding.where))
         return finding.check in FOLLOWS and cause not in (None, finding)
 
-    told = {(EXPLAINS[f.check], f.where) for f in found if f.check in EXPLAINS}
-    return [f for f in found if not follows(f) and (f.check, f.where) not in told]
+    explained = {(EXPLAINS[f.check], f.where) for f in found if f.check in EXPLAINS}
+    return [f for f in found if not follows(f) and (f.check, f.where) not in explained]
 
 
 def _merged(found: Sequence[Finding]) -> list[Finding]:

@@ -138,7 +138,7 @@ class Bootstrap:
     """The block bootstrap of all intervals."""
 
     draws: int = setting(400, "1", "resamples", COST)
-    bin_s: float = setting(0.25, "s", "bins in which the residue's autocorrelation is told", COST)
+    bin_s: float = setting(0.25, "s", "bins in which the residue's autocorrelation is taken", COST)
     blocks_min: int = setting(
         32,
         "1",

@@ -126,7 +126,7 @@ class Cogging:
     )
     slow: float = setting(0.7, "rad/s", "faster rows are ignored", DEVELOPED)
     turned: float = setting(0.8, "rad", "a joint that turned less shows only a mean", DEVELOPED)
-    trend_order: int = setting(3, "1", "degree of the polynomial beside a ripple", DEVELOPED)
+    trend_order: int = setting(3, "1", "degree of the polynomial under a ripple", DEVELOPED)
     stiffness_min: float = setting(0.1, "N·m/rad", "least stiffness of a servo", JUDGED)
     rows_min: int = setting(50, "1", "rows needed", JUDGED)
     off_share: float = setting(0.05, "1", "windows without torque for longer are left out", JUDGED)

@@ -45,18 +45,18 @@ AGAIN = 8.0  # s of the first motion that are driven twice: what noise does
 
 @dataclass(frozen=True)
 class EngineExam:
-    """How many cases of which kinds.
+    """The numbers of cases by kind.
 
     Args:
         kinds: which; see `sim2real.exam.thirdparty.kinds`.
         cases_per_kind: of each of them.
-        half: calibration (to look at and to mend by) or sealed (opened once).
+        half: calibration (to look at and to develop with) or sealed (opened once).
         engine: what moves the robots: drake or dart.
         seconds: of each motion [s].
         longest: time after which a diagnosis counts as failed [s].
-        block: make and seal so many cases before the first of them is diagnosed.
-        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
-        skip: leave out so many of the first cases of the draw: those that were opened before.
+        block: number of cases that are made and sealed before the first of them is diagnosed.
+        most: maximum number of cases to diagnose now; answered ones are scored. None: all.
+        skip: number of the first drawn cases to leave out: those that were opened before.
 
     Raises:
         Sim2RealError: an unknown kind, half or engine, an engine that is not installed, or a number

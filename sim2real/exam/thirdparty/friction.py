@@ -20,7 +20,7 @@ RATIO = 0.7  # damping ratio of a joint that sticks on its bristles
 
 @dataclass(frozen=True)
 class Friction:
-    """What rubs in a joint; everything 0 is nothing.
+    """The friction of a joint; all values 0 mean none.
 
     Args:
         coulomb: dry friction at any speed [N·m].

@@ -1,4 +1,4 @@
-"""What lies between motor and link: a spring, play, or both.
+"""The transmission between motor and link: a spring, play, or both.
 
     gear = Gear(stiffness=80.0, damping=0.05, play=0.02)
     torque = gear(twist=0.013, rate=0.0)            # N·m on the link, twist = motor - link
@@ -20,7 +20,7 @@ class Gear:
         stiffness: [N·m/rad].
         damping: [N·m·s/rad].
         play: the whole dead band [rad].
-        rub: dry friction beside the spring [N·m], which the robot adds as it moves.
+        rub: dry friction parallel to the spring [N·m], which the robot adds as it moves.
     """
 
     stiffness: float

@@ -1,4 +1,4 @@
-"""PPO's updates of many members at once, each with parameters, steps and an Adam of its own.
+"""PPO's updates of many members at once, each with its own parameters, steps and Adam.
 
     learners = BlockedPPO(ClippedSettings(epochs=4, ...), law, value, thetas)     # (n, P)
     action = learners.act(observation, noise)           # (n, A), drawn
@@ -54,7 +54,7 @@ class Samples(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ClippedSettings:
-    """How a member learns from a round.
+    """The settings of a member's update in a round.
 
     Args:
         epochs: passes over the steps.

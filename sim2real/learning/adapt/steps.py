@@ -1,8 +1,8 @@
-"""Sessions that are told every step of their episodes, for operators that `explores`.
+"""Sessions that receive every step of their episodes, for operators that `explores`.
 
     session.tell(value, EpisodeTrajectory(observation, action, reward, end))
 
-What was told is kept, and a session that is loaded is told the same again.
+Reported episodes are kept, and a session that is loaded receives the same ones again.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class StepsSession(Session):
 
     @abstractmethod
     def _digest(self) -> None:
-        """Change `_result` by what was told, after each episode."""
+        """Update `_result` after each reported episode."""
 
     @property
     def result(self) -> np.ndarray:
@@ -62,15 +62,15 @@ class StepsSession(Session):
         """
         if self.episodes_left == 0:
             raise Sim2RealError(
-                f"adaptation: all {self._operator.episodes} episodes have been told"
+                f"adaptation: all {self._operator.episodes} episodes have been reported"
             )
         if steps is None:
             raise Sim2RealError(
-                f"adaptation: {self._operator} needs each episode's steps beside its return; give "
-                "tell(value, steps)"
+                f"adaptation: {self._operator} needs each episode's steps as well as its return; "
+                "give tell(value, steps)"
             )
-        told = (value, *(x for x in steps if x is not None))
-        if not all(np.isfinite(x).all() for x in told):
+        numbers = (value, *(x for x in steps if x is not None))
+        if not all(np.isfinite(x).all() for x in numbers):
             raise Sim2RealError("adaptation: returns and steps must be finite numbers")
         self._values.append(float(value))
         self._steps.append(steps)

@@ -23,7 +23,7 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class Critic:
-    """What says how much a policy will earn.
+    """A value function of a policy.
 
     Attributes:
         module: writes the value of what is observed.

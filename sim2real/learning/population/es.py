@@ -72,7 +72,7 @@ def orthogonal_directions(rng: np.random.Generator, count: int, size: int) -> np
 
 @dataclass(frozen=True, kw_only=True)
 class StrategySettings:
-    """How an evolution strategy searches.
+    """The settings of an evolution strategy.
 
     Args:
         pairs: n, directions per iteration.

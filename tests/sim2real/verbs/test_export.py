@@ -158,7 +158,7 @@ def test_damage_is_found(folders, tmp_path):
         ExportedPolicy.load(edited(folder, tmp_path, golden=golden))
     with pytest.raises(PolicyError, match="schema 2, not 1"):
         ExportedPolicy.load(edited(folder, tmp_path, schema=2))
-    with pytest.raises(PolicyError, match="are no policy"):
+    with pytest.raises(PolicyError, match="are not a policy"):
         ExportedPolicy.load(edited(folder, tmp_path, squash="sigmoid"))
     with pytest.raises(PolicyError, match=r"lacks 'weight_"):
         ExportedPolicy.load(edited(folder, tmp_path, layers=9))
@@ -189,7 +189,7 @@ class Odd(nn.Module):
 )
 def test_a_network_that_numpy_cannot_have_is_refused(layers):
     """Other nonlinearities, mixed ones, a last one, and none at all."""
-    with pytest.raises(ExportError, match="is no perceptron with one nonlinearity"):
+    with pytest.raises(ExportError, match="is not a perceptron with one nonlinearity"):
         to_arrays(Odd(*layers), Bench1())
 
 
