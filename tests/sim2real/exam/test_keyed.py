@@ -64,9 +64,7 @@ def test_a_folder_without_the_logs_is_refused(tmp_path: Path) -> None:
 
 def test_a_case_with_another_argument_is_refused() -> None:
     """With its name and what there is."""
-    with pytest.raises(
-        Sim2RealError, match=r"cases\.one: .*'effects'.*a case has log, model"
-    ):
+    with pytest.raises(Sim2RealError, match=r"cases\.one: .*'effects'.*a case has log, model"):
         KeyedExam("data", {"one": ONE | {"effects": []}}, longest=60.0, block=1)
 
 
