@@ -259,7 +259,7 @@ def _joints(
         unit = "rad" if models[0].jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "m"
         spread = float(values.std())
         place = int(models[0].jnt_qposadr[i])
-        step = step_of(values, settings.encoder)
+        step = step_of(values[np.concatenate([log.fresh for log in logs])], settings.encoder)
         found.append(Joint(name, place, unit, step, spread, 1.0))
     if not found:
         raise Sim2RealError("the logs have no hinge or slide in common that their models have too")
